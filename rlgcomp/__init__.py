@@ -1,0 +1,105 @@
+"""rlgcomp: from raw recordings of ring laser gyros to a deployed bias compensation, and to what a simulator is missing.
+
+A **Recording** goes in on the left and comes out compensated on the right; a simulator is another source of recordings.
+
+    read ─► Recording ─► FeatureRecipe ─► Compensator ─► evaluate ─► artefact, report
+              ▲
+    Simulator: mechanisms + noise + chamber programme
+
+Recording
+    A table whose column names end in their unit, and metadata. `time_s` and a gyro column are required; everything else is kept.
+    gyro_deg_h, gyro_deg_s, gyro_pulses (or gyro_x_..., y, z)      output; pulses are signed and need `pulse_arcsec`
+    temperature_block_degC, temperature_shell_degC, temperature_<place>_degC
+    light_intensity_V, readout_a_V, readout_b_V                     path-length-control light; RMS of the two readout photodiodes
+    magnetic_field_uT, pressure_hPa, supply_voltage_V, discharge_current_a_mA, discharge_current_b_mA
+    table_angle_deg, table_rate_deg_s, angle_inner_deg, angle_outer_deg, accel_x_m_s2, ...
+Bias
+    What the gyro shows less what it should: gyro = true rate + bias + noise; compensation subtracts the estimated bias.
+Bias stability
+    Standard deviation of means over 100 s within a run.
+Units
+    Rates in deg/h, angles in deg or arcsec, temperature in degC, time in s. Angle random walk N in deg/sqrt(h).
+Results
+    Frozen objects that print well and become DataFrames; everything that can go wrong with input is an `InputError`.
+
+Modules, each importing only from those before it:
+    errors units files          the one exception, units and constants, whole-or-nothing writing
+    recording repair formats    the data type, what is mended in files, one module a file format
+    filters hysteresis          causal recursions and hysteresis operators with explicit state
+    noise allan                 noise processes, Allan deviation
+    physics                     one file = one cause; read by the simulator and by diagnosis alike
+    simulation                  chamber programmes, thermal plant, readout optics, the simulator
+    features                    causal inputs, sample by sample or all at once, the same to the last bit
+    compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
+    evaluation report cli       held-out results, the page that shows them, the command line
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rlgcomp.allan import AllanDeviation as AllanDeviation
+    from rlgcomp.allan import allan_deviation as allan_deviation
+    from rlgcomp.compensation.artefact import load as load
+    from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
+    from rlgcomp.compensation.compensator import Compensator as Compensator
+    from rlgcomp.compensation.cubic import CubicLeastSquares as CubicLeastSquares
+    from rlgcomp.compensation.lssvm import LSSVMRegressor as LSSVMRegressor
+    from rlgcomp.compensation.sequence import SequenceRegressor as SequenceRegressor
+    from rlgcomp.errors import InputError as InputError
+    from rlgcomp.evaluation import Evaluation as Evaluation
+    from rlgcomp.evaluation import evaluate as evaluate
+    from rlgcomp.features import FeatureRecipe as FeatureRecipe
+    from rlgcomp.formats import read as read
+    from rlgcomp.formats import write as write
+    from rlgcomp.noise import NoiseModel as NoiseModel
+    from rlgcomp.physics import CATALOGUE as CATALOGUE
+    from rlgcomp.physics.mechanism import Mechanism as Mechanism
+    from rlgcomp.recording import Metadata as Metadata
+    from rlgcomp.recording import Recording as Recording
+    from rlgcomp.simulation.fleet import simulated_unit as simulated_unit
+    from rlgcomp.simulation.programme import Programme as Programme
+    from rlgcomp.simulation.simulator import Simulator as Simulator
+
+__version__ = "0.1.0"
+
+# Public names and where they live. They are imported when first used, so that `import rlgcomp` costs next to nothing.
+_HOMES = {
+    "AllanDeviation": "allan",
+    "CATALOGUE": "physics",
+    "Compensator": "compensation.compensator",
+    "CubicLeastSquares": "compensation.cubic",
+    "Evaluation": "evaluation",
+    "FeatureRecipe": "features",
+    "InputError": "errors",
+    "KernelBaselines": "compensation.baselines",
+    "LSSVMRegressor": "compensation.lssvm",
+    "Mechanism": "physics.mechanism",
+    "Metadata": "recording",
+    "NoiseModel": "noise",
+    "Programme": "simulation.programme",
+    "Recording": "recording",
+    "SequenceRegressor": "compensation.sequence",
+    "Simulator": "simulation.simulator",
+    "allan_deviation": "allan",
+    "evaluate": "evaluation",
+    "load": "compensation.artefact",
+    "read": "formats",
+    "simulated_unit": "simulation.fleet",
+    "write": "formats",
+}
+__all__ = sorted(_HOMES)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'rlgcomp' has no attribute {name!r}; it has {', '.join(__all__)}")
+    value = getattr(importlib.import_module(f"rlgcomp.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

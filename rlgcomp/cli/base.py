@@ -1,0 +1,145 @@
+"""The application: how commands are registered, how they fail, how they show progress and results."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rlgcomp.errors import InputError
+
+app = typer.Typer(
+    name="rlgcomp",
+    help="Ring laser gyros: from raw recordings to a deployed bias compensation.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+BAD_INPUT, INTERNAL_FAULT, INTERRUPTED = 2, 1, 130
+
+Runs = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="RUN...", help="Recordings (.parquet, .csv, .csv.gz, .h5, .mat). RUN@START:STOP takes an interval in seconds."
+    ),
+]
+Map = Annotated[
+    list[str] | None, typer.Option("--map", metavar="TARGET=SOURCE", help="Column mapping, as gyro_deg_h='Gyro Z [deg/s]'.")
+]
+Drop = Annotated[list[str] | None, typer.Option("--drop", metavar="COLUMN", help="Leave a column of the file out.")]
+Gyro = Annotated[str | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, where there are several.")]
+PulseArcsec = Annotated[float | None, typer.Option("--pulse-arcsec", help="Angle of one pulse, where the file does not say.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
+
+
+def command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Register a function as a command: bad input ends it with exit code 2 and one message, a fault of ours with 1."""
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def run(*args: Any, **kwargs: Any) -> None:
+            _log_to_stderr()
+            try:
+                function(*args, **kwargs)
+            except InputError as error:
+                say(f"error: {error}")
+                raise typer.Exit(BAD_INPUT) from None
+            except BrokenPipeError:
+                with contextlib.suppress(OSError):
+                    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                raise typer.Exit(0) from None
+            except KeyboardInterrupt:
+                say("stopped; nothing half-written was left behind")
+                raise typer.Exit(INTERRUPTED) from None
+            except (typer.Exit, typer.BadParameter):
+                raise
+            except Exception as error:
+                if os.environ.get("RLGCOMP_DEBUG"):
+                    raise
+                say(f"internal fault: {type(error).__name__}: {error}\nPlease report it; RLGCOMP_DEBUG=1 shows where it happened.")
+                raise typer.Exit(INTERNAL_FAULT) from None
+
+        app.command(name)(run)
+        return run
+
+    return register
+
+
+def read_runs(
+    specs: Sequence[str], mapping: Sequence[str] | None = None, drop: Sequence[str] | None = None, pulse_arcsec: float | None = None
+) -> list[Any]:
+    """Recordings of the given files, intervals cut out, everything that was repaired or noted said on standard error.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used.
+    """
+    from rlgcomp.formats import read
+    from rlgcomp.formats.mapping import parse_mapping
+
+    columns = parse_mapping(list(mapping or []))
+    recordings: list[Any] = []
+    with progress("reading", len(specs)) as advance:
+        for done, spec in enumerate(specs, start=1):
+            path, interval = _interval(spec)
+            recording = read(path, columns=columns, drop=list(drop or []), metadata={"pulse_arcsec": pulse_arcsec})
+            for finding in recording.findings:
+                say(f"{recording.name}: {finding}")
+            if interval is not None:
+                recording = recording.between(*interval, keep_history=True, name=f"{recording.name}@{spec.rpartition('@')[2]}")
+            recordings.append(recording)
+            advance(done, len(specs))
+    return recordings
+
+
+def say(text: str) -> None:
+    """A message for people, on standard error."""
+    typer.echo(text, err=True)
+
+
+@contextlib.contextmanager
+def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on standard error; quiet where that is no terminal."""
+    if not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _interval(spec: str) -> tuple[Path, tuple[float, float] | None]:
+    path, at, span = spec.rpartition("@")
+    if not at or Path(spec).exists():
+        return Path(spec), None
+    start, colon, stop = span.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        return Path(path), (float(start) if start else float("-inf"), float(stop) if stop else float("inf"))
+    except ValueError:
+        raise InputError(f"{spec}: expected FILE@START:STOP with times in seconds, as in run.parquet@0:3600") from None
+
+
+def _log_to_stderr() -> None:
+    logger = logging.getLogger("rlgcomp")
+    if not logger.handlers:
+        handler = logging.StreamHandler()
+        handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)

@@ -1,0 +1,161 @@
+"""Commands on compensations: train, evaluate, compensate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rlgcomp.cli.base import (
+    AsJson,
+    Drop,
+    Gyro,
+    Jobs,
+    Map,
+    PulseArcsec,
+    Runs,
+    command,
+    progress,
+    read_runs,
+    say,
+)
+from rlgcomp.cli.show import show_evaluation, show_json, show_table
+
+Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")]
+
+
+@command("train")
+def train(
+    runs: Runs,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="MODEL", help="Model folder to write.")],
+    model: Annotated[
+        str, typer.Option(help="lssvm, cubic, dynamic, kernels, kernel-ridge, svr, gaussian-process or sequence.")
+    ] = "lssvm",
+    features: Annotated[
+        str,
+        typer.Option(
+            help="all, or some of temperature, gradient, temperature_rate, lag, memory, light_intensity, readout_difference, "
+            "and names of further columns."
+        ),
+    ] = "all",
+    averaging_s: Annotated[float, typer.Option(help="The model is trained on means over this time.")] = 100.0,
+    keep_mean: Annotated[
+        bool, typer.Option("--keep-mean", help="Leave the training mean (Earth rate) in the corrected gyro.")
+    ] = False,
+    gyro: Gyro = None,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Train a bias compensation, its parameters selected by leaving runs out.
+
+    A search that was stopped goes on where it was when the same command is given again.
+
+    Example: `rlgcomp train cold.parquet hot.parquet --model lssvm --features all --out models/unit-17`
+    """
+    from rlgcomp.compensation import MODELS
+    from rlgcomp.compensation.artefact import identity
+    from rlgcomp.compensation.compensator import Compensator
+    from rlgcomp.errors import InputError
+
+    if model not in MODELS:
+        raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    compensator = Compensator(
+        MODELS[model].make(), features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
+    )
+    journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
+    with progress("selecting") as advance:
+        compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
+    compensator.save(out)
+    journal.unlink(missing_ok=True)
+    rmse = compensator.selection_.rmse
+    summary = {
+        "model": str(out),
+        "sha256": identity(out),
+        "kind": model,
+        "inputs": list(compensator.recipe_.names),
+        "selected": compensator.selection_.best,
+        "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
+        "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
+    }
+    if as_json:
+        show_json(summary)
+    else:
+        chosen = ", ".join(
+            f"{key} = {value:.4g}" if isinstance(value, float) else f"{key} = {value}"
+            for key, value in compensator.selection_.best.items()
+        )
+        show_table(
+            f"{model} on {len(compensator.recipe_.names)} inputs",
+            [
+                {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
+                {"": "with runs left out, deg/h", " ": summary["left_out_rms_deg_h"]},
+                {"": "selected", " ": chosen or "nothing to select"},
+            ],
+        )
+        say(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
+
+
+@command("evaluate")
+def evaluate(
+    model: Model,
+    runs: Runs,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for report.html and evaluation.json.")],
+    no_comparison: Annotated[bool, typer.Option("--no-comparison", help="Skip the tables by feature and model.")] = False,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Bias stability on runs held out: tables and a report.
+
+    Example: `rlgcomp evaluate models/unit-17 new.parquet --out report`
+    """
+    from rlgcomp.compensation.artefact import load
+    from rlgcomp.evaluation import evaluate as evaluate_runs
+    from rlgcomp.files import whole_folder
+    from rlgcomp.report.page import write_report
+
+    compensator = load(model)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)
+    with whole_folder(out, ours="report.html") as folder:
+        write_report(folder, evaluation, compensator, title=f"Bias compensation: {model.name}", simulated=recordings[:1])
+    if as_json:
+        show_json(evaluation.to_mapping())
+        return
+    show_evaluation(evaluation)
+    say(f"{out / 'report.html'}: written")
+
+
+@command("compensate")
+def compensate(
+    model: Model,
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Recording to correct.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Corrected recording to write.")],
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    as_json: AsJson = False,
+) -> None:
+    """A corrected recording: the gyro less its estimated bias.
+
+    Example: `rlgcomp compensate models/unit-17 new.parquet --out corrected.parquet`
+    """
+    from rlgcomp.compensation.artefact import load
+    from rlgcomp.formats import write
+
+    compensator = load(model)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
+    corrected = compensator.correct(recording)
+    write(corrected, out)
+    outside = float(corrected.column("compensation_out_of_range").mean())
+    if as_json:
+        show_json({"out": out, "rows": len(corrected), "out_of_range": outside})
+    else:
+        say(f"{out}: {len(corrected)} rows, {100 * outside:.1f} % with an input outside the training range")

@@ -1,0 +1,32 @@
+"""Commands on recordings: inspect."""
+
+from __future__ import annotations
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, read_runs
+from rlgcomp.cli.show import show_json, show_table
+
+
+@command("inspect")
+def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: PulseArcsec = None, as_json: AsJson = False) -> None:
+    """What a recording holds and what is wrong with it.
+
+    Example: `rlgcomp inspect cold.parquet hot.csv --map gyro_deg_h='Gyro Z [deg/s]'`
+    """
+    from rlgcomp.inspection import summarise
+
+    summaries = [summarise(run) for run in read_runs(runs, mapping, drop, pulse_arcsec)]
+    if as_json:
+        show_json(summaries)
+        return
+    for summary in summaries:
+        unit = f", unit {summary['unit']}" if summary["unit"] else ""
+        typer.echo(
+            f"{summary['name']}: {summary['kind']}{unit}, {summary['rows']} rows every {summary['period_s']:.6g} s, "
+            f"{summary['hours']:.2f} h, {summary['gaps']} gaps\n"
+        )
+        for title, key in (("Gyros", "gyros"), ("Columns", "columns"), ("Thermal legs", "legs")):
+            if summary[key]:
+                show_table(title, summary[key])
+                typer.echo()

@@ -1,0 +1,71 @@
+"""How results are shown: tables for people, JSON for machines."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import typer
+
+
+def show_json(value: Any) -> None:
+    """A result for machines, on standard output."""
+    from rlgcomp.files import to_json
+
+    typer.echo(to_json(value))
+
+
+def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """A table for people, on standard output."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold", header_style="bold", box=None, pad_edge=False)
+    columns = list(rows[0]) if rows else []
+    for column in columns:
+        table.add_column(column, justify="left" if isinstance(rows[0][column], str) else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*(_cell(row[column]) for column in columns))
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    console.print(table)
+
+
+def show_evaluation(evaluation: Any) -> None:
+    """Print the tables of an evaluation."""
+    show_table(
+        f"Bias stability held out ({evaluation.averaging_s:g} s means), deg/h",
+        [
+            {
+                "run": run.run,
+                "before": run.raw_std_deg_h,
+                "after": run.residual_std_deg_h,
+                "better by": run.factor,
+                "95 % interval": f"{run.factor_low:.2f} – {run.factor_high:.2f}",
+                "noise floor": run.noise_floor_deg_h,
+                "after / floor": run.floor_ratio,
+                "rms left": run.residual_rms_deg_h,
+                "out of range": f"{100 * run.out_of_range:.1f} %",
+            }
+            for run in evaluation.runs
+        ],
+    )
+    if not evaluation.comparison.empty:
+        wide = evaluation.comparison.pivot_table(index="features", columns="model", values="residual_std_deg_h", sort=False)
+        rows = [
+            {"features": str(group), **{str(name): float(value) for name, value in row.items()}} for group, row in wide.iterrows()
+        ]
+        show_table("By feature and model, deg/h", rows)
+    show_table("Correlation with the gyro", evaluation.correlation.round(3).to_dict("records"))
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return (
+            f"{value:.5g}"
+            if abs(value) >= 1.0 or value == 0.0
+            else f"{value:.5f}".rstrip("0")
+            if abs(value) >= 1e-4
+            else f"{value:.3g}"
+        )
+    return str(value)

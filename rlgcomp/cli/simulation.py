@@ -1,0 +1,61 @@
+"""Commands on simulators: simulate, predict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Drop, Map, command, read_runs, say
+from rlgcomp.cli.show import show_json
+
+SimulatorFile = Annotated[Path, typer.Argument(metavar="SIM.yaml", help="Simulator file.")]
+Out = Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Recording to write; its ending chooses the format.")]
+
+
+@command("simulate")
+def simulate(
+    simulator: SimulatorFile,
+    out: Out,
+    profile: Annotated[
+        str,
+        typer.Option(
+            help="Chamber programme: a preset (paper, reversed, minor-loops, slow, short), a .yaml, or 'start 20, hold 60, ...'."
+        ),
+    ] = "paper",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
+    step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
+    as_json: AsJson = False,
+) -> None:
+    """Make a recording, with each mechanism's contribution kept as truth (columns truth_...).
+
+    Example: `rlgcomp simulate gyro.yaml --profile 'start 20, hold 60, ramp -40 1, hold 120' --seed 1 --out cold.parquet`
+    """
+    from rlgcomp.formats import write
+    from rlgcomp.simulation.simulator import Simulator
+
+    recording = Simulator.from_yaml(simulator).simulate(profile, seed=seed, step_s=step_s, name=out.stem)
+    write(recording, out)
+    truth = recording.truth
+    if as_json:
+        spread = {} if truth is None else truth.std().to_dict()
+        show_json({"out": out, "rows": len(recording), "hours": recording.duration_s / 3600.0, "truth_std_deg_h": spread})
+    else:
+        say(f"{out}: {len(recording)} rows, {recording.duration_s / 3600.0:.2f} h")
+
+
+@command("predict")
+def predict(
+    simulator: SimulatorFile, run: Annotated[str, typer.Argument(metavar="RUN")], out: Out, mapping: Map = None, drop: Drop = None
+) -> None:
+    """The gyro that a simulator expects, given a recording's own monitors: the same rows, without noise.
+
+    Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
+    """
+    from rlgcomp.formats import write
+    from rlgcomp.simulation.simulator import Simulator
+
+    (recording,) = read_runs([run], mapping, drop)
+    write(Simulator.from_yaml(simulator).predict(recording), out)
+    say(f"{out}: {len(recording)} rows")

@@ -1,0 +1,122 @@
+"""Kernel baselines: scikit-learn's kernel ridge, support vector and Gaussian process regression, chosen by grid search.
+
+They stand beside the LS-SVM in every table. Each of them predicts with a sum of kernels about its training rows, so that is what is
+kept of the winner: it can be saved as numbers, without the library that fitted it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import Matern
+from sklearn.kernel_ridge import KernelRidge
+from sklearn.svm import SVR
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from rlgcomp.compensation.form import ModelForm
+from rlgcomp.compensation.kernels import kernel
+from rlgcomp.compensation.parameters import require_choice, require_number
+
+Array = npt.NDArray[np.float64]
+METHODS: Final = ("kernel_ridge", "svr", "gaussian_process")
+
+
+class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    r"""One of scikit-learn's kernel regressions, with the parameters under the names that the LS-SVM uses.
+
+    Parameters
+    ----------
+    method : {"kernel_ridge", "svr", "gaussian_process"}
+        Kernel ridge and support vector regression with a Gaussian kernel; Gaussian process with a Matérn kernel of order 3/2.
+    c : float, default 100.0
+        Weight of the errors: 1/alpha of kernel ridge, C of the support vectors, 1/noise variance of the Gaussian process.
+    sigma : float, default 1.0
+        Width of the kernel.
+    epsilon : float, default 0.05
+        Half-width of the support vectors' tube.
+
+    Attributes
+    ----------
+    X_fit_ : ndarray, shape (centres, features)
+    alpha_ : ndarray, shape (centres,)
+    intercept_ : float
+        f(x) = sum_i alpha_i k(x_i, x) + intercept.
+    """
+
+    def __init__(self, method: str = "kernel_ridge", *, c: float = 100.0, sigma: float = 1.0, epsilon: float = 0.05) -> None:
+        self.method = method
+        self.c = c
+        self.sigma = sigma
+        self.epsilon = epsilon
+
+    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
+        """Fit by scikit-learn and keep the sum of kernels."""
+        require_choice(self, "method", METHODS)
+        require_number(self, "c", low=0.0, open_low=True)
+        require_number(self, "sigma", low=0.0, open_low=True)
+        require_number(self, "epsilon", low=0.0)
+        inputs, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
+        gamma, mean = 0.5 / self.sigma**2, float(target.mean())
+        if self.method == "kernel_ridge":
+            ridge = KernelRidge(alpha=1.0 / self.c, kernel="rbf", gamma=gamma).fit(inputs, target - mean)
+            self.X_fit_, self.alpha_, self.intercept_ = inputs, np.asarray(ridge.dual_coef_), mean
+        elif self.method == "svr":
+            svr = SVR(C=self.c, kernel="rbf", gamma=gamma, epsilon=self.epsilon, cache_size=500).fit(inputs, target)
+            self.X_fit_, self.alpha_, self.intercept_ = svr.support_vectors_, svr.dual_coef_[0], float(svr.intercept_[0])
+        else:
+            process = GaussianProcessRegressor(Matern(self.sigma, nu=1.5), alpha=1.0 / self.c, optimizer=None).fit(
+                inputs, target - mean
+            )
+            self.X_fit_, self.alpha_, self.intercept_ = inputs, np.asarray(process.alpha_).ravel(), mean
+        return self
+
+    def predict(self, X: npt.ArrayLike) -> Array:
+        """Predict.
+
+        Parameters
+        ----------
+        X : array_like, shape (m, features)
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        check_is_fitted(self)
+        inputs = validate_data(self, X, dtype=np.float64, reset=False)
+        return np.asarray(kernel(self.kernel_name, {"sigma": self.sigma}, inputs, self.X_fit_) @ self.alpha_ + self.intercept_)
+
+    @property
+    def kernel_name(self) -> str:
+        """Name of the kernel in :mod:`rlgcomp.compensation.kernels`."""
+        return "matern" if self.method == "gaussian_process" else "gaussian"
+
+
+def _form(name: str, methods: tuple[str, ...]) -> ModelForm:
+    def batches(features: int) -> list[list[dict[str, Any]]]:
+        widths = np.sqrt(features) * 2.0 ** np.arange(3.0, -1.5, -1.0)
+        return [
+            [{"method": method, "sigma": float(sigma), "c": float(c)} for c in (10.0 ** np.arange(-1.0, 5.0))]
+            for method in methods
+            for sigma in widths
+        ]
+
+    return ModelForm(
+        name=name,
+        estimator=KernelBaselines,
+        defaults={"method": methods[0]},
+        batches=batches,
+        numbers=("intercept_",),
+        arrays=("X_fit_", "alpha_"),
+    )
+
+
+FORMS: Final = (
+    _form("kernels", METHODS),
+    _form("kernel-ridge", METHODS[:1]),
+    _form("svr", METHODS[1:2]),
+    _form("gaussian-process", METHODS[2:]),
+)

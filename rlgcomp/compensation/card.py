@@ -1,0 +1,84 @@
+"""The model card: what a model is, what it was trained on, where it holds, in a page for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+def card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
+    """Model card in Markdown.
+
+    Parameters
+    ----------
+    manifest : mapping
+        Of the artefact.
+    arrays : mapping of str to ndarray
+        Of the artefact.
+    """
+    model, output = manifest["model"], manifest["output"]
+    units = sorted({str(run.get("unit") or "not stated") for run in manifest["runs"]})
+    hours = sum(float(run["hours"]) for run in manifest["runs"])
+    relative, rows = manifest["selection"]["rmse"], arrays["training_y_deg_h"].size
+    error = None if relative is None else relative * output["scale_deg_h"]
+    parameters = ", ".join(f"{key} = {_short(value)}" for key, value in sorted(model["parameters"].items()))
+    runs = "\n".join(
+        f"| {run['run']} | {run.get('kind', 'chamber')} | {run.get('unit', '')} | {run['hours']:.2f} | {_programme(run)} |"
+        for run in manifest["runs"]
+    )
+    ranges = "\n".join(
+        f"| `{name}` | {low:.5g} | {high:.5g} |"
+        for name, low, high in zip(manifest["inputs"], arrays["low"], arrays["high"], strict=True)
+    )
+    mean = (
+        "Only the difference from the training mean is removed; the corrected gyro keeps that mean."
+        if output["keep_mean"]
+        else "The whole estimated bias is removed, its mean included."
+    )
+    return f"""# Bias compensation: {model["name"]} on {len(manifest["inputs"])} inputs
+
+Estimates the bias of `{output["gyro"]}` in {output["unit"]} from the gyro's own monitors. {mean}
+
+- Gyro unit: {", ".join(units)}
+- Trained on {len(manifest["runs"])} runs, {hours:.1f} h: {rows} means over {manifest["averaging_s"]:g} s
+- Model: {model["name"]} ({parameters})
+- Error with runs left out, noise of the means included: {"not known" if error is None else f"{error:.5f} deg/h rms"}
+- Made {manifest["created"]} with rlgcomp {manifest["versions"]["rlgcomp"]}
+
+## Training runs
+
+| run | kind | unit | hours | programme |
+|---|---|---|---|---|
+{runs}
+
+## Where it holds
+
+Inputs beyond these ranges (training span and a 5 % margin) are held at the edge and the sample is flagged
+`compensation_out_of_range`: the output stays bounded, but it is no longer an estimate to rely on.
+
+| input | low | high |
+|---|---|---|
+{ranges}
+
+## What it does not do
+
+It corrects this gyro unit, mounted as it was. It has not seen ageing, other mounts, vibration or rotation. Filters and hysteresis
+memory start afresh with every recording: the first minutes after switching on are as uncertain as they were in training.
+
+## Files
+
+`manifest.json` says everything above in full; `arrays/` holds float64 arrays; `sha256sum -c SHA256SUMS` checks them all.
+"""
+
+
+def _programme(run: Mapping[str, Any]) -> str:
+    return str((run.get("notes") or {}).get("programme", ""))
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,127 @@
+"""Least squares fit of a polynomial in each feature: the field's standard, and the yardstick of everything else."""
+
+from __future__ import annotations
+
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from rlgcomp.compensation.form import ModelForm
+from rlgcomp.compensation.parameters import require_number
+from rlgcomp.errors import InputError
+
+Array = npt.NDArray[np.float64]
+DYNAMICS: Final = "dynamics"
+
+
+class CubicLeastSquares(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    r"""Sum of cubics, one in each feature, by least squares.
+
+    .. math:: B = c_0 + \sum_j \left( c_{1j} X_j + c_{2j} X_j^2 + c_{3j} X_j^3 \right)
+
+    Each feature is first mapped onto [-1, 1], so that the powers stay well conditioned; features that carry the same information
+    share their coefficients (least norm).
+
+    Parameters
+    ----------
+    degree : int, default 3
+        1 gives the straight line.
+    linear : tuple of int, default ()
+        Columns that enter to the first power only. A Compensator understands "dynamics": those that tell what temperature has been
+        doing, to which the bias responds in proportion (rate, lag, memory, gradient), while levels keep their cubic.
+
+    Attributes
+    ----------
+    intercept_ : float
+        c0, of the mapped features.
+    coef_ : ndarray, shape (degree, features)
+        c1, c2, c3, of the mapped features; zero where a column is linear.
+    centre_, half_range_ : ndarray, shape (features,)
+        The mapping: (X - centre) / half_range.
+
+    References
+    ----------
+    Temperature compensation method using readout signals of ring laser gyroscope, Opt. Express 23, 13320 (2015), eq. (18).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(-40.0, 60.0, 30)[:, None]
+    >>> CubicLeastSquares().fit(t, 0.01 + 1e-6 * t[:, 0] ** 3).predict([[20.0]]).round(6).tolist()
+    [0.018]
+    """
+
+    def __init__(self, degree: int = 3, *, linear: tuple[int, ...] | str = ()) -> None:
+        self.degree = degree
+        self.linear = linear
+
+    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
+        """Fit the coefficients.
+
+        Parameters
+        ----------
+        X : array_like, shape (n, features)
+        y : array_like, shape (n,)
+        """
+        require_number(self, "degree", low=1, high=9, whole=True)
+        inputs, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
+        low, high = inputs.min(axis=0), inputs.max(axis=0)
+        self.centre_ = 0.5 * (low + high)
+        self.half_range_ = np.where(high > low, 0.5 * (high - low), 1.0)
+        powers = self._powers(inputs)
+        used = np.ones((self.degree, inputs.shape[1]), dtype=np.bool_)
+        used[1:, self._linear_columns(inputs.shape[1])] = False
+        columns = powers[:, used.ravel()]
+        mean, level = columns.mean(axis=0), target.mean()
+        solution = np.linalg.lstsq(columns - mean, target - level, rcond=1e-10)[0]
+        self.coef_ = np.zeros(used.shape)
+        self.coef_[used] = solution
+        self.intercept_ = float(level - mean @ solution)
+        return self
+
+    def predict(self, X: npt.ArrayLike) -> Array:
+        """Predict.
+
+        Parameters
+        ----------
+        X : array_like, shape (m, features)
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        check_is_fitted(self)
+        inputs = validate_data(self, X, dtype=np.float64, reset=False)
+        return np.asarray(self._powers(inputs) @ self.coef_.ravel() + self.intercept_)
+
+    def _linear_columns(self, features: int) -> list[int]:
+        columns = self.linear
+        if isinstance(columns, str) or not all(
+            isinstance(column, int | np.integer) and 0 <= column < features for column in columns
+        ):
+            raise InputError(
+                f"The 'linear' parameter of CubicLeastSquares must be a tuple of column numbers below {features}. "
+                f"Got {columns!r} instead."
+            )
+        return [int(column) for column in columns]
+
+    def _powers(self, X: Array) -> Array:
+        mapped = (X - self.centre_) / self.half_range_
+        return np.hstack([mapped**power for power in range(1, self.degree + 1)])
+
+
+def _form(name: str, **defaults: str) -> ModelForm:
+    return ModelForm(
+        name=name,
+        estimator=CubicLeastSquares,
+        defaults=defaults,
+        batches=lambda features: [],
+        numbers=("intercept_",),
+        arrays=("coef_", "centre_", "half_range_"),
+    )
+
+
+FORMS: Final = (_form("cubic"), _form("dynamic", linear=DYNAMICS))

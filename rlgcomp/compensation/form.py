@@ -1,0 +1,99 @@
+"""What the package must know of a model beyond scikit-learn's contract: its name, what to search over, what to save.
+
+Every model's file ends with its `FORM`; :data:`rlgcomp.compensation.MODELS` lists them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.base import clone
+
+from rlgcomp.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Labels = npt.NDArray[Any]
+Candidates = Sequence[Mapping[str, Any]]
+
+
+def refit_residuals(model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Array:
+    """Residuals of each candidate with each group left out, by fitting again: shape (candidates, n)."""
+    residuals = np.empty((len(candidates), len(y)))
+    for k, parameters in enumerate(candidates):
+        for label in np.unique(groups):
+            out = groups == label
+            fitted = clone(model).set_params(**parameters)
+            fitted.fit(X[~out], y[~out], **({"groups": groups[~out]} if sequential(model) else {}))
+            residuals[k, out] = y[out] - fitted.predict(X[out])
+    return residuals
+
+
+def sequential(model: Any) -> bool:
+    """Whether the model reads rows as a sequence, so that `fit` must be told which recording each belongs to."""
+    return bool(getattr(model, "reads_sequences", False))
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelForm:
+    """A model that can be selected, saved and loaded.
+
+    Parameters
+    ----------
+    name : str
+        As on the command line.
+    estimator : type
+        The scikit-learn estimator.
+    defaults : mapping
+        Parameters that make this form of the estimator.
+    batches : callable
+        Number of features to batches of candidates; a batch is scored in one piece of work.
+    residuals : callable
+        Scores a batch; see :func:`refit_residuals`.
+    numbers, arrays : tuple of str
+        Fitted attributes to save; an array may also be a list of arrays.
+    """
+
+    name: str
+    estimator: type
+    batches: Callable[[int], list[list[dict[str, Any]]]]
+    numbers: tuple[str, ...]
+    arrays: tuple[str, ...]
+    defaults: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    residuals: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_residuals
+
+    def make(self) -> Any:
+        """An unfitted estimator."""
+        return self.estimator(**self.defaults)
+
+    def pack(self, model: Any) -> tuple[dict[str, Any], dict[str, Array]]:
+        """A fitted model as plain settings and arrays."""
+        settings = {"parameters": model.get_params(), "numbers": {name: float(getattr(model, name)) for name in self.numbers}}
+        arrays: dict[str, Array] = {}
+        for name in self.arrays:
+            value = getattr(model, name)
+            parts = {f"{name}.{k}": part for k, part in enumerate(value)} if isinstance(value, list) else {name: value}
+            arrays |= {key: np.ascontiguousarray(part, dtype=np.float64) for key, part in parts.items()}
+        return settings, arrays
+
+    def unpack(self, settings: Mapping[str, Any], arrays: Mapping[str, Array]) -> Any:
+        """The fitted model back from :meth:`pack`.
+
+        Raises
+        ------
+        InputError
+            Something is missing or of the wrong kind.
+        """
+        try:
+            model = self.estimator(**settings["parameters"])
+            for name in self.numbers:
+                setattr(model, name, float(settings["numbers"][name]))
+            for name in self.arrays:
+                listed = sorted((key for key in arrays if key.startswith(f"{name}.")), key=lambda key: int(key.rsplit(".", 1)[1]))
+                setattr(model, name, [arrays[key] for key in listed] if listed else arrays[name])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{self.name} model: {type(error).__name__}: {error}") from None
+        return model

@@ -1,0 +1,157 @@
+"""Choosing a model's parameters by leaving runs out: in parallel, with progress, and resumable after a kill.
+
+Each finished piece of work is appended to a journal, one JSON line; a second run with the same data and grid takes what is there
+and goes on. The journal begins with a fingerprint of data, folds and grid, so that a stale one is never believed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import joblib
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from rlgcomp.compensation.form import Candidates, Labels, ModelForm
+from rlgcomp.files import to_json
+
+Array = npt.NDArray[np.float64]
+TIE: Final = 0.01  # candidates whose error is this close to the smallest count as equal; the first, which is the smoothest, wins
+Progress = Callable[[int, int], None]
+logger = logging.getLogger(__name__)
+
+
+@dataclasses.dataclass(frozen=True)
+class Selection:
+    """Result of a search.
+
+    Parameters
+    ----------
+    best : dict
+        Parameters of the winner, empty where there was nothing to choose.
+    rmse : float, optional
+        Its error with groups left out, in units of the model's output.
+    table : pandas.DataFrame
+        One row a candidate: its parameters, `rmse`, and whether it was `chosen`.
+    """
+
+    best: dict[str, Any]
+    rmse: float | None
+    table: pd.DataFrame
+
+
+def select(
+    form: ModelForm,
+    model: Any,
+    X: Array,
+    y: Array,
+    groups: Labels,
+    *,
+    journal: Path | None = None,
+    n_jobs: int = 1,
+    progress: Progress | None = None,
+) -> Selection:
+    """Search a model's grid for the smallest error on groups left out; of candidates within 1 % of it, the smoothest.
+
+    Runs of one programme cannot tell which of two equally good candidates carries over to another programme; smoothness can.
+
+    Parameters
+    ----------
+    form : ModelForm
+    model : estimator
+        Parameters that are not searched are taken from it.
+    X : ndarray, shape (n, features)
+    y : ndarray, shape (n,)
+    groups : ndarray, shape (n,)
+        Label of the run that each row belongs to; at least two.
+    journal : path, optional
+        Where to keep finished work.
+    n_jobs : int
+        Worker processes; each computes with one thread.
+    progress : callable, optional
+        Called with (done, total).
+    """
+    batches = form.batches(X.shape[1])
+    if not batches:
+        (only,) = _rmse(form.residuals(model, [{}], X, y, groups))
+        return Selection({}, only, pd.DataFrame({"rmse": [only], "chosen": [True]}))
+    fingerprint = _fingerprint(form, model, batches, X, y, groups)
+    scores = _read_journal(journal, fingerprint)
+    if scores and journal is not None:
+        logger.info("resuming: %d of %d pieces of the search are in %s", len(scores), len(batches), journal)
+    waiting = [k for k in range(len(batches)) if k not in scores]
+    if progress:
+        progress(len(scores), len(batches))
+    with _appending(journal, fingerprint, scores) as append:
+        work = (joblib.delayed(_score)(k, form, model, batches[k], X, y, groups) for k in waiting)
+        for k, score in joblib.Parallel(n_jobs=min(n_jobs, max(1, len(waiting))), return_as="generator_unordered")(work):
+            scores[k] = score
+            append({"piece": k, "rmse": score})
+            if progress:
+                progress(len(scores), len(batches))
+    rows = [{**candidate, "rmse": rmse} for k in range(len(batches)) for candidate, rmse in zip(batches[k], scores[k], strict=True)]
+    table = pd.DataFrame(rows)
+    chosen = int(np.flatnonzero(table["rmse"] <= (1.0 + TIE) * table["rmse"].min())[0])
+    best = {key: value for key, value in rows[chosen].items() if key != "rmse"}
+    return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen))
+
+
+def _score(
+    k: int, form: ModelForm, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels
+) -> tuple[int, list[float]]:
+    with threadpool_limits(1):
+        return k, _rmse(form.residuals(model, candidates, X, y, groups))
+
+
+def _rmse(residuals: Array) -> list[float]:
+    return [float(value) for value in np.sqrt(np.mean(residuals**2, axis=1))]
+
+
+def _fingerprint(form: ModelForm, model: Any, batches: list[list[dict[str, Any]]], X: Array, y: Array, groups: Labels) -> str:
+    digest = hashlib.sha256(json.dumps([form.name, repr(model), batches], default=str).encode())
+    for part in (X, y, np.unique(groups, return_inverse=True)[1]):
+        digest.update(np.ascontiguousarray(part).tobytes())
+    return digest.hexdigest()
+
+
+def _read_journal(journal: Path | None, fingerprint: str) -> dict[int, list[float]]:
+    if journal is None or not journal.exists():
+        return {}
+    scores = {}
+    lines = journal.read_text(encoding="utf-8").splitlines()
+    with contextlib.suppress(ValueError, KeyError, TypeError):  # a last line cut short by a kill is done again
+        if not lines or json.loads(lines[0])["fingerprint"] != fingerprint:
+            return {}
+        for line in lines[1:]:
+            entry = json.loads(line)
+            scores[int(entry["piece"])] = [float(value) for value in entry["rmse"]]
+    return scores
+
+
+@contextlib.contextmanager
+def _appending(
+    journal: Path | None, fingerprint: str, scores: dict[int, list[float]]
+) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """Begin the journal anew with what is known, and yield what appends to it."""
+    if journal is None:
+        yield lambda entry: None
+        return
+    with journal.open("w", encoding="utf-8") as stream:
+
+        def append(entry: dict[str, Any]) -> None:
+            stream.write(to_json(entry, indent=None) + "\n")
+            stream.flush()
+
+        append({"fingerprint": fingerprint})
+        for k, rmse in scores.items():
+            append({"piece": k, "rmse": rmse})
+        yield append

@@ -1,0 +1,324 @@
+"""Evaluation of a compensation on runs held out: bias stability, Allan deviation, improvement, distance from the noise floor.
+
+Bias stability is the standard deviation of means over the averaging time (100 s by default) within a run, as the field states it.
+Over several runs the variances are averaged, so that a different mean in each run does not count as instability.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from sklearn.base import clone
+
+from rlgcomp.allan import AllanDeviation, allan_deviation
+from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.compensator import Compensator, Rows, rows
+from rlgcomp.compensation.form import sequential
+from rlgcomp.compensation.selection import select
+from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording, rate_name
+
+Array = npt.NDArray[np.float64]
+BLOCK_S: Final = 3600.0  # of the block bootstrap: longer than the memory of chamber and noise
+DRAWS: Final = 2000
+COMPARED: Final = ("cubic", "lssvm")
+
+
+@dataclasses.dataclass(frozen=True)
+class RunResult:
+    """One run held out.
+
+    Parameters
+    ----------
+    run : str
+    windows : int
+        Number of averages.
+    raw_std_deg_h, residual_std_deg_h : float
+        Bias stability before and after compensation.
+    residual_mean_deg_h : float
+        What is left on average: the bias from switch-on to switch-on.
+    residual_rms_deg_h : float
+    noise_floor_deg_h : float
+        What no compensation can remove: of a simulated run the standard deviation of its noise, else from the Allan deviation.
+    factor, factor_low, factor_high : float
+        raw / residual, with its 95 % interval by block bootstrap.
+    out_of_range : float
+        Share of samples flagged.
+    """
+
+    run: str
+    windows: int
+    raw_std_deg_h: float
+    residual_std_deg_h: float
+    residual_mean_deg_h: float
+    residual_rms_deg_h: float
+    noise_floor_deg_h: float
+    factor: float
+    factor_low: float
+    factor_high: float
+    out_of_range: float
+
+    @property
+    def floor_ratio(self) -> float:
+        """Residual over noise floor; 1 is the best there is."""
+        return self.residual_std_deg_h / self.noise_floor_deg_h
+
+
+@dataclasses.dataclass(frozen=True)
+class Trace:
+    """Averages of one run, for pictures.
+
+    Parameters
+    ----------
+    run : str
+    time_s, raw_deg_h, bias_deg_h : ndarray, shape (n,)
+        Middle of each window; gyro; compensation.
+    temperature_degC : ndarray, shape (n,), optional
+    allan_raw, allan_residual : AllanDeviation
+    """
+
+    run: str
+    time_s: Array
+    raw_deg_h: Array
+    bias_deg_h: Array
+    temperature_degC: Array | None
+    allan_raw: AllanDeviation
+    allan_residual: AllanDeviation
+
+    @property
+    def residual_deg_h(self) -> Array:
+        return self.raw_deg_h - self.bias_deg_h
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """A compensation on runs held out.
+
+    Parameters
+    ----------
+    averaging_s : float
+    runs : tuple of RunResult
+    traces : tuple of Trace
+    correlation : pandas.DataFrame
+        Correlation of each input with the gyro.
+    comparison : pandas.DataFrame
+        By feature group and model, the bias stability held out.
+    """
+
+    averaging_s: float
+    runs: tuple[RunResult, ...]
+    traces: tuple[Trace, ...]
+    correlation: pd.DataFrame
+    comparison: pd.DataFrame
+
+    @property
+    def raw_std_deg_h(self) -> float:
+        return _pooled([run.raw_std_deg_h for run in self.runs])
+
+    @property
+    def residual_std_deg_h(self) -> float:
+        return _pooled([run.residual_std_deg_h for run in self.runs])
+
+    @property
+    def noise_floor_deg_h(self) -> float:
+        return _pooled([run.noise_floor_deg_h for run in self.runs])
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a run."""
+        return pd.DataFrame([{**dataclasses.asdict(run), "floor_ratio": run.floor_ratio} for run in self.runs])
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Everything as plain data."""
+        return {
+            "schema": "rlgcomp.evaluation/1",
+            "unit": "deg/h",
+            "averaging_s": self.averaging_s,
+            "pooled": {
+                "raw_std_deg_h": self.raw_std_deg_h,
+                "residual_std_deg_h": self.residual_std_deg_h,
+                "noise_floor_deg_h": self.noise_floor_deg_h,
+                "factor": self.raw_std_deg_h / self.residual_std_deg_h,
+                "floor_ratio": self.residual_std_deg_h / self.noise_floor_deg_h,
+            },
+            "runs": self.to_frame().to_dict("records"),
+            "correlation": self.correlation.to_dict("records"),
+            "comparison": self.comparison.to_dict("records"),
+            "traces": [
+                {
+                    **{name: getattr(trace, name) for name in ("run", "time_s", "raw_deg_h", "bias_deg_h", "temperature_degC")},
+                    **{
+                        name: {"tau_s": curve.tau_s, "deviation_deg_h": curve.deviation_deg_h}
+                        for name, curve in (("allan_raw", trace.allan_raw), ("allan_residual", trace.allan_residual))
+                    },
+                }
+                for trace in self.traces
+            ],
+        }
+
+
+def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bool = True, n_jobs: int = 1) -> Evaluation:
+    """Evaluate a compensation on runs it was not trained on.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Fitted.
+    runs : sequence of Recording
+    compare : bool
+        Also fit the cubic and the LS-SVM on each feature group alone, on the same training rows, and compare them here.
+    n_jobs : int
+        Worker processes of their selection.
+
+    Raises
+    ------
+    InputError
+        No runs, or one is too short or lacks a monitor.
+    """
+    if not runs:
+        raise InputError("no runs to evaluate on; give at least one recording")
+    results, traces = zip(*(_evaluate_run(compensator, run) for run in runs), strict=True)
+    held_out = [rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs]
+    return Evaluation(
+        averaging_s=compensator.averaging_s,
+        runs=results,
+        traces=traces,
+        correlation=correlation_table(held_out, compensator.recipe_.names),
+        comparison=comparison_table(compensator, held_out, n_jobs=n_jobs) if compare else pd.DataFrame(),
+    )
+
+
+def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, Trace]:
+    predicted = compensator.predict(run)
+    averaged = run.averaged(compensator.averaging_s, extra=predicted.astype(np.float64))
+    raw = averaged.column(rate_name(run.gyro_column(compensator.gyro)))
+    bias = averaged.column("bias_deg_h")
+    residual = raw - bias
+    samples = run.scored
+    rate = run.rate_deg_h(compensator.gyro)
+    allan_raw = allan_deviation(rate[samples], run.time_s[samples])
+    allan_residual = allan_deviation((rate - predicted["bias_deg_h"].to_numpy())[samples], run.time_s[samples])
+    noise = rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro).noise_deg_h
+    floor = float(np.std(noise, ddof=1)) if noise is not None else allan_residual.white_noise_deg_h(compensator.averaging_s)
+    factor, low, high = improvement(raw, residual, block=round(BLOCK_S / compensator.averaging_s))
+    result = RunResult(
+        run=run.name,
+        windows=len(raw),
+        raw_std_deg_h=float(np.std(raw, ddof=1)),
+        residual_std_deg_h=float(np.std(residual, ddof=1)),
+        residual_mean_deg_h=float(residual.mean()),
+        residual_rms_deg_h=float(np.sqrt(np.mean(residual**2))),
+        noise_floor_deg_h=floor,
+        factor=factor,
+        factor_low=low,
+        factor_high=high,
+        out_of_range=float(predicted["out_of_range"][samples].mean()),
+    )
+    try:
+        temperature = averaged.column(run.temperature_column)
+    except InputError:
+        temperature = None
+    return result, Trace(run.name, averaged.time_s, raw, bias, temperature, allan_raw, allan_residual)
+
+
+def improvement(raw: Array, residual: Array, *, block: int, seed: int = 0) -> tuple[float, float, float]:
+    """Ratio of standard deviations before and after, with its 95 % interval by circular block bootstrap.
+
+    Parameters
+    ----------
+    raw, residual : ndarray, shape (n,)
+        Averages of one run before and after compensation, drawn together.
+    block : int
+        Length of a block in averages; at most a fifth of the run is used.
+    seed : int
+
+    Returns
+    -------
+    factor, low, high : float
+
+    Reference
+    ---------
+    D. N. Politis, J. P. Romano, in *Exploring the Limits of Bootstrap*, Wiley, 1992 (circular block bootstrap).
+    """
+    n = len(raw)
+    block = int(np.clip(block, 1, max(1, n // 5)))
+    starts = np.random.default_rng(seed).integers(0, n, size=(DRAWS, -(-n // block)))
+    drawn = ((starts[:, :, None] + np.arange(block)) % n).reshape(DRAWS, -1)[:, :n]
+    factors = raw[drawn].std(axis=1) / residual[drawn].std(axis=1)
+    low, high = np.quantile(factors, [0.025, 0.975])
+    return float(raw.std() / residual.std()), float(low), float(high)
+
+
+def correlation_table(held_out: Sequence[Rows], names: Sequence[str]) -> pd.DataFrame:
+    """Correlation coefficient of each input with the gyro, within runs, over all of them."""
+    X = np.vstack([part.X - part.X.mean(axis=0) for part in held_out])
+    y = np.concatenate([part.y_deg_h - part.y_deg_h.mean() for part in held_out])
+    spread = np.sqrt((X**2).sum(axis=0) * (y**2).sum())
+    coefficient = np.divide(X.T @ y, spread, out=np.zeros(len(names)), where=spread > 0.0)
+    return pd.DataFrame({"input": list(names), "correlation": coefficient})
+
+
+def comparison_table(
+    compensator: Compensator, held_out: Sequence[Rows], *, models: Sequence[str] = COMPARED, n_jobs: int = 1
+) -> pd.DataFrame:
+    """Bias stability held out, for each feature group alone and for all together, by each model on the same training rows.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Its training rows and scaling are used; its own model is not.
+    held_out : sequence of Rows
+    models : sequence of str
+        Names in :data:`rlgcomp.compensation.MODELS`.
+    n_jobs : int
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns `features`, `model`, `residual_std_deg_h`, `reduction_percent`, `factor`.
+    """
+    X, y, groups = compensator.training_rows()
+    raw = _pooled([float(np.std(part.y_deg_h, ddof=1)) for part in held_out])
+    table = []
+    for group, places in _inputs_by_group(compensator).items():
+        for name in models:
+            form = MODELS[name]
+            best = select(form, form.make(), X[:, places], y, groups, n_jobs=n_jobs).best
+            model = clone(form.make()).set_params(**best)
+            model.fit(X[:, places], y, **({"groups": compensator.run_labels()} if sequential(model) else {}))
+            left = [
+                float(
+                    np.std(
+                        part.y_deg_h
+                        - compensator.scaling_.y_scale_deg_h * model.predict(compensator.scaling_.inputs(part.X)[:, places]),
+                        ddof=1,
+                    )
+                )
+                for part in held_out
+            ]
+            residual = _pooled(left)
+            table.append(
+                {
+                    "features": group,
+                    "model": name,
+                    "residual_std_deg_h": residual,
+                    "reduction_percent": 100.0 * (1.0 - residual / raw),
+                    "factor": raw / residual,
+                }
+            )
+    return pd.DataFrame(table)
+
+
+def _inputs_by_group(compensator: Compensator) -> Mapping[str, list[int]]:
+    """Places of the inputs of each feature group, and of all together."""
+    owners = [feature.group for feature in compensator.recipe_.features for _ in feature.names]
+    groups = {group: [place for place, owner in enumerate(owners) if owner == group] for group in dict.fromkeys(owners)}
+    return groups if len(groups) == 1 else {**groups, "all": list(range(len(owners)))}
+
+
+def _pooled(deviations: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(deviations))))

@@ -1,0 +1,104 @@
+"""Causal recursions with explicit state, and the smooth derivative that physics uses.
+
+A recursion is `run(state, input, step_s) -> (output, state)`. Running a recording whole, in pieces or sample by sample gives the
+same bits, because the loop is the same: a real-time box that follows these lines computes what was trained here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+Array = npt.NDArray[np.float64]
+
+
+def low_pass(state: float, values: Array, step_s: Array, time_constant_s: float) -> tuple[Array, float]:
+    r"""First-order low-pass filter by the backward Euler rule.
+
+    .. math:: y_k = y_{k-1} + \frac{\Delta t_k}{\tau + \Delta t_k} (x_k - y_{k-1})
+
+    It is stable for every step, so a gap needs no care, and it takes one division and no exponential. A step of 0 (the first
+    sample) changes nothing.
+
+    Parameters
+    ----------
+    state : float
+        y before the first value.
+    values : ndarray, shape (n,)
+    step_s : ndarray, shape (n,)
+        Time since the previous sample, for each sample.
+    time_constant_s : float
+        tau; 0 passes the values through.
+
+    Returns
+    -------
+    output : ndarray, shape (n,)
+    state : float
+        The last output.
+    """
+    output = np.empty(len(values))
+    y = state
+    for k, (x, step) in enumerate(zip(values.tolist(), step_s.tolist(), strict=True)):
+        y = y + (step / (time_constant_s + step) if step > 0.0 else 0.0) * (x - y)
+        output[k] = y
+    return output, y
+
+
+def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
+    r"""Exact response of :math:`\tau \dot y = x - y`, from rest at the first value, to an input linear between samples.
+
+    Parameters
+    ----------
+    values, time_s : ndarray, shape (n,)
+    time_constant_s : float
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    steps = np.diff(time_s)
+    uniform = len(steps) > 0 and np.ptp(steps) <= 1e-6 * steps[0]
+    ratio = steps / time_constant_s
+    keep = np.exp(-ratio)
+    # y_k = keep y_{k-1} + old x_{k-1} + new x_k, from integrating the straight line between the samples
+    new = 1.0 + np.expm1(-ratio) / ratio
+    old = -np.expm1(-ratio) - new
+    if uniform:
+        drive = np.r_[values[0], old[0] * values[:-1] + new[0] * values[1:]]
+        return np.asarray(signal.lfilter([1.0], [1.0, -keep[0]], drive), dtype=np.float64)
+    output = np.empty(len(values))
+    y = output[0] = values[0]
+    for k, (a, b) in enumerate(zip(keep.tolist(), (old * values[:-1] + new * values[1:]).tolist(), strict=True), start=1):
+        y = a * y + b
+        output[k] = y
+    return output
+
+
+def rate_per_min(values: Array, time_s: Array, window_s: float = 120.0) -> Array:
+    """Derivative per minute: slope of the straight line fitted to the samples within a centred window.
+
+    It looks ahead, so it serves physics and diagnosis; features use the causal :func:`low_pass`.
+
+    Parameters
+    ----------
+    values, time_s : ndarray, shape (n,)
+    window_s : float
+        Width of the window; at least three samples are used.
+    """
+    period_s = float(np.median(np.diff(time_s)))
+    half = max(1, round(0.5 * window_s / period_s))
+    ahead = np.minimum(np.arange(len(values)) + half + 1, len(values))
+    behind = np.maximum(np.arange(len(values)) - half, 0)
+    t = time_s - time_s[0]
+    x = values - values[0]
+
+    def window_sum(series: Array) -> Array:
+        total = np.r_[0.0, np.cumsum(series)]
+        return np.asarray(total[ahead] - total[behind])
+
+    count = (ahead - behind).astype(np.float64)
+    mean_t, mean_x = window_sum(t) / count, window_sum(x) / count
+    covariance = window_sum(t * x) / count - mean_t * mean_x
+    variance = window_sum(t * t) / count - mean_t**2
+    return np.asarray(60.0 * covariance / variance)

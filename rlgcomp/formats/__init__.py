@@ -1,0 +1,144 @@
+"""Reading and writing recordings. One file here = one file format; to add one, write it and name it in `FORMATS`.
+
+A format is a module with three names: `SUFFIXES`, the endings it answers to; `load(path) -> (table, metadata mapping)`; and
+`save(path, table, metadata mapping)`. What all formats share stands in this file: column mapping, repair, truth, whole writing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+import pandas as pd
+import yaml
+
+from rlgcomp.errors import InputError
+from rlgcomp.files import whole_file, write_text
+from rlgcomp.formats import csv, hdf5, matlab, parquet
+from rlgcomp.formats.mapping import apply_mapping
+from rlgcomp.recording import Metadata, Recording
+from rlgcomp.repair import repair
+
+FORMATS: Final[tuple[ModuleType, ...]] = (parquet, csv, hdf5, matlab)
+TRUTH_PREFIX: Final = "truth_"
+TRUTH_SUFFIX: Final = "_deg_h"
+
+
+def read(
+    path: str | Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    drop: Sequence[str] = (),
+    metadata: Mapping[str, Any] | None = None,
+) -> Recording:
+    """Read a recording, mend what can be mended, and say so.
+
+    Parameters
+    ----------
+    path : path
+        A .parquet, .csv, .csv.gz, .h5, .hdf5 or .mat file. A `name.yaml` beside it may hold the metadata and, under `columns:`, a
+        mapping like the one below.
+    columns : mapping of str to str, optional
+        Contract name to the file's own name, with its unit where that differs: `{"gyro_deg_h": "Gyro Z [deg/s]"}`.
+    drop : sequence of str
+        Columns to leave out.
+    metadata : mapping, optional
+        Values that go before those of the file.
+
+    Returns
+    -------
+    Recording
+        What was repaired or noted is in its `findings`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or mended; everything that is wrong is in one list.
+    """
+    path = Path(path)
+    form = _format_of(path)
+    if not path.exists():
+        raise InputError(f"{path} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give a recording's file")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path} is empty (0 bytes)")
+    table, stored = form.load(path)
+    beside = _read_sidecar(path)
+    mapping = dict(beside.pop("columns", None) or {}) | dict(columns or {})
+    merged = Metadata.from_mapping(
+        {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
+    )
+    unknown = [column for column in drop if column not in table.columns]
+    if unknown:
+        raise InputError(f"{path}: cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
+    table = table.drop(columns=list(drop))
+    table, vouched = apply_mapping(table, mapping, name=path.name)
+    table, findings = repair(table, merged, name=path.name, vouched=vouched)
+    truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
+    truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
+    return Recording(table.drop(columns=truths), merged, name=_stem(path), truth=truth if truths else None, findings=findings)
+
+
+def write(recording: Recording, path: str | Path) -> None:
+    """Write a recording, whole or not at all; the ending of `path` chooses the format.
+
+    Raises
+    ------
+    InputError
+        The ending is unknown or the place cannot be written to.
+    """
+    path = Path(path)
+    form = _format_of(path)
+    table = recording.table
+    if recording.truth is not None:
+        truth = recording.truth.rename(columns=lambda mechanism: f"{TRUTH_PREFIX}{mechanism}{TRUTH_SUFFIX}")
+        table = pd.concat([table, truth], axis=1)
+    metadata = recording.metadata.to_mapping()
+    with whole_file(path) as scratch:
+        form.save(scratch, table, metadata)
+    if form is csv:
+        write_text(_sidecar(path), yaml.safe_dump(metadata, sort_keys=False, allow_unicode=True))
+
+
+def with_metadata(recording: Recording, **changes: Any) -> Recording:
+    """The same recording with some of its metadata changed."""
+    return recording.replace(metadata=dataclasses.replace(recording.metadata, **changes))
+
+
+def _format_of(path: Path) -> ModuleType:
+    for form in FORMATS:
+        if path.name.lower().endswith(form.SUFFIXES):
+            return form
+    known = ", ".join(suffix for form in FORMATS for suffix in form.SUFFIXES)
+    raise InputError(f"{path}: the ending {path.suffix!r} is no known format; known endings are {known}")
+
+
+def _stem(path: Path) -> str:
+    name = path.name
+    for suffix in sorted((suffix for form in FORMATS for suffix in form.SUFFIXES), key=len, reverse=True):
+        if name.lower().endswith(suffix):
+            return name[: -len(suffix)]
+    return path.stem
+
+
+def _sidecar(path: Path) -> Path:
+    return path.with_name(_stem(path) + ".yaml")
+
+
+def _read_sidecar(path: Path) -> dict[str, Any]:
+    sidecar = _sidecar(path)
+    if not sidecar.is_file():
+        return {}
+    try:
+        content = yaml.safe_load(sidecar.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{sidecar}: not readable as YAML: {error}") from None
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise InputError(f"{sidecar}: holds a {type(content).__name__}; expected lines such as 'pulse_arcsec: 0.84'")
+    return {str(key): value for key, value in content.items()}

@@ -1,0 +1,37 @@
+"""Comma-separated text, plain or gzipped; semicolons and tabs are understood, lines that begin with # are passed over."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import Path
+from typing import Any, Final
+
+import pandas as pd
+
+from rlgcomp.errors import InputError
+
+SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
+
+
+def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Table of a CSV file; its metadata stand in the .yaml beside it."""
+    try:
+        return pd.read_csv(path, sep=_separator(path), comment="#", skipinitialspace=True, low_memory=False), {}
+    except pd.errors.EmptyDataError:
+        raise InputError(f"{path} is empty: no header and no rows") from None
+    except (pd.errors.ParserError, UnicodeError, OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+
+
+def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
+    """Write the table with 17 significant digits, so that reading gives the same bits back."""
+    del metadata  # the caller writes it beside
+    table.to_csv(path, index=False, float_format="%.17g", compression="gzip" if path.suffix == ".gz" else None)
+
+
+def _separator(path: Path) -> str:
+    opener = gzip.open if path.suffix == ".gz" else open
+    with opener(path, "rt", encoding="utf-8") as stream:
+        header = next((line for line in stream if line.strip() and not line.startswith("#")), "")
+    return max((",", ";", "\t"), key=header.count)

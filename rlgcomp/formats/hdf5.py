@@ -1,0 +1,57 @@
+"""HDF5: one dataset a column, the metadata as attributes of the root. MATLAB's -v7.3 files are read here too."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from rlgcomp.errors import InputError
+from rlgcomp.files import to_json
+
+SUFFIXES: Final = (".h5", ".hdf5")
+_ATTRIBUTE: Final = "rlgcomp.recording"
+
+
+def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Table and metadata: every one-dimensional numeric dataset of the commonest length, in the root or in one group."""
+    import h5py
+
+    columns: dict[str, np.ndarray] = {}
+    metadata: dict[str, Any] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and item.size == max(item.shape, default=0):
+            columns[name.rsplit("/", 1)[-1]] = np.asarray(item[()], dtype=np.float64).ravel()
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+            for key, value in file.attrs.items():
+                plain = value.decode() if isinstance(value, bytes) else getattr(value, "item", lambda v=value: v)()
+                metadata.update(json.loads(plain) if key == _ATTRIBUTE else {key: plain})
+    except (OSError, ValueError, RuntimeError) as error:
+        raise InputError(f"{path} is not readable as HDF5: {str(error).splitlines()[0]}") from None
+    return commonest_length(columns, path), metadata
+
+
+def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
+    """Write one compressed dataset a column."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file.attrs[_ATTRIBUTE] = to_json(metadata, indent=None)
+        for column in table.columns:
+            file.create_dataset(column, data=table[column].to_numpy(dtype=np.float64), compression="gzip", compression_opts=4)
+
+
+def commonest_length(columns: dict[str, np.ndarray], path: Path) -> pd.DataFrame:
+    """Table of those vectors that share the commonest length; single numbers beside them are settings, not channels."""
+    lengths = [len(values) for values in columns.values() if len(values) > 1]
+    if not lengths:
+        raise InputError(f"{path} holds no columns: no vector of numbers was found")
+    rows = max(sorted(set(lengths), reverse=True), key=lengths.count)
+    return pd.DataFrame({name: values for name, values in columns.items() if len(values) == rows})

@@ -1,0 +1,85 @@
+"""A laboratory's own column names and units, mapped once onto the contract's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from rlgcomp import units
+from rlgcomp.errors import InputError
+
+
+def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str) -> tuple[pd.DataFrame, frozenset[str]]:
+    """Rename and convert columns.
+
+    A source is the file's column, optionally followed by its unit: `Gyro Z [deg/s]` finds the column of that very name, or else the
+    column `Gyro Z` and takes it to be in deg/s. Without a unit the source is taken to be in the target's.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+    mapping : mapping of str to str
+        Target (contract) name to source.
+    name : str
+        What messages call the file.
+
+    Returns
+    -------
+    table : pandas.DataFrame
+        The mapped columns under their targets; the others as they were.
+    vouched : frozenset of str
+        Targets whose unit was stated.
+
+    Raises
+    ------
+    InputError
+        A source is not in the file, or its unit cannot become the target's.
+    """
+    vouched = set()
+    names: dict[str, list[str]] = {}
+    converted: dict[str, pd.Series] = {}
+    for target, source in mapping.items():
+        column, unit = _find(table, str(source), name)
+        wanted = units.column_unit(target)
+        values = table[column]
+        if unit is not None and wanted is not None:
+            vouched.add(target)
+            numbers = pd.to_numeric(values, errors="coerce")
+            values = pd.Series(units.convert(numbers.to_numpy(dtype=float), unit, wanted), index=table.index)
+        names.setdefault(column, []).append(target)
+        converted[target] = values
+    clashes = [target for target in converted if target in table.columns and target not in names]
+    if clashes:
+        raise InputError(
+            f"{name}: the mapping makes {', '.join(clashes)}, which the file has already; leave its own out with --drop first"
+        )
+    columns = [target for column in table.columns for target in names.get(str(column), [column])]
+    mapped = {column: converted[column] if column in converted else table[column] for column in columns}
+    return pd.DataFrame(mapped), frozenset(vouched)
+
+
+def parse_mapping(items: list[str]) -> dict[str, str]:
+    """Mapping from command-line items such as `gyro_deg_h=Gyro Z [deg/s]`.
+
+    Raises
+    ------
+    InputError
+        An item has no equals sign.
+    """
+    mapping = {}
+    for item in items:
+        target, equals, source = item.partition("=")
+        if not (equals and target.strip() and source.strip()):
+            raise InputError(f"--map {item!r}: expected TARGET=SOURCE, as in --map gyro_deg_h='Gyro Z [deg/s]'")
+        mapping[target.strip()] = source.strip().strip("'\"")
+    return mapping
+
+
+def _find(table: pd.DataFrame, source: str, name: str) -> tuple[str, str | None]:
+    stem, unit = units.header_unit(source)
+    if source in table.columns:
+        return source, unit
+    if stem in table.columns:
+        return stem, unit
+    raise InputError(f"{name}: no column {source!r} to map; the columns are {', '.join(map(str, table.columns))}")

@@ -1,0 +1,42 @@
+"""Parquet, the format of choice: typed, compressed, with the metadata in the file's schema."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import pandas as pd
+
+from rlgcomp.errors import InputError
+from rlgcomp.files import to_json
+
+SUFFIXES: Final = (".parquet", ".pq")
+_KEY: Final = b"rlgcomp.recording"
+
+
+def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Table and metadata of a Parquet file."""
+    import pyarrow
+    from pyarrow import parquet
+
+    with path.open("rb") as stream:
+        magic = stream.read(4)
+    if magic != b"PAR1":
+        raise InputError(f"{path} is no Parquet file: it begins with {magic!r} instead of b'PAR1'; if it is text, name it .csv")
+    try:
+        table = parquet.read_table(path)
+        metadata = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
+        return table.to_pandas(), metadata
+    except (pyarrow.ArrowException, OSError, ValueError) as error:
+        raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
+
+
+def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
+    """Write table and metadata."""
+    import pyarrow
+    from pyarrow import parquet
+
+    arrow = pyarrow.Table.from_pandas(table, preserve_index=False)
+    schema = {**(arrow.schema.metadata or {}), _KEY: to_json(metadata, indent=None).encode()}
+    parquet.write_table(arrow.replace_schema_metadata(schema), path, compression="zstd")

@@ -1,0 +1,54 @@
+"""What acts on a ring laser gyro: one file = one cause. To add one, write its file and its line in `CATALOGUE`.
+
+The simulator and diagnosis read this list and know no mechanism by name. A test walks the folder and holds every mechanism to
+the contract of :mod:`rlgcomp.physics.mechanism`.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Final
+
+from rlgcomp.physics.ageing import Ageing
+from rlgcomp.physics.ambient_pressure import AmbientPressure
+from rlgcomp.physics.discharge_imbalance import DischargeImbalance
+from rlgcomp.physics.light_intensity import LightIntensity
+from rlgcomp.physics.magnetic_field import MagneticField
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.mode_hop import ModeHop
+from rlgcomp.physics.periodic_interference import PeriodicInterference
+from rlgcomp.physics.random_telegraph import RandomTelegraph
+from rlgcomp.physics.rate_asymmetry import RateAsymmetry
+from rlgcomp.physics.readout_incoherence import ReadoutIncoherence
+from rlgcomp.physics.supply_voltage import SupplyVoltage
+from rlgcomp.physics.temperature_rate import TemperatureRate
+from rlgcomp.physics.thermal_gradient import ThermalGradient
+from rlgcomp.physics.thermal_hysteresis import ThermalHysteresis
+from rlgcomp.physics.thermal_lag import ThermalLag
+from rlgcomp.physics.thermal_polynomial import ThermalPolynomial
+from rlgcomp.physics.warm_up import WarmUp
+
+CATALOGUE: Final[MappingProxyType[str, type[Mechanism]]] = MappingProxyType(
+    {
+        mechanism.name: mechanism
+        for mechanism in (
+            ThermalPolynomial,
+            TemperatureRate,
+            RateAsymmetry,
+            ThermalLag,
+            ThermalGradient,
+            ThermalHysteresis,
+            ModeHop,
+            WarmUp,
+            Ageing,
+            LightIntensity,
+            ReadoutIncoherence,
+            DischargeImbalance,
+            SupplyVoltage,
+            MagneticField,
+            AmbientPressure,
+            PeriodicInterference,
+            RandomTelegraph,
+        )
+    }
+)

@@ -1,0 +1,183 @@
+"""The contract of a mechanism: one physical cause of error, used alike by the simulator and by diagnosis.
+
+A mechanism is a frozen dataclass whose fields are its parameters, each made by :func:`amplitude` (the output is linear in it),
+:func:`shape` (it is not) or :func:`setting` (a choice that is not estimated). What it does is said once, in
+:meth:`Mechanism.basis`: the columns, computed from a recording's monitors, that the amplitudes multiply. The simulator adds them
+up; an estimator solves for the amplitudes and searches over the shapes.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+
+Array = npt.NDArray[np.float64]
+Role = Literal["amplitude", "shape", "setting"]
+TEMPERATURE = "temperature"  # a driver that stands for the recording's own choice of thermometer
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """A parameter's name, role, unit, usual size and bounds."""
+
+    name: str
+    role: Role
+    unit: str
+    typical: Any
+    low: float
+    high: float
+    choices: tuple[str, ...] = ()
+
+
+def amplitude(typical: float, unit: str, *, limit: float | None = None) -> Any:
+    """A parameter that the output is proportional to; between -limit and limit (a hundred times the usual size unless given)."""
+    bound = 100.0 * abs(typical) if limit is None else limit
+    return dataclasses.field(default=typical, metadata={"role": "amplitude", "unit": unit, "low": -bound, "high": bound})
+
+
+def shape(typical: float, unit: str, low: float, high: float) -> Any:
+    """A parameter that the output is not proportional to: a time constant, a threshold, a frequency."""
+    return dataclasses.field(default=typical, metadata={"role": "shape", "unit": unit, "low": low, "high": high})
+
+
+def setting(default: Any, unit: str = "", *, choices: tuple[str, ...] = (), low: float = -math.inf, high: float = math.inf) -> Any:
+    """A choice that is made, not estimated: a degree, a reference, a law."""
+    return dataclasses.field(
+        default=default, metadata={"role": "setting", "unit": unit, "low": low, "high": high, "choices": choices}
+    )
+
+
+class Mechanism(abc.ABC):
+    """One cause of error. Subclasses are frozen dataclasses, one a file, and are not subclassed further.
+
+    Class attributes
+    ----------------
+    name : str
+        As in simulator files and in a diagnosis.
+    kind : {"chamber", "turntable"}
+    equation : str
+        In the parameters' own names.
+    reference : str
+        Where the physics is written down.
+    drivers : tuple of str
+        Columns it needs; "temperature" stands for the recording's own choice of thermometer.
+    """
+
+    name: ClassVar[str]
+    kind: ClassVar[Literal["chamber", "turntable"]]
+    equation: ClassVar[str]
+    reference: ClassVar[str]
+    drivers: ClassVar[tuple[str, ...]]
+
+    def __post_init__(self) -> None:
+        for parameter in self.parameters():
+            value = getattr(self, parameter.name)
+            if parameter.choices:
+                if value not in parameter.choices:
+                    raise InputError(
+                        f"{self.name}: {parameter.name} is {value!r}; it must be one of {', '.join(parameter.choices)}"
+                    )
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float) or not parameter.low <= value <= parameter.high:
+                raise InputError(
+                    f"{self.name}: {parameter.name} is {value!r}; it must be a number from {parameter.low:g} to {parameter.high:g}"
+                    + (f" {parameter.unit}" if parameter.unit else "")
+                )
+
+    # --- what a mechanism says ---------------------------------------------------------------------------------------------
+
+    @abc.abstractmethod
+    def basis(self, recording: Recording) -> Array:
+        """Columns in deg/h per unit of amplitude, in the order of :meth:`amplitude_parameters`.
+
+        Parameters
+        ----------
+        recording : Recording
+            Only its monitors are read, never its gyro.
+
+        Returns
+        -------
+        ndarray, shape (n, amplitudes)
+        """
+
+    def amplitude_parameters(self) -> tuple[Parameter, ...]:
+        """The amplitudes that are in use, in the order of the basis."""
+        return tuple(parameter for parameter in self.parameters() if parameter.role == "amplitude")
+
+    def covariance(self, lag_s: Array) -> Array | None:
+        """Autocovariance in (deg/h)² at time lags of a cause that no two runs repeat; None where the monitors determine it."""
+        del lag_s
+        return None
+
+    # --- what follows from it ----------------------------------------------------------------------------------------------
+
+    def contribution(self, recording: Recording, rng: np.random.Generator) -> Array:
+        """Error in deg/h, shape (n,): the basis times the amplitudes. `rng` serves those that no two runs repeat."""
+        del rng
+        weights = np.array([getattr(self, parameter.name) for parameter in self.amplitude_parameters()], dtype=np.float64)
+        return np.asarray(self.basis(recording) @ weights)
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """All parameters, in the order of the fields."""
+        return tuple(
+            Parameter(
+                field.name,
+                field.metadata["role"],
+                field.metadata["unit"],
+                field.default,
+                field.metadata["low"],
+                field.metadata["high"],
+                field.metadata.get("choices", ()),
+            )
+            for field in dataclasses.fields(cls)  # type: ignore[arg-type]
+        )
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
+        """Mechanism from parameters by name; those not given take their usual size.
+
+        Raises
+        ------
+        InputError
+            A name is unknown or a value is out of bounds.
+        """
+        allowed = [parameter.name for parameter in cls.parameters()]
+        unknown = [key for key in values if key not in allowed]
+        if unknown:
+            raise InputError(f"{cls.name}: unknown {', '.join(map(repr, unknown))}; allowed are {', '.join(allowed)}")
+        return cls(**values)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Every parameter by name."""
+        return {parameter.name: getattr(self, parameter.name) for parameter in self.parameters()}
+
+    def driver_columns(self, recording: Recording) -> tuple[str, ...]:
+        """The columns of this recording that it reads.
+
+        Raises
+        ------
+        InputError
+            One of them is not there.
+        """
+        columns = tuple(recording.temperature_column if driver == TEMPERATURE else driver for driver in self.drivers)
+        missing = [column for column in columns if column not in recording]
+        if missing:
+            raise InputError(
+                f"{self.name} needs {', '.join(missing)}, which {recording.name} does not have; "
+                f"it has {', '.join(recording.columns)}; map the column with --map, or leave {self.name} out"
+            )
+        return columns
+
+    def read(self, recording: Recording) -> tuple[Array, ...]:
+        """The driver columns as arrays, in the order of `drivers`."""
+        return tuple(recording.column(column) for column in self.driver_columns(recording))

@@ -1,0 +1,46 @@
+"""Bias that steps when the path-length control jumps to the next mode."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
+from rlgcomp.recording import Recording
+
+
+@dataclasses.dataclass(frozen=True)
+class ModeHop(Mechanism):
+    r"""At the end of its travel the piezo of the path-length control is reset by one wavelength; the bias steps.
+
+    .. math:: b = \Delta b \; h(T), \qquad h = 1 \text{ once } T \ge T_h, \quad h = 0 \text{ once } T \le T_h - d
+
+    The step comes back at the same temperature, later by the dead band d on the way down.
+    """
+
+    name = "mode_hop"
+    kind = "chamber"
+    equation = "b = step_deg_h * relay(T; threshold_degC, dead_band_K)"
+    reference = (
+        "A. D. V. Di Virgilio et al., Eur. Phys. J. C 80, 163 (2020) (mode jumps of a ring laser); F. "
+        "Aronowitz, W. L. Lim, Opt. Eng. 18, 184376 (1979) (bias against detuning)."
+    )
+    drivers = (TEMPERATURE,)
+
+    step_deg_h: float = amplitude(0.01, "deg/h")
+    threshold_degC: float = shape(30.0, "degC", -80.0, 120.0)
+    dead_band_K: float = shape(2.0, "K", 0.0, 20.0)
+
+    def basis(self, recording: Recording) -> Array:
+        (temperature,) = self.read(recording)
+        up = temperature >= self.threshold_degC
+        down = temperature <= self.threshold_degC - self.dead_band_K
+        decided = np.flatnonzero(up | down)
+        first = 1.0 if temperature[0] > self.threshold_degC - 0.5 * self.dead_band_K else 0.0
+        state = np.full(len(temperature), first)
+        if len(decided):
+            latest = np.searchsorted(decided, np.arange(len(temperature)), side="right") - 1
+            known = latest >= 0
+            state[known] = up[decided[latest[known]]]
+        return state[:, None]

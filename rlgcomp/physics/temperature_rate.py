@@ -1,0 +1,34 @@
+"""Bias that follows the rate of change of temperature."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from rlgcomp.filters import rate_per_min
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude
+from rlgcomp.recording import Recording
+
+
+@dataclasses.dataclass(frozen=True)
+class TemperatureRate(Mechanism):
+    r"""Heat flowing through the block deforms it and drives gas flow while it flows.
+
+    .. math:: b = k \, \frac{dT}{dt}
+
+    Heating and cooling push in opposite directions; at constant temperature nothing is left.
+    """
+
+    name = "temperature_rate"
+    kind = "chamber"
+    equation = "b = k_deg_h_min_K * dT/dt"
+    reference = (
+        "G. Y. Wu, Q. T. Gu, Thermal characteristics and thermal compensation of four frequency ring laser "
+        "gyro, IEEE PLANS 2002, 271-276."
+    )
+    drivers = (TEMPERATURE,)
+
+    k_deg_h_min_K: float = amplitude(0.005, "deg/h per K/min")
+
+    def basis(self, recording: Recording) -> Array:
+        (temperature,) = self.read(recording)
+        return rate_per_min(temperature, recording.time_s)[:, None]

@@ -1,0 +1,59 @@
+"""Bias that remembers the path of temperature, not its speed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from rlgcomp.hysteresis import BoucWen, Play, Preisach
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
+from rlgcomp.recording import Recording
+
+
+@dataclasses.dataclass(frozen=True)
+class ThermalHysteresis(Mechanism):
+    r"""Seals, piezo and mounts slip and stick: at one temperature the bias on the way down is not that on the way up.
+
+    With law "play" (Prandtl–Ishlinskii),
+
+    .. math:: b = \sum_{j=1}^{3} k_j \, (P_{r_j}[T] - T), \qquad r_j = r \, (1/4,\, 1/2,\, 1)
+
+    P_r is the play operator of radius r. The width of the loop does not depend on the ramp rate, and a turning point is
+    remembered until the temperature passes it. The laws "preisach" (relays on a triangle of thresholds `span_K` wide about
+    `centre_degC`) and "bouc_wen" (saturating over `radius_K`) give loops of other forms; they use k1 alone.
+    """
+
+    name = "thermal_hysteresis"
+    kind = "chamber"
+    equation = "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)"
+    reference = (
+        "A. Visintin, Differential Models of Hysteresis, Springer, 1994 (operators); H. W. Seon et al., The compensation method "
+        "for thermal bias of ring laser gyro, IEEE LEOS 2008, 724 (bias hysteresis of a ring laser gyro)."
+    )
+    drivers = (TEMPERATURE,)
+
+    k1_deg_h_K: float = amplitude(3e-4, "deg/h/K")
+    k2_deg_h_K: float = amplitude(3e-4, "deg/h/K")
+    k3_deg_h_K: float = amplitude(3e-4, "deg/h/K")
+    radius_K: float = shape(12.0, "K", 0.2, 80.0)
+    law: str = setting("play", choices=("play", "preisach", "bouc_wen"))
+    centre_degC: float = setting(10.0, "degC")
+    span_K: float = setting(140.0, "K", low=1.0)
+
+    def amplitude_parameters(self) -> tuple[Parameter, ...]:
+        return super().amplitude_parameters()[: 3 if self.law == "play" else 1]
+
+    def basis(self, recording: Recording) -> Array:
+        (temperature,) = self.read(recording)
+        if self.law == "play":
+            play = Play((0.25 * self.radius_K, 0.5 * self.radius_K, self.radius_K))
+            states, _ = play.run(play.init(temperature[0]), temperature)
+            return np.asarray(states - temperature[:, None])
+        if self.law == "preisach":
+            relays = Preisach(self.centre_degC - 0.5 * self.span_K, self.centre_degC + 0.5 * self.span_K, concentration=4.0)
+            output, _ = relays.run(relays.init(temperature[0]), temperature)
+            return np.asarray(self.radius_K * output[:, None])
+        bouc_wen = BoucWen(slope=1.0, saturation=self.radius_K)
+        output, _ = bouc_wen.run(bouc_wen.init(temperature[0]), temperature)
+        return output[:, None]

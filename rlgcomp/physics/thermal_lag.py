@@ -1,0 +1,32 @@
+"""Bias that answers to a part of the gyro which follows the thermometer late."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from rlgcomp.filters import lag
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
+from rlgcomp.recording import Recording
+
+
+@dataclasses.dataclass(frozen=True)
+class ThermalLag(Mechanism):
+    r"""Mirrors and mount follow the thermometer through a thermal resistance and a heat capacity.
+
+    .. math:: b = k \, (T_\tau - T), \qquad \tau \dot{T}_\tau = T - T_\tau, \qquad T_\tau(0) = T(0)
+
+    At slow ramps the loop grows with the ramp rate and then saturates; after a ramp it decays with tau.
+    """
+
+    name = "thermal_lag"
+    kind = "chamber"
+    equation = "b = k_deg_h_K * (lag(T, time_constant_s) - T)"
+    reference = "F. P. Incropera et al., Fundamentals of Heat and Mass Transfer, 6th ed., Wiley, 2007, ch. 5 (lumped capacitance)."
+    drivers = (TEMPERATURE,)
+
+    k_deg_h_K: float = amplitude(0.002, "deg/h/K")
+    time_constant_s: float = shape(1800.0, "s", 60.0, 14400.0)
+
+    def basis(self, recording: Recording) -> Array:
+        (temperature,) = self.read(recording)
+        return (lag(temperature, recording.time_s, self.time_constant_s) - temperature)[:, None]

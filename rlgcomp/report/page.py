@@ -1,0 +1,98 @@
+"""The page: an evaluation and its model, rendered to one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Sequence
+from pathlib import Path
+
+import jinja2
+import pandas as pd
+
+import rlgcomp
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.evaluation import Evaluation
+from rlgcomp.files import write_json, write_text
+from rlgcomp.recording import Recording
+from rlgcomp.report import figures
+
+
+def write_report(
+    folder: Path,
+    evaluation: Evaluation,
+    compensator: Compensator,
+    *,
+    title: str = "Bias compensation",
+    simulated: Sequence[Recording] = (),
+) -> None:
+    """Write `report.html` and `evaluation.json` into a folder.
+
+    Parameters
+    ----------
+    folder : path
+        Must exist.
+    evaluation : Evaluation
+    compensator : Compensator
+    title : str
+    simulated : sequence of Recording
+        Simulated runs whose make-up is to be shown.
+    """
+    write_json(folder / "evaluation.json", evaluation.to_mapping())
+    write_text(folder / "report.html", render(evaluation, compensator, title=title, simulated=simulated))
+
+
+def render(
+    evaluation: Evaluation, compensator: Compensator, *, title: str = "Bias compensation", simulated: Sequence[Recording] = ()
+) -> str:
+    """The page as HTML text."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    worst = max(evaluation.runs, key=lambda run: run.out_of_range)
+    style = importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8")
+    return environment.get_template("page.html").render(
+        title=title,
+        style=style,
+        version=rlgcomp.__version__,
+        evaluation=evaluation,
+        model=type(compensator.model_).__name__,
+        parameters=compensator.model_.get_params(),
+        recipe=compensator.recipe_,
+        provenance=compensator.provenance_,
+        scaling=compensator.scaling_,
+        worst=worst,
+        runs=_run_table(evaluation),
+        pictures=[
+            (trace.run, figures.over_time(trace, run.noise_floor_deg_h), figures.loop(trace))
+            for trace, run in zip(evaluation.traces, evaluation.runs, strict=True)
+        ],
+        allan=figures.allan(evaluation.traces, evaluation.noise_floor_deg_h, evaluation.averaging_s),
+        comparison=figures.comparison(evaluation.comparison, evaluation),
+        search=figures.search(compensator.selection_.table),
+        contributions=[figures.contributions(run) for run in simulated],
+        pivot=_pivot(evaluation.comparison),
+    )
+
+
+def _run_table(evaluation: Evaluation) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "run": [run.run for run in evaluation.runs],
+            "averages": [run.windows for run in evaluation.runs],
+            "before (deg/h)": [f"{run.raw_std_deg_h:.5f}" for run in evaluation.runs],
+            "after (deg/h)": [f"{run.residual_std_deg_h:.5f}" for run in evaluation.runs],
+            "better by": [f"{run.factor:.2f} ({run.factor_low:.2f} – {run.factor_high:.2f})" for run in evaluation.runs],
+            "noise floor (deg/h)": [f"{run.noise_floor_deg_h:.5f}" for run in evaluation.runs],
+            "after / floor": [f"{run.floor_ratio:.3f}" for run in evaluation.runs],
+            "mean left (deg/h)": [f"{run.residual_mean_deg_h:+.5f}" for run in evaluation.runs],
+            "out of range": [f"{100 * run.out_of_range:.1f} %" for run in evaluation.runs],
+        }
+    )
+
+
+def _pivot(table: pd.DataFrame) -> pd.DataFrame:
+    if table.empty:
+        return table
+    wide = table.pivot_table(index="features", columns="model", values="residual_std_deg_h", sort=False)
+    text = wide.map(lambda value: f"{value:.5f}").reset_index()
+    return text.rename_axis(columns=None)

@@ -1,0 +1,220 @@
+"""Units: every constant with its source, every conversion, and the one rule that a column's name ends in its unit.
+
+Inside the package angles are in degrees or arcseconds, rates in degrees per hour, temperatures in degrees Celsius and time in
+seconds; whatever arrives in another unit is converted here, once, on the way in.
+
+Sources
+-------
+EARTH_RATE_DEG_H
+    Conventional rotation rate 7.292115e-5 rad/s, IERS Conventions (2010), Table 1.1.
+SPEED_OF_LIGHT_M_S
+    Exact by the definition of the metre (SI brochure, 9th edition).
+HELIUM_NEON_WAVELENGTH_M
+    Ne 3s2-2p4 line, 632.8 nm (Chow et al., Rev. Mod. Phys. 57, 61, 1985).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.errors import InputError
+
+SECONDS_PER_HOUR: Final = 3600.0
+SECONDS_PER_MINUTE: Final = 60.0
+SECONDS_PER_DAY: Final = 86400.0
+ARCSEC_PER_DEG: Final = 3600.0
+RAD_PER_DEG: Final = math.pi / 180.0
+RAD_PER_ARCSEC: Final = RAD_PER_DEG / ARCSEC_PER_DEG
+SPEED_OF_LIGHT_M_S: Final = 299_792_458.0
+HELIUM_NEON_WAVELENGTH_M: Final = 632.8e-9
+STANDARD_GRAVITY_M_S2: Final = 9.80665
+EARTH_RATE_RAD_S: Final = 7.292115e-5
+EARTH_RATE_DEG_H: Final = EARTH_RATE_RAD_S / RAD_PER_DEG * SECONDS_PER_HOUR
+
+# One line a dimension: unit -> (factor, offset) with value_in_base = factor * value + offset.
+_DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
+    "time [s]": {
+        "s": (1.0, 0.0),
+        "ms": (1e-3, 0.0),
+        "us": (1e-6, 0.0),
+        "min": (60.0, 0.0),
+        "h": (3600.0, 0.0),
+    },
+    "angular rate [deg/h]": {
+        "deg/h": (1.0, 0.0),
+        "deg/s": (SECONDS_PER_HOUR, 0.0),
+        "deg/min": (SECONDS_PER_MINUTE, 0.0),
+        "arcsec/s": (SECONDS_PER_HOUR / ARCSEC_PER_DEG, 0.0),
+        "mdeg/s": (SECONDS_PER_HOUR * 1e-3, 0.0),
+        "rad/s": (SECONDS_PER_HOUR / RAD_PER_DEG, 0.0),
+        "mrad/s": (SECONDS_PER_HOUR / RAD_PER_DEG * 1e-3, 0.0),
+        "urad/s": (SECONDS_PER_HOUR / RAD_PER_DEG * 1e-6, 0.0),
+        "rad/h": (1.0 / RAD_PER_DEG, 0.0),
+    },
+    "angle [deg]": {
+        "deg": (1.0, 0.0),
+        "rad": (1.0 / RAD_PER_DEG, 0.0),
+        "arcmin": (1.0 / 60.0, 0.0),
+        "arcsec": (1.0 / ARCSEC_PER_DEG, 0.0),
+        "rev": (360.0, 0.0),
+    },
+    "temperature [degC]": {
+        "degC": (1.0, 0.0),
+        "K": (1.0, -273.15),
+        "degF": (5.0 / 9.0, -160.0 / 9.0),
+    },
+    "voltage [V]": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0)},
+    "current [mA]": {"mA": (1.0, 0.0), "A": (1e3, 0.0), "uA": (1e-3, 0.0)},
+    "magnetic field [uT]": {
+        "uT": (1.0, 0.0),
+        "nT": (1e-3, 0.0),
+        "mT": (1e3, 0.0),
+        "T": (1e6, 0.0),
+        "G": (100.0, 0.0),
+        "mG": (0.1, 0.0),
+    },
+    "pressure [hPa]": {
+        "hPa": (1.0, 0.0),
+        "mbar": (1.0, 0.0),
+        "Pa": (0.01, 0.0),
+        "kPa": (10.0, 0.0),
+        "bar": (1000.0, 0.0),
+        "mmHg": (1.333223874, 0.0),
+    },
+    "specific force [m/s^2]": {
+        "m/s^2": (1.0, 0.0),
+        "g": (STANDARD_GRAVITY_M_S2, 0.0),
+        "mg": (STANDARD_GRAVITY_M_S2 * 1e-3, 0.0),
+        "ug": (STANDARD_GRAVITY_M_S2 * 1e-6, 0.0),
+    },
+    "velocity increment [m/s]": {"m/s": (1.0, 0.0), "mm/s": (1e-3, 0.0)},
+    "pulses": {"pulses": (1.0, 0.0), "counts": (1.0, 0.0)},
+}
+# Spellings met in the headers of laboratory files.
+_SPELLINGS: Final[dict[str, str]] = {
+    "°/h": "deg/h",
+    "°/hr": "deg/h",
+    "deg/hr": "deg/h",
+    "dph": "deg/h",
+    "°/s": "deg/s",
+    "deg/sec": "deg/s",
+    "dps": "deg/s",
+    "rad/sec": "rad/s",
+    "µrad/s": "urad/s",
+    "″/s": "arcsec/s",
+    "sec": "s",
+    "hr": "h",
+    "µs": "us",
+    "°": "deg",
+    "″": "arcsec",
+    "°C": "degC",
+    "C": "degC",
+    "celsius": "degC",
+    "kelvin": "K",
+    "°F": "degF",
+    "F": "degF",
+    "volt": "V",
+    "µV": "uV",
+    "µA": "uA",
+    "µT": "uT",
+    "gauss": "G",
+    "m/s2": "m/s^2",
+    "m/s²": "m/s^2",
+    "µg": "ug",
+    "pulse": "pulses",
+    "count": "counts",
+}
+# A column's unit is the end of its name; the longest ending wins (`_m_s2` before `_s`).
+_SUFFIXES: Final[dict[str, str]] = {
+    "_deg_h": "deg/h",
+    "_deg_s": "deg/s",
+    "_pulses": "pulses",
+    "_m_s2": "m/s^2",
+    "_m_s": "m/s",
+    "_degC": "degC",
+    "_deg": "deg",
+    "_arcsec": "arcsec",
+    "_mA": "mA",
+    "_uT": "uT",
+    "_hPa": "hPa",
+    "_V": "V",
+    "_s": "s",
+}
+_HEADER_UNIT: Final = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]+)[\])]\s*$")
+
+
+def column_unit(column: str) -> str | None:
+    """Unit that a column's name ends in, or None where it ends in none.
+
+    >>> column_unit("temperature_block_degC"), column_unit("accel_x_m_s2"), column_unit("heater_state")
+    ('degC', 'm/s^2', None)
+    """
+    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
+        if column.endswith(suffix):
+            return _SUFFIXES[suffix]
+    return None
+
+
+def header_unit(header: str) -> tuple[str, str | None]:
+    """Split a laboratory header into name and unit.
+
+    >>> header_unit("Gyro Z [deg/s]")
+    ('Gyro Z', 'deg/s')
+    >>> header_unit("gyro_z")
+    ('gyro_z', None)
+    """
+    match = _HEADER_UNIT.match(header)
+    return (match["name"], match["unit"].strip()) if match else (header, None)
+
+
+def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.float64]:
+    """Convert values between two units of one dimension.
+
+    Parameters
+    ----------
+    values : array_like of float
+    source, target : str
+        Units such as "rad/s" and "deg/h"; common spellings ("°/h", "dps", "°C") are understood.
+
+    Raises
+    ------
+    InputError
+        A unit is unknown, or the two are of different dimensions.
+
+    >>> round(float(convert(7.292115e-5, "rad/s", "deg/h")), 6)
+    15.041067
+    """
+    dimension_from, (factor_from, offset_from) = _find(source)
+    dimension_to, (factor_to, offset_to) = _find(target)
+    if dimension_from != dimension_to:
+        raise InputError(
+            f"cannot convert {source!r} to {target!r}: the first is {dimension_from}, the second {dimension_to}; "
+            "map a column of the right kind, or write its unit after its name, as in gyro_deg_h='Gyro Z [deg/s]'"
+        )
+    array = np.asarray(values, dtype=np.float64)
+    if (factor_from, offset_from) == (factor_to, offset_to):
+        return array
+    return (factor_from * array + offset_from - offset_to) / factor_to
+
+
+def _find(unit: str) -> tuple[str, tuple[float, float]]:
+    name = _SPELLINGS.get(unit.strip(), unit.strip())
+    for dimension, table in _DIMENSIONS.items():
+        if name in table:
+            return dimension, table[name]
+    known = ", ".join(known_unit for table in _DIMENSIONS.values() for known_unit in table)
+    raise InputError(f"unknown unit {unit!r}; known units are: {known}")
+
+
+def arw_rate_sd_deg_h(angle_random_walk_deg_sqrt_h: float, averaging_s: float) -> float:
+    """Standard deviation in deg/h of a white-noise rate averaged over `averaging_s`: 60 N / sqrt(tau).
+
+    >>> round(arw_rate_sd_deg_h(0.00038, 100.0), 5)
+    0.00228
+    """
+    return 60.0 * angle_random_walk_deg_sqrt_h / math.sqrt(averaging_s)
