@@ -27,7 +27,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         The folder does not exist, cannot be written to, or `path` is a folder.
     """
     path = Path(path)
-    _require_parent(path)
+    require_writable(path)
     if path.is_dir():
         raise InputError(f"{path} is a folder; give the name of a file to write")
     handle, scratch_name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
@@ -53,7 +53,7 @@ def whole_folder(path: str | Path, *, ours: str) -> Iterator[Path]:
         The parent does not exist or cannot be written to, or `path` exists and is something else.
     """
     path = Path(path)
-    _require_parent(path)
+    require_writable(path)
     if path.exists() and not (path.is_dir() and ((path / ours).exists() or not any(path.iterdir()))):
         raise InputError(f"{path} exists and holds no {ours}, so it is left untouched; give another name, or remove it first")
     scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
@@ -109,8 +109,15 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _require_parent(path: Path) -> None:
-    parent = path.absolute().parent
+def require_writable(path: str | Path) -> None:
+    """Raise unless a file or folder of this name could be written: said before the work, not after it.
+
+    Raises
+    ------
+    InputError
+        The folder does not exist or cannot be written to.
+    """
+    parent = Path(path).absolute().parent
     if not parent.is_dir():
         raise InputError(f"cannot write {path}: the folder {parent} does not exist; create it first")
     if not os.access(parent, os.W_OK):

@@ -27,6 +27,7 @@ LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing one
 STUCK_SAMPLES: Final = 20
 FROZEN_S: Final = 600.0
 FROZEN_WHILE_OTHERS_MOVE_K: Final = 2.0
+LARGEST_VALUE: Final = 1e15  # in any unit of any column
 QUIETEST_DEG_SQRT_H: Final = 2e-6  # two orders below the quantum limit of the best navigation-grade gyros
 LARGEST_STATIC_RATE_DEG_H: Final = 100.0
 
@@ -81,10 +82,10 @@ def repair(
     context = Context(metadata, vouched)
     for check in CHECKS:
         table = check(table, context)
-        if context.refused and check in _DECISIVE:
+        if len(table) < FEWEST_ROWS and not context.refused:
+            context.add("refused", f"only {len(table)} usable rows are left; the run is too short to average")
+        if context.refused and (check in _DECISIVE or len(table) < FEWEST_ROWS):
             break
-    if not context.refused and len(table) < FEWEST_ROWS:
-        context.add("refused", f"only {len(table)} rows are left after repair; the run is too short to average")
     if context.refused:
         listed = "\n".join(f"  - {finding}" for finding in context.findings)
         raise InputError(f"{name} cannot be used:\n{listed}")
@@ -127,11 +128,13 @@ def _numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         else:
             context.add("noted", "holds text, left out", column)
     result = pd.DataFrame(numeric)
-    infinite = ~np.isfinite(result.to_numpy()) & ~np.isnan(result.to_numpy())
-    if infinite.any():
-        row = int(np.flatnonzero(infinite.any(axis=1))[0])
-        context.add("repaired", f"{int(infinite.sum())} infinite values count as missing", result.columns[infinite[row]][0], row)
-        result = result.mask(infinite)
+    absurd = (result.abs() > LARGEST_VALUE).to_numpy()
+    if absurd.any():
+        row = int(np.flatnonzero(absurd.any(axis=1))[0])
+        context.add(
+            "repaired", f"{int(absurd.sum())} infinite or absurd values count as missing", result.columns[absurd[row]][0], row
+        )
+        result = result.mask(absurd)
     return result
 
 
@@ -297,7 +300,7 @@ def _missing(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if not missing.to_numpy().any():
         return table
     period_s = float(np.median(np.diff(table[TIME].to_numpy())))
-    limit = max(1, int(LONGEST_HOLD_S / period_s))
+    limit = int(np.clip(LONGEST_HOLD_S / period_s, 1, len(table)))
     filled = table.copy()
     for column in table.columns[missing.any()]:
         gone = missing[column].to_numpy()
@@ -361,6 +364,7 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     _numbers,
     _empty_channels,
     _time_order,
+    _empty_channels,  # again, now that rows have gone
     _time_unit,
     _units,
     _stuck_gyros,

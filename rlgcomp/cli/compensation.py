@@ -60,7 +60,9 @@ def train(
     from rlgcomp.compensation.artefact import identity
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.errors import InputError
+    from rlgcomp.files import require_writable
 
+    require_writable(out)
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
@@ -118,9 +120,10 @@ def evaluate(
     """
     from rlgcomp.compensation.artefact import load
     from rlgcomp.evaluation import evaluate as evaluate_runs
-    from rlgcomp.files import whole_folder
+    from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.report.page import write_report
 
+    require_writable(out)
     compensator = load(model)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)
@@ -148,8 +151,10 @@ def compensate(
     Example: `rlgcomp compensate models/unit-17 new.parquet --out corrected.parquet`
     """
     from rlgcomp.compensation.artefact import load
+    from rlgcomp.files import require_writable
     from rlgcomp.formats import write
 
+    require_writable(out)
     compensator = load(model)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
     corrected = compensator.correct(recording)

@@ -26,11 +26,12 @@ def demo(
     """
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.evaluation import evaluate
-    from rlgcomp.files import whole_folder
+    from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.formats import write
     from rlgcomp.report.page import write_report
     from rlgcomp.simulation.fleet import simulated_unit
 
+    require_writable(out)
     unit = simulated_unit(UNIT)
     programmes = (
         {"train-1": "short", "train-2": "short", "held-out": "short"}

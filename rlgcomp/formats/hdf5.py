@@ -14,6 +14,7 @@ from rlgcomp.files import to_json
 
 SUFFIXES: Final = (".h5", ".hdf5")
 _ATTRIBUTE: Final = "rlgcomp.recording"
+_COLUMNS: Final = "columns"  # their order, which HDF5 does not keep
 
 
 def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -33,9 +34,11 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
             for key, value in file.attrs.items():
                 plain = value.decode() if isinstance(value, bytes) else getattr(value, "item", lambda v=value: v)()
                 metadata.update(json.loads(plain) if key == _ATTRIBUTE else {key: plain})
-    except (OSError, ValueError, RuntimeError) as error:
-        raise InputError(f"{path} is not readable as HDF5: {str(error).splitlines()[0]}") from None
-    return commonest_length(columns, path), metadata
+    except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
+        raise InputError(f"{path} is not readable as HDF5: {(str(error).splitlines() or ['damaged'])[0]}") from None
+    order = metadata.pop(_COLUMNS, [])
+    table = commonest_length(columns, path)
+    return table[sorted(table.columns, key=lambda column: order.index(column) if column in order else len(order))], metadata
 
 
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
@@ -43,7 +46,7 @@ def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
     import h5py
 
     with h5py.File(path, "w") as file:
-        file.attrs[_ATTRIBUTE] = to_json(metadata, indent=None)
+        file.attrs[_ATTRIBUTE] = to_json({**metadata, _COLUMNS: list(table.columns)}, indent=None)
         for column in table.columns:
             file.create_dataset(column, data=table[column].to_numpy(dtype=np.float64), compression="gzip", compression_opts=4)
 

@@ -20,14 +20,13 @@ _METADATA: Final = "rlgcomp_metadata"
 def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Table and metadata of a .mat file of any version."""
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
 
     with path.open("rb") as stream:
         if b"MATLAB 7.3" in stream.read(128):
             return hdf5.load(path)
     try:
         content = loadmat(path, simplify_cells=True)
-    except (MatReadError, ValueError, TypeError, OSError, NotImplementedError, IndexError, KeyError) as error:
+    except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is not readable as a MATLAB file: {(str(error).splitlines() or ['damaged'])[0]}") from None
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     structs = [value for value in variables.values() if isinstance(value, dict)]

@@ -1,0 +1,36 @@
+"""Shared fixtures: simulated runs made once, and the recordings kept outside the project, where they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rlgcomp as rlg
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def unit() -> rlg.Simulator:
+    return rlg.simulated_unit(1)
+
+
+@pytest.fixture(scope="session")
+def short_runs(unit: rlg.Simulator) -> list[rlg.Recording]:
+    """Three short chamber runs of one gyro, sampled every 5 s."""
+    return [unit.simulate("short", seed=seed, step_s=5.0, name=f"short-{seed}") for seed in (1, 2, 3)]
+
+
+@pytest.fixture(scope="session")
+def trained(short_runs: list[rlg.Recording]) -> rlg.Compensator:
+    return rlg.Compensator(rlg.LSSVMRegressor()).fit(short_runs[:2])
+
+
+@pytest.fixture
+def shared() -> Path:
+    """Folder of recordings beside the project; tests that need it are skipped where it is absent."""
+    folder = ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("no shared recordings beside the project (../shared/data)")
+    return folder

@@ -1,0 +1,97 @@
+"""The shape of the package: what imports what, that every file is where it is announced, and what importing costs."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rlgcomp
+from rlgcomp.compensation import MODELS
+from rlgcomp.formats import FORMATS
+from rlgcomp.physics import CATALOGUE
+
+PACKAGE = Path(rlgcomp.__file__).parent
+# Bottom to top; a module imports only from rows before its own, or from its own package.
+ROWS = [
+    ["errors"],
+    ["units", "files"],
+    ["recording"],
+    ["repair"],
+    ["formats"],
+    ["filters", "hysteresis"],
+    ["noise", "allan"],
+    ["inspection"],
+    ["physics"],
+    ["simulation"],
+    ["features"],
+    ["compensation"],
+    ["evaluation"],
+    ["report"],
+    ["cli"],
+]
+MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))
+
+
+def _row(name: str) -> int:
+    return next(k for k, row in enumerate(ROWS) if name.split(".")[1] in row)
+
+
+def _imported(module: str) -> set[str]:
+    spec = importlib.util.find_spec(module)
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("rlgcomp."):
+            found.add(node.module)
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name.startswith("rlgcomp.")}
+    return found
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_imports_only_from_below(module: str) -> None:
+    above = {other for other in _imported(module) if _row(other) >= _row(module) and other.split(".")[1] != module.split(".")[1]}
+    assert not above
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_module_says_what_it_is(module: str) -> None:
+    assert (importlib.import_module(module).__doc__ or "").strip()
+
+
+def _names_in(folder: str) -> set[str]:
+    return {module.name for module in pkgutil.iter_modules([str(PACKAGE / folder)])}
+
+
+def test_every_mechanism_file_is_in_the_catalogue() -> None:
+    assert _names_in("physics") - {"mechanism"} == set(CATALOGUE)
+
+
+def test_every_format_file_is_in_the_list() -> None:
+    assert _names_in("formats") - {"mapping"} == {form.__name__.rsplit(".", 1)[1] for form in FORMATS}
+
+
+def test_every_model_file_is_in_the_list() -> None:
+    used = {form.estimator.__module__.rsplit(".", 1)[1] for form in MODELS.values()}
+    assert _names_in("compensation") - {"artefact", "card", "compensator", "form", "kernels", "parameters", "selection"} == used
+
+
+def test_public_names_exist_and_are_documented() -> None:
+    for name in set(rlgcomp.__all__) - {"CATALOGUE"}:
+        assert (getattr(rlgcomp, name).__doc__ or "").strip(), name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = rlgcomp.nothing
+
+
+@pytest.mark.parametrize("code", ["import rlgcomp", "import rlgcomp.cli.base"])
+def test_import_brings_no_heavy_library(code: str) -> None:
+    heavy = ["numpy", "pandas", "scipy", "sklearn", "torch", "matplotlib", "pyarrow"]
+    check = f"{code}; import sys; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,79 @@
+"""Filters: against closed forms and SciPy's integrator, whole and in pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from rlgcomp.filters import lag, low_pass, rate_per_min
+
+
+def test_lag_solves_its_equation() -> None:
+    """tau y' = x - y for a broken line, against an adaptive integrator of order 8."""
+    time_s = np.array([0.0, 10.0, 20.0, 25.0, 60.0, 61.0, 100.0])
+    values = np.array([1.0, 3.0, 2.0, 2.0, -4.0, 0.0, 1.0])
+    exact = solve_ivp(
+        lambda t, y: (np.interp(t, time_s, values) - y) / 17.0,
+        (0.0, 100.0),
+        [1.0],
+        method="DOP853",
+        t_eval=time_s,
+        rtol=1e-11,
+        atol=1e-12,
+        max_step=0.5,
+    )
+    assert lag(values, time_s, 17.0) == pytest.approx(exact.y[0], abs=1e-8)
+
+
+def test_lag_of_uniform_and_uneven_time_agree() -> None:
+    values = np.random.default_rng(0).standard_normal(500).cumsum()
+    time_s = 2.0 * np.arange(500)
+    uneven = time_s.copy()
+    uneven[-1] += 1e-4  # takes the other path through the code
+    assert lag(values, time_s, 30.0)[:-1] == pytest.approx(lag(values, uneven, 30.0)[:-1], abs=1e-12)
+
+
+def test_lag_of_a_ramp() -> None:
+    """After many time constants the output is behind by rate times tau."""
+    time_s = np.arange(2000.0)
+    behind = 0.01 * time_s - lag(0.01 * time_s, time_s, 100.0)
+    assert behind[-1] == pytest.approx(0.01 * 100.0, rel=1e-6)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=60), st.floats(0.0, 1e4), st.integers(0, 59))
+def test_low_pass_in_pieces_gives_the_same_bits(values: list[float], time_constant_s: float, cut: int) -> None:
+    x, steps = np.array(values), np.full(len(values), 0.7)
+    steps[0] = 0.0
+    whole, last = low_pass(x[0], x, steps, time_constant_s)
+    first, state = low_pass(x[0], x[:cut], steps[:cut], time_constant_s)
+    second, end = low_pass(state, x[cut:], steps[cut:], time_constant_s)
+    assert np.array_equal(whole, np.r_[first, second])
+    assert last == end
+
+
+def test_low_pass_approaches_its_equation() -> None:
+    time_s = np.arange(0.0, 500.0, 0.1)
+    values = np.sin(time_s / 40.0)
+    filtered, _ = low_pass(0.0, values, np.diff(time_s, prepend=0.0), 50.0)
+    assert filtered == pytest.approx(lag(values, time_s, 50.0), abs=3e-3)
+
+
+def test_low_pass_without_time_constant_passes_through() -> None:
+    values = np.array([1.0, 5.0, -2.0])
+    assert np.array_equal(low_pass(1.0, values, np.array([0.0, 1.0, 1.0]), 0.0)[0], values)
+
+
+def test_rate_of_a_straight_line_is_exact_even_at_the_ends_and_over_gaps() -> None:
+    time_s = np.r_[np.arange(300.0), 400.0 + np.arange(300.0)]
+    assert rate_per_min(3.0 + 0.02 * time_s, time_s) == pytest.approx(np.full(600, 1.2), rel=1e-9)
+
+
+def test_rate_has_the_noise_of_a_fitted_slope() -> None:
+    """Slope over m samples of step h: sd = sigma sqrt(12 / m (m² - 1)) / h."""
+    noise = np.random.default_rng(1).standard_normal(200_000)
+    slope = rate_per_min(noise, np.arange(200_000.0), 120.0)[200:-200]
+    m = 121
+    assert slope.std() == pytest.approx(60.0 * np.sqrt(12.0 / (m * (m**2 - 1))), rel=0.03)

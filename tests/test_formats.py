@@ -1,0 +1,199 @@
+"""File formats: what is written comes back, and what is damaged is refused with one clear message."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+import rlgcomp as rlg
+from rlgcomp.formats import FORMATS
+
+SUFFIXES = [suffix for form in FORMATS for suffix in form.SUFFIXES]
+
+
+@pytest.fixture
+def recording() -> rlg.Recording:
+    rng = np.random.default_rng(3)
+    table = pd.DataFrame(
+        {
+            "time_s": 0.1 * np.arange(500),
+            "gyro_x_pulses": rng.integers(-5, 6, 500).astype(float),
+            "temperature_block_degC": 20 + rng.standard_normal(500) / 3,
+        }
+    )
+    truth = pd.DataFrame({"angle_random_walk": rng.standard_normal(500) / 7})
+    metadata = rlg.Metadata("static", "S/N 12", 39.98, 0.8428, 2.0, {"chamber": "B", "runs": 3})
+    return rlg.Recording(table, metadata, name="run", truth=truth)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_recording_comes_back(recording: rlg.Recording, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    rlg.write(recording, path)
+    again = rlg.read(path)
+    pd.testing.assert_frame_equal(again.table, recording.table, check_exact=True)
+    pd.testing.assert_frame_equal(again.truth, recording.truth, check_exact=True)
+    assert again.metadata == recording.metadata
+    assert again.name == "run"
+    assert {item.name for item in tmp_path.iterdir()} <= {f"run{suffix}", "run.yaml"}
+
+
+def test_truth_is_no_driver(recording: rlg.Recording, tmp_path: Path) -> None:
+    rlg.write(recording, tmp_path / "run.parquet")
+    assert "truth_angle_random_walk_deg_h" in pd.read_parquet(tmp_path / "run.parquet")
+    assert "truth_angle_random_walk_deg_h" not in rlg.read(tmp_path / "run.parquet")
+
+
+def test_columns_are_mapped_and_converted(tmp_path: Path) -> None:
+    pd.DataFrame(
+        {"t [ms]": [0, 10, 20, 30], "Gyro Z [deg/s]": [1.0, 2.0, 1.5, 1.0], "temp": [293.15, 293.25, 293.35, 293.15]}
+    ).to_csv(tmp_path / "lab.csv", index=False)
+    columns = {"time_s": "t [ms]", "gyro_deg_h": "Gyro Z [deg/s]", "temperature_block_degC": "temp [K]"}
+    recording = rlg.read(tmp_path / "lab.csv", columns=columns)
+    assert recording.time_s == pytest.approx([0, 0.01, 0.02, 0.03])
+    assert recording.rate_deg_h() == pytest.approx([3600, 7200, 5400, 3600])
+    assert recording.column("temperature_block_degC") == pytest.approx([20.0, 20.1, 20.2, 20.0])
+    assert recording.columns == ("time_s", "gyro_deg_h", "temperature_block_degC")
+
+
+def test_the_mapping_may_stand_beside_the_file(tmp_path: Path) -> None:
+    pd.DataFrame({"t": [0, 1, 2, 3], "w": [1.0, 2.0, 1.5, 1.0]}).to_csv(tmp_path / "lab.csv", index=False)
+    (tmp_path / "lab.yaml").write_text(yaml.safe_dump({"unit": "B2", "columns": {"time_s": "t", "gyro_deg_h": "w [rad/h]"}}))
+    recording = rlg.read(tmp_path / "lab.csv")
+    assert recording.metadata.unit == "B2"
+    assert recording.rate_deg_h()[0] == pytest.approx(57.29578)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"gyro_deg_h": "nowhere"}, "no column 'nowhere'"),
+        ({"gyro_deg_h": "w [degC]"}, "cannot convert"),
+        ({"gyro_deg_h": "w [xyz]"}, "unknown unit"),
+        ({"time_s": "t", "w": "t"}, "which the file has already"),
+    ],
+)
+def test_a_wrong_mapping_is_refused(tmp_path: Path, columns: dict[str, str], message: str) -> None:
+    pd.DataFrame({"t": [0, 1, 2, 3], "w": [1.0, 2.0, 1.5, 1.0]}).to_csv(tmp_path / "lab.csv", index=False)
+    with pytest.raises(rlg.InputError, match=message):
+        rlg.read(tmp_path / "lab.csv", columns=columns)
+
+
+def test_separators_comments_and_blanks(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("# made by hand\ntime_s; gyro_deg_h\n0; 1.5\n1; 2.5\n2; 2.0\n3; 1.0\n")
+    (tmp_path / "b.txt").write_text("time_s\tgyro_deg_h\n0\t1.5\n1\t2.5\n2\t2.0\n3\t1.0\n")
+    with gzip.open(tmp_path / "c.csv.gz", "wt") as stream:
+        stream.write("time_s,gyro_deg_h\n0,1.5\n1,2.5\n2,2.0\n3,1.0\n")
+    for name in ("a.csv", "b.txt", "c.csv.gz"):
+        assert rlg.read(tmp_path / name).rate_deg_h() == pytest.approx([1.5, 2.5, 2.0, 1.0])
+
+
+def test_matlab_structs_and_new_files(tmp_path: Path) -> None:
+    columns = {"time_s": np.arange(10.0), "gyro_deg_h": np.sin(np.arange(10.0))}
+    savemat(tmp_path / "struct.mat", {"run": columns, "pulse_arcsec": 0.5})
+    assert rlg.read(tmp_path / "struct.mat").metadata.pulse_arcsec == 0.5
+    with h5py.File(tmp_path / "new.mat", "w", userblock_size=512) as file:
+        for name, values in columns.items():
+            file[name] = values[None, :]
+    with (tmp_path / "new.mat").open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file".ljust(128))
+    assert rlg.read(tmp_path / "new.mat").rate_deg_h() == pytest.approx(columns["gyro_deg_h"])
+
+
+def test_hdf5_of_others(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file.attrs["latitude_deg"] = 48.0
+        file["run/time_s"] = np.arange(10.0)
+        file["run/gyro_deg_h"] = np.sin(np.arange(10.0))
+        file["run/settings"] = np.arange(3.0)
+    recording = rlg.read(tmp_path / "other.h5")
+    assert (recording.columns, recording.metadata.latitude_deg) == (("gyro_deg_h", "time_s"), 48.0)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"time_s,gyro_deg_h\n", "."),
+        (b"\x00\xff\xfe\x01garbage\x80" * 50, "."),
+        (b"PAR1 and nothing more", "."),
+        (b"\x89HDF\r\n\x1a\n cut short", "."),
+        (b"MATLAB 5.0 MAT-file, cut short".ljust(128, b" "), "."),
+        (b"MATLAB 7.3 MAT-file, cut short".ljust(128, b" "), "."),
+        (b"\x1f\x8b\x08 cut short", "."),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path: Path, suffix: str, content: bytes, message: str) -> None:
+    path = tmp_path / f"bad{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(rlg.InputError, match=message):
+        rlg.read(path)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(min_size=1, max_size=400), suffix=st.sampled_from(SUFFIXES), keep=st.integers(0, 60))
+def test_no_bytes_make_a_traceback(tmp_path: Path, recording: rlg.Recording, content: bytes, suffix: str, keep: int) -> None:
+    good, path = tmp_path / f"good{suffix}", tmp_path / f"bad{suffix}"
+    if not good.exists():
+        rlg.write(recording, good)
+    path.write_bytes(good.read_bytes()[: 20 * keep] + content)
+    (tmp_path / "bad.yaml").unlink(missing_ok=True)
+    with contextlib.suppress(rlg.InputError):
+        assert len(rlg.read(path)) >= 3
+
+
+def test_a_text_file_named_parquet(tmp_path: Path) -> None:
+    (tmp_path / "run.parquet").write_text("time_s,gyro_deg_h\n0,1\n")
+    with pytest.raises(rlg.InputError, match=r"is no Parquet file: it begins with b'time'.*name it \.csv"):
+        rlg.read(tmp_path / "run.parquet")
+
+
+@pytest.mark.parametrize(("name", "message"), [("run.xyz", "no known format"), ("absent.csv", "does not exist")])
+def test_wrong_names(tmp_path: Path, name: str, message: str) -> None:
+    with pytest.raises(rlg.InputError, match=message):
+        rlg.read(tmp_path / name)
+
+
+def test_a_wrong_sidecar_is_refused(recording: rlg.Recording, tmp_path: Path) -> None:
+    rlg.write(recording, tmp_path / "run.csv")
+    for text in ("kind: oven", "- a list", "pulse_arcsec: [1", "pulse_arcsec: many"):
+        (tmp_path / "run.yaml").write_text(text)
+        with pytest.raises(rlg.InputError):
+            rlg.read(tmp_path / "run.csv")
+
+
+def test_writing_is_whole_or_not_at_all(recording: rlg.Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.parquet"
+    path.write_text("older")
+    monkeypatch.setattr("pyarrow.parquet.write_table", lambda *args, **kwargs: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        rlg.write(recording, path)
+    assert [item.name for item in tmp_path.iterdir()] == ["run.parquet"]
+    assert path.read_text() == "older"
+
+
+def test_a_long_name_is_too_much_for_matlab(recording: rlg.Recording, tmp_path: Path) -> None:
+    long = recording.replace(table=recording.table.assign(**{"x" * 64: 1.0}))
+    with pytest.raises(rlg.InputError, match="63 characters"):
+        rlg.write(long, tmp_path / "run.mat")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_metadata_of_parquet_is_plain_json(recording: rlg.Recording, tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    rlg.write(recording, tmp_path / "run.parquet")
+    stored = json.loads(parquet.read_schema(tmp_path / "run.parquet").metadata[b"rlgcomp.recording"])
+    assert stored["pulse_arcsec"] == 0.8428

@@ -1,0 +1,185 @@
+"""One contract for every mechanism of the catalogue."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.noise import stream
+from rlgcomp.physics.mechanism import Mechanism
+
+CHAMBER = {
+    "thermal_polynomial",
+    "temperature_rate",
+    "rate_asymmetry",
+    "thermal_lag",
+    "thermal_gradient",
+    "thermal_hysteresis",
+    "mode_hop",
+    "warm_up",
+    "ageing",
+    "light_intensity",
+    "readout_incoherence",
+    "discharge_imbalance",
+    "supply_voltage",
+    "magnetic_field",
+    "ambient_pressure",
+    "periodic_interference",
+    "random_telegraph",
+}
+ALL = list(rlg.CATALOGUE.values())
+LINEAR = [mechanism for mechanism in ALL if mechanism().amplitude_parameters()]
+each = pytest.mark.parametrize("mechanism", ALL, ids=lambda mechanism: mechanism.name)
+each_linear = pytest.mark.parametrize("mechanism", LINEAR, ids=lambda mechanism: mechanism.name)
+
+
+@pytest.fixture(scope="module")
+def run() -> rlg.Recording:
+    return rlg.Simulator().simulate("minor-loops", seed=3, step_s=10.0)
+
+
+def amplitudes(mechanism: Mechanism) -> dict[str, float]:
+    return {parameter.name: getattr(mechanism, parameter.name) for parameter in mechanism.amplitude_parameters()}
+
+
+def contribution(mechanism: Mechanism, run: rlg.Recording, seed: int = 0) -> np.ndarray:
+    return mechanism.contribution(run, stream(seed, mechanism.name))
+
+
+def test_the_chamber_mechanisms_of_the_contract_are_all_there() -> None:
+    assert set(rlg.CATALOGUE) >= CHAMBER
+
+
+@each
+def test_it_says_what_it_is(mechanism: type[Mechanism]) -> None:
+    assert mechanism.name in mechanism.__module__
+    assert "=" in mechanism.equation
+    assert len(mechanism.reference) > 30
+    assert ".. math::" in (mechanism.__doc__ or "")
+    for parameter in mechanism.parameters():
+        assert parameter.role in ("amplitude", "shape", "setting")
+        assert parameter.low < parameter.high
+        assert parameter.unit or parameter.role == "setting"
+        if not parameter.choices:
+            assert parameter.low <= parameter.typical <= parameter.high
+
+
+@each
+def test_its_contribution_has_a_row_a_sample_and_is_finite(mechanism: type[Mechanism], run: rlg.Recording) -> None:
+    values = contribution(mechanism(), run)
+    assert values.shape == (len(run),)
+    assert np.isfinite(values).all()
+    assert np.ptp(values) > 0.0
+    assert np.std(values) < 0.1  # deg/h, at the usual size
+
+
+@each
+def test_the_same_seed_gives_the_same(mechanism: type[Mechanism], run: rlg.Recording) -> None:
+    assert np.array_equal(contribution(mechanism(), run, 5), contribution(mechanism(), run, 5))
+
+
+@each_linear
+def test_it_is_linear_in_its_amplitudes(mechanism: type[Mechanism], run: rlg.Recording) -> None:
+    usual = mechanism()
+    names = amplitudes(usual)
+    nothing = dataclasses.replace(usual, **dict.fromkeys(names, 0.0))
+    assert not contribution(nothing, run).any()
+    double = dataclasses.replace(usual, **{name: 2.0 * value for name, value in names.items()})
+    assert contribution(double, run) == pytest.approx(2.0 * contribution(usual, run), rel=1e-12, abs=1e-15)
+    assert usual.basis(run).shape == (len(run), len(names))
+
+
+@each_linear
+def test_its_basis_is_what_it_adds(mechanism: type[Mechanism], run: rlg.Recording) -> None:
+    """Least squares on its own basis gives its own amplitudes back."""
+    chosen = dataclasses.replace(
+        mechanism(), **{parameter.name: 0.5 * parameter.high for parameter in mechanism().amplitude_parameters()}
+    )
+    basis = chosen.basis(run)
+    scale = np.abs(basis).max(axis=0)
+    found = np.linalg.lstsq(basis / scale, contribution(chosen, run), rcond=None)[0] / scale
+    assert found == pytest.approx(np.array(list(amplitudes(chosen).values())), rel=1e-6)
+
+
+@each
+def test_only_monitors_are_read(mechanism: type[Mechanism], run: rlg.Recording) -> None:
+    other = run.replace(table=run.table.assign(gyro_deg_h=1e6))
+    assert np.array_equal(contribution(mechanism(), run), contribution(mechanism(), other))
+
+
+@each
+def test_a_missing_monitor_is_named(mechanism: type[Mechanism], run: rlg.Recording) -> None:
+    bare = run.replace(table=run.table[["time_s", "gyro_deg_h"]], truth=None)
+    if mechanism.drivers:
+        with pytest.raises(rlg.InputError, match="--map"):
+            mechanism().basis(bare)
+    else:
+        assert len(mechanism().basis(bare)) == len(bare)
+
+
+@each
+def test_its_mapping_and_back(mechanism: type[Mechanism]) -> None:
+    assert mechanism.from_mapping(mechanism().to_mapping()) == mechanism()
+    with pytest.raises(rlg.InputError, match=f"{mechanism.name}: unknown 'nonsense'"):
+        mechanism.from_mapping({"nonsense": 1.0})
+
+
+@each
+def test_values_out_of_bounds_are_refused(mechanism: type[Mechanism]) -> None:
+    for parameter in mechanism.parameters():
+        wrong = ["nowhere"] if parameter.choices else [float("nan"), "much", None, True]
+        if np.isfinite(parameter.high) and not parameter.choices:
+            wrong.append(parameter.high * 1.01 + 1.0)
+        for value in wrong:
+            with pytest.raises(rlg.InputError, match=parameter.name):
+                mechanism(**{parameter.name: value})
+
+
+def test_rate_and_asymmetry_make_two_coefficients(run: rlg.Recording) -> None:
+    rate = rlg.CATALOGUE["temperature_rate"](k_deg_h_min_K=0.004)
+    asymmetry = rlg.CATALOGUE["rate_asymmetry"](k_deg_h_min_K=0.001)
+    slope = rate.basis(run)[:, 0]
+    together = contribution(rate, run) + contribution(asymmetry, run)
+    assert together == pytest.approx(np.where(slope > 0, 0.005, 0.003) * slope, abs=1e-12)
+
+
+def test_mode_hop_comes_back_later_on_the_way_down() -> None:
+    time_s = np.arange(400.0)
+    temperature = np.r_[np.linspace(20, 40, 200), np.linspace(40, 20, 200)]
+    table = {"time_s": time_s, "gyro_deg_h": 0.0 * time_s, "temperature_block_degC": temperature}
+    step = rlg.CATALOGUE["mode_hop"](threshold_degC=30.0, dead_band_K=4.0).basis(rlg.Recording(pd.DataFrame(table)))[:, 0]
+    edges = np.flatnonzero(np.diff(step))
+    assert temperature[edges + 1] == pytest.approx([30.0, 26.0], abs=0.2)
+
+
+def test_telegraph_has_its_covariance() -> None:
+    telegraph = rlg.CATALOGUE["random_telegraph"](half_step_deg_h=0.004, dwell_s=500.0)
+    run = rlg.Simulator(noise=rlg.NoiseModel()).simulate("start 20, hold 3000", step_s=10.0)
+    series = np.array([contribution(telegraph, run, seed) for seed in range(60)])
+    for lag_steps in (0, 10, 50):
+        products = (series[:, : series.shape[1] - lag_steps] * series[:, lag_steps:]).mean(axis=1)
+        expected = telegraph.covariance(np.array([10.0 * lag_steps]))[0]
+        assert products.mean() == pytest.approx(expected, abs=4 * products.std(ddof=1) / np.sqrt(60) + 1e-12)
+    assert set(np.unique(np.abs(series))) == {0.004}
+
+
+@pytest.mark.parametrize("law", ["play", "preisach", "bouc_wen"])
+def test_hysteresis_opens_a_loop_whatever_the_speed(law: str) -> None:
+    """The loop at mid span is equally wide at 1 and at 0.1 degC/min."""
+    widths = []
+    for rate in (1.0, 0.1):
+        programme = f"start 20, ramp 50 {rate}, hold 300, ramp -10 {rate}, hold 300, ramp 50 {rate}, hold 300"
+        run = rlg.Simulator().simulate(programme, step_s=30.0)
+        temperature = run.column("temperature_block_degC")
+        bias = contribution(rlg.CATALOGUE["thermal_hysteresis"](law=law), run)
+        cold = int(np.argmin(temperature))
+        hot = int(np.argmax(temperature[:cold]))
+        down = np.interp(20.0, temperature[hot:cold][::-1], bias[hot:cold][::-1])
+        up = np.interp(20.0, temperature[cold:], bias[cold:])
+        widths.append(down - up)
+    assert abs(widths[0]) > 1e-4
+    assert widths[0] == pytest.approx(widths[1], rel=0.05)

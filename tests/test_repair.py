@@ -1,0 +1,223 @@
+"""What goes wrong in laboratory files: each fault repaired and reported, or refused in one list."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rlgcomp as rlg
+from rlgcomp.repair import repair
+
+N = 0.0003 * 60.0  # deg/h of one sample at 1 Hz
+
+
+def table(rows: int = 2000) -> pd.DataFrame:
+    rng = np.random.default_rng(1)
+    time_s = np.arange(float(rows))
+    temperature = 20.0 + 30.0 * np.sin(2 * np.pi * time_s / rows)
+    return pd.DataFrame(
+        {
+            "time_s": time_s,
+            "gyro_deg_h": 0.01 + N * rng.standard_normal(rows),
+            "temperature_block_degC": temperature + 0.003 * rng.standard_normal(rows),
+            "temperature_shell_degC": temperature + 1.0 + 0.003 * rng.standard_normal(rows),
+        }
+    )
+
+
+def mend(frame: pd.DataFrame, **metadata: object) -> tuple[pd.DataFrame, str]:
+    mended, findings = repair(frame, rlg.Metadata(**metadata), name="file")
+    rlg.Recording(mended)  # what comes out is always valid
+    return mended, "\n".join(map(str, findings))
+
+
+def refusal(frame: pd.DataFrame, **metadata: object) -> str:
+    with pytest.raises(rlg.InputError) as caught:
+        repair(frame, rlg.Metadata(**metadata), name="file")
+    return str(caught.value)
+
+
+def test_a_sound_file_is_left_alone() -> None:
+    mended, report = mend(table())
+    pd.testing.assert_frame_equal(mended, table())
+    assert report == ""
+
+
+def test_a_gap_is_noted_with_its_place() -> None:
+    _, report = mend(table().drop(index=range(500, 700)))
+    assert "noted: time_s, row 499: 1 gaps, the longest 201 s" in report
+
+
+def test_missing_gyro_rows_are_left_out() -> None:
+    frame = table()
+    frame.loc[10:14, "gyro_deg_h"] = np.nan
+    mended, report = mend(frame)
+    assert len(mended) == 1995
+    assert "repaired: gyro_deg_h, row 10: 5 values missing, rows left out" in report
+
+
+def test_a_monitors_last_value_is_held_for_a_minute() -> None:
+    frame = table()
+    frame.loc[100:139, "temperature_shell_degC"] = np.nan
+    frame.loc[500:619, "temperature_shell_degC"] = np.nan
+    mended, report = mend(frame)
+    assert "160 values missing: 100 held at the last value, rows of 60 left out" in report
+    assert mended.loc[120, "temperature_shell_degC"] == frame.loc[99, "temperature_shell_degC"]
+    assert len(mended) == 1940
+
+
+def test_an_empty_channel_is_refused_with_the_way_out() -> None:
+    assert "--drop temperature_shell_degC" in refusal(table().assign(temperature_shell_degC=np.nan))
+    assert "gyro_deg_h: every value is missing" in refusal(table().assign(gyro_deg_h=np.nan))
+
+
+def test_repeated_time_stamps_are_left_out() -> None:
+    frame = pd.concat([table().iloc[:100], table().iloc[[99]], table().iloc[100:]])
+    mended, report = mend(frame)
+    pd.testing.assert_frame_equal(mended, table())
+    assert "1 repeated time stamps" in report
+
+
+def test_a_time_with_too_few_digits_is_refused() -> None:
+    assert "too few digits" in refusal(table().assign(time_s=np.floor(np.arange(2000) / 10)))
+
+
+def test_a_glitch_of_the_clock_costs_one_row() -> None:
+    for glitch in (-50.0, 1e9, 3.0):
+        frame = table()
+        frame.loc[100, "time_s"] = glitch
+        mended, report = mend(frame)
+        assert len(mended) == 1999
+        assert "1 backward time stamps" in report
+
+
+def test_time_that_runs_backwards_is_refused() -> None:
+    assert "time runs backwards" in refusal(table().iloc[::-1].reset_index(drop=True))
+    restarted = pd.concat([table().iloc[:1000], table().iloc[:1000]], ignore_index=True)
+    message = refusal(restarted)
+    assert "row 1000" in message
+    assert "split the file in two" in message
+
+
+def test_dates_become_seconds() -> None:
+    frame = table()
+    frame["time_s"] = (pd.Timestamp("2026-03-01T12:00:00Z") + pd.to_timedelta(frame["time_s"], unit="s")).map(
+        lambda t: t.isoformat()
+    )
+    mended, report = mend(frame)
+    assert mended["time_s"].to_numpy() == pytest.approx(np.arange(2000.0))
+    assert "counted in seconds from 2026-03-01T12:00:00" in report
+
+
+def test_milliseconds_since_1970_are_recognised() -> None:
+    assert "that looks like ms since 1970" in refusal(table().assign(time_s=1.7e12 + 1000 * np.arange(2000.0)))
+
+
+def test_kelvin_that_claims_celsius_is_refused() -> None:
+    frame = table()
+    frame["temperature_block_degC"] += 273.15
+    assert "looks like kelvin" in refusal(frame)
+
+
+@pytest.mark.parametrize("factor", [3600.0, 3600.0 * 180.0 / np.pi])
+def test_a_gyro_in_another_unit_is_refused(factor: float) -> None:
+    message = refusal(table().assign(gyro_deg_h=lambda frame: frame["gyro_deg_h"] / factor))
+    assert "less than any gyro's" in message
+    assert "--map gyro_deg_h='gyro_deg_h [rad/s]'" in message
+
+
+def test_a_stated_unit_is_not_doubted() -> None:
+    quiet = table().assign(gyro_deg_h=lambda frame: frame["gyro_deg_h"] / 3600.0)
+    _, findings = repair(quiet, rlg.Metadata(), name="file", vouched=frozenset({"gyro_deg_h"}))
+    assert findings == ()
+
+
+def test_a_noise_free_curve_is_not_taken_for_a_wrong_unit() -> None:
+    frame = table()
+    frame["gyro_deg_h"] = 1e-4 * np.sin(frame["time_s"] / 300.0)
+    assert mend(frame)[1] == ""
+
+
+def test_a_gyro_that_disagrees_with_its_table_is_refused() -> None:
+    frame = table().assign(table_rate_deg_s=lambda frame: 10.0 * np.sign(np.sin(frame["time_s"] / 100.0)))
+    rate_rad_s = np.deg2rad(frame["table_rate_deg_s"])
+    message = refusal(frame.assign(gyro_deg_h=rate_rad_s + 1e-3 * np.random.default_rng(0).standard_normal(2000)), kind="turntable")
+    assert "as if in rad/s" in message
+    right = frame.assign(gyro_deg_h=3600.0 * frame["table_rate_deg_s"] + frame["gyro_deg_h"])
+    assert mend(right, kind="turntable")[1] == ""
+
+
+def test_stuck_and_saturated_gyros_lose_those_rows() -> None:
+    stuck = table()
+    stuck.loc[300:399, "gyro_deg_h"] = 0.0123
+    mended, report = mend(stuck)
+    assert len(mended) == 1900
+    assert "stuck at 0.0123 for 100 samples" in report
+    saturated = table()
+    saturated.loc[300:399, "gyro_deg_h"] = 5.0
+    assert "saturated at 5" in mend(saturated)[1]
+
+
+def test_coarse_pulses_are_not_taken_for_stuck() -> None:
+    rng = np.random.default_rng(2)
+    angle = np.cumsum(0.02 + 0.05 * rng.standard_normal(20000))
+    pulses = np.diff(np.floor(angle), prepend=0.0)
+    frame = pd.DataFrame({"time_s": np.arange(20000.0), "gyro_pulses": pulses})
+    assert len(mend(frame)[0]) == 20000
+
+
+def test_a_dead_gyro_is_refused() -> None:
+    assert "the channel is dead" in refusal(table().assign(gyro_deg_h=0.0))
+
+
+def test_a_frozen_thermometer_is_found_by_the_other() -> None:
+    frame = table()
+    frame.loc[0:899, "temperature_shell_degC"] = 20.0
+    mended, report = mend(frame)
+    assert "frozen for 899 s while another thermometer moved" in report
+    assert len(mended) == 1100
+
+
+def test_encoder_wrap_is_undone() -> None:
+    angle = 3.0 * np.arange(2000.0)
+    mended, report = mend(table().assign(table_angle_deg=angle % 360.0), kind="turntable")
+    assert mended["table_angle_deg"].to_numpy() == pytest.approx(angle)
+    assert "16 wraps of the encoder undone" in report
+
+
+def test_text_in_a_number_column() -> None:
+    frame = table().astype({"gyro_deg_h": object})
+    frame.loc[7, "gyro_deg_h"] = "ERR"
+    assert "1 entries are no numbers, the first 'ERR'" in mend(frame)[1]
+    assert "no numbers" in refusal(table().assign(gyro_deg_h="n/a"))
+    assert "operator: holds text, left out" in mend(table().assign(operator="K"))[1]
+
+
+def test_everything_wrong_is_in_one_list() -> None:
+    frame = table().assign(temperature_block_degC=300.0 + np.arange(2000.0) % 7)
+    frame["gyro_deg_h"] /= 3600.0
+    message = refusal(frame)
+    assert "kelvin" in message
+    assert "less than any gyro's" in message
+
+
+def test_a_mean_above_earth_rate_is_noted() -> None:
+    assert "more than Earth rate" in mend(table().assign(gyro_deg_h=lambda frame: frame["gyro_deg_h"] + 400.0))[1]
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
+cells = st.one_of(numbers, st.none(), st.text(max_size=3), st.integers(-(10**6), 10**6))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(cells, cells, cells), min_size=0, max_size=40))
+def test_any_table_is_mended_or_refused(rows: list[tuple[object, object, object]]) -> None:
+    frame = pd.DataFrame(rows, columns=["time_s", "gyro_deg_h", "temperature_block_degC"])
+    with contextlib.suppress(rlg.InputError):
+        mended, findings = repair(frame, rlg.Metadata(), name="file")
+        rlg.Recording(mended, findings=findings)

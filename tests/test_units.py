@@ -1,0 +1,74 @@
+"""Units: constants, conversions and the names of columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rlgcomp as rlg
+from rlgcomp import units
+
+RATES = ["deg/h", "deg/s", "rad/s", "arcsec/s", "urad/s", "deg/min"]
+
+
+def test_earth_rate() -> None:
+    assert units.EARTH_RATE_DEG_H == pytest.approx(15.041067, abs=1e-6)
+
+
+@given(st.floats(-1e6, 1e6), st.sampled_from(RATES), st.sampled_from(RATES))
+def test_conversion_and_back(value: float, source: str, target: str) -> None:
+    back = units.convert(units.convert(value, source, target), target, source)
+    assert back == pytest.approx(value, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("value", "source", "target", "expected"),
+    [
+        (1.0, "deg/s", "deg/h", 3600.0),
+        (1.0, "arcsec/s", "deg/h", 1.0),
+        (7.292115e-5, "rad/s", "deg/h", 15.041067),
+        (273.15, "K", "degC", 0.0),
+        (-40.0, "°F", "°C", -40.0),
+        (1.0, "G", "uT", 100.0),
+        (1013.25, "hPa", "kPa", 101.325),
+        (1.0, "g", "m/s^2", 9.80665),
+        (360.0, "deg", "rev", 1.0),
+    ],
+)
+def test_known_conversions(value: float, source: str, target: str, expected: float) -> None:
+    assert units.convert(value, source, target) == pytest.approx(expected, rel=1e-7, abs=1e-12)
+
+
+def test_conversion_between_dimensions_is_refused() -> None:
+    with pytest.raises(rlg.InputError, match=r"'degC'.*'deg/h'"):
+        units.convert(1.0, "degC", "deg/h")
+    with pytest.raises(rlg.InputError, match="known units are"):
+        units.convert(1.0, "furlong", "deg/h")
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("time_s", "s"),
+        ("gyro_x_pulses", "pulses"),
+        ("gyro_deg_s", "deg/s"),
+        ("accel_x_m_s2", "m/s^2"),
+        ("accel_x_m_s", "m/s"),
+        ("table_angle_deg", "deg"),
+        ("discharge_current_a_mA", "mA"),
+        ("heater", None),
+    ],
+)
+def test_a_column_ends_in_its_unit(column: str, unit: str | None) -> None:
+    assert units.column_unit(column) == unit
+
+
+def test_angle_random_walk_in_100_s() -> None:
+    """0.0023 deg/h in 100 s needs N = 0.00038 deg/sqrt(h)."""
+    assert units.arw_rate_sd_deg_h(0.00038, 100.0) == pytest.approx(0.0023, abs=5e-5)
+
+
+def test_arrays_keep_their_shape() -> None:
+    assert units.convert(np.ones((2, 3)), "deg/s", "deg/h").shape == (2, 3)
