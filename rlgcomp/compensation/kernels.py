@@ -27,6 +27,13 @@ def gaussian(x: Array, z: Array, *, sigma: float) -> Array:
     return np.exp(exponent, out=exponent)
 
 
+def gaussian_less_one(x: Array, z: Array, *, sigma: float) -> Array:
+    r""":math:`\exp(-\|x - z\|^2 / 2\sigma^2) - 1` without cancellation: what a sum with weights that add up to zero needs."""
+    exponent = squared_distances(x, z)
+    exponent *= -0.5 / sigma**2
+    return np.expm1(exponent, out=exponent)
+
+
 def linear(x: Array, z: Array) -> Array:
     r""":math:`x \cdot z`."""
     return np.asarray(x @ z.T)

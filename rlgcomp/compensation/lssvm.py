@@ -32,7 +32,7 @@ from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from rlgcomp.compensation.form import Candidates, ModelForm
-from rlgcomp.compensation.kernels import kernel, kernel_diagonal
+from rlgcomp.compensation.kernels import gaussian_less_one, kernel, kernel_diagonal
 from rlgcomp.compensation.parameters import require_choice, require_number
 
 Array = npt.NDArray[np.float64]
@@ -121,7 +121,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             Shapes or values are unfit, or a parameter is out of bounds.
         """
         self._check_parameters()
-        inputs, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
+        inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True)
         gram = kernel(self.kernel, self.get_params(), inputs, inputs)
         weights = np.ones(len(target))
         for _ in range(_ROBUST_PASSES if self.robust else 0):
@@ -132,7 +132,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.alpha_, self.intercept_, self._inverse = _solve(gram, target, self.c * weights)
         leverage = np.diag(self._inverse)
         self.loo_residuals_ = self.alpha_ / leverage
-        self.scale_ = float(np.sqrt(np.mean(self.alpha_**2 / leverage)))
+        self.scale_ = float(np.sqrt(max(0.0, np.mean(self.alpha_**2 / leverage))))  # below zero only if the kernel is indefinite
         return self
 
     def predict(self, X: npt.ArrayLike, return_std: bool = False) -> Any:
@@ -152,12 +152,12 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             Only with `return_std`.
         """
         check_is_fitted(self)
-        inputs = validate_data(self, X, dtype=np.float64, reset=False)
-        across = kernel(self.kernel, self.get_params(), inputs, self.X_fit_)
-        prediction = across @ self.alpha_ + self.intercept_
-        if not return_std:
-            return prediction
-        return prediction, self._std(inputs, across)
+        inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
+        if self.kernel == "gaussian":  # the sum of a is zero: a constant may be taken off the kernel, and much rounding with it
+            prediction = gaussian_less_one(inputs, self.X_fit_, sigma=self.sigma) @ self.alpha_ + self.intercept_
+        else:
+            prediction = kernel(self.kernel, self.get_params(), inputs, self.X_fit_) @ self.alpha_ + self.intercept_
+        return (prediction, self._std(inputs)) if return_std else prediction
 
     def leave_groups_out(self, groups: npt.ArrayLike) -> Array:
         """Residual of each row when its whole group is left out, in closed form for any partition.
@@ -179,7 +179,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         require_number(self, "offset")
         require_number(self, "slope", low=0.0, open_low=True)
 
-    def _std(self, X: Array, across: Array) -> Array:
+    def _std(self, X: Array) -> Array:
+        across = kernel(self.kernel, self.get_params(), X, self.X_fit_)
         gram = kernel(self.kernel, self.get_params(), self.X_fit_, self.X_fit_)
         solved = linalg.solve(
             gram + np.diag(1.0 / (self.c * self.weights_)), np.column_stack([np.ones(len(gram)), across.T]), assume_a="sym"
@@ -255,8 +256,12 @@ def _solve(gram: Array, y: Array, c: Array) -> tuple[Array, float, Array]:
     h = gram + np.diag(1.0 / c)
     try:
         inverse = linalg.cho_solve(linalg.cho_factor(h, lower=True, check_finite=False), np.eye(len(y)), check_finite=False)
-    except linalg.LinAlgError:  # an indefinite kernel, such as the sigmoid for some slopes
-        inverse = linalg.inv(h, check_finite=False)
+    except linalg.LinAlgError:
+        # H is not positive definite: beyond rounding only if the kernel is indefinite (sigmoid); what rounding made is undone
+        values, vectors = linalg.eigh(h, check_finite=False)
+        rounding = len(y) * np.finfo(np.float64).eps * np.abs(values).max()
+        values = np.where(np.abs(values) <= rounding, max(rounding, float(np.min(1.0 / c))), values)
+        inverse = (vectors / values) @ vectors.T
     border = inverse.sum(axis=0)
     total = border.sum()
     intercept = float(border @ y / total)

@@ -1,0 +1,192 @@
+"""LS-SVM: identities to 1e-10, other implementations as referees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF
+from sklearn.linear_model import Ridge
+
+import rlgcomp as rlg
+from rlgcomp.compensation.lssvm import cross_validation_path
+
+KERNELS = [
+    {"kernel": "gaussian", "sigma": 1.3},
+    {"kernel": "linear"},
+    {"kernel": "polynomial", "degree": 2, "offset": 1.0},
+    {"kernel": "sigmoid", "slope": 0.05, "offset": -0.2},
+]
+
+
+@pytest.fixture(scope="module")
+def data() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(60, 3))
+    return X, np.sin(X[:, 0]) + 0.3 * X[:, 1] ** 2 + 0.1 * rng.normal(size=60)
+
+
+def gram(model: rlg.LSSVMRegressor, X: np.ndarray) -> np.ndarray:
+    """The kernel matrix written out pair by pair."""
+    forms = {
+        "gaussian": lambda x, z: np.exp(-np.sum((x - z) ** 2) / (2 * model.sigma**2)),
+        "linear": lambda x, z: x @ z,
+        "polynomial": lambda x, z: (x @ z + model.offset) ** model.degree,
+        "sigmoid": lambda x, z: np.tanh(model.slope * (x @ z) + model.offset),
+    }
+    return np.array([[forms[model.kernel](x, z) for z in X] for x in X])
+
+
+@pytest.mark.parametrize("settings", KERNELS, ids=lambda settings: settings["kernel"])
+def test_it_solves_the_bordered_system_of_the_paper(data: tuple[np.ndarray, np.ndarray], settings: dict[str, object]) -> None:
+    X, y = data
+    model = rlg.LSSVMRegressor(c=20.0, **settings).fit(X, y)
+    bordered = np.block([[np.zeros((1, 1)), np.ones((1, 60))], [np.ones((60, 1)), gram(model, X) + np.eye(60) / 20.0]])
+    solution = np.linalg.solve(bordered, np.r_[0.0, y])
+    assert model.intercept_ == pytest.approx(solution[0], abs=1e-10)
+    assert model.alpha_ == pytest.approx(solution[1:], abs=1e-9)
+
+
+@pytest.mark.parametrize("settings", KERNELS, ids=lambda settings: settings["kernel"])
+@pytest.mark.parametrize("robust", [False, True])
+def test_the_optimality_conditions_hold(data: tuple[np.ndarray, np.ndarray], settings: dict[str, object], robust: bool) -> None:
+    """The multipliers sum to zero, and each is c v times the residual."""
+    X, y = data
+    model = rlg.LSSVMRegressor(c=20.0, robust=robust, **settings).fit(X, y)
+    assert abs(model.alpha_.sum()) < 1e-10
+    assert model.alpha_ == pytest.approx(20.0 * model.weights_ * (y - model.predict(X)), abs=1e-10)
+
+
+@pytest.mark.parametrize("c", [0.1, 7.0, 1e3])
+def test_the_linear_one_is_ridge_with_an_intercept(data: tuple[np.ndarray, np.ndarray], c: float) -> None:
+    X, y = data
+    linear = rlg.LSSVMRegressor("linear", c=c).fit(X, y)
+    ridge = Ridge(alpha=1.0 / c).fit(X, y)
+    assert linear.predict(X) == pytest.approx(ridge.predict(X), abs=1e-10)
+    assert linear.intercept_ == pytest.approx(ridge.intercept_, abs=1e-10)
+
+
+@pytest.mark.parametrize("settings", KERNELS, ids=lambda settings: settings["kernel"])
+@pytest.mark.parametrize(
+    "groups", [np.arange(60), np.arange(60) // 12, np.arange(60) % 7, np.arange(60) // 20, np.arange(60) // 30]
+)
+def test_closed_form_folds_are_those_of_brute_force(
+    data: tuple[np.ndarray, np.ndarray], settings: dict[str, object], groups: np.ndarray
+) -> None:
+    """Leave-one-out, blocks, scattered folds, three and two groups: for the fit's own inverse and for the path over c."""
+    X, y = data
+    model = rlg.LSSVMRegressor(c=20.0, **settings)
+    brute = np.empty(60)
+    for label in np.unique(groups):
+        out = groups == label
+        brute[out] = y[out] - clone(model).fit(X[~out], y[~out]).predict(X[out])
+    fitted = model.fit(X, y)
+    assert fitted.leave_groups_out(groups) == pytest.approx(brute, abs=1e-10)
+    assert cross_validation_path(model, X, y, groups, [3.0, 20.0])[1] == pytest.approx(brute, abs=1e-10)
+    if len(np.unique(groups)) == 60:
+        assert fitted.loo_residuals_ == pytest.approx(brute, abs=1e-10)
+
+
+def test_dual_and_primal_agree(data: tuple[np.ndarray, np.ndarray]) -> None:
+    """For the linear kernel the primal problem is solved directly by its normal equations."""
+    X, y = data
+    c = 5.0
+    design = np.column_stack([np.ones(60), X])
+    penalty = np.diag([0.0, 1.0, 1.0, 1.0])
+    primal = np.linalg.solve(penalty + c * design.T @ design, c * design.T @ y)
+    dual = rlg.LSSVMRegressor("linear", c=c).fit(X, y)
+    assert X.T @ dual.alpha_ == pytest.approx(primal[1:], abs=1e-10)
+    assert dual.intercept_ == pytest.approx(primal[0], abs=1e-10)
+
+
+def test_prediction_and_interval_are_a_gaussian_process_with_a_free_mean(data: tuple[np.ndarray, np.ndarray]) -> None:
+    """A vague constant (variance 1e8) added to the kernel makes scikit-learn's process the referee."""
+    from sklearn.gaussian_process.kernels import ConstantKernel
+
+    X, y = data
+    model = rlg.LSSVMRegressor(c=20.0, sigma=1.3).fit(X, y)
+    process = GaussianProcessRegressor(RBF(1.3) + ConstantKernel(1e8), alpha=1 / 20.0, optimizer=None).fit(X, y)
+    at = np.random.default_rng(1).normal(size=(15, 3)) * 2
+    mean, sd = process.predict(at, return_std=True)
+    found, found_sd = model.predict(at, return_std=True)
+    assert found == pytest.approx(mean, abs=1e-5)
+    assert found_sd == pytest.approx(model.scale_ * np.sqrt(sd**2 + 1 / 20.0), rel=1e-4)
+
+
+def test_intervals_cover() -> None:
+    """On data drawn from its own prior, 90 % intervals hold 90 % of new observations."""
+    rng = np.random.default_rng(3)
+    inside = []
+    for _ in range(30):
+        X = rng.uniform(-3, 3, size=(120, 1))
+        K = np.exp(-((X - X.T) ** 2) / 2)
+        y = rng.multivariate_normal(np.zeros(120), 0.04 * (K + 0.1 * np.eye(120)))
+        model = rlg.LSSVMRegressor(c=10.0, sigma=1.0).fit(X[:80], y[:80])
+        mean, sd = model.predict(X[80:], return_std=True)
+        inside.append(np.abs(y[80:] - mean) < 1.645 * sd)
+    assert np.mean(inside) == pytest.approx(0.90, abs=0.03)
+
+
+def test_intervals_widen_away_from_the_data(data: tuple[np.ndarray, np.ndarray]) -> None:
+    model = rlg.LSSVMRegressor(c=20.0, sigma=1.3).fit(*data)
+    _, near = model.predict(np.zeros((1, 3)), return_std=True)
+    _, far = model.predict(np.full((1, 3), 9.0), return_std=True)
+    assert far[0] > 2 * near[0]
+
+
+def test_robust_weighting_ignores_outliers() -> None:
+    rng = np.random.default_rng(4)
+    X = np.linspace(-3, 3, 100)[:, None]
+    clean = np.sin(X[:, 0])
+    y = clean + 0.02 * rng.normal(size=100)
+    y[::17] += 5.0
+    plain, robust = (rlg.LSSVMRegressor(c=10.0, robust=flag).fit(X, y) for flag in (False, True))
+    assert np.abs(robust.predict(X) - clean).max() < 0.1 < np.abs(plain.predict(X) - clean).max()
+    assert (robust.weights_[::17] == 1e-4).all()
+
+
+def test_multipliers_are_of_either_sign(data: tuple[np.ndarray, np.ndarray]) -> None:
+    """The paper calls them non-negative; they are not."""
+    model = rlg.LSSVMRegressor(c=20.0).fit(*data)
+    assert 10 < (model.alpha_ < 0).sum() < 50
+
+
+def test_input_is_left_unchanged(data: tuple[np.ndarray, np.ndarray]) -> None:
+    X, y = data
+    before = X.copy(), y.copy()
+    rlg.LSSVMRegressor(robust=True).fit(X, y).predict(X, return_std=True)
+    assert np.array_equal(X, before[0])
+    assert np.array_equal(y, before[1])
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000), st.floats(1e-2, 1e4), st.floats(0.1, 10.0))
+def test_shifting_and_scaling_the_output_does_the_same_to_the_prediction(seed: int, c: float, sigma: float) -> None:
+    rng = np.random.default_rng(seed)
+    X, y = rng.normal(size=(25, 2)), rng.normal(size=25)
+    one = rlg.LSSVMRegressor(c=c, sigma=sigma).fit(X, y).predict(X)
+    other = rlg.LSSVMRegressor(c=c, sigma=sigma).fit(X, 7.0 + 3.0 * y).predict(X)
+    assert other == pytest.approx(7.0 + 3.0 * one, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"kernel": "magic"},
+        {"kernel": "matern"},
+        {"c": 0.0},
+        {"c": float("nan")},
+        {"c": "large"},
+        {"sigma": -1.0},
+        {"degree": 2.5},
+        {"degree": True},
+        {"slope": 0.0},
+        {"robust": "yes"},
+    ],
+)
+def test_wrong_parameters_are_refused_at_fit(data: tuple[np.ndarray, np.ndarray], parameters: dict[str, object]) -> None:
+    with pytest.raises(rlg.InputError, match=r"parameter of LSSVMRegressor must be .* Got .* instead"):
+        rlg.LSSVMRegressor(**parameters).fit(*data)

@@ -1,0 +1,110 @@
+"""Selection: the right winner, the same with any number of workers, and resumable after a kill."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.kernel_ridge import KernelRidge
+from sklearn.model_selection import GridSearchCV, GroupKFold
+
+import rlgcomp as rlg
+from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.selection import TIE, select
+
+
+@pytest.fixture(scope="module")
+def data() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-2, 2, size=(120, 2))
+    y = np.sin(2 * X[:, 0]) + 0.5 * X[:, 1] + 0.1 * rng.normal(size=120)
+    return X, y - y.mean(), np.arange(120) // 30
+
+
+def choose(data: tuple[np.ndarray, np.ndarray, np.ndarray], name: str = "lssvm", **options: object) -> object:
+    return select(MODELS[name], MODELS[name].make(), *data, **options)
+
+
+@pytest.mark.parametrize("name", ["lssvm", "kernels", "kernel-ridge", "svr", "gaussian-process"])
+def test_every_score_is_the_error_with_groups_left_out(data: tuple[np.ndarray, np.ndarray, np.ndarray], name: str) -> None:
+    """A few candidates of the table, fitted again by hand."""
+    X, y, groups = data
+    selection = choose(data, name)
+    for _, row in selection.table.iloc[:: max(1, len(selection.table) // 5)].iterrows():
+        parameters = {key: value for key, value in row.items() if key not in ("rmse", "chosen")}
+        left = np.empty(120)
+        for label in range(4):
+            out = groups == label
+            left[out] = y[out] - MODELS[name].make().set_params(**parameters).fit(X[~out], y[~out]).predict(X[out])
+        assert row["rmse"] == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-6)
+
+
+def test_the_smoothest_of_the_best_is_chosen(data: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    selection = choose(data)
+    good = selection.table[selection.table["rmse"] <= (1 + TIE) * selection.table["rmse"].min()]
+    assert selection.best["sigma"] == good["sigma"].max()
+    assert selection.table["chosen"].sum() == 1
+    assert selection.rmse == selection.table.loc[selection.table["chosen"], "rmse"].item()
+
+
+def test_scikit_learns_grid_search_is_the_referee(data: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    X, y, groups = data
+    table = choose(data, "kernel-ridge").table
+    # pooled error over folds of equal size is what the mean of squared errors gives
+    grid = {"gamma": sorted({0.5 / sigma**2 for sigma in table["sigma"]}), "alpha": sorted({1 / c for c in table["c"]})}
+    search = GridSearchCV(KernelRidge(kernel="rbf"), grid, cv=GroupKFold(4), scoring="neg_mean_squared_error").fit(
+        X, y, groups=groups
+    )
+    best = table.loc[table["rmse"].idxmin()]
+    assert (0.5 / best["sigma"] ** 2, 1 / best["c"]) == pytest.approx((search.best_params_["gamma"], search.best_params_["alpha"]))
+
+
+def test_workers_change_nothing(data: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    assert choose(data, n_jobs=2).table["rmse"].to_numpy() == pytest.approx(choose(data).table["rmse"].to_numpy(), rel=1e-9)
+
+
+def test_a_search_that_was_stopped_goes_on(data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    journal = tmp_path / "journal.jsonl"
+
+    def stop(done: int, total: int) -> None:
+        if done == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        choose(data, journal=journal, progress=stop)
+    kept = journal.read_text().splitlines()
+    assert len(kept) == 1 + 4
+    journal.write_text("\n".join(kept) + '\n{"piece": 7, "rm')  # the last line cut short by the kill
+
+    seen = []
+    selection = choose(data, journal=journal, progress=lambda done, total: seen.append((done, total)))
+    assert seen[0] == (4, 9)
+    assert seen[-1] == (9, 9)
+    assert selection.table["rmse"].to_numpy() == pytest.approx(choose(data).table["rmse"].to_numpy(), rel=1e-12)
+    assert json.loads(journal.read_text().splitlines()[0]).keys() == {"fingerprint"}
+    seen.clear()
+    choose(data, journal=journal, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(9, 9)]
+
+
+def test_a_journal_of_other_data_is_not_believed(data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    X, y, groups = data
+    journal = tmp_path / "journal.jsonl"
+    choose(data, journal=journal)
+    seen = []
+    choose((X, y + 1e-9, groups), journal=journal, progress=lambda done, total: seen.append(done))
+    assert seen[0] == 0
+    journal.write_text("not json at all\n")
+    assert choose(data, journal=journal).best == choose(data).best
+
+
+def test_a_model_without_parameters_is_scored_all_the_same(data: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    selection = choose(data, "cubic")
+    assert selection.best == {}
+    assert 0.1 < selection.rmse < 1.0
+
+
+def test_public_name() -> None:
+    assert rlg.LSSVMRegressor is MODELS["lssvm"].estimator
