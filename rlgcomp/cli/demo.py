@@ -10,7 +10,7 @@ import typer
 from rlgcomp.cli.base import AsJson, Jobs, command, progress, say
 from rlgcomp.cli.show import show_evaluation, show_json
 
-UNIT = 4
+UNIT = 1
 
 
 @command("demo")

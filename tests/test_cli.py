@@ -1,0 +1,331 @@
+"""The command line as a user meets it: what it prints, what it writes, how it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import rlgcomp as rlg
+from rlgcomp.cli import main
+from rlgcomp.cli.base import app
+
+COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate"]
+SIMULATOR = """
+kind: chamber
+mechanisms:
+  - thermal_polynomial: {degree: 3}
+  - temperature_rate: {k_deg_h_min_K: 0.02}
+  - thermal_hysteresis
+noise: {angle_random_walk_deg_sqrt_h: 0.0003}
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registered() -> None:
+    """Commands are registered when the console script starts."""
+    import importlib
+
+    for commands in ("demo", "recordings", "simulation", "compensation"):
+        importlib.import_module(f"rlgcomp.cli.{commands}")
+
+
+def run(*arguments: object) -> object:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulator file, three recordings and a model, made by the commands themselves."""
+    folder = tmp_path_factory.mktemp("cli")
+    (folder / "gyro.yaml").write_text(SIMULATOR)
+    for seed in (1, 2, 3):
+        made = run(
+            "simulate",
+            folder / "gyro.yaml",
+            "--profile",
+            "short",
+            "--seed",
+            seed,
+            "--step-s",
+            5,
+            "--out",
+            folder / f"run{seed}.parquet",
+        )
+        assert made.exit_code == 0, made.output
+    trained = run("train", folder / "run1.parquet", folder / "run2.parquet", "--model", "dynamic", "--out", folder / "model")
+    assert trained.exit_code == 0, trained.output
+    return folder
+
+
+def refused(*arguments: object) -> str:
+    """Exit code 2, one clear message, no traceback."""
+    result = run(*arguments)
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.output
+    assert "internal fault" not in result.output
+    return result.output
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command: str) -> None:
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert f"rlgcomp {command}" in result.output.replace("\n", " ")
+
+
+def test_the_whole_way(folder: Path, tmp_path: Path) -> None:
+    result = run("evaluate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "report", "--no-comparison")
+    assert result.exit_code == 0
+    assert "Bias stability held out" in result.output
+    assert {item.name for item in (tmp_path / "report").iterdir()} == {"report.html", "evaluation.json"}
+    result = run("compensate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "clean.csv.gz")
+    assert result.exit_code == 0
+    before, after = rlg.read(folder / "run3.parquet"), rlg.read(tmp_path / "clean.csv.gz")
+    assert after.averaged().rate_deg_h().std() < 0.5 * before.averaged().rate_deg_h().std()
+
+
+def test_json_is_json(folder: Path, tmp_path: Path) -> None:
+    calls = [
+        ("inspect", folder / "run1.parquet"),
+        ("simulate", folder / "gyro.yaml", "--profile", "short", "--step-s", 20, "--out", tmp_path / "a.parquet"),
+        ("train", folder / "run1.parquet", folder / "run2.parquet", "--model", "cubic", "--out", tmp_path / "m"),
+        ("evaluate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "r", "--no-comparison"),
+        ("compensate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "c.parquet"),
+    ]
+    for call in calls:
+        result = run(*call, "--json")
+        assert result.exit_code == 0, result.output
+        assert json.loads(result.stdout)
+
+
+def test_inspect_names_what_was_found(folder: Path, tmp_path: Path) -> None:
+    recording = rlg.read(folder / "run1.parquet")
+    table = recording.table
+    table.loc[5:9, "gyro_deg_h"] = np.nan
+    table.drop(index=range(100, 160)).to_csv(tmp_path / "holes.csv", index=False)
+    result = run("inspect", tmp_path / "holes.csv")
+    assert result.exit_code == 0
+    assert "5 values missing, rows left out" in result.output
+    assert "2 gaps" in result.output
+    assert "Thermal legs" in result.output
+
+
+def test_predict_keeps_the_rows(folder: Path, tmp_path: Path) -> None:
+    assert run("predict", folder / "gyro.yaml", folder / "run1.parquet", "--out", tmp_path / "p.parquet").exit_code == 0
+    assert len(rlg.read(tmp_path / "p.parquet")) == len(rlg.read(folder / "run1.parquet"))
+
+
+def test_an_interval_of_a_run(folder: Path, tmp_path: Path) -> None:
+    result = run(
+        "train", f"{folder / 'run1.parquet'}@1000:9000", "--model", "cubic", "--features", "temperature", "--out", tmp_path / "m"
+    )
+    assert result.exit_code == 0
+    (part,) = rlg.load(tmp_path / "m").training_
+    assert part.run == "run1@1000:9000"
+    assert part.time_s[0] > 1000
+    assert part.time_s[-1] < 9000
+    assert "expected FILE@START:STOP" in refused("inspect", f"{folder / 'run1.parquet'}@soon")
+
+
+def bad_files(folder: Path, tmp_path: Path) -> dict[str, tuple[Path, str]]:
+    good = rlg.read(folder / "run1.parquet").table
+    (tmp_path / "empty.csv").write_bytes(b"")
+    (tmp_path / "text.parquet").write_text("time_s,gyro_deg_h\n1,2\n")
+    good.drop(columns="gyro_deg_h").to_csv(tmp_path / "nogyro.csv", index=False)
+    good.assign(light_intensity_V=np.nan).to_csv(tmp_path / "nan.csv", index=False)
+    good.iloc[::-1].to_csv(tmp_path / "backwards.csv", index=False)
+    good.iloc[:2].to_csv(tmp_path / "two.csv", index=False)
+    return {
+        "an empty file": (tmp_path / "empty.csv", "is empty"),
+        "a text file named parquet": (tmp_path / "text.parquet", "is no Parquet file"),
+        "no gyro": (tmp_path / "nogyro.csv", "no gyro column"),
+        "an all-NaN channel": (tmp_path / "nan.csv", "light_intensity_V: every value is missing"),
+        "time running backwards": (tmp_path / "backwards.csv", "time runs backwards"),
+        "two rows": (tmp_path / "two.csv", "2 rows: too short"),
+        "no file": (tmp_path / "absent.csv", "does not exist"),
+    }
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "an empty file",
+        "a text file named parquet",
+        "no gyro",
+        "an all-NaN channel",
+        "time running backwards",
+        "two rows",
+        "no file",
+    ],
+)
+def test_bad_recordings_end_every_command_with_one_message(folder: Path, tmp_path: Path, case: str) -> None:
+    path, message = bad_files(folder, tmp_path)[case]
+    before = sorted(item.name for item in tmp_path.iterdir())
+    out = tmp_path / "out"
+    for call in (
+        ("inspect", path),
+        ("predict", folder / "gyro.yaml", path, "--out", tmp_path / "out.parquet"),
+        ("train", path, "--out", out),
+        ("train", folder / "run1.parquet", path, "--out", out),
+        ("evaluate", folder / "model", path, "--out", out),
+        ("compensate", folder / "model", path, "--out", tmp_path / "out.parquet"),
+    ):
+        assert message in refused(*call)
+    assert sorted(item.name for item in tmp_path.iterdir()) == before
+
+
+def test_a_model_with_a_changed_byte_or_a_missing_file(folder: Path, tmp_path: Path) -> None:
+    for spoil, message in (
+        (lambda file: file.write_bytes(file.read_bytes()[:-1] + b"?"), "has changed"),
+        (Path.unlink, "is missing"),
+    ):
+        copy = Path(shutil.copytree(folder / "model", tmp_path / "copy"))
+        spoil(copy / "arrays" / "model_coef_.npy")
+        for command in (("evaluate", "--out", tmp_path / "r"), ("compensate", "--out", tmp_path / "r.parquet")):
+            assert message in refused(command[0], copy, folder / "run3.parquet", *command[1:])
+        shutil.rmtree(copy)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("train", "{run}", "--model", "magic", "--out", "{tmp}/m"), "'magic' is unknown"),
+        (("train", "{run}", "--features", "colour", "--out", "{tmp}/m"), "neither a group"),
+        (("train", "{run}", "--out", "{tmp}/absent/m"), "does not exist; create it first"),
+        (("train", "{run}", "--averaging-s", "0.001", "--out", "{tmp}/m"), "cannot average over"),
+        (("train", "{run}", "--map", "nonsense", "--out", "{tmp}/m"), "expected TARGET=SOURCE"),
+        (("train", "{run}", "--gyro", "gyro_q_deg_h", "--out", "{tmp}/m"), "choose with --gyro"),
+        (("train", "{run}", "--drop", "colour", "--out", "{tmp}/m"), "cannot drop colour"),
+        (("simulate", "{sim}", "--profile", "dance", "--out", "{tmp}/r.parquet"), "is not understood"),
+        (("simulate", "{sim}", "--step-s", "-1", "--out", "{tmp}/r.parquet"), "must be positive"),
+        (("simulate", "{sim}", "--out", "{tmp}/r.docx"), "no known format"),
+        (("simulate", "{tmp}/absent.yaml", "--out", "{tmp}/r.parquet"), "does not exist"),
+        (("evaluate", "{tmp}/absent", "{run}", "--out", "{tmp}/r"), "does not exist"),
+        (("train",), "Missing argument"),
+        (("dance",), "No such command"),
+        (("simulate", "{sim}", "--seed", "x", "--out", "{tmp}/r.parquet"), "unable to parse string as an integer"),
+    ],
+)
+def test_wrong_arguments_end_with_one_message(folder: Path, tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+    places = {"run": folder / "run1.parquet", "sim": folder / "gyro.yaml", "model": folder / "model", "tmp": tmp_path}
+    output = refused(*(argument.format(**places) for argument in arguments))
+    assert message in re.sub(r"\s*│?\n│?\s*", " ", output)
+    assert list(tmp_path.iterdir()) == []
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12), max_size=4), st.sampled_from(COMMANDS[1:])
+)
+def test_no_arguments_make_a_traceback(tmp_path: Path, words: list[str], command: str) -> None:
+    result = run(command, *words, "--out", tmp_path / "out") if command != "inspect" else run(command, *words)
+    assert result.exit_code in (0, 2)
+    assert "internal fault" not in result.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_fault_of_ours_ends_with_1_and_no_traceback(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rlgcomp.inspection.summarise", lambda recording: 1 / 0)
+    result = run("inspect", folder / "run1.parquet")
+    assert result.exit_code == 1
+    assert "internal fault: ZeroDivisionError" in result.output
+    assert "Traceback" not in result.output
+
+
+def test_a_search_stopped_by_a_signal_leaves_no_model_and_goes_on(folder: Path, tmp_path: Path) -> None:
+    """SIGINT in the middle of `train`: exit code 130, a journal, no model; the same command again finishes from there."""
+    gyro = rlg.simulated_unit(1)
+    for seed in (1, 2):
+        rlg.write(gyro.simulate("paper", seed=seed, step_s=5.0), tmp_path / f"r{seed}.parquet")
+    arguments = [
+        "train",
+        str(tmp_path / "r1.parquet"),
+        str(tmp_path / "r2.parquet"),
+        "--out",
+        str(tmp_path / "model"),
+        "--model",
+        "kernels",
+    ]
+    script = "import sys; from rlgcomp.cli import main; sys.argv = ['rlgcomp', *sys.argv[1:]]; main()"
+    process = subprocess.Popen([sys.executable, "-c", script, *arguments], stderr=subprocess.PIPE, text=True)
+    journal = tmp_path / ".model.selection.jsonl"
+    for _ in range(600):
+        if journal.exists() and len(journal.read_text().splitlines()) > 2:
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, messages = process.communicate(timeout=120)
+    assert process.returncode == 130, messages
+    assert "stopped" in messages
+    assert not (tmp_path / "model").exists()
+    done = len(journal.read_text().splitlines()) - 1
+    again = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, timeout=300, check=True)
+    assert f"resuming: {done} of 15" in again.stderr
+    rlg.load(tmp_path / "model")
+    assert not journal.exists()
+
+
+def test_it_is_quiet_where_there_is_no_terminal(folder: Path) -> None:
+    script = "from rlgcomp.cli import main; main()"
+    environment = {**os.environ, "NO_COLOR": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", script, "inspect", str(folder / "run1.parquet")],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=True,
+    )
+    assert done.stderr == ""
+    assert "\x1b" not in done.stdout
+
+
+def test_demo_quick(tmp_path: Path) -> None:
+    result = run("demo", "--quick", "--out", tmp_path / "demo", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["pooled"]["factor"] > 1.2
+    made = {item.name for item in (tmp_path / "demo").iterdir()}
+    assert made == {
+        "report.html",
+        "evaluation.json",
+        "model",
+        "simulator.yaml",
+        "train-1.parquet",
+        "train-2.parquet",
+        "held-out.parquet",
+    }
+    rlg.load(tmp_path / "demo" / "model")
+    assert run("demo", "--quick", "--out", tmp_path / "demo").exit_code == 0  # its own folder may be made again
+
+
+def test_demo_leaves_other_folders_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("x")
+    assert "left untouched" in refused("demo", "--quick", "--out", tmp_path)
+
+
+def test_mapping_on_the_command_line(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"t_ms": 1000.0 * np.arange(600), "w": rng.normal(size=600), "T": 290 + rng.normal(size=600)})
+    table.to_csv(tmp_path / "lab.csv", index=False)
+    maps = ["--map", "time_s=t_ms [ms]", "--map", "gyro_deg_h=w", "--map", "temperature_block_degC=T [K]"]
+    summary = json.loads(run("inspect", tmp_path / "lab.csv", *maps, "--json").stdout)[0]
+    assert [column["column"] for column in summary["columns"]] == ["time_s", "gyro_deg_h", "temperature_block_degC"]
+    assert summary["period_s"] == 1.0
+
+
+def test_the_console_script_is_the_application() -> None:
+    assert callable(main)
