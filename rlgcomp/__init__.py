@@ -31,7 +31,8 @@ Modules, each importing only from those before it:
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
     features                    causal inputs, sample by sample or all at once, the same to the last bit
     compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
-    evaluation report cli       held-out results, the page that shows them, the command line
+    comparison evaluation       which input helps with which model; held-out results
+    report cli                  the page that shows them, the command line
 """
 
 from __future__ import annotations

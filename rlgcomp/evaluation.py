@@ -7,26 +7,23 @@ Over several runs the variances are averaged, so that a different mean in each r
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from sklearn.base import clone
 
 from rlgcomp.allan import AllanDeviation, allan_deviation
-from rlgcomp.compensation import MODELS
-from rlgcomp.compensation.compensator import Compensator, Rows, rows
-from rlgcomp.compensation.form import sequential
-from rlgcomp.compensation.selection import select
+from rlgcomp.comparison import comparison_table, correlation_table
+from rlgcomp.compensation.compensator import Compensator, rows
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
 BLOCK_S: Final = 3600.0  # of the block bootstrap: longer than the memory of chamber and noise
 DRAWS: Final = 2000
-COMPARED: Final = ("cubic", "lssvm")
+OFTEN_OUT_OF_RANGE: Final = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +104,7 @@ class Evaluation:
     correlation : pandas.DataFrame
         Correlation of each input with the gyro.
     comparison : pandas.DataFrame
-        By feature group and model, the bias stability held out.
+        By feature group and model, what is left held out; see :func:`rlgcomp.comparison.comparison_table`.
     """
 
     averaging_s: float
@@ -125,8 +122,41 @@ class Evaluation:
         return _pooled([run.residual_std_deg_h for run in self.runs])
 
     @property
+    def residual_rms_deg_h(self) -> float:
+        return _pooled([run.residual_rms_deg_h for run in self.runs])
+
+    @property
     def noise_floor_deg_h(self) -> float:
         return _pooled([run.noise_floor_deg_h for run in self.runs])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a careful reader would say of these results, in sentences: where nothing was gained, and what stands in the way."""
+        said = []
+        for run in self.runs:
+            if run.factor_low <= 1.0:
+                said.append(
+                    f"{run.run}: no gain in stability can be claimed; the 95 % interval of the factor, {run.factor_low:.2f} to "
+                    f"{run.factor_high:.2f}, includes 1."
+                )
+            if abs(run.residual_mean_deg_h) > 2.0 * run.residual_std_deg_h:
+                said.append(
+                    f"{run.run}: a mean of {run.residual_mean_deg_h:+.3g} deg/h is left, more than the scatter about it: an offset "
+                    "since training (switch-on, mounting, Earth rate) that no monitor explains."
+                )
+            if run.out_of_range > OFTEN_OUT_OF_RANGE:
+                said.append(
+                    f"{run.run}: {100 * run.out_of_range:.0f} % of the samples lie outside the training range; there the inputs "
+                    "are held at its edge."
+                )
+        if not self.comparison.empty:
+            plain = self.comparison[self.comparison["model"] == "cubic"].iloc[0]
+            if plain["residual_rms_deg_h"] <= self.residual_rms_deg_h:
+                said.append(
+                    f"A cubic in {plain['features']} alone leaves {plain['residual_rms_deg_h']:.3g} deg/h rms, no more than this "
+                    "model: nothing is gained over it."
+                )
+        return tuple(said)
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run."""
@@ -141,10 +171,12 @@ class Evaluation:
             "pooled": {
                 "raw_std_deg_h": self.raw_std_deg_h,
                 "residual_std_deg_h": self.residual_std_deg_h,
+                "residual_rms_deg_h": self.residual_rms_deg_h,
                 "noise_floor_deg_h": self.noise_floor_deg_h,
                 "factor": self.raw_std_deg_h / self.residual_std_deg_h,
                 "floor_ratio": self.residual_std_deg_h / self.noise_floor_deg_h,
             },
+            "remarks": list(self.remarks),
             "runs": self.to_frame().to_dict("records"),
             "correlation": self.correlation.to_dict("records"),
             "comparison": self.comparison.to_dict("records"),
@@ -170,7 +202,8 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         Fitted.
     runs : sequence of Recording
     compare : bool
-        Also fit the cubic and the LS-SVM on each feature group alone, on the same training rows, and compare them here.
+        Also fit the cubic, the LS-SVM and the compensation's own kind of model on each feature group alone, on the same training
+        rows, and compare them here.
     n_jobs : int
         Worker processes of their selection.
 
@@ -251,73 +284,6 @@ def improvement(raw: Array, residual: Array, *, block: int, seed: int = 0) -> tu
     factors = raw[drawn].std(axis=1) / residual[drawn].std(axis=1)
     low, high = np.quantile(factors, [0.025, 0.975])
     return float(raw.std() / residual.std()), float(low), float(high)
-
-
-def correlation_table(held_out: Sequence[Rows], names: Sequence[str]) -> pd.DataFrame:
-    """Correlation coefficient of each input with the gyro, within runs, over all of them."""
-    X = np.vstack([part.X - part.X.mean(axis=0) for part in held_out])
-    y = np.concatenate([part.y_deg_h - part.y_deg_h.mean() for part in held_out])
-    spread = np.sqrt((X**2).sum(axis=0) * (y**2).sum())
-    coefficient = np.divide(X.T @ y, spread, out=np.zeros(len(names)), where=spread > 0.0)
-    return pd.DataFrame({"input": list(names), "correlation": coefficient})
-
-
-def comparison_table(
-    compensator: Compensator, held_out: Sequence[Rows], *, models: Sequence[str] = COMPARED, n_jobs: int = 1
-) -> pd.DataFrame:
-    """Bias stability held out, for each feature group alone and for all together, by each model on the same training rows.
-
-    Parameters
-    ----------
-    compensator : Compensator
-        Its training rows and scaling are used; its own model is not.
-    held_out : sequence of Rows
-    models : sequence of str
-        Names in :data:`rlgcomp.compensation.MODELS`.
-    n_jobs : int
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns `features`, `model`, `residual_std_deg_h`, `reduction_percent`, `factor`.
-    """
-    X, y, groups = compensator.training_rows()
-    raw = _pooled([float(np.std(part.y_deg_h, ddof=1)) for part in held_out])
-    table = []
-    for group, places in _inputs_by_group(compensator).items():
-        for name in models:
-            form = MODELS[name]
-            best = select(form, form.make(), X[:, places], y, groups, n_jobs=n_jobs).best
-            model = clone(form.make()).set_params(**best)
-            model.fit(X[:, places], y, **({"groups": compensator.run_labels()} if sequential(model) else {}))
-            left = [
-                float(
-                    np.std(
-                        part.y_deg_h
-                        - compensator.scaling_.y_scale_deg_h * model.predict(compensator.scaling_.inputs(part.X)[:, places]),
-                        ddof=1,
-                    )
-                )
-                for part in held_out
-            ]
-            residual = _pooled(left)
-            table.append(
-                {
-                    "features": group,
-                    "model": name,
-                    "residual_std_deg_h": residual,
-                    "reduction_percent": 100.0 * (1.0 - residual / raw),
-                    "factor": raw / residual,
-                }
-            )
-    return pd.DataFrame(table)
-
-
-def _inputs_by_group(compensator: Compensator) -> Mapping[str, list[int]]:
-    """Places of the inputs of each feature group, and of all together."""
-    owners = [feature.group for feature in compensator.recipe_.features for _ in feature.names]
-    groups = {group: [place for place, owner in enumerate(owners) if owner == group] for group in dict.fromkeys(owners)}
-    return groups if len(groups) == 1 else {**groups, "all": list(range(len(owners)))}
 
 
 def _pooled(deviations: Sequence[float]) -> float:

@@ -142,7 +142,7 @@ class Memory:
 
     kind: ClassVar[str] = "memory"
     column: str = "temperature_block_degC"
-    radii: tuple[float, ...] = (3.0, 10.0)
+    radii: tuple[float, ...] = (5.0, 10.0, 20.0)
 
     @property
     def group(self) -> str:
@@ -352,7 +352,7 @@ class FeatureRecipe:
 GROUPS: Final = ("temperature", "gradient", "temperature_rate", "lag", "memory", "light_intensity", "readout_difference")
 DYNAMIC: Final = ("gradient", "temperature_rate", "lag", "memory")
 _LAGS_S: Final = (300.0, 900.0, 2700.0)
-_RADII_OF_SPAN: Final = (0.03, 0.1)
+_RADII_OF_SPAN: Final = (0.05, 0.1, 0.2)
 _LAGS_IN_A_RUN: Final = 3.0
 
 
@@ -362,7 +362,7 @@ def recipe_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -
     Parameters
     ----------
     runs : sequence of Recording
-        The training runs. Only monitors that all of them have are used. Radii of the memory are 3 and 10 % of their span of
+        The training runs. Only monitors that all of them have are used. Radii of the memory are 5, 10 and 20 % of their span of
         temperature; time constants of the lag are 300, 900 and 2700 s, less those that a third of the shortest run cannot show.
     wanted : str or sequence of str
         "all": every group in `GROUPS` whose monitors were recorded. Otherwise groups, or names of further columns.

@@ -31,6 +31,7 @@ ROWS = [
     ["simulation"],
     ["features"],
     ["compensation"],
+    ["comparison"],
     ["evaluation"],
     ["report"],
     ["cli"],

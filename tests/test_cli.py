@@ -135,7 +135,7 @@ def test_an_interval_of_a_run(folder: Path, tmp_path: Path) -> None:
     )
     assert result.exit_code == 0
     (part,) = rlg.load(tmp_path / "m").training_
-    assert part.run == "run1@1000:9000"
+    assert part.run == "run1 from 1000 s to 9000 s"
     assert part.time_s[0] > 1000
     assert part.time_s[-1] < 9000
     assert "expected FILE@START:STOP" in refused("inspect", f"{folder / 'run1.parquet'}@soon")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.evaluation import correlation_table, improvement
+from rlgcomp.comparison import correlation_table
+from rlgcomp.evaluation import improvement
 from rlgcomp.files import to_json
 from rlgcomp.noise import NOISES
 

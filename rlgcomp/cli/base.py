@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -97,7 +98,7 @@ def read_runs(
             for finding in recording.findings:
                 say(f"{recording.name}: {finding}")
             if interval is not None:
-                recording = recording.between(*interval, keep_history=True, name=f"{recording.name}@{spec.rpartition('@')[2]}")
+                recording = recording.between(*interval, keep_history=True, name=f"{recording.name}{_said(*interval)}")
             recordings.append(recording)
             advance(done, len(specs))
     return recordings
@@ -134,6 +135,11 @@ def _interval(spec: str) -> tuple[Path, tuple[float, float] | None]:
         return Path(path), (float(start) if start else float("-inf"), float(stop) if stop else float("inf"))
     except ValueError:
         raise InputError(f"{spec}: expected FILE@START:STOP with times in seconds, as in run.parquet@0:3600") from None
+
+
+def _said(start_s: float, stop_s: float) -> str:
+    since = f" from {start_s:g} s" if math.isfinite(start_s) else ""
+    return since + (f" to {stop_s:g} s" if math.isfinite(stop_s) else "")
 
 
 def _log_to_stderr() -> None:

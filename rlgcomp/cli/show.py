@@ -51,12 +51,18 @@ def show_evaluation(evaluation: Any) -> None:
         ],
     )
     if not evaluation.comparison.empty:
-        wide = evaluation.comparison.pivot_table(index="features", columns="model", values="residual_std_deg_h", sort=False)
+        table = evaluation.comparison
         rows = [
-            {"features": str(group), **{str(name): float(value) for name, value in row.items()}} for group, row in wide.iterrows()
+            {
+                "features": group,
+                **{row.model: f"{_cell(row.residual_std_deg_h)} ({_cell(row.residual_rms_deg_h)})" for row in part.itertuples()},
+            }
+            for group, part in table.groupby("features", sort=False)
         ]
-        show_table("By feature and model, deg/h", rows)
+        show_table("By feature and model, deg/h: bias stability (rms, offset included)", rows)
     show_table("Correlation with the gyro", evaluation.correlation.round(3).to_dict("records"))
+    for remark in evaluation.remarks:
+        typer.echo(f"- {remark}")
 
 
 def _cell(value: Any) -> str:

@@ -27,7 +27,7 @@ import pandas as pd
 
 from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.card import card
-from rlgcomp.compensation.compensator import Compensator, Rows, Scaling, form_of
+from rlgcomp.compensation.compensator import Compensator, Rows, Scaling
 from rlgcomp.compensation.selection import Selection
 from rlgcomp.errors import InputError
 from rlgcomp.features import FeatureRecipe
@@ -51,7 +51,7 @@ def save(compensator: Compensator, path: str | Path) -> None:
     InputError
         The model is not one of the package's own, or the place cannot be written to.
     """
-    form = form_of(compensator.model_)
+    form = compensator.form_
     if form is None:
         raise InputError(
             f"{type(compensator.model_).__name__} cannot be saved: artefacts hold numbers, not code; "
@@ -178,6 +178,7 @@ def _assemble(folder: Path, manifest: dict[str, Any]) -> Compensator:
         gyro=output["gyro"],
         keep_mean=bool(output["keep_mean"]),
     )
+    compensator.form_ = form
     compensator.recipe_ = recipe
     compensator.features = list(recipe.names)
     compensator.gyro_ = output["gyro"]

@@ -111,6 +111,8 @@ class Compensator:
 
     Attributes
     ----------
+    form_ : ModelForm or None
+        How the model is selected and saved; None for a regressor of the user's own.
     recipe_ : FeatureRecipe
     scaling_ : Scaling
     model_ : estimator
@@ -182,14 +184,14 @@ class Compensator:
             logger.warning(
                 "one run only: parameters are selected on %d blocks of it; expect less on another programme", BLOCKS_OF_ONE_RUN
             )
-        form = form_of(self.model)
+        self.form_ = form_of(self.model)
         model = clone(self.model)
         if model.get_params().get("linear") == DYNAMICS:
             model.set_params(linear=self.recipe_.dynamic)
         self.selection_ = (
             Selection({}, None, pd.DataFrame())
-            if form is None
-            else select(form, model, X, y, groups, journal=journal, n_jobs=self.n_jobs, progress=progress)
+            if self.form_ is None
+            else select(self.form_, model, X, y, groups, journal=journal, n_jobs=self.n_jobs, progress=progress)
         )
         self.model_ = model.set_params(**self.selection_.best)
         self.model_.fit(X, y, **({"groups": self.run_labels()} if sequential(self.model_) else {}))
@@ -325,7 +327,7 @@ def form_of(model: Any) -> ModelForm | None:
     """The form that selects and saves this model, or None for a regressor of the user's own."""
     fitting = [form for form in MODELS.values() if form.estimator is type(model)]
     exact = [form for form in fitting if all(model.get_params().get(key) == value for key, value in form.defaults.items())]
-    return next(iter(exact or fitting), None)
+    return max(exact or fitting, key=lambda form: len(form.defaults), default=None)
 
 
 def rows(recording: Recording, recipe: FeatureRecipe, averaging_s: float, gyro: str | None = None) -> Rows:

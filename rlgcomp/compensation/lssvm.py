@@ -132,7 +132,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.alpha_, self.intercept_, self._inverse = _solve(gram, target, self.c * weights)
         leverage = np.diag(self._inverse)
         self.loo_residuals_ = self.alpha_ / leverage
-        self.scale_ = float(np.sqrt(max(0.0, np.mean(self.alpha_**2 / leverage))))  # below zero only if the kernel is indefinite
+        self.scale_ = float(
+            np.sqrt(max(0.0, float(np.mean(self.alpha_**2 / leverage))))
+        )  # below zero only if the kernel is indefinite
         return self
 
     def predict(self, X: npt.ArrayLike, return_std: bool = False) -> Any:

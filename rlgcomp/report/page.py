@@ -48,7 +48,6 @@ def render(
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    worst = max(evaluation.runs, key=lambda run: run.out_of_range)
     style = importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8")
     return environment.get_template("page.html").render(
         title=title,
@@ -60,7 +59,6 @@ def render(
         recipe=compensator.recipe_,
         provenance=compensator.provenance_,
         scaling=compensator.scaling_,
-        worst=worst,
         runs=_run_table(evaluation),
         pictures=[
             (trace.run, figures.over_time(trace, run.noise_floor_deg_h), figures.loop(trace))
@@ -93,6 +91,6 @@ def _run_table(evaluation: Evaluation) -> pd.DataFrame:
 def _pivot(table: pd.DataFrame) -> pd.DataFrame:
     if table.empty:
         return table
-    wide = table.pivot_table(index="features", columns="model", values="residual_std_deg_h", sort=False)
-    text = wide.map(lambda value: f"{value:.5f}").reset_index()
-    return text.rename_axis(columns=None)
+    both = table["residual_std_deg_h"].map("{:.5f}".format) + " (" + table["residual_rms_deg_h"].map("{:.5f}".format) + ")"
+    wide = table.assign(left=both).pivot_table(index="features", columns="model", values="left", sort=False, aggfunc="first")
+    return wide.reset_index().rename_axis(columns=None)
