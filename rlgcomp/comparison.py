@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -11,7 +12,7 @@ import pandas as pd
 from sklearn.base import clone
 
 from rlgcomp.compensation import MODELS
-from rlgcomp.compensation.compensator import Compensator, Rows
+from rlgcomp.compensation.compensator import Compensator, Rows, Scaling
 from rlgcomp.compensation.cubic import DYNAMICS
 from rlgcomp.compensation.form import ModelForm, sequential
 from rlgcomp.compensation.selection import select
@@ -59,7 +60,8 @@ def comparison_table(compensator: Compensator, held_out: Sequence[Rows], *, n_jo
     for group, places in _inputs_by_group(compensator).items():
         for form in forms:
             model = _fitted(compensator, form, places, n_jobs)
-            left = [part.y_deg_h - _predict(compensator, model, part, places) for part in held_out]
+            scaling = dataclasses.replace(compensator.scaling_, reach=form.reach)
+            left = [part.y_deg_h - _predict(model, scaling, part, places) for part in held_out]
             deviation = _pooled([np.std(values, ddof=1) for values in left])
             table.append(
                 {
@@ -84,8 +86,7 @@ def _fitted(compensator: Compensator, form: ModelForm, places: list[int], n_jobs
     return model.fit(X[:, places], y, **({"groups": compensator.run_labels()} if sequential(model) else {}))
 
 
-def _predict(compensator: Compensator, model: Any, part: Rows, places: list[int]) -> Array:
-    scaling = compensator.scaling_
+def _predict(model: Any, scaling: Scaling, part: Rows, places: list[int]) -> Array:
     return np.asarray(scaling.y_mean_deg_h + scaling.y_scale_deg_h * model.predict(scaling.inputs(part.X)[:, places]))
 
 

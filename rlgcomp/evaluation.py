@@ -146,8 +146,8 @@ class Evaluation:
                 )
             if run.out_of_range > OFTEN_OUT_OF_RANGE:
                 said.append(
-                    f"{run.run}: {100 * run.out_of_range:.0f} % of the samples lie outside the training range; there the inputs "
-                    "are held at its edge."
+                    f"{run.run}: {100 * run.out_of_range:.0f} % of the samples lie outside the training range, where the model "
+                    "extrapolates."
                 )
         if not self.comparison.empty:
             plain = self.comparison[self.comparison["model"] == "cubic"].iloc[0]

@@ -24,7 +24,8 @@ def test_it_is_frozen() -> None:
     recording = make()
     with pytest.raises(dataclasses.FrozenInstanceError, match="replace"):
         recording.name = "other"
-    recording.table.loc[0, "gyro_deg_h"] = 99.0
+    table = recording.table
+    table.loc[0, "gyro_deg_h"] = 99.0
     assert recording.column("gyro_deg_h")[0] != 99.0
     with pytest.raises(ValueError, match="read-only"):
         recording.column("gyro_deg_h")[0] = 99.0

@@ -299,6 +299,6 @@ def test_units_differ_and_repeat() -> None:
 
 def test_units_are_like_the_papers() -> None:
     """Raw bias stability of the paper's programme: 0.0157 deg/h published; the mean of ten drawn units lies within a factor 1.3."""
-    runs = [rlg.simulated_unit(seed).simulate("paper", step_s=5.0, seed=1) for seed in range(10)]
+    runs = [rlg.simulated_unit(seed).simulate("paper", step_s=5.0, seed=seed) for seed in range(10)]
     spread = [run.averaged().rate_deg_h().std(ddof=1) for run in runs]
     assert 0.0157 / 1.3 < np.mean(spread) < 0.0157 * 1.3

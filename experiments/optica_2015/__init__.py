@@ -3,6 +3,7 @@
     python -m experiments.optica_2015 --units 10 --out DIR
 
 Each unit is drawn at random from physical parameters (:func:`rlgcomp.simulated_unit`); none is tuned to a row of the paper. As
-there, the 680-minute chamber programme is run twice: the first run trains, the second tests. Tables 1 to 4 of the paper are images
+there, the 680-minute chamber programme is run twice: the first run trains, its parameters selected on five blocks of it, and the
+second tests. Tables 1 to 4 of the paper are images
 that its text does not repeat, so the published numbers are the four that the text states.
 """

@@ -83,6 +83,7 @@ def save(compensator: Compensator, path: str | Path) -> None:
             "mean_deg_h": scaling.y_mean_deg_h,
             "scale_deg_h": scaling.y_scale_deg_h,
             "keep_mean": compensator.keep_mean,
+            "reach": scaling.reach,
         },
         "averaging_s": compensator.averaging_s,
         "selection": {"best": compensator.selection_.best, "rmse": compensator.selection_.rmse},
@@ -184,7 +185,10 @@ def _assemble(folder: Path, manifest: dict[str, Any]) -> Compensator:
     compensator.gyro_ = output["gyro"]
     compensator.model_ = model
     compensator.scaling_ = Scaling(
-        arrays["mean"], arrays["scale"], arrays["low"], arrays["high"], float(output["mean_deg_h"]), float(output["scale_deg_h"])
+        **{name: arrays[name] for name in ("mean", "scale", "low", "high")},
+        y_mean_deg_h=float(output["mean_deg_h"]),
+        y_scale_deg_h=float(output["scale_deg_h"]),
+        reach=float(output["reach"]),
     )
     names = [str(run["run"]) for run in manifest["runs"]]
     compensator.training_ = tuple(

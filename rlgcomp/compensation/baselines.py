@@ -109,6 +109,7 @@ def _form(name: str, methods: tuple[str, ...]) -> ModelForm:
         estimator=KernelBaselines,
         defaults={"method": methods[0]},
         batches=batches,
+        reach=1.0,
         numbers=("intercept_",),
         arrays=("X_fit_", "alpha_"),
     )

@@ -58,8 +58,8 @@ Estimates the bias of `{output["gyro"]}` in {output["unit"]} from the gyro's own
 
 ## Where it holds
 
-Inputs beyond these ranges (training span and a 5 % margin) are held at the edge and the sample is flagged
-`compensation_out_of_range`: the output stays bounded, but it is no longer an estimate to rely on.
+A sample with an input beyond these ranges (training span and a 5 % margin) is flagged `compensation_out_of_range`. An input further
+out than {output["reach"]:g} times its range is held there: the output stays bounded, but it is no longer an estimate to rely on.
 
 | input | low | high |
 |---|---|---|

@@ -70,8 +70,9 @@ class Scaling:
     ----------
     mean, scale : ndarray, shape (features,)
     low, high : ndarray, shape (features,)
-        Range of the training samples, a margin of 5 % included. An input beyond it is flagged and held at its edge, so that the
-        output stays bounded whatever comes in.
+        Range of the training samples, a margin of 5 % included. A sample with an input beyond it is flagged.
+    reach : float
+        An input further out than this, in spans of the range, is held there, so that the output stays bounded whatever comes in.
     y_mean_deg_h, y_scale_deg_h : float
     """
 
@@ -81,10 +82,12 @@ class Scaling:
     high: Array
     y_mean_deg_h: float
     y_scale_deg_h: float
+    reach: float = 0.0
 
     def inputs(self, X: Array) -> Array:
-        """Scaled inputs, held within the training range."""
-        return (np.clip(X, self.low, self.high) - self.mean) / self.scale
+        """Scaled inputs, held within reach of the training range."""
+        beyond = self.reach * (self.high - self.low)
+        return (np.clip(X, self.low - beyond, self.high + beyond) - self.mean) / self.scale
 
     def outside(self, X: Array) -> npt.NDArray[np.bool_]:
         """Rows with an input beyond the training range."""
@@ -175,8 +178,12 @@ class Compensator:
         samples = [self.recipe_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(rows(run, self.recipe_, self.averaging_s, self.gyro) for run in runs)
         self.gyro_ = runs[0].gyro_column(self.gyro)
+        self.form_ = form_of(self.model)
         self.scaling_ = _scaling(
-            np.vstack([part.X for part in self.training_]), np.concatenate([part.y_deg_h for part in self.training_]), samples
+            np.vstack([part.X for part in self.training_]),
+            np.concatenate([part.y_deg_h for part in self.training_]),
+            samples,
+            reach=0.0 if self.form_ is None else self.form_.reach,
         )
         self._warn_of_earth_rate(runs)
         X, y, groups = self.training_rows()
@@ -184,7 +191,6 @@ class Compensator:
             logger.warning(
                 "one run only: parameters are selected on %d blocks of it; expect less on another programme", BLOCKS_OF_ONE_RUN
             )
-        self.form_ = form_of(self.model)
         model = clone(self.model)
         if model.get_params().get("linear") == DYNAMICS:
             model.set_params(linear=self.recipe_.dynamic)
@@ -352,7 +358,7 @@ def rows(recording: Recording, recipe: FeatureRecipe, averaging_s: float, gyro: 
     )
 
 
-def _scaling(X: Array, y: Array, samples: Sequence[Array]) -> Scaling:
+def _scaling(X: Array, y: Array, samples: Sequence[Array], reach: float) -> Scaling:
     low = np.min([part.min(axis=0) for part in samples], axis=0)
     high = np.max([part.max(axis=0) for part in samples], axis=0)
     spread = X.std(axis=0)
@@ -363,4 +369,5 @@ def _scaling(X: Array, y: Array, samples: Sequence[Array]) -> Scaling:
         high=high + MARGIN * (high - low),
         y_mean_deg_h=float(y.mean()),
         y_scale_deg_h=float(y.std()) or 1.0,
+        reach=reach,
     )

@@ -53,6 +53,9 @@ class ModelForm:
         Number of features to batches of candidates; a batch is scored in one piece of work.
     residuals : callable
         Scores a batch; see :func:`refit_residuals`.
+    reach : float
+        How far beyond the training range the model may be asked, in spans of it; further out its inputs are held. 0 for a model
+        that diverges there, such as a cubic.
     numbers, arrays : tuple of str
         Fitted attributes to save; an array may also be a list of arrays.
     """
@@ -64,6 +67,7 @@ class ModelForm:
     arrays: tuple[str, ...]
     defaults: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     residuals: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_residuals
+    reach: float = 0.0
 
     def make(self) -> Any:
         """An unfitted estimator."""

@@ -303,6 +303,7 @@ FORM: Final = ModelForm(
     estimator=LSSVMRegressor,
     batches=_batches,
     residuals=_path_residuals,
+    reach=1.0,
     numbers=("intercept_", "scale_"),
     arrays=("alpha_", "X_fit_", "weights_"),
 )

@@ -40,16 +40,16 @@ def simulated_unit(seed: int, *, hysteresis: str = "play") -> Simulator:
     def about(size: float) -> float:
         return float(size * math.exp(SPREAD * rng.standard_normal()) * rng.choice([-1.0, 1.0]))
 
-    play = [about(3e-4) for _ in range(3)]
+    play = [about(2.5e-4) for _ in range(3)]
     mechanisms = (
-        ThermalPolynomial(c0_deg_h=about(0.01), c1_deg_h_K=about(1.5e-4), c2_deg_h_K2=about(1e-6), c3_deg_h_K3=about(1e-8)),
-        TemperatureRate(k_deg_h_min_K=about(0.01)),
-        ThermalGradient(k_deg_h_K=about(2.5e-4)),
+        ThermalPolynomial(c0_deg_h=about(0.01), c1_deg_h_K=about(1.2e-4), c2_deg_h_K2=about(1e-6), c3_deg_h_K3=about(1e-8)),
+        TemperatureRate(k_deg_h_min_K=about(0.008)),
+        ThermalGradient(k_deg_h_K=about(2e-4)),
         ThermalHysteresis(
             law=hysteresis, k1_deg_h_K=play[0] if hysteresis == "play" else 2.0 * play[0], k2_deg_h_K=play[1], k3_deg_h_K=play[2]
         ),
-        LightIntensity(k_deg_h_V=about(0.13)),
-        ReadoutIncoherence(k_deg_h=about(1.3)),
+        LightIntensity(k_deg_h_V=about(0.1)),
+        ReadoutIncoherence(k_deg_h=about(1.1)),
     )
     beams = Beams(
         shift_um_K=about(0.04),
