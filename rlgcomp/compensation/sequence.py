@@ -122,7 +122,7 @@ class SequenceRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
                             total = total + hidden[back] @ taps[k]
                         hidden = torch.tanh(total)
                     loss = loss + torch.sum((hidden @ readout + x @ skip - target) ** 2)
-                (loss / len(outputs)).backward()  # type: ignore[no-untyped-call]
+                (loss / len(outputs)).backward()
                 optimiser.step()
                 schedule.step()
         finally:
