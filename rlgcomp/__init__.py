@@ -29,7 +29,7 @@ Modules, each importing only from those before it:
     noise allan                 noise processes, Allan deviation
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
-    features                    causal inputs, sample by sample or all at once, the same to the last bit
+    features recipe             causal inputs, sample by sample or all at once, the same to the last bit
     compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
     comparison evaluation       which input helps with which model; held-out results
     report cli                  the page that shows them, the command line
@@ -43,21 +43,21 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rlgcomp.allan import AllanDeviation as AllanDeviation
     from rlgcomp.allan import allan_deviation as allan_deviation
-    from rlgcomp.compensation.artefact import load as load
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
+    from rlgcomp.compensation.compensator import load as load
     from rlgcomp.compensation.cubic import CubicLeastSquares as CubicLeastSquares
     from rlgcomp.compensation.lssvm import LSSVMRegressor as LSSVMRegressor
     from rlgcomp.compensation.sequence import SequenceRegressor as SequenceRegressor
     from rlgcomp.errors import InputError as InputError
     from rlgcomp.evaluation import Evaluation as Evaluation
     from rlgcomp.evaluation import evaluate as evaluate
-    from rlgcomp.features import FeatureRecipe as FeatureRecipe
     from rlgcomp.formats import read as read
     from rlgcomp.formats import write as write
     from rlgcomp.noise import NoiseModel as NoiseModel
     from rlgcomp.physics import CATALOGUE as CATALOGUE
     from rlgcomp.physics.mechanism import Mechanism as Mechanism
+    from rlgcomp.recipe import FeatureRecipe as FeatureRecipe
     from rlgcomp.recording import Metadata as Metadata
     from rlgcomp.recording import Recording as Recording
     from rlgcomp.simulation.fleet import simulated_unit as simulated_unit
@@ -73,7 +73,7 @@ _HOMES = {
     "Compensator": "compensation.compensator",
     "CubicLeastSquares": "compensation.cubic",
     "Evaluation": "evaluation",
-    "FeatureRecipe": "features",
+    "FeatureRecipe": "recipe",
     "InputError": "errors",
     "KernelBaselines": "compensation.baselines",
     "LSSVMRegressor": "compensation.lssvm",
@@ -86,7 +86,7 @@ _HOMES = {
     "Simulator": "simulation.simulator",
     "allan_deviation": "allan",
     "evaluate": "evaluation",
-    "load": "compensation.artefact",
+    "load": "compensation.compensator",
     "read": "formats",
     "simulated_unit": "simulation.fleet",
     "write": "formats",

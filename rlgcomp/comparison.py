@@ -12,9 +12,10 @@ import pandas as pd
 from sklearn.base import clone
 
 from rlgcomp.compensation import MODELS
-from rlgcomp.compensation.compensator import Compensator, Rows, Scaling
+from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.cubic import DYNAMICS
 from rlgcomp.compensation.form import ModelForm, sequential
+from rlgcomp.compensation.rows import Rows, Scaling
 from rlgcomp.compensation.selection import select
 
 Array = npt.NDArray[np.float64]

@@ -16,7 +16,8 @@ import pandas as pd
 
 from rlgcomp.allan import AllanDeviation, allan_deviation
 from rlgcomp.comparison import comparison_table, correlation_table
-from rlgcomp.compensation.compensator import Compensator, rows
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.rows import rows
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording, rate_name
 

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.features import FEATURES, GROUPS, Difference, Lag, Level, Memory, Rate, ReadoutDifference, recipe_for
+from rlgcomp.features import FEATURES, Difference, Lag, Level, Memory, Rate, ReadoutDifference
+from rlgcomp.recipe import GROUPS, recipe_for
 
 T = "temperature_block_degC"
 EVERY = rlg.FeatureRecipe(

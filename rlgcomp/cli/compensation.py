@@ -118,7 +118,7 @@ def evaluate(
 
     Example: `rlgcomp evaluate models/unit-17 new.parquet --out report`
     """
-    from rlgcomp.compensation.artefact import load
+    from rlgcomp.compensation.compensator import load
     from rlgcomp.evaluation import evaluate as evaluate_runs
     from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.report.page import write_report
@@ -150,7 +150,7 @@ def compensate(
 
     Example: `rlgcomp compensate models/unit-17 new.parquet --out corrected.parquet`
     """
-    from rlgcomp.compensation.artefact import load
+    from rlgcomp.compensation.compensator import load
     from rlgcomp.files import require_writable
     from rlgcomp.formats import write
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.metadata
 import logging
+import platform
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
@@ -13,21 +16,23 @@ import numpy.typing as npt
 import pandas as pd
 from sklearn.base import clone
 
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation import MODELS, artefact, form_of
 from rlgcomp.compensation.cubic import DYNAMICS
-from rlgcomp.compensation.form import ModelForm, sequential
+from rlgcomp.compensation.form import sequential
 from rlgcomp.compensation.lssvm import LSSVMRegressor
+from rlgcomp.compensation.rows import Rows, Scaling, rows
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.errors import InputError
-from rlgcomp.features import FeatureRecipe, recipe_for
-from rlgcomp.noise import NOISES
+from rlgcomp.recipe import FeatureRecipe, recipe_for
 from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording, rate_name
 from rlgcomp.units import EARTH_RATE_DEG_H
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
-MARGIN: Final = 0.05  # of the training span, by which an input may leave it unflagged
 BLOCKS_OF_ONE_RUN: Final = 5
+GOLDEN_ROWS: Final = 64
+GOLDEN_TOLERANCE: Final = 1e-9
+_SCALING_ARRAYS: Final = ("mean", "scale", "low", "high")
 _ROWS_AT_ONCE: Final = 2048
 _MUCH_OF_EARTH_RATE: Final = 0.1
 
@@ -39,61 +44,6 @@ class Correction(NamedTuple):
     out_of_range: bool
 
 
-@dataclasses.dataclass(frozen=True)
-class Rows:
-    """Averages of one recording, as models see them.
-
-    Parameters
-    ----------
-    run : str
-    time_s : ndarray, shape (n,)
-        Middle of each window.
-    X : ndarray, shape (n, features)
-    y_deg_h : ndarray, shape (n,)
-        Gyro.
-    noise_deg_h : ndarray, shape (n,), optional
-        Of a simulated run: what no compensation can remove.
-    """
-
-    run: str
-    time_s: Array
-    X: Array
-    y_deg_h: Array
-    noise_deg_h: Array | None = None
-
-
-@dataclasses.dataclass(frozen=True)
-class Scaling:
-    """How inputs and output are scaled, and where the inputs have been.
-
-    Parameters
-    ----------
-    mean, scale : ndarray, shape (features,)
-    low, high : ndarray, shape (features,)
-        Range of the training samples, a margin of 5 % included. A sample with an input beyond it is flagged.
-    reach : float
-        An input further out than this, in spans of the range, is held there, so that the output stays bounded whatever comes in.
-    y_mean_deg_h, y_scale_deg_h : float
-    """
-
-    mean: Array
-    scale: Array
-    low: Array
-    high: Array
-    y_mean_deg_h: float
-    y_scale_deg_h: float
-    reach: float = 0.0
-
-    def inputs(self, X: Array) -> Array:
-        """Scaled inputs, held within reach of the training range."""
-        beyond = self.reach * (self.high - self.low)
-        return (np.clip(X, self.low - beyond, self.high + beyond) - self.mean) / self.scale
-
-    def outside(self, X: Array) -> npt.NDArray[np.bool_]:
-        """Rows with an input beyond the training range."""
-        return np.asarray(((self.low > X) | (self.high < X)).any(axis=1))
-
-
 class Compensator:
     """Bias compensation of one gyro.
 
@@ -102,7 +52,7 @@ class Compensator:
     model : estimator, optional
         A scikit-learn regressor; by default :class:`~rlgcomp.LSSVMRegressor`.
     features : str or sequence of str
-        "all", groups such as "temperature,temperature_rate", or further columns; see :func:`rlgcomp.features.recipe_for`.
+        "all", groups such as "temperature,temperature_rate", or further columns; see :func:`rlgcomp.recipe.recipe_for`.
     averaging_s : float
         The model is trained on means over this time.
     gyro : str, optional
@@ -179,12 +129,7 @@ class Compensator:
         self.training_ = tuple(rows(run, self.recipe_, self.averaging_s, self.gyro) for run in runs)
         self.gyro_ = runs[0].gyro_column(self.gyro)
         self.form_ = form_of(self.model)
-        self.scaling_ = _scaling(
-            np.vstack([part.X for part in self.training_]),
-            np.concatenate([part.y_deg_h for part in self.training_]),
-            samples,
-            reach=0.0 if self.form_ is None else self.form_.reach,
-        )
+        self.scaling_ = Scaling.of(self.training_, samples, reach=0.0 if self.form_ is None else self.form_.reach)
         self._warn_of_earth_rate(runs)
         X, y, groups = self.training_rows()
         if len(runs) == 1:
@@ -297,11 +242,52 @@ class Compensator:
     # --- keeping it --------------------------------------------------------------------------------------------------------
 
     def save(self, path: str | Path) -> None:
-        """Write the artefact, a folder of JSON and arrays; see :mod:`rlgcomp.compensation.artefact`."""
-        from rlgcomp.compensation.artefact import save
+        """Write the artefact; see :mod:`rlgcomp.compensation.artefact`.
 
+        Raises
+        ------
+        InputError
+            The model is not one of the package's own, or the place cannot be written to.
+        """
         self._require_fitted()
-        save(self, path)
+        form, scaling = self.form_, self.scaling_
+        if form is None:
+            raise InputError(
+                f"{type(self.model_).__name__} cannot be saved: artefacts hold numbers, not code; "
+                f"models that can be saved are {', '.join(MODELS)}"
+            )
+        settings, arrays = form.pack(self.model_)
+        training_X = np.vstack([part.X for part in self.training_])
+        manifest = {
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "versions": {"python": platform.python_version()}
+            | {name: importlib.metadata.version(name) for name in ("rlgcomp", "numpy", "scikit-learn")},
+            "model": {"name": form.name, **settings},
+            "features": self.recipe_.to_list(),
+            "inputs": list(self.recipe_.names),
+            "output": {
+                "gyro": self.gyro_,
+                "unit": "deg/h",
+                "mean_deg_h": scaling.y_mean_deg_h,
+                "scale_deg_h": scaling.y_scale_deg_h,
+                "keep_mean": self.keep_mean,
+                "reach": scaling.reach,
+            },
+            "averaging_s": self.averaging_s,
+            "selection": {"best": self.selection_.best, "rmse": self.selection_.rmse},
+            "runs": self.provenance_,
+        }
+        everything = {f"model_{name}": values for name, values in arrays.items()}
+        everything |= {name: getattr(scaling, name) for name in _SCALING_ARRAYS}
+        everything |= {
+            "training_X": training_X,
+            "training_y_deg_h": np.concatenate([part.y_deg_h for part in self.training_]),
+            "training_time_s": np.concatenate([part.time_s for part in self.training_]),
+            "training_run": self.run_labels().astype(np.float64),
+            "golden_X": training_X[:GOLDEN_ROWS],
+            "golden_bias_deg_h": self.predict_rows(training_X[:GOLDEN_ROWS]),
+        }
+        artefact.write(path, artefact.Artefact(manifest, everything, self.selection_.table))
 
     # --- inside ------------------------------------------------------------------------------------------------------------
 
@@ -329,45 +315,56 @@ class Compensator:
             )
 
 
-def form_of(model: Any) -> ModelForm | None:
-    """The form that selects and saves this model, or None for a regressor of the user's own."""
-    fitting = [form for form in MODELS.values() if form.estimator is type(model)]
-    exact = [form for form in fitting if all(model.get_params().get(key) == value for key, value in form.defaults.items())]
-    return max(exact or fitting, key=lambda form: len(form.defaults), default=None)
-
-
-def rows(recording: Recording, recipe: FeatureRecipe, averaging_s: float, gyro: str | None = None) -> Rows:
-    """Averages of features and gyro over the scored part of a recording.
+def load(path: str | Path) -> Compensator:
+    """Read an artefact that :meth:`Compensator.save` wrote; its golden vectors must come out again.
 
     Raises
     ------
     InputError
-        A monitor is missing or the recording is too short.
+        A file is missing, changed, or not what the manifest says; nothing is loaded then.
     """
-    column = rate_name(recording.gyro_column(gyro))
-    prefixed = recipe.transform(recording).add_prefix("feature ")
-    averaged = recording.averaged(averaging_s, extra=prefixed)
-    truth = averaged.truth
-    noises = [] if truth is None else [name for name in NOISES if name in truth]
-    return Rows(
-        recording.name,
-        averaged.time_s,
-        averaged.table[list(prefixed.columns)].to_numpy(),
-        averaged.column(column),
-        truth[noises].to_numpy().sum(axis=1) if truth is not None and noises else None,
-    )
+    held = artefact.read(path)
+    try:
+        return _assemble(held)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: not what schema {artefact.SCHEMA} requires: {type(error).__name__}: {error}") from None
 
 
-def _scaling(X: Array, y: Array, samples: Sequence[Array], reach: float) -> Scaling:
-    low = np.min([part.min(axis=0) for part in samples], axis=0)
-    high = np.max([part.max(axis=0) for part in samples], axis=0)
-    spread = X.std(axis=0)
-    return Scaling(
-        mean=X.mean(axis=0),
-        scale=np.where(spread > 0.0, spread, 1.0),
-        low=low - MARGIN * (high - low),
-        high=high + MARGIN * (high - low),
-        y_mean_deg_h=float(y.mean()),
-        y_scale_deg_h=float(y.std()) or 1.0,
-        reach=reach,
+def _assemble(held: artefact.Artefact) -> Compensator:
+    manifest, arrays = held.manifest, held.arrays
+    output = manifest["output"]
+    form = MODELS.get(manifest["model"]["name"])
+    if form is None:
+        raise InputError(f"unknown model {manifest['model']['name']!r}; known are {', '.join(MODELS)}")
+    recipe = FeatureRecipe.from_list(manifest["features"])
+    numbers = {name.removeprefix("model_"): values for name, values in arrays.items() if name.startswith("model_")}
+    model = form.unpack(manifest["model"], numbers)
+    model.n_features_in_ = len(recipe.names)
+    compensator = Compensator(
+        model,
+        features=list(recipe.names),
+        averaging_s=float(manifest["averaging_s"]),
+        gyro=output["gyro"],
+        keep_mean=bool(output["keep_mean"]),
     )
+    compensator.form_, compensator.recipe_, compensator.model_, compensator.gyro_ = form, recipe, model, output["gyro"]
+    compensator.scaling_ = Scaling(
+        **{name: arrays[name] for name in _SCALING_ARRAYS},
+        y_mean_deg_h=float(output["mean_deg_h"]),
+        y_scale_deg_h=float(output["scale_deg_h"]),
+        reach=float(output["reach"]),
+    )
+    compensator.training_ = tuple(
+        Rows(str(run["run"]), arrays["training_time_s"][part], arrays["training_X"][part], arrays["training_y_deg_h"][part])
+        for run, part in ((run, arrays["training_run"] == k) for k, run in enumerate(manifest["runs"]))
+    )
+    selection = manifest["selection"]
+    compensator.selection_ = Selection(dict(selection["best"]), selection["rmse"], held.selection)
+    compensator.provenance_ = list(manifest["runs"])
+    expected = arrays["golden_bias_deg_h"]
+    found = compensator.predict_rows(arrays["golden_X"])
+    if not np.allclose(found, expected, rtol=0.0, atol=GOLDEN_TOLERANCE * max(1.0, float(np.abs(expected).max()))):
+        raise InputError(f"the golden vectors do not come out again: off by up to {np.abs(found - expected).max():.2g} deg/h")
+    return compensator
