@@ -1,8 +1,8 @@
 r"""Features: what a compensation sees of a recording. Causal, with explicit state.
 
-A feature turns a few monitor columns into a few numbers a sample. `run(state, samples, step_s) -> (values, state)` is the only place
-where it is computed, whole recordings and single samples alike, so that a real-time box that follows these lines computes what the
-model was trained on, to the last bit.
+A feature turns a few monitor columns into a few numbers a sample. `run(state, samples, step_s) -> (values, state)` is the only
+place where it is computed, whole recordings and single samples alike, so that a real-time box that follows these lines computes
+what the model was trained on, to the last bit.
 
 To add a feature: write its class, name it in `FEATURES`, and say in :func:`rlgcomp.recipe.recipe_for` when it is used.
 """

@@ -1,4 +1,4 @@
-"""The feature recipe: an ordered list of features, whole recordings or sample by sample, and which features a set of runs allows."""
+"""The feature recipe: an ordered list of features, run whole or sample by sample, and which features a set of runs allows."""
 
 from __future__ import annotations
 
