@@ -12,6 +12,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from rlgcomp.evaluation import Evaluation, Trace
+from rlgcomp.noise import NOISES
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_HOUR
 
@@ -142,7 +143,10 @@ def search(table: pd.DataFrame) -> str:
         grid = table.pivot_table(index="sigma", columns="c", values="rmse")
         figure = Figure(figsize=(WIDTH_IN, 3.2), layout="constrained")
         axes = figure.subplots()
-        mesh = axes.pcolormesh(grid.columns, grid.index, grid, norm="log", cmap="viridis_r", shading="nearest")
+        worst = min(float(table["rmse"].max()), 10.0 * float(table["rmse"].min()))
+        mesh = axes.pcolormesh(
+            _log_edges(grid.columns), _log_edges(grid.index), grid, norm="log", cmap="viridis_r", vmax=worst, shading="flat"
+        )
         axes.set_xscale("log")
         axes.set_yscale("log")
         best = table[table["chosen"]].iloc[0]
@@ -156,24 +160,35 @@ def search(table: pd.DataFrame) -> str:
 
 
 def contributions(recording: Recording) -> str:
-    """What a simulated gyro's bias is made of."""
-    if recording.truth is None:
+    """What a simulated gyro's bias is made of, the noises taken together."""
+    averaged = recording.averaged()
+    truth = averaged.truth
+    if truth is None:
         return ""
     with rc_context(STYLE):
-        averaged = recording.averaged()
-        truth = averaged.truth
         figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
         axes = figure.subplots()
         hours = averaged.time_s / SECONDS_PER_HOUR
-        if truth is not None:
-            for k, name in enumerate(truth.columns):
-                values = truth[name].to_numpy()
-                axes.plot(hours, 1e3 * (values - values.mean()), lw=1.3, color=f"C{k}", label=name.replace("_", " "))
+        noises = [name for name in truth.columns if name in NOISES]
+        axes.plot(hours, 1e3 * truth[noises].sum(axis=1), color="#d7dade", lw=0.9, label="noise")
+        for k, name in enumerate(name for name in truth.columns if name not in NOISES):
+            values = truth[name].to_numpy()
+            axes.plot(hours, 1e3 * (values - values.mean()), lw=1.5, color=f"C{k}", label=name.replace("_", " "))
         axes.set_xlabel("time in h")
         axes.set_ylabel("10⁻³ deg/h")
-        axes.set_title(f"What the bias of {recording.name} is made of")
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return _svg(figure)
+
+
+def _log_edges(centres: Any) -> np.ndarray:
+    """Edges half-way between centres on a logarithmic axis."""
+    logs = np.log(np.asarray(centres, dtype=np.float64))
+    middle = 0.5 * (logs[1:] + logs[:-1])
+    return (
+        np.exp(np.r_[2 * logs[0] - middle[0], middle, 2 * logs[-1] - middle[-1]])
+        if len(logs) > 1
+        else np.exp(logs[0] + np.r_[-1, 1])
+    )
 
 
 def _svg(figure: Figure) -> str:

@@ -67,7 +67,7 @@ def render(
         allan=figures.allan(evaluation.traces, evaluation.noise_floor_deg_h, evaluation.averaging_s),
         comparison=figures.comparison(evaluation.comparison, evaluation),
         search=figures.search(compensator.selection_.table),
-        contributions=[figures.contributions(run) for run in simulated],
+        contributions=[(run.name, figures.contributions(run)) for run in simulated if run.truth is not None],
         pivot=_pivot(evaluation.comparison),
     )
 
