@@ -229,3 +229,17 @@ def test_a_model_may_be_replaced_and_a_failure_leaves_the_old_one(
     monkeypatch.undo()
     trained.save(copy)
     rlg.load(copy)
+
+
+MODELS_KEPT = sorted(path.parent for path in (Path(__file__).parents[1] / "models").glob("*/manifest.json"))
+
+
+@pytest.mark.parametrize("path", MODELS_KEPT, ids=lambda path: path.name)
+def test_every_model_kept_still_loads_and_compensates(path: Path) -> None:
+    model = rlg.load(path)  # its golden vectors come out again
+    evaluation = rlg.evaluate(model, [rlg.simulated_unit(1).simulate("reversed", seed=3, step_s=5.0)], compare=False)
+    assert evaluation.residual_std_deg_h < 1.15 * evaluation.runs[0].noise_floor_deg_h
+
+
+def test_there_are_models_kept() -> None:
+    assert MODELS_KEPT
