@@ -1,0 +1,1 @@
+"""Calibration on turntables: scale factor, mounting angle, and the bias, scale factors and misalignments of a triad."""
