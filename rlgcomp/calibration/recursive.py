@@ -92,7 +92,7 @@ class SquareRootInformation:
         self.measurements += len(Z)
         self.chi_squared += self._absorb(np.column_stack([H, Z]))
 
-    def propagate(self, inverse: Array, noise: Array, H: Array, Z: Array) -> float:
+    def propagate(self, inverse: Array, noise: Array, H: Array, Z: Array) -> None:
         """Let the states move to x' = F x + (w, 0) and take up measurements of x'.
 
         Parameters
@@ -103,11 +103,6 @@ class SquareRootInformation:
             Triangular root of the covariance of w, the noise that drives the first d states.
         H, Z : ndarray, shape (m, states), (m,)
             Measurements with unit noise.
-
-        Returns
-        -------
-        float
-            How much the measurements added to the logarithm of the information's determinant.
         """
         driven = len(noise)
         moved = self.R @ inverse
@@ -122,7 +117,6 @@ class SquareRootInformation:
         self._rows = triangle[driven : driven + self.states, driven:]
         self.measurements += len(Z)
         self.chi_squared += float(np.sum(triangle[driven + self.states :, -1] ** 2))
-        return float(np.sum(np.log(np.abs(np.diag(triangle)[:driven]))))
 
     def last(self, count: int) -> SquareRootInformation:
         """The last `count` states alone, the others integrated out."""

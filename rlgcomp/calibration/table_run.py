@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 AXES: Final = "xyz"
 STILL_DEG: Final = 1.0
 LEAST_RATE_DEG_S: Final = 0.1
+GRAVITY_M_S2: Final = (9.7, 9.9)
 WORST_AGREEMENT: Final = 0.02
 _AGREEMENT_WINDOW_S: Final = 0.5
 
@@ -116,6 +117,30 @@ class TableRun:
             return "rate"
         upright = abs(math.cos(float(np.mean(self.outer_deg)) * units.RAD_PER_DEG)) > 0.9
         return "rate" if np.ptp(self.outer_deg) < STILL_DEG and upright else "velocity"
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """Gravity where the table stands, from the accelerometers themselves: they are calibrated, and nothing but rotation moves them.
+
+        Raises
+        ------
+        InputError
+            They show nothing like gravity.
+        """
+        assert self.pushed_m_s is not None
+        gravity = float(np.mean(np.linalg.norm(self.pushed_m_s, axis=1))) / self.step_s
+        if not GRAVITY_M_S2[0] < gravity < GRAVITY_M_S2[1]:
+            raise InputError(
+                f"{self.name}: the accelerometers show {gravity:.4g} m/s^2 in the mean instead of gravity; check their unit "
+                "(accel_x_m_s2 is specific force, accel_x_m_s the velocity increment over a sample)"
+            )
+        return gravity
+
+    @property
+    def inner_middle_rad(self) -> Array:
+        """Inner angle in the middle of each sample, where its mean rate belongs."""
+        before = np.r_[self.start()[1], self.inner_deg[:-1]]
+        return np.asarray(0.5 * units.RAD_PER_DEG * (before + self.inner_deg))
 
     def start(self) -> tuple[float, float]:
         """Outer and inner angle in deg at the start of the first sample."""

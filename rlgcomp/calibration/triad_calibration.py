@@ -22,11 +22,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import optimize
 
 from rlgcomp import units
 from rlgcomp.calibration import triad_filter as tf
 from rlgcomp.calibration.recursive import SquareRootInformation
+from rlgcomp.calibration.table_noise import angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.table_run import TableRun
 from rlgcomp.errors import InputError
 from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
@@ -34,7 +34,6 @@ from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
 Array = npt.NDArray[np.float64]
 PRIOR_SD: Final = {"ppm": 1e4, "deg/h": 100.0, "arcsec": 7200.0}
 SEEN: Final = 0.01
-LEAST_NOISE, MOST_NOISE = 1e-5, 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,7 +121,6 @@ def calibrate_triad(
     runs: Sequence[TableRun],
     *,
     noise: tf.Noise | None = None,
-    gravity_m_s2: float = units.STANDARD_GRAVITY_M_S2,
     passes: int = 2,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> TriadCalibration:
@@ -133,9 +131,7 @@ def calibrate_triad(
     runs : sequence of TableRun
         In the order in which the settling of the estimates is to be shown.
     noise : Noise, optional
-        By default the angle random walk is estimated from the runs by maximum likelihood, the rest is typical.
-    gravity_m_s2 : float
-        Local gravity.
+        By default the angle random walk is estimated from the runs in which only the inner axis turns; the rest is typical.
     passes : int
         Linear solutions; the second is the Gauss-Newton pass.
     progress : callable
@@ -149,19 +145,17 @@ def calibrate_triad(
     _check(runs)
     total, done = passes * len(runs), 0
     estimated = noise is None
-    settings = noise or tf.Noise()
+    settings = noise or tf.Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h(runs))
     errors = TriadErrors()
     tilts = [np.zeros(tf.START) for _ in runs]
     known = [None for _ in runs]  # type: list[tf.strapdown.Sensitivity | None]
     for number in range(passes):
         linear = []
         for k, run in enumerate(runs):
-            linear.append(tf.linearise(run, errors, tilts[k], gravity_m_s2, known[k]) if run.shows == "velocity" else None)
+            linear.append(tf.linearise(run, errors, tilts[k], known[k]) if run.shows == "velocity" else None)
             done += 1
             progress(done, total)
         known = [None if part is None else part.sensitivity for part in linear]
-        if estimated and number == 0:
-            settings = _estimated_noise(runs, linear, settings)
         informations = [_information(run, part, errors, tilt, settings) for run, part, tilt in zip(runs, linear, tilts, strict=True)]
         joint, found_tilts = _joint(informations, settings, errors)
         if number == 0:
@@ -183,7 +177,7 @@ def calibrate_triad(
         noise_estimated=estimated,
         accelerometer=TriadErrors.of(found[len(GYRO) :], ACCELEROMETER),
         runs=tuple(
-            _result(run, first, information, found, errors, tilt, gravity_m_s2, prior)
+            _result(run, first, information, found, errors, tilt, prior)
             for run, first, information, tilt in zip(runs, before, informations, tilts, strict=True)
         ),
         curves=_curves(runs, informations, settings, offset),
@@ -223,28 +217,6 @@ def _joint(
     return joint, tilts
 
 
-def _estimated_noise(runs: Sequence[TableRun], linear: Sequence[tf.Linearised | None], noise: tf.Noise) -> tf.Noise:
-    """The angle random walk of greatest likelihood, the constants integrated out."""
-    informative = [(run, part) for run, part in zip(runs, linear, strict=True) if part is not None]
-    if not informative:
-        return noise
-
-    def negative(log_value: float) -> float:
-        trial = dataclasses.replace(noise, angle_random_walk_deg_sqrt_h=float(np.exp(log_value)))
-        informations = [tf.velocity_information(part, trial, np.zeros(tf.START)) for _, part in informative]
-        joint, _ = _joint(informations, trial, TriadErrors())
-        constants = joint.estimate()
-        determinants = [information.log_determinant for information in informations]
-        determinants += [float(np.sum(np.log(np.abs(np.diag(information.R)[: tf.START])))) for information in informations]
-        determinants.append(float(np.sum(np.log(np.abs(np.diag(joint.R))))))
-        return sum(determinants) + 0.5 * sum(information.misfit(constants) for information in informations)
-
-    best = optimize.minimize_scalar(
-        negative, bounds=(np.log(LEAST_NOISE), np.log(MOST_NOISE)), method="bounded", options={"xatol": 0.02}
-    )
-    return dataclasses.replace(noise, angle_random_walk_deg_sqrt_h=float(np.exp(best.x)))
-
-
 def _curves(
     runs: Sequence[TableRun], informations: Sequence[tf.RunInformation], noise: tf.Noise, offset: Array
 ) -> pd.DataFrame:
@@ -271,7 +243,6 @@ def _result(
     constants: Array,
     errors: TriadErrors,
     tilt: Array,
-    gravity_m_s2: float,
     prior: Array,
 ) -> RunResult:
     alone = SquareRootInformation(information.R, information.z).last(tf.CONSTANTS)
@@ -280,7 +251,7 @@ def _result(
     empty = np.zeros((0, 2))
     if before is None:
         return RunResult(run.name, "rate", hours, float("nan"), R.T @ R, np.zeros(0), empty, empty)
-    after = tf.linearise(run, errors, tilt, gravity_m_s2, before.sensitivity)
+    after = tf.linearise(run, errors, tilt, before.sensitivity)
     epochs = slice(None, None, before.every)
     freedom = information.measurements - int(np.linalg.matrix_rank(information.R))
     return RunResult(

@@ -74,8 +74,6 @@ class RunInformation:
         Time in s and the rows on the constants alone at that time.
     chi_squared : float
         Of the measurements, but for what the rows above still hold.
-    log_determinant : float
-        Of the information on all that noise drove, half of it.
     measurements : int
     """
 
@@ -83,7 +81,6 @@ class RunInformation:
     z: Array
     curve: list[tuple[float, Array, Array]]
     chi_squared: float
-    log_determinant: float
     measurements: int
 
     def solve_tilt(self, constants: Array) -> Array:
@@ -119,7 +116,7 @@ class Linearised:
 
 
 def linearise(
-    run: TableRun, errors: TriadErrors, tilt_arcsec: Array, gravity_m_s2: float, known: strapdown.Sensitivity | None = None
+    run: TableRun, errors: TriadErrors, tilt_arcsec: Array, known: strapdown.Sensitivity | None = None
 ) -> Linearised:
     """Integrate a run with the given errors taken out of the gyros and the given tilt taken out of the start."""
     assert run.pushed_m_s is not None
@@ -131,7 +128,7 @@ def linearise(
         run.step_s,
         C_bn,
         frames.earth_rate_n_rad_s(run.latitude_deg),
-        gravity_m_s2,
+        run.gravity_m_s2,
     )
     return Linearised(run, every, trajectory, known or strapdown.sensitivity(trajectory, every, GYRO, ACCELEROMETER))
 
@@ -185,24 +182,20 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     curve = []
     H = np.zeros((2, states))
     H[:, 3:DRIVEN] = np.eye(2) / resolution
-    log_determinant = 0.0
     for k in range(1, len(measured)):
         H[:, DRIVEN:] = phi[k, 3:] / resolution
-        log_determinant += information.propagate(inverse, root, H, measured[k] / resolution)
+        information.propagate(inverse, root, H, measured[k] / resolution)
         if k % CURVE_EPOCHS == 0 or k == len(measured) - 1:
             rows = information.last(CONSTANTS)
             curve.append((k * epoch_s, rows.R, rows.z))
-    log_determinant += float(np.sum(np.log(np.abs(np.diag(information.R)[:DRIVEN]))))
     rows = information.last(START + CONSTANTS)
-    return RunInformation(
-        rows.R, rows.z, curve, information.chi_squared, log_determinant, information.measurements
-    )
+    return RunInformation(rows.R, rows.z, curve, information.chi_squared, information.measurements)
 
 
 def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInformation:
     """Mean rates of the horizontal gyros of a run about an upright axis."""
     turned = errors.correct(run.turned_rad, run.step_s)
-    phi = run.inner_deg * units.RAD_PER_DEG
+    phi = run.inner_middle_rad
     design = np.stack([np.ones(len(phi)), turned[:, 2] / run.step_s, np.cos(phi), np.sin(phi)], axis=1)
     rates = turned[:, :2] / (run.step_s * GYRO[3].si)  # deg/h
     sd = units.arw_rate_sd_deg_h(noise.angle_random_walk_deg_sqrt_h, run.step_s)
@@ -223,7 +216,7 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
         R, z = np.zeros((START + 2, START + CONSTANTS)), np.r_[np.zeros(START), mean / mean_sd]
         R[[START, START + 1], columns] = 1.0 / mean_sd
         curve.append((stop * run.step_s, R[START:, START:], z[START:]))
-    return RunInformation(R, z, curve, 0.0, 0.0, 0)
+    return RunInformation(R, z, curve, 0.0, 0)
 
 
 def _timing_arcsec(run: TableRun) -> Array:

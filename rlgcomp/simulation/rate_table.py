@@ -108,10 +108,11 @@ class TableProgramme:
 def reversing(inner_deg_s: float, *, outer_deg_s: float = 0.0, revolutions: int = 10, repeats: int = 5, **start: float) -> TableProgramme:
     """The inner axis turns `revolutions` forward, then as many back, `repeats` times.
 
-    An outer axis that turns as well reverses after every second change of the inner one, so that both relative senses occur.
+    With the outer axis turning as well, the two reverse in turn: were they always to reverse together, nothing could tell the scale
+    factor of x from that of y.
     """
     duration_s = 360.0 * revolutions / inner_deg_s
-    senses = [(1, 1), (1, -1), (-1, -1), (-1, 1)]
+    senses = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
     turns = [senses[k % 4] if outer_deg_s else (1, (-1) ** k) for k in range(2 * repeats)]
     return TableProgramme.of([(outer_deg_s * out, inner_deg_s * sense, duration_s) for out, sense in turns], **start)
 
@@ -121,7 +122,7 @@ PROGRAMMES: Final[dict[str, TableProgramme]] = {
     "step-2": reversing(30.0),
     "step-3": reversing(30.0, outer_deg_s=60.0),
     "step-3-slow-outer": reversing(60.0, outer_deg_s=30.0, revolutions=20),
-    "step-3-modulated": reversing(30.0, outer_deg_s=15.0, modulation_deg=0.25 / units.RAD_PER_DEG),
+    "step-3-modulated": reversing(60.0, outer_deg_s=15.0, revolutions=20, modulation_deg=0.125 / units.RAD_PER_DEG),
 }
 """Liu's three steps, and two third steps in which no gyro comes near zero rate."""
 
