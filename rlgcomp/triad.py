@@ -6,9 +6,9 @@ What the triad indicates is
           M = \begin{pmatrix} \Delta k_x & 0 & \beta_{gx} \\ \alpha_{gy} & \Delta k_y & -\beta_{gy} \\
                               -\delta_{gy} & \delta_{gx} & \Delta k_z \end{pmatrix}
 
-so that a scale factor error is (indicated - true) / true, negative where lock-in swallows pulses. The body frame is put so that the x
-gyro lies in its x-z plane; without that convention only the sum of the first two angles, :math:`m_{12} + \alpha_{gy}`, can be seen
-by gyros. Accelerometers have the full matrix and a bias.
+so that a scale factor error is (indicated - true) / true, negative where lock-in swallows pulses. The body frame is put so that the
+x gyro lies in its x-z plane; without that convention only the sum of the first two angles, :math:`m_{12} + \alpha_{gy}`, can be
+seen by gyros. Accelerometers have the full matrix and a bias.
 
 Source: Z. Liu et al., Sensors 19, 4754 (2019), section 2; signs as in its Table 3 (its printed equation 3 has the opposite one).
 """

@@ -1,4 +1,4 @@
-"""Calibrations of simulated triads whose errors are the published ones: how far off they come, and how far off they say they are."""
+"""Calibrations of simulated triads with the published errors: how far off they come, and how far off they say they are."""
 
 from __future__ import annotations
 
@@ -43,7 +43,9 @@ def study(
 
     With `same_residuals` every seed has the same accelerometers and table, so that the spread is the repeatability.
     """
-    triads = list(drawn_triads(seeds, truth, angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h, lock_in_deg_s=lock_in_deg_s))
+    triads = list(
+        drawn_triads(seeds, truth, angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h, lock_in_deg_s=lock_in_deg_s)
+    )
     if same_residuals:
         triads = [dataclasses.replace(triads[0]) for _ in triads]
     rows = joblib.Parallel(n_jobs=jobs)(joblib.delayed(one)(triad, seed, steps) for seed, triad in enumerate(triads))

@@ -1,9 +1,9 @@
 """The calibration file: what a calibration found, as JSON, and its application to raw recordings.
 
-Schema `rlgcomp.calibration/1` holds a triad (its axes, eleven parameters with standard deviations, their covariance) or a single gyro
-(its scale factor and bias), and from which runs it came. Applied, a triad's `gyro_x_...`, `gyro_y_...`, `gyro_z_...` become body rates
-`gyro_x_deg_h`, ...; a single gyro's pulses become `gyro_deg_h`. Earth's rotation stays in both: a table or a chamber knows where it
-points, a gyro does not.
+Schema `rlgcomp.calibration/1` holds a triad (its axes, eleven parameters with standard deviations, their covariance) or a single
+gyro (its scale factor and bias), and from which runs it came. Applied, a triad's `gyro_x_...`, `gyro_y_...`, `gyro_z_...` become
+body rates `gyro_x_deg_h`, ...; a single gyro's pulses become `gyro_deg_h`. Earth's rotation stays in both: a table or a chamber
+knows where it points, a gyro does not.
 """
 
 from __future__ import annotations
@@ -83,7 +83,9 @@ class Calibration:
             axes = str(content["gyro_axes"])
             if axes not in frames.GYRO_AXES:
                 raise InputError(f"gyro_axes is {axes!r}; allowed are {', '.join(frames.GYRO_AXES)}")
-            values = {str(row["parameter"]): _number(row["value"], str(row["parameter"]), -1e6, 1e6) for row in content["parameters"]}
+            values = {
+                str(row["parameter"]): _number(row["value"], str(row["parameter"]), -1e6, 1e6) for row in content["parameters"]
+            }
             return cls(pulse, axes, TriadErrors(values), 0.0, content, identity)
         except (KeyError, TypeError, AttributeError) as error:
             raise InputError(f"not what schema {SCHEMA} requires: {type(error).__name__}: {error}") from None
@@ -165,7 +167,9 @@ class Calibration:
         return [columns[0] for columns in found]
 
 
-def triad_content(found: TriadCalibration, recordings: list[Recording], remarks: list[str], version: str, made: str) -> dict[str, Any]:
+def triad_content(
+    found: TriadCalibration, recordings: list[Recording], remarks: list[str], version: str, made: str
+) -> dict[str, Any]:
     """Content of the file of a triad's calibration."""
     return {
         "schema": SCHEMA,
@@ -181,7 +185,8 @@ def triad_content(found: TriadCalibration, recordings: list[Recording], remarks:
         "accelerometer_residuals": dict(found.accelerometer.values),
         "noise": dataclasses.asdict(found.noise) | {"angle_random_walk_estimated": found.noise_estimated},
         "runs": [
-            {"run": run.name, "shows": run.shows, "hours": run.hours, "chi_squared_ratio": run.chi_squared_ratio} for run in found.runs
+            {"run": run.name, "shows": run.shows, "hours": run.hours, "chi_squared_ratio": run.chi_squared_ratio}
+            for run in found.runs
         ],
         "remarks": remarks,
     }

@@ -1,8 +1,8 @@
 r"""Whether the gyros stay out of lock-in while they are calibrated, and which table programmes keep them out.
 
 A gyro that passes through zero rate with acceleration a is kicked by lock-in, by a random angle of rms
-:math:`\Omega_L \sqrt{\pi / (K a)}`, K = 2 pi pulses per radian. Reversals make a few such passages. With both axes turning, an oblique
-gyro's rate is :math:`\dot\phi / \sqrt 3 + \sqrt{2/3}\, \dot\theta \cos(\cdot)`: it passes through zero twice a turn unless
+:math:`\Omega_L \sqrt{\pi / (K a)}`, K = 2 pi pulses per radian. Reversals make a few such passages. With both axes turning, an
+oblique gyro's rate is :math:`\dot\phi / \sqrt 3 + \sqrt{2/3}\, \dot\theta \cos(\cdot)`: it passes through zero twice a turn unless
 :math:`\dot\theta < \dot\phi / \sqrt 2`. Liu's third step (30 and 60 deg/s) violates that.
 
 Source: Z. Liu et al., Sensors 19, 4754 (2019), section 4; kicks: W. W. Chow et al., Rev. Mod. Phys. 57, 61 (1985).
@@ -56,8 +56,8 @@ class RateBias:
         if not self.violated:
             return f"{self.run}: no gyro comes below {self.slowest_deg_s:.3g} deg/s between the table's {self.reversals} reversals"
         return (
-            f"{self.run}: the gyros pass through zero rate {counts} times, at {self.reversals} reversals of the table: they are not "
-            "rate-biased there, and lock-in kicks them at every passage; turn the outer axis slower than 0.7 times the inner one"
+            f"{self.run}: the gyros pass through zero rate {counts} times, at {self.reversals} reversals of the table: they "
+            "are not rate-biased there, and lock-in kicks them at every passage; turn the outer axis slower than 0.7 times the inner one"
         )
 
 
@@ -79,7 +79,9 @@ def rate_bias(run: TableRun) -> RateBias:
             turning &= ~slow
             sense = np.sign(rate[~slow])
             reversals = max(reversals, int(np.sum(sense[1:] != sense[:-1])))
-    turns = rates[:, np.max(np.abs(rates), axis=0) > LOCK_IN_DEG_S]  # a gyro across the only axis that turns has no rate bias at all
+    turns = rates[
+        :, np.max(np.abs(rates), axis=0) > LOCK_IN_DEG_S
+    ]  # a gyro across the only axis that turns has no rate bias at all
     crossings = [int(np.sum(np.signbit(rate[1:]) != np.signbit(rate[:-1]))) for rate in rates.T]
     slowest = float(np.min(np.abs(turns[turning]))) if turning.any() and turns.size else 0.0
     return RateBias(run.name, tuple(crossings), reversals, slowest)

@@ -15,7 +15,7 @@ which never forms a difference and takes states driven by noise as well.
 References
 ----------
 Z. Liu et al., Sensors 19, 4754 (2019), eq. 12.
-G. J. Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977), chapters III (Joseph), VI (square-root information).
+G. J. Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977), chapters III and VI.
 """
 
 from __future__ import annotations

@@ -85,12 +85,12 @@ def integrate(
     pushed = pushed_m_s + 0.5 * sideways + np.cross(turned_rad, sideways) / 6.0
     pushed += (np.cross(before_turn, pushed_m_s) + np.cross(before_push, turned_rad)) / 12.0
     turns = np.vstack([[1.0, 0.0, 0.0, 0.0], frames.running_product(frames.quaternion_of(sigma))])
-    C_bi = C_bn @ frames.matrix_of(turns)
+    C_bi: Array = C_bn @ frames.matrix_of(turns)
     inertial = _turned(C_bi[:-1], pushed)
-    time_s = step_s * np.arange(len(turned_rad) + 1)
+    time_s = step_s * np.arange(len(turned_rad) + 1, dtype=np.float64)
     level = _turned(earth_turn(earth_rad_s, time_s[:-1] + 0.5 * step_s), inertial)
     level[:, 2] -= gravity_m_s2 * step_s
-    velocity = np.vstack([np.zeros(3), np.cumsum(level, axis=0)])
+    velocity: Array = np.vstack([np.zeros(3), np.cumsum(level, axis=0)])
     return Trajectory(time_s, C_bi, velocity, turned_rad, pushed_m_s, earth_rad_s, gravity_m_s2)
 
 

@@ -16,11 +16,11 @@ from rlgcomp.calibration import triad_filter as tf
 from rlgcomp.calibration.file import triad_content
 from rlgcomp.calibration.rate_bias import RateBias, rate_bias, unseparated
 from rlgcomp.calibration.table_run import TableRun
-from rlgcomp.calibration.triad_calibration import SEEN, TriadCalibration, calibrate_triad
+from rlgcomp.calibration.triad_calibration import SEEN, TriadCalibration, calibrate_triad, joint_information
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
-from rlgcomp.simulation.rate_table import PROGRAMMES, Triad
-from rlgcomp.triad import GYRO
+from rlgcomp.simulation.rate_table import Triad
+from rlgcomp.triad import GYRO, TriadErrors
 
 CHI_SQUARED_RATIO: Final = (0.8, 1.25)
 ALTERNATIVES: Final = ("step-3", "step-3-slow-outer", "step-3-modulated")
@@ -86,7 +86,8 @@ def calibrate_recordings(
         noise = tf.Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
     if latitude_deg is not None:
         recordings = [
-            recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg)) for recording in recordings
+            recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg))
+            for recording in recordings
         ]
     runs = [TableRun.of(recording, gyro_axes=gyro_axes) for recording in recordings]
     triad = calibrate_triad(runs, noise=noise, progress=progress)
@@ -114,17 +115,25 @@ def predicted(noise: tf.Noise, latitude_deg: float, thirds: Sequence[str] = ALTE
         latitude_deg=latitude_deg,
         encoder_arcsec=0.0,
     )
-    first, second = (TableRun.of(silent.simulate(step, name=step)) for step in ("step-1", "step-2"))
+    shared = [_information(silent, step, noise)[1] for step in ("step-1", "step-2")]
     rows = []
     for third in thirds:
-        run = TableRun.of(silent.simulate(third, name=third))
-        found = calibrate_triad([first, second, run], noise=noise, passes=1)
+        run, information = _information(silent, third, noise)
+        joint, _ = joint_information([*shared, information], noise, TriadErrors())
+        bias = rate_bias(run)
         rows.append(
-            {"third step": third, "slowest_deg_s": rate_bias(run).slowest_deg_s, "crossings": max(rate_bias(run).crossings)}
-            | {parameter.name: sd for parameter, sd in zip(GYRO, found.sd, strict=True)}
+            {"third step": third, "slowest_deg_s": bias.slowest_deg_s, "crossings": max(bias.crossings)}
+            | dict(zip((parameter.name for parameter in GYRO), np.sqrt(np.diag(joint.covariance())), strict=False))
         )
-    assert set(thirds) <= set(PROGRAMMES)
     return pd.DataFrame(rows)
+
+
+def _information(triad: Triad, programme: str, noise: tf.Noise) -> tuple[TableRun, tf.RunInformation]:
+    run = TableRun.of(triad.simulate(programme, name=programme))
+    if run.shows == "rate":
+        return run, tf.rate_information(run, TriadErrors(), noise)
+    tilt = np.zeros(tf.START)
+    return run, tf.velocity_information(tf.linearise(run, TriadErrors(), tilt), noise, tilt)
 
 
 def _observability(triad: TriadCalibration) -> pd.DataFrame:
@@ -137,7 +146,8 @@ def _observability(triad: TriadCalibration) -> pd.DataFrame:
         rows.append(
             {
                 "run": name,
-                "determines": ", ".join(parameter.symbol for parameter, there in zip(GYRO, seen, strict=True) if there) or "nothing",
+                "determines": ", ".join(parameter.symbol for parameter, there in zip(GYRO, seen, strict=True) if there)
+                or "nothing",
                 "condition number": float(np.sqrt(values[-1] / max(values[0], 1e-300))),
             }
         )
@@ -151,27 +161,35 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
     unseen = [parameter.symbol for parameter, seen in zip(GYRO, triad.seen, strict=True) if not seen]
     if unseen:
         remarks.append(
-            f"these runs do not show {', '.join(unseen)}: taken as zero; the inner axis turned level shows Δk_z, ε_z, β; turned upright "
-            "ε_x, ε_y; both axes turned Δk_x, Δk_y, α, δ"
+            f"these runs do not show {', '.join(unseen)}: taken as zero; the inner axis turned level shows Δk_z, ε_z, β; "
+            "turned upright ε_x, ε_y; both axes turned Δk_x, Δk_y, α, δ"
         )
     remarks += [str(bias) for bias in biases if bias.violated]
     for row in alternatives.to_dict("records"):
         remarks.append(
-            f"third step {row['third step']}: slowest gyro {row['slowest_deg_s']:.1f} deg/s, {row['crossings']:.0f} passages, would give "
-            f"Δk_x to {row['scale_x_ppm']:.2g} ppm, α to {row['alpha_gy_arcsec']:.2g} arcsec, lock-in left out of account"
+            f"third step {row['third step']}: slowest gyro {row['slowest_deg_s']:.1f} deg/s, {row['crossings']:.0f} passages, "
+            f"would give Δk_x to {row['scale_x_ppm']:.2g} ppm and α to {row['alpha_gy_arcsec']:.2g} arcsec without lock-in"
         )
     for run in triad.runs:
         ratio = run.chi_squared_ratio
         if np.isfinite(ratio) and not CHI_SQUARED_RATIO[0] < ratio < CHI_SQUARED_RATIO[1]:
-            cause = "noise is larger than assumed, or something is not in the model (vibration, flexing)" if ratio > 1.0 else "noise is smaller"
-            remarks.append(f"{run.name}: chi² is {ratio:.2f} of its expectation: {cause}; standard deviations are off by about {ratio**0.5:.2f}")
+            cause = (
+                "noise is larger than assumed, or something is not in the model (vibration, flexing)"
+                if ratio > 1.0
+                else "noise is smaller"
+            )
+            remarks.append(
+                f"{run.name}: chi² is {ratio:.2f} of what is expected: {cause}; standard deviations are off by {ratio**0.5:.2f}"
+            )
     if any(triad.seen[-4:]):
         remarks.append(
             "β and δ refer to the accelerometers' axes: their standard deviations hold "
             f"{triad.noise.accelerometer['arcsec']:.3g} arcsec for what the accelerometers were calibrated to"
         )
     if triad.seen[6]:
-        remarks.append("α_gy is the whole sum m12 + m21: gyros alone cannot tell the two apart; the body's x-z plane holds the x gyro")
+        remarks.append(
+            "α_gy is the whole sum m12 + m21: gyros alone cannot tell the two apart; the body's x-z plane holds the x gyro"
+        )
     names = [parameter.symbol for parameter in GYRO]
     seen_rows = np.flatnonzero(triad.seen)
     remarks += unseparated(triad.covariance[np.ix_(seen_rows, seen_rows)], [names[k] for k in seen_rows])

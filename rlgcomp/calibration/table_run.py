@@ -1,4 +1,4 @@
-"""A recording of a triad on a two-axis table, made ready for calibration: body increments, encoders, and what the run is good for."""
+"""A recording of a triad on a two-axis table, made ready for calibration: body increments, encoders, what it is good for."""
 
 from __future__ import annotations
 
@@ -77,8 +77,8 @@ class TableRun:
                 )
         if len(recording.gaps):
             raise InputError(
-                f"{recording.name}: {len(recording.gaps)} gaps in time, the first after row {recording.gaps[0]}; attitude cannot be "
-                "integrated across a gap; calibrate on RUN@START:STOP without one"
+                f"{recording.name}: {len(recording.gaps)} gaps in time, the first after row {recording.gaps[0]}; attitude cannot "
+                "be integrated across a gap; calibrate on RUN@START:STOP without one"
             )
         step_s = recording.period_s
         rates = [recording.rate_deg_h(_gyro(recording, axis)) for axis in AXES]
@@ -86,8 +86,8 @@ class TableRun:
         outer, inner = recording.column("angle_outer_deg"), recording.column("angle_inner_deg")
         if max(np.ptp(inner), np.ptp(outer)) < 360.0:
             raise InputError(
-                f"{recording.name}: the table turns by less than a revolution ({np.ptp(inner):.1f} deg inner, {np.ptp(outer):.1f} deg "
-                "outer); rate-biased gyros are calibrated turning; for a gyro at rest use rlgcomp allan"
+                f"{recording.name}: the table turns by less than a revolution ({np.ptp(inner):.1f} deg inner, {np.ptp(outer):.1f} "
+                "deg outer); rate-biased gyros are calibrated turning; for a gyro at rest use rlgcomp allan"
             )
         chosen = _agreeing_axes(recording.name, axes_rad, outer, inner, step_s, gyro_axes)
         return cls(
@@ -120,14 +120,15 @@ class TableRun:
 
     @property
     def gravity_m_s2(self) -> float:
-        """Gravity where the table stands, from the accelerometers themselves: they are calibrated, and nothing but rotation moves them.
+        """Gravity where the table stands, from the accelerometers: they are calibrated, and nothing but rotation moves them.
 
         Raises
         ------
         InputError
             They show nothing like gravity.
         """
-        assert self.pushed_m_s is not None
+        if self.pushed_m_s is None:
+            raise InputError(f"{self.name} has no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...)")
         gravity = float(np.mean(np.linalg.norm(self.pushed_m_s, axis=1))) / self.step_s
         if not GRAVITY_M_S2[0] < gravity < GRAVITY_M_S2[1]:
             raise InputError(
@@ -187,7 +188,7 @@ def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_
     best = min(misfit, key=misfit.__getitem__)
     if misfit[best] > WORST_AGREEMENT:
         raise InputError(
-            f"{name}: the gyros disagree with the encoders by {100 * misfit[best]:.3g} % even when taken as {best}; check the order and "
-            "signs of the axes, pulse_arcsec, and which encoder is inner and outer"
+            f"{name}: the gyros disagree with the encoders by {100 * misfit[best]:.3g} % even when taken as {best}; check the "
+            "order and signs of the axes, pulse_arcsec, and which encoder is inner and outer"
         )
     return best

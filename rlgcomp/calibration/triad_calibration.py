@@ -1,13 +1,13 @@
-r"""Calibration of a triad on a two-axis table: bias, scale factors and misalignments from any number of runs, each standard error true.
+r"""Calibration of a triad on a two-axis table: bias, scale factors, misalignments, with standard errors that are true.
 
-Liu's three steps are three runs: the inner axis turned level (scale factor and bias of z, its misalignments), turned upright (biases
-of x and y), and both axes turned (the other scale factors and angles). Their information adds up, whatever their order: the joint
-estimate is
+Liu's three steps are three runs: the inner axis turned level (scale factor and bias of z, its misalignments), turned upright
+(biases of x and y), and both axes turned (the other scale factors and angles). Their information adds up, whatever their order: the
+joint estimate is
 
 .. math:: \hat p = \arg\min \sum_r \|R_r\, (\varphi_{0,r}, p) - z_r\|^2 + \|(p - p_0) / \sigma_0\|^2
 
-with the rows of :mod:`rlgcomp.calibration.triad_filter`. The linear model neglects squares of the errors, which one Gauss-Newton pass
-restores: the runs are integrated again with the estimate taken out.
+with the rows of :mod:`rlgcomp.calibration.triad_filter`. The linear model neglects squares of the errors, which one Gauss-Newton
+pass restores: the runs are integrated again with the estimate taken out.
 
 Source: Z. Liu et al., Sensors 19, 4754 (2019), section 4; its regressors are replaced by the whole linear model, its recursion by a
 square-root information filter (:mod:`rlgcomp.calibration.recursive` keeps the printed one beside it).
@@ -26,6 +26,7 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.calibration import triad_filter as tf
 from rlgcomp.calibration.recursive import SquareRootInformation
+from rlgcomp.calibration.strapdown import Sensitivity
 from rlgcomp.calibration.table_noise import angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.table_run import TableRun
 from rlgcomp.errors import InputError
@@ -148,7 +149,7 @@ def calibrate_triad(
     settings = noise or tf.Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h(runs))
     errors = TriadErrors()
     tilts = [np.zeros(tf.START) for _ in runs]
-    known = [None for _ in runs]  # type: list[tf.strapdown.Sensitivity | None]
+    known: list[Sensitivity | None] = [None for _ in runs]
     for number in range(passes):
         linear = []
         for k, run in enumerate(runs):
@@ -156,8 +157,11 @@ def calibrate_triad(
             done += 1
             progress(done, total)
         known = [None if part is None else part.sensitivity for part in linear]
-        informations = [_information(run, part, errors, tilt, settings) for run, part, tilt in zip(runs, linear, tilts, strict=True)]
-        joint, found_tilts = _joint(informations, settings, errors)
+        informations = [
+            tf.rate_information(run, errors, settings) if part is None else tf.velocity_information(part, settings, tilt)
+            for run, part, tilt in zip(runs, linear, tilts, strict=True)
+        ]
+        joint, found_tilts = joint_information(informations, settings, errors)
         if number == 0:
             before = linear
         found = joint.estimate(tf.CONSTANTS)
@@ -190,23 +194,19 @@ def _check(runs: Sequence[TableRun]) -> None:
     for attribute, what in (("gyro_axes", "geometry of the gyros"), ("latitude_deg", "latitude")):
         values = sorted({str(getattr(run, attribute)) for run in runs})
         if len(values) > 1:
-            raise InputError(f"the runs differ in the {what}: {', '.join(values)}; calibrate runs of one triad at one place together")
-
-
-def _information(
-    run: TableRun, linear: tf.Linearised | None, errors: TriadErrors, tilt: Array, noise: tf.Noise
-) -> tf.RunInformation:
-    return tf.rate_information(run, errors, noise) if linear is None else tf.velocity_information(linear, noise, tilt)
+            raise InputError(
+                f"the runs differ in the {what}: {', '.join(values)}; calibrate runs of one triad at one place together"
+            )
 
 
 def _prior_sd(noise: tf.Noise) -> Array:
     return np.array([PRIOR_SD[p.unit] for p in GYRO] + [noise.accelerometer[p.unit] for p in ACCELEROMETER])
 
 
-def _joint(
+def joint_information(
     informations: Sequence[tf.RunInformation], noise: tf.Noise, errors: TriadErrors
 ) -> tuple[SquareRootInformation, list[Array]]:
-    """All rows together; also each run's tilt at the start, given the joint constants."""
+    """All runs' rows on the constants together, less what `errors` took out of the gyros; and each run's tilt at the start."""
     mean = np.r_[-errors.vector(), np.zeros(len(ACCELEROMETER))]
     joint = SquareRootInformation.prior(mean, _prior_sd(noise))
     for information in informations:
@@ -217,9 +217,7 @@ def _joint(
     return joint, tilts
 
 
-def _curves(
-    runs: Sequence[TableRun], informations: Sequence[tf.RunInformation], noise: tf.Noise, offset: Array
-) -> pd.DataFrame:
+def _curves(runs: Sequence[TableRun], informations: Sequence[tf.RunInformation], noise: tf.Noise, offset: Array) -> pd.DataFrame:
     names = [parameter.name for parameter in GYRO]
     so_far = SquareRootInformation.prior(np.r_[-offset, np.zeros(len(ACCELEROMETER))], _prior_sd(noise))
     rows = []
@@ -229,8 +227,10 @@ def _curves(
             now.measure(R, z)
             values = now.estimate()[: len(GYRO)] + offset
             sds = np.sqrt(np.diag(now.covariance()))[: len(GYRO)]
-            rows.append({"run": run.name, "time_s": time_s, **dict(zip(names, values, strict=True))}
-                        | {f"{name}_sd": sd for name, sd in zip(names, sds, strict=True)})
+            rows.append(
+                {"run": run.name, "time_s": time_s, **dict(zip(names, values, strict=True))}
+                | {f"{name}_sd": sd for name, sd in zip(names, sds, strict=True)}
+            )
         alone = SquareRootInformation(information.R, information.z).last(tf.CONSTANTS)
         so_far.measure(alone.R, alone.z)
     return pd.DataFrame(rows)

@@ -6,8 +6,8 @@ gyros' parameters and the accelerometers' residuals in their own units. Between 
 .. math:: \varphi' = e^{-\omega_{ie} \times \Delta} \varphi + F_\varphi p + w_\varphi, \qquad
           V' = V + J \varphi + F_V p + w_V
 
-with F from :mod:`rlgcomp.calibration.strapdown`'s sensitivities, w the angle and velocity random walk integrated over the epoch. The
-velocity is measured as zero, to the accelerometers' resolution. A square-root information filter over the epochs is generalized
+with F from :mod:`rlgcomp.calibration.strapdown`'s sensitivities, w the angle and velocity random walk integrated over the epoch.
+The velocity is measured as zero, to the accelerometers' resolution. A square-root information filter over the epochs is generalized
 least squares with the covariance that doubly integrated random walk has; ordinary least squares would state errors 20 to 250 times
 too small.
 
@@ -21,7 +21,7 @@ with :math:`\mu` the tilt of the gyro to the axis of rotation, a and b Earth's r
 from __future__ import annotations
 
 import dataclasses
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -88,7 +88,7 @@ class RunInformation:
         rows = self.R[:START, :START]
         if not np.diag(rows).all():
             return np.zeros(START)
-        return np.linalg.solve(rows, self.z[:START] - self.R[:START, START:] @ constants)
+        return np.asarray(np.linalg.solve(rows, self.z[:START] - self.R[:START, START:] @ constants))
 
     def misfit(self, constants: Array) -> float:
         """Chi squared of the run, given the constants."""
@@ -115,20 +115,18 @@ class Linearised:
     sensitivity: strapdown.Sensitivity
 
 
-def linearise(
-    run: TableRun, errors: TriadErrors, tilt_arcsec: Array, known: strapdown.Sensitivity | None = None
-) -> Linearised:
+def linearise(run: TableRun, errors: TriadErrors, tilt_arcsec: Array, known: strapdown.Sensitivity | None = None) -> Linearised:
     """Integrate a run with the given errors taken out of the gyros and the given tilt taken out of the start."""
-    assert run.pushed_m_s is not None
+    gravity_m_s2 = run.gravity_m_s2
     every = max(1, round(EPOCH_S / run.step_s))
     C_bn = frames.matrix_of(frames.quaternion_of(tilt_arcsec * units.RAD_PER_ARCSEC)) @ frames.table_attitude(*run.start())
     trajectory = strapdown.integrate(
         errors.correct(run.turned_rad, run.step_s),
-        run.pushed_m_s,
+        cast(Array, run.pushed_m_s),
         run.step_s,
         C_bn,
         frames.earth_rate_n_rad_s(run.latitude_deg),
-        run.gravity_m_s2,
+        gravity_m_s2,
     )
     return Linearised(run, every, trajectory, known or strapdown.sensitivity(trajectory, every, GYRO, ACCELEROMETER))
 
@@ -171,7 +169,7 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     Q[3:, :3] = white * epoch_s**2 / 2.0 * lean
     Q[:3, 3:] = Q[3:, :3].T
     Q[3:, 3:] = white * epoch_s**3 / 3.0 * lean @ lean.T + push * epoch_s * np.eye(2)
-    root = np.linalg.cholesky(Q)
+    root: Array = np.asarray(np.linalg.cholesky(Q), dtype=np.float64)
 
     resolution = noise.velocity_resolution_m_s / _MM
     starting = np.zeros((DRIVEN + START, states))

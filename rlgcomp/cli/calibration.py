@@ -30,13 +30,13 @@ def calibrate(
 ) -> None:
     """Bias, scale factors and misalignments of a triad from runs on a two-axis table (three steps, or any others).
 
-    A run with the inner axis level shows scale factor, bias and misalignments of z, one with it upright the biases of x and y, one with
-    both axes turning the rest. Runs need `angle_inner_deg`, `angle_outer_deg`, three gyros and three accelerometers.
+    A run with the inner axis level shows scale factor, bias and misalignments of z, one with it upright the biases of x and y, one
+    with both axes turning the rest. Runs need `angle_inner_deg`, `angle_outer_deg`, three gyros and three accelerometers.
 
     Example: `rlgcomp calibrate step1.parquet step2.parquet step3.parquet --out unit-17.json --report calibration`
     """
-    from rlgcomp.calibration.table_calibration import calibrate_recordings
     from rlgcomp.calibration.file import write_calibration
+    from rlgcomp.calibration.table_calibration import calibrate_recordings
     from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.report.calibration import write_calibration_report
 

@@ -95,7 +95,9 @@ def settling(curves: pd.DataFrame) -> str:
                 panel.text(0.5, 0.5, "not seen by these runs", transform=panel.transAxes, ha="center", color=INK)
                 continue
             last, last_sd = value[seen][-1], sd[seen][-1]
-            panel.fill_between(minutes[seen], (value - 2 * sd)[seen], (value + 2 * sd)[seen], color=colors[parameter.unit], alpha=0.18, lw=0)
+            panel.fill_between(
+                minutes[seen], (value - 2 * sd)[seen], (value + 2 * sd)[seen], color=colors[parameter.unit], alpha=0.18, lw=0
+            )
             panel.plot(minutes[seen], value[seen], color=colors[parameter.unit], lw=1.4)
             panel.axhline(last, color=WARM, lw=0.7, ls="--")
             reach = max(6.0 * last_sd, 0.15 * float(np.quantile(sd[seen], 0.6)))
@@ -109,4 +111,6 @@ def settling(curves: pd.DataFrame) -> str:
 def _alternatives(frame: pd.DataFrame) -> pd.DataFrame:
     symbols = {parameter.name: f"{parameter.symbol}, {parameter.unit}" for parameter in GYRO}
     shown = frame.rename(columns=symbols | {"slowest_deg_s": "slowest gyro, deg/s", "crossings": "passages"})
-    return shown.apply(lambda column: column.map(lambda value: f"{value:.2g}") if column.name in symbols.values() else column).round(1)
+    return shown.apply(
+        lambda column: column.map(lambda value: f"{value:.2g}") if column.name in symbols.values() else column
+    ).round(1)

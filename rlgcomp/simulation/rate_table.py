@@ -30,11 +30,11 @@ from rlgcomp import frames, units
 from rlgcomp.errors import InputError
 from rlgcomp.noise import stream
 from rlgcomp.recording import Metadata, Recording
-from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
+from rlgcomp.triad import ACCELEROMETER, TriadErrors
 
 Array = npt.NDArray[np.float64]
 ACCELERATION_DEG_S2: Final = 100.0
-_NODES, _WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(3))
+_NODES, _WEIGHTS = (0.5 * np.asarray(part, dtype=np.float64) for part in np.polynomial.legendre.leggauss(3))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +105,9 @@ class TableProgramme:
         return outer, inner, outer_rate, inner_rate
 
 
-def reversing(inner_deg_s: float, *, outer_deg_s: float = 0.0, revolutions: int = 10, repeats: int = 5, **start: float) -> TableProgramme:
+def reversing(
+    inner_deg_s: float, *, outer_deg_s: float = 0.0, revolutions: int = 10, repeats: int = 5, **start: float
+) -> TableProgramme:
     """The inner axis turns `revolutions` forward, then as many back, `repeats` times.
 
     With the outer axis turning as well, the two reverse in turn: were they always to reverse together, nothing could tell the scale
@@ -187,10 +189,8 @@ class Triad:
         velocity = self.accelerometer.disturb(pushed, step_s)
         walk = self.velocity_random_walk_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY_M_S2 * math.sqrt(step_s)
         velocity += walk * stream(seed, "velocity_random_walk").standard_normal(velocity.shape)
-        velocity += self.velocity_noise_m_s * np.diff(
-            stream(seed, "velocity_noise").standard_normal((samples + 1, 3)), axis=0
-        )
-        time_s = step_s * np.arange(1, samples + 1)
+        velocity += self.velocity_noise_m_s * np.diff(stream(seed, "velocity_noise").standard_normal((samples + 1, 3)), axis=0)
+        time_s = step_s * np.arange(1, samples + 1, dtype=np.float64)
         outer, inner, _, _ = programme.motion(time_s)
         resolution_deg = self.encoder_arcsec / units.ARCSEC_PER_DEG
         if resolution_deg:
