@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp.cli import main
+from rlgcomp.cli import main, register_commands
 from rlgcomp.cli.base import app
 
 COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate"]
@@ -37,10 +37,7 @@ noise: {angle_random_walk_deg_sqrt_h: 0.0003}
 @pytest.fixture(scope="module", autouse=True)
 def registered() -> None:
     """Commands are registered when the console script starts."""
-    import importlib
-
-    for commands in ("demo", "recordings", "simulation", "compensation"):
-        importlib.import_module(f"rlgcomp.cli.{commands}")
+    register_commands()
 
 
 def run(*arguments: object) -> object:
