@@ -52,11 +52,11 @@ def show(quick: bool) -> None:
             "eq. 6 to 8 exchange east and north (a tilt about east accelerates northward) and lose a minus: (ωT - sin ωT)",
             "eq. 11: the scale factor's regressor is g ω T²/2 (with reversals g ∫φ dt), printed g ω T/2; the zeros of H are lost",
             "eq. 12: the minus and plus signs are lost",
-            "eq. 13 leaves out the misalignments times the turning rate: 3.7 arcsec x 30 deg/s are 1.9 deg/h, against a bias of 0.017",
+            "eq. 13 leaves out the misalignments times the turning rate: 3.7 arcsec x 30 deg/s are 1.9 deg/h, the bias is 0.017",
             "eq. 14 holds for an inner axis at rest; with both turning it does not describe the velocity",
             f"table 4: δ_gx heads two columns, one of them δ_gy; Δk_z averages {runs['scale_z_ppm'].mean():.3f}, printed "
-            f"{printed['scale_z_ppm']:g}; β_gy averages {runs['beta_gy_arcsec'].mean():.2f}, printed {printed['beta_gy_arcsec']:g}; "
-            "the column headed angular velocity is the number of the run",
+            f"{printed['scale_z_ppm']:g}; β_gy averages {runs['beta_gy_arcsec'].mean():.2f}, printed {printed['beta_gy_arcsec']:g}; the "
+            " column headed angular velocity is the number of the run",
         ],
     )
 
@@ -87,9 +87,9 @@ def _table_4(
         [
             f"angle random walk 0.0004 deg/sqrt(h), estimated from the runs themselves: {noise.mean():.5f} ± {noise.std():.5f}",
             "whole pulses of 0.84279 arcsec, 200 Hz, encoders of 3 arcsec, 20 minutes a step; accelerometers of 5 ug/sqrt(Hz)",
-            "accelerometer residuals (5 ug, 2 ppm, 2 arcsec, uniform) and the table's tilt (3, 3, 60 arcsec) are drawn for every triad; "
-            "for the repeatability one triad is calibrated again and again",
-            "β and δ refer to the accelerometers' axes: their error is that of the accelerometers' misalignment, their repeatability not",
+            "accelerometer residuals (5 ug, 2 ppm, 2 arcsec, uniform) and the table's tilt (3, 3, 60 arcsec) are drawn for every triad; for "
+            " the repeatability one triad is calibrated again and again",
+            "β and δ refer to the accelerometers' axes: their error is that of the accelerometers' misalignment",
         ],
     )
 
@@ -97,7 +97,10 @@ def _table_4(
 def _first_step(truth: TriadErrors, drawn: pd.DataFrame, seeds: int) -> None:
     off = pd.DataFrame(
         [
-            {name: value - truth.values[name] for name, value in first_step(TableRun.of(triad.simulate("step-1", seed=seed))).items()}
+            {
+                name: value - truth.values[name]
+                for name, value in first_step(TableRun.of(triad.simulate("step-1", seed=seed))).items()
+            }
             for seed, triad in enumerate(drawn_triads(seeds, truth))
         ]
     )
@@ -159,7 +162,11 @@ def _third_steps(held: pd.DataFrame, kicked: pd.DataFrame) -> None:
     show_table(
         f"The paper's third step with kicks of a lock-in rate of {LOCK_IN_DEG_S} deg/s: repeatability",
         [
-            {"parameter": parameter.symbol, "without": f"{held[parameter.name].std():.2g}", "with": f"{kicked[parameter.name].std():.2g}"}
+            {
+                "parameter": parameter.symbol,
+                "without": f"{held[parameter.name].std():.2g}",
+                "with": f"{kicked[parameter.name].std():.2g}",
+            }
             for parameter in GYRO
             if parameter.name in ("scale_x_ppm", "scale_y_ppm", "alpha_gy_arcsec", "delta_gx_arcsec", "delta_gy_arcsec")
         ],

@@ -7,7 +7,8 @@ With the inner axis level, X_b starting downward, and phi the inner angle from t
 
 Printed, east and north stand exchanged, a minus is lost in beta_gy's term, and the scale factor's regressor is one power of T
 short. It is kept beside :mod:`rlgcomp.calibration.triad_calibration` to show what it leaves out: Earth's rotation, which carries an
-azimuth error into velocity, the table's tilt, the accelerometers' residuals, and that angle random walk, integrated twice, is not white.
+azimuth error into velocity, the table's tilt, the accelerometers' residuals, and that angle random walk, integrated twice, is
+not white.
 """
 
 from __future__ import annotations
