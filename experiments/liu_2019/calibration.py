@@ -54,9 +54,9 @@ def show(quick: bool) -> None:
             "eq. 12: the minus and plus signs are lost",
             "eq. 13 leaves out the misalignments times the turning rate: 3.7 arcsec x 30 deg/s are 1.9 deg/h, the bias is 0.017",
             "eq. 14 holds for an inner axis at rest; with both turning it does not describe the velocity",
-            f"table 4: δ_gx heads two columns, one of them δ_gy; Δk_z averages {runs['scale_z_ppm'].mean():.3f}, printed "
-            f"{printed['scale_z_ppm']:g}; β_gy averages {runs['beta_gy_arcsec'].mean():.2f}, printed {printed['beta_gy_arcsec']:g}; the "
-            " column headed angular velocity is the number of the run",
+            f"table 4: two columns are headed δ_gx; Δk_z averages {runs['scale_z_ppm'].mean():.3f}, printed "
+            f"{printed['scale_z_ppm']:g}; β_gy averages {runs['beta_gy_arcsec'].mean():.2f}, printed {printed['beta_gy_arcsec']:g};"
+            " the column headed angular velocity is the number of the run",
         ],
     )
 
@@ -87,8 +87,8 @@ def _table_4(
         [
             f"angle random walk 0.0004 deg/sqrt(h), estimated from the runs themselves: {noise.mean():.5f} ± {noise.std():.5f}",
             "whole pulses of 0.84279 arcsec, 200 Hz, encoders of 3 arcsec, 20 minutes a step; accelerometers of 5 ug/sqrt(Hz)",
-            "accelerometer residuals (5 ug, 2 ppm, 2 arcsec, uniform) and the table's tilt (3, 3, 60 arcsec) are drawn for every triad; for "
-            " the repeatability one triad is calibrated again and again",
+            "accelerometer residuals (5 ug, 2 ppm, 2 arcsec, uniform) and the table's tilt (3, 3, 60 arcsec) are drawn for every "
+            "triad; for the repeatability one triad is calibrated again and again",
             "β and δ refer to the accelerometers' axes: their error is that of the accelerometers' misalignment",
         ],
     )

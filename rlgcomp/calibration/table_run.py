@@ -39,6 +39,8 @@ class TableRun:
     gyro_axes : str
         "oblique" or "orthogonal".
     latitude_deg : float
+    angle_noise_arcsec : float
+        White noise of each gyro's accumulated angle from counting whole pulses.
     """
 
     name: str
@@ -49,6 +51,7 @@ class TableRun:
     inner_deg: Array
     gyro_axes: str
     latitude_deg: float
+    angle_noise_arcsec: float = 0.0
 
     @classmethod
     def of(cls, recording: Recording, *, gyro_axes: str | None = None) -> TableRun:
@@ -81,7 +84,8 @@ class TableRun:
                 "be integrated across a gap; calibrate on RUN@START:STOP without one"
             )
         step_s = recording.period_s
-        rates = [recording.rate_deg_h(_gyro(recording, axis)) for axis in AXES]
+        columns = [_gyro(recording, axis) for axis in AXES]
+        rates = [recording.rate_deg_h(column) for column in columns]
         axes_rad = np.stack(rates, axis=1) * (units.RAD_PER_DEG / units.SECONDS_PER_HOUR * step_s)
         outer, inner = recording.column("angle_outer_deg"), recording.column("angle_inner_deg")
         if max(np.ptp(inner), np.ptp(outer)) < 360.0:
@@ -99,6 +103,7 @@ class TableRun:
             inner_deg=inner,
             gyro_axes=chosen,
             latitude_deg=recording.metadata.latitude_deg,
+            angle_noise_arcsec=_counting_noise_arcsec(recording, columns),
         )
 
     @property
@@ -156,6 +161,14 @@ def _gyro(recording: Recording, axis: str) -> str:
             f"{', '.join(recording.gyro_columns)}; for a single gyro use rlgcomp scale-factor"
         )
     return found[0]
+
+
+def _counting_noise_arcsec(recording: Recording, columns: list[str]) -> float:
+    """A pulse over sqrt(12), where whole pulses are counted."""
+    if not all(column.endswith("_pulses") for column in columns) or recording.metadata.pulse_arcsec is None:
+        return 0.0
+    whole = all(np.array_equal(counts, np.rint(counts)) for counts in map(recording.column, columns))
+    return recording.metadata.pulse_arcsec / math.sqrt(12.0) if whole else 0.0
 
 
 def _pushed(recording: Recording, step_s: float) -> Array | None:

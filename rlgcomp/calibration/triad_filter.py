@@ -165,11 +165,12 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     inverse[:DRIVEN, :DRIVEN] = np.linalg.inv(forward)
     white = (noise.angle_random_walk_deg_sqrt_h * units.ARCSEC_PER_DEG) ** 2 / units.SECONDS_PER_HOUR  # arcsec²/s
     push = (noise.velocity_random_walk_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY_M_S2 / _MM) ** 2  # (mm/s)²/s
+    walk = white * np.eye(3) + run.angle_noise_arcsec**2 * _counting_walk(linear.trajectory)
     Q = np.zeros((DRIVEN, DRIVEN))
-    Q[:3, :3] = white * epoch_s * np.eye(3)
-    Q[3:, :3] = white * epoch_s**2 / 2.0 * lean
+    Q[:3, :3] = epoch_s * walk
+    Q[3:, :3] = epoch_s**2 / 2.0 * lean @ walk
     Q[:3, 3:] = Q[3:, :3].T
-    Q[3:, 3:] = white * epoch_s**3 / 3.0 * lean @ lean.T + push * epoch_s * np.eye(2)
+    Q[3:, 3:] = epoch_s**3 / 3.0 * lean @ walk @ lean.T + push * epoch_s * np.eye(2)
     root: Array = np.asarray(np.linalg.cholesky(Q), dtype=np.float64)
 
     resolution = noise.velocity_resolution_m_s / _MM
@@ -217,6 +218,18 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
             z[START:] = mean * np.sqrt(information) / sd
         curve.append((stop * run.step_s, R[START:, START:], z[START:]))
     return RunInformation(R, z, curve, 0.0, 0)
+
+
+def _counting_walk(trajectory: strapdown.Trajectory) -> Array:
+    r"""Random walk of the tilt, per second, for white noise of unit variance in the accumulated body angles.
+
+    Such noise q is bounded in the body, but not in the level frame: :math:`\int C\, dq = C q - \int C\, \omega \times q\, dt`, a walk
+    with :math:`(|\omega|^2 I - \omega \omega^T)\, \Delta t` in the mean over the turning.
+    """
+    step_s = float(trajectory.time_s[1])
+    level = np.einsum("kij,kj->ki", trajectory.C_bi[:-1], trajectory.turned_rad / step_s)
+    spread = level.T @ level / len(level)
+    return np.asarray((np.trace(spread) * np.eye(3) - spread) * step_s)
 
 
 def _timing_arcsec(run: TableRun) -> Array:
