@@ -29,6 +29,7 @@ ROWS = [
     ["inspection"],
     ["physics"],
     ["simulation"],
+    ["calibration"],
     ["features"],
     ["recipe"],
     ["compensation"],
