@@ -87,10 +87,10 @@ def whole_turns(recording: Recording, angle: str, *, gyro: str | None = None, re
                 rows.append((time_s[first], time_s[last], row[first], row[last], direction, rate_deg_s, turned))
     if not rows:
         raise InputError(
-            f"{recording.name}: no whole revolution: {angle} spans {np.ptp(angle_deg):.6g} deg, with {broken} revolutions broken by "
-            f"a gap and {uneven} not at a steady rate (quarters within {100 * STEADY:g} %); a revolution counts from one passage of "
-            f"{reference_deg:g} deg to the next at a steady rate: let the table run in before the mark and beyond it, or choose "
-            "another mark with --reference-deg"
+            f"{recording.name}: no whole revolution: {angle} spans {np.ptp(angle_deg):.6g} deg, with {broken} revolutions broken "
+            f"by a gap and {uneven} not at a steady rate (quarters within {100 * STEADY:g} %); a revolution counts from one "
+            f"passage of {reference_deg:g} deg to the next at a steady rate: let the table run in before the mark and beyond it, "
+            "or choose another mark with --reference-deg"
         )
     columns = ["start_s", "stop_s", "start_row", "stop_row", "direction", "rate_deg_s", "pulses"]
     return pd.DataFrame(rows, columns=columns).astype({"start_row": np.int64, "stop_row": np.int64, "direction": np.int64})

@@ -158,7 +158,7 @@ class PositionTable:
     def position_counts(
         self, beta_deg: npt.ArrayLike, rng: np.random.Generator, *, revolutions: int = 1, period_s: float = 36.0
     ) -> tuple[Array, Array]:
-        """Pulses of `revolutions` turns of the position table forwards and backwards, at each setting beta of the rate-biasing table.
+        """Pulses of `revolutions` turns of the position table forwards and backwards, at each setting of the rate-biasing table.
 
         Parameters
         ----------
