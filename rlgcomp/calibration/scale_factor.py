@@ -27,6 +27,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.stats import chi2
 
 from rlgcomp.calibration.turns import grouped, pairs, stretches, whole_turns
 from rlgcomp.errors import InputError
@@ -37,7 +38,8 @@ Array = npt.NDArray[np.float64]
 TABLE: Final = "table_angle_deg"
 SAME_RATE: Final = 0.02
 BATCHES: Final = 20
-FEW: Final = 10
+FEW: Final = 10  # repeats below which the expected spread is believed, unless theirs is implausible beside it
+IMPLAUSIBLE: Final = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +53,8 @@ class ConventionalScaleFactor:
     relative_spread : float
         Sample standard deviation of one repeat, over the mean; NaN for one repeat.
     relative_sd : float
-        Standard error of the mean, over the mean, from means of batches, so that a slow drift counts.
+        Standard error of the mean, over the mean: from means of batches, so that a slow drift counts; with fewer than ten repeats
+        from the expected spread, unless theirs is implausible beside it.
     relative_expected : float
         What the rounding to whole pulses and the stated error of the reference mark would spread one repeat by.
     rate_deg_s : float
@@ -215,6 +218,7 @@ def _from_pairs(table: pd.DataFrame, sync_arcsec: float) -> ConventionalScaleFac
     batches = np.array([part.mean() for part in np.array_split(scale, len(scale) if len(scale) < 2 * BATCHES else BATCHES)])
     spread = float(scale.std(ddof=1)) / abs(mean) if len(scale) > 1 else math.nan
     sd = sd_of_mean(batches) / abs(mean)
-    if len(scale) < FEW:  # counts are whole: a handful may agree by chance
-        sd = float(np.nanmax([sd, expected / math.sqrt(len(scale))]))
+    n = len(scale)
+    if n < FEW and (n == 1 or chi2.sf((n - 1) * (spread / expected) ** 2, n - 1) > IMPLAUSIBLE):
+        sd = expected / math.sqrt(n)  # counts are whole: a handful may agree, or not, by chance
     return ConventionalScaleFactor(mean, spread, sd, expected, rate, axis, repeats)
