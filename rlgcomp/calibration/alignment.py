@@ -104,7 +104,8 @@ def fit_alignment(
     runs : int
         Alignments that each standard deviation rests on.
     seed : int
-        Of the Monte Carlo that gives the standard errors; it assumes the fitted values, and no floor where N comes out as zero.
+        Of the Monte Carlo that gives the standard errors. It assumes the fitted values; in quadrature with a floor, where N may
+        come out as zero by chance, the mean of these and of what is fitted without a floor.
 
     Raises
     ------
@@ -128,8 +129,9 @@ def fit_alignment(
     estimate = _solve(root_hours, spread[None] / per_deg_h, form, floor, relative)[0]
     fitted = per_deg_h * _std(root_hours, estimate, form)
     spreading = estimate
-    if not estimate[0] > 0.0:  # at its bound: what random walk could there be and yet be fitted by none?
-        spreading = _solve(root_hours, spread[None] / per_deg_h, form, False, relative)[0]
+    if form == "quadrature" and floor:
+        walk_alone = _solve(root_hours, spread[None] / per_deg_h, form, False, relative)[0]
+        spreading = np.sqrt(0.5 * (estimate**2 + walk_alone**2))
     drawn = np.sqrt(_sampled_variances(time, _covariance(root_hours, spreading, form), runs, np.random.default_rng(seed)))
     scatter = _solve(root_hours, drawn, form, floor, relative).std(axis=0, ddof=1)
     return AlignmentFit(
@@ -162,7 +164,7 @@ def simulate_spreads(
     runs: int = 15,
     draws: int = 1,
 ) -> Array:
-    """Sample standard deviations in arcsec of `runs` alignments, each one random walk carried on through all times and one constant.
+    """Sample standard deviations in arcsec of `runs` alignments, each one random walk carried on from time to time and a constant.
 
     Returns
     -------

@@ -33,18 +33,15 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.stats import chi2
 
-from rlgcomp.calibration.turns import grouped, pairs, stretches, whole_turns
+from rlgcomp.calibration.turns import INNER, OUTER, grouped, pairs, stretches, while_at_rest, whole_turns
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.position_table import PositionTable
 from rlgcomp.units import ARCSEC_PER_TURN, DEG_PER_TURN, RAD_PER_ARCSEC, RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]
-INNER: Final = "angle_inner_deg"
-OUTER: Final = "angle_outer_deg"
 ENOUGH: Final = 8  # positions from which the scatter about the fit says more than the stated errors
 IMPLAUSIBLE: Final = 0.01  # probability of the scatter below which the stated errors are not believed
-AT_REST_DEG: Final = 0.2
 SAME_POSITION_DEG: Final = 0.5
 WORST_CONDITION: Final = 30.0
 
@@ -235,23 +232,16 @@ def mounting_angle_of(
         No whole revolution, no position with both directions, or positions that cannot separate.
     """
     found = []
-    remarks = []
+    remarks: list[str] = []
     for recording in recordings:
-        inner_deg = np.unwrap(recording.column(INNER), period=DEG_PER_TURN)
-        runs = stretches(whole_turns(recording, OUTER, gyro=gyro, reference_deg=reference_deg))
-        held = [inner_deg[start : stop + 1] for start, stop in zip(runs["start_row"], runs["stop_row"], strict=True)]
-        at_rest = np.array([np.ptp(angle) <= AT_REST_DEG for angle in held])
-        if not at_rest.all():
-            remarks.append(
-                f"{recording.name}: {int((~at_rest).sum())} runs left out: {INNER} moved by more than {AT_REST_DEG:g} deg"
-            )
-        found.append(runs.assign(beta=[float(angle.mean()) % DEG_PER_TURN for angle in held])[at_rest])
+        turns = stretches(whole_turns(recording, OUTER, gyro=gyro, reference_deg=reference_deg))
+        runs, remark = while_at_rest(recording, turns, INNER)
+        found.append(runs)
+        remarks += [remark] if remark else []
     runs = pd.concat(found, ignore_index=True)
     if runs.empty:
-        raise InputError(
-            f"in no revolution of {OUTER} was {INNER} at rest; hold the rate-biasing table while the position table turns"
-        )
-    runs["position"] = grouped(runs["beta"], SAME_POSITION_DEG)
+        raise InputError(f"{INNER} was at rest in no revolution of {OUTER}; hold one table while the other turns")
+    runs["position"] = grouped(runs["held_deg"], SAME_POSITION_DEG)
     both = pairs(runs, ["position"])
     unpaired = len(runs) - 2 * len(both)
     if both.empty:

@@ -29,13 +29,12 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.stats import chi2
 
-from rlgcomp.calibration.turns import grouped, pairs, stretches, whole_turns
+from rlgcomp.calibration.turns import INNER, OUTER, TABLE, grouped, pairs, stretches, while_at_rest, whole_turns
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.units import ARCSEC_PER_TURN, DEG_PER_TURN, PPM
 
 Array = npt.NDArray[np.float64]
-TABLE: Final = "table_angle_deg"
 SAME_RATE: Final = 0.02
 BATCHES: Final = 20
 FEW: Final = 10  # repeats below which the expected spread is believed, unless theirs is implausible beside it
@@ -127,7 +126,6 @@ def conventional_scale_factor(
 def conventional_scale_factors(
     recordings: Sequence[Recording],
     *,
-    angle: str = TABLE,
     gyro: str | None = None,
     revolutions: int | None = None,
     reference_deg: float = 0.0,
@@ -138,9 +136,8 @@ def conventional_scale_factors(
     Parameters
     ----------
     recordings : sequence of Recording
-        With the rate-biasing table's encoder and `gyro_pulses`.
-    angle : str
-        The encoder's column.
+        With `gyro_pulses` and the rate-biasing table's encoder: `table_angle_deg`, or else `angle_inner_deg`, whose revolutions
+        count while `angle_outer_deg` is at rest.
     gyro : str, optional
     revolutions : int, optional
         Revolutions of one repeat and direction; by default as many as follow each other.
@@ -160,11 +157,17 @@ def conventional_scale_factors(
     InputError
         No whole revolution, one direction only, or no pulses.
     """
-    found = []
+    found, remarks = [], []
     for run, recording in enumerate(recordings):
-        turns = whole_turns(recording, angle, gyro=gyro, reference_deg=reference_deg)
-        found.append(stretches(turns, revolutions).assign(run=run))
+        angle = TABLE if TABLE in recording else INNER
+        turns = stretches(whole_turns(recording, angle, gyro=gyro, reference_deg=reference_deg), revolutions).assign(run=run)
+        if angle == INNER:
+            turns, remark = while_at_rest(recording, turns, OUTER)
+            remarks += [remark] if remark else []
+        found.append(turns)
     runs = pd.concat(found, ignore_index=True)
+    if runs.empty:
+        raise InputError(f"{OUTER} was at rest in no revolution of {INNER}; hold one table while the other turns")
     runs["speed"] = grouped(runs["rate_deg_s"].abs(), SAME_RATE, relative=True)
     both = pairs(runs, ["speed", "run"])
     if both.empty:  # each direction may be a file of its own
@@ -176,9 +179,10 @@ def conventional_scale_factors(
             "cancel only between both directions, so turn the table as many revolutions back"
         )
     unpaired = len(runs) - 2 * len(both)
-    remarks = (f"{unpaired} stretches have no partner in the other direction at their rate and were left out",) if unpaired else ()
+    if unpaired:
+        remarks.append(f"{unpaired} stretches have no partner in the other direction at their rate and were left out")
     factors = [_from_pairs(part.reset_index(drop=True), sync_arcsec) for _, part in both.groupby("speed", sort=True)]
-    return factors, remarks
+    return factors, tuple(remarks)
 
 
 def sd_of_mean(values: npt.ArrayLike) -> float:

@@ -20,8 +20,12 @@ from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]
 
+TABLE: Final = "table_angle_deg"  # one table
+INNER: Final = "angle_inner_deg"  # two: the rate-biasing table on
+OUTER: Final = "angle_outer_deg"  # the position table
 STEADY: Final = 0.01  # the four quarters of a revolution, and the revolutions of a stretch, agree in duration to this share
 QUARTER_DEG: Final = DEG_PER_TURN / 4.0
+AT_REST_DEG: Final = 0.2
 REVERSAL_DEG: Final = 45.0  # going back by less is the encoder's noise or a table settling
 
 
@@ -142,6 +146,24 @@ def stretches(turns: pd.DataFrame, revolutions: int | None = None) -> pd.DataFra
     return found
 
 
+def while_at_rest(recording: Recording, found: pd.DataFrame, angle: str) -> tuple[pd.DataFrame, str | None]:
+    """The stretches during which another table stood still, with its mean angle as `held_deg`.
+
+    Returns
+    -------
+    DataFrame
+    remark : str or None
+        How many were left out because it moved.
+    """
+    angle_deg = np.unwrap(recording.column(angle), period=DEG_PER_TURN)
+    during = [angle_deg[start : stop + 1] for start, stop in zip(found["start_row"], found["stop_row"], strict=True)]
+    still = np.array([np.ptp(held) <= AT_REST_DEG for held in during])
+    found = found.assign(held_deg=[float(held.mean()) % DEG_PER_TURN for held in during])[still]
+    moving = int((~still).sum())
+    said = f"{recording.name}: {moving} stretches left out: {angle} moved by more than {AT_REST_DEG:g} deg" if moving else None
+    return found, said
+
+
 def pairs(found: pd.DataFrame, group: Sequence[str]) -> pd.DataFrame:
     """The k-th stretch forwards with the k-th backwards of each group; what finds no partner is left out.
 
@@ -210,7 +232,8 @@ def _crossings(
     forward = np.maximum.accumulate(direction * angle_deg[start : stop + 1])
     level_deg = QUARTER_DEG * np.arange(np.ceil(forward[0] / QUARTER_DEG), np.ceil(forward[-1] / QUARTER_DEG))
     after = np.searchsorted(forward, level_deg, side="right")
-    share = (level_deg - forward[after - 1]) / (forward[after] - forward[after - 1])
+    before_deg, after_deg = (direction * angle_deg[start + after + shift] for shift in (-1, 0))
+    share = (level_deg - before_deg) / (after_deg - before_deg)
     row = start + after - 1
     between_s = time_s[row] + share * (time_s[row + 1] - time_s[row])
     return row.astype(np.int64), between_s, counted[row] + share * (counted[row + 1] - counted[row]), level_deg
