@@ -40,7 +40,7 @@ from rlgcomp.simulation.position_table import PositionTable
 from rlgcomp.units import ARCSEC_PER_TURN, DEG_PER_TURN, RAD_PER_ARCSEC, RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]
-ENOUGH: Final = 8  # positions from which the scatter about the fit says more than the stated errors
+ENOUGH: Final = 12  # positions from which the scatter about the fit says more than the stated errors
 IMPLAUSIBLE: Final = 0.01  # probability of the scatter below which the stated errors are not believed
 SAME_POSITION_DEG: Final = 0.5
 WORST_CONDITION: Final = 30.0
@@ -119,7 +119,7 @@ def mounting_angle(
     revolutions : float
     stated : PositionTable, optional
         Tables whose stated errors say how the variance depends on beta (runout acts by its cosine, setting by its sine) and, with
-        fewer than eight positions, how large it is; by default the paper's. From eight on, or where it is far beyond the stated
+        fewer than twelve positions, how large it is; by default the paper's. From twelve on, or where it is far beyond the stated
         errors, the size comes from the scatter about the fit.
 
     Raises

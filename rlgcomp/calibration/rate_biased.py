@@ -48,6 +48,7 @@ class ScaleFactorCalibration:
     factors : tuple of ConventionalScaleFactor
         At every rate.
     rates : RateTable or None
+        Relative to `pulse_arcsec` where all recordings state the same, or else to the scale factor at the highest rate.
     lock_in : LockInFit or None
     remarks : tuple of str
     """
@@ -125,7 +126,7 @@ def calibrate_scale_factor(
             turning, gyro=gyro, revolutions=revolutions, reference_deg=reference_deg, sync_arcsec=stated.errors.sync_arcsec
         )
         remarks += said
-    rates, lock_in = _against_rate(factors, remarks)
+    rates, lock_in = _against_rate(factors, _stated_pulse(turning), remarks)
     chosen = _chosen(factors, rates, rate_deg_s)
     positions = [recording for recording, use in zip(recordings, uses, strict=True) if OUTER in use]
     if not positions:
@@ -167,10 +168,17 @@ def _uses(recording: Recording) -> set[str]:
     return found
 
 
-def _against_rate(factors: list[ConventionalScaleFactor], remarks: list[str]) -> tuple[RateTable | None, LockInFit | None]:
+def _stated_pulse(recordings: list[Recording]) -> float | None:
+    stated = {recording.metadata.pulse_arcsec for recording in recordings}
+    return stated.pop() if len(stated) == 1 else None
+
+
+def _against_rate(
+    factors: list[ConventionalScaleFactor], nominal_arcsec: float | None, remarks: list[str]
+) -> tuple[RateTable | None, LockInFit | None]:
     if len(factors) < 2:
         return None, None
-    table, columns = rate_table(factors)
+    table, columns = rate_table(factors, nominal_arcsec)
     if len(factors) < FEWEST_RATES_FOR_LOCK_IN:
         return table, None
     if columns == "repeat" and table.error_ppm.shape[1] > 1:
@@ -195,9 +203,8 @@ def _chosen(
 def _given(positions: list[Recording], conventional_arcsec: float | None, remarks: list[str]) -> float:
     if conventional_arcsec is not None:
         return conventional_arcsec
-    known = {recording.metadata.pulse_arcsec for recording in positions}
-    if len(known) == 1 and None not in known:
-        scale = float(known.pop() or math.nan)
+    scale = _stated_pulse(positions)
+    if scale is not None:
         remarks.append(f"no conventional measurement among the recordings: pulse_arcsec = {scale:.9g} stands in for it")
         return scale
     raise InputError(

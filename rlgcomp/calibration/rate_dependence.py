@@ -61,7 +61,7 @@ class RateTable:
 
     def __post_init__(self) -> None:
         rate, error = self.rate_deg_s, self.error_ppm
-        if rate.ndim != 1 or error.ndim != 2 or len(rate) != len(error) or not error.shape[1]:
+        if rate.ndim != 1 or error.ndim != 2 or len(rate) != len(error) or not error.size:
             raise InputError(f"{rate.shape} rates and errors of shape {error.shape}; give a row a rate and a column a run")
         if not (np.isfinite(rate).all() and np.isfinite(error).all()):
             raise InputError("rates and scale-factor errors must be finite numbers")

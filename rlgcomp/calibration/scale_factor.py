@@ -37,7 +37,7 @@ from rlgcomp.units import ARCSEC_PER_TURN, DEG_PER_TURN, PPM
 Array = npt.NDArray[np.float64]
 SAME_RATE: Final = 0.02
 BATCHES: Final = 20
-FEW: Final = 10  # repeats below which the expected spread is believed, unless theirs is implausible beside it
+FEW: Final = 30  # repeats below which the expected spread is believed, unless theirs is implausible beside it
 IMPLAUSIBLE: Final = 0.01
 
 
@@ -52,8 +52,8 @@ class ConventionalScaleFactor:
     relative_spread : float
         Sample standard deviation of one repeat, over the mean; NaN for one repeat.
     relative_sd : float
-        Standard error of the mean, over the mean: from means of batches, so that a slow drift counts; with fewer than ten repeats
-        from the expected spread, unless theirs is implausible beside it.
+        Standard error of the mean, over the mean: from means of batches, so that a slow drift counts; with fewer than thirty
+        repeats from the expected spread, unless theirs is implausible beside it.
     relative_expected : float
         What the rounding to whole pulses and the stated error of the reference mark would spread one repeat by.
     rate_deg_s : float
@@ -224,5 +224,5 @@ def _from_pairs(table: pd.DataFrame, sync_arcsec: float) -> ConventionalScaleFac
     sd = sd_of_mean(batches) / abs(mean)
     n = len(scale)
     if n < FEW and (n == 1 or chi2.sf((n - 1) * (spread / expected) ** 2, n - 1) > IMPLAUSIBLE):
-        sd = expected / math.sqrt(n)  # counts are whole: a handful may agree, or not, by chance
+        sd = expected / math.sqrt(n)  # counts are whole, and may agree by chance
     return ConventionalScaleFactor(mean, spread, sd, expected, rate, axis, repeats)

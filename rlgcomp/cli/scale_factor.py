@@ -111,7 +111,7 @@ def _show(found: ScaleFactorCalibration) -> None:
     if found.rates is not None:
         frame = found.rates.to_frame()
         show_table(
-            "Scale-factor error against rate, relative to the highest",
+            "Scale-factor error against rate, relative to the stated pulse_arcsec or else to the highest rate",
             [
                 {
                     "rate, deg/s": f"{row.rate_deg_s:.4g}",
