@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from experiments.tables import published, show_list, show_table
-from rlgcomp.calibration.alignment import arcsec_per_deg_h, fit_alignment, simulate_spreads
-from rlgcomp.units import ARCSEC_PER_DEG, EARTH_RATE_DEG_H, RAD_PER_ARCSEC, SECONDS_PER_MINUTE
+from rlgcomp.calibration.alignment import AlignmentFit, arcsec_per_deg_h, fit_alignment, simulate_spreads
+from rlgcomp.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 
 LATITUDE_DEG = 39.98  # Beijing; the paper states none
 RUNS = 15
@@ -28,75 +28,41 @@ def show(quick: bool) -> None:
     time_s = SECONDS_PER_MINUTE * paper["time_min"].to_numpy(dtype=float)
     spreads = {mode: paper[f"{mode}_std_arcsec"].to_numpy(dtype=float) for mode in PAPER}
     fits = {
-        mode: {
-            name: fit_alignment(time_s, spread, LATITUDE_DEG, runs=RUNS, **options)  # type: ignore[arg-type]
-            for name, options in FORMS.items()
-        }
+        mode: {name: fit_alignment(time_s, spread, LATITUDE_DEG, runs=RUNS, **options) for name, options in FORMS.items()}
         for mode, spread in spreads.items()
     }
-    show_table(
-        "Table 7 and figure 14: std of the azimuth over 15 alignments, arcsec",
-        [
-            {
-                "T, min": f"{minutes:g}",
-                **{
-                    label: value
-                    for mode in PAPER
-                    for label, value in (
-                        (f"{mode.replace('_', '-')}, published", f"{spreads[mode][row]:.1f} ± {_sampling(spreads[mode][row]):.1f}"),
-                        (f"{mode.replace('_', '-')}, (19)", f"{fits[mode]['(19), free ε'].points['fitted_arcsec'][row]:.1f}"),
-                        (
-                            f"{mode.replace('_', '-')}, quadrature",
-                            f"{fits[mode]['in quadrature'].points['fitted_arcsec'][row]:.1f}",
-                        ),
-                    )
-                },
-            }
-            for row, minutes in enumerate(paper["time_min"])
-        ],
-    )
-    for mode in PAPER:
-        show_table(
-            f"Angle random walk, {mode.replace('_', '-')}, 1e-5 deg/sqrt(h)",
-            [
-                {"fit": "published", "N": f"{1e5 * PAPER[mode]:.0f}", "ε, 1e-5 deg/h": "", "digits supported": ""},
-                *(
-                    {
-                        "fit": name,
-                        "N": f"{1e5 * fit.angle_random_walk_deg_sqrt_h:.0f} ± {1e5 * fit.angle_random_walk_sd_deg_sqrt_h:.0f}",
-                        "ε, 1e-5 deg/h": f"{1e5 * fit.floor_deg_h:.0f} ± {1e5 * fit.floor_sd_deg_h:.0f}" if fit.floor_deg_h else "",
-                        "digits supported": fit.digits,
-                    }
-                    for name, fit in fits[mode].items()
-                ),
-            ],
-        )
+    rows: list[dict[str, object]] = []
+    for row, minutes in enumerate(paper["time_min"]):
+        cells: dict[str, object] = {"T, min": f"{minutes:g}"}
+        for mode, spread in spreads.items():
+            name = mode.replace("_", "-")
+            cells[f"{name}, published"] = f"{spread[row]:.1f} ± {_sampling(spread[row]):.1f}"
+            for form in ("(19), free ε", "in quadrature"):
+                cells[f"{name}, {form}"] = f"{fits[mode][form].points['fitted_arcsec'][row]:.1f}"
+        rows.append(cells)
+    show_table("Table 7 and figure 14: std of the azimuth over 15 alignments, arcsec", rows)
+    for mode, walk in PAPER.items():
+        rows = [{"fit": "published", "N": f"{1e5 * walk:.0f}", "ε, 1e-5 deg/h": "", "digits supported": ""}]
+        for name, fit in fits[mode].items():
+            floor = f"{1e5 * fit.floor_deg_h:.0f} ± {1e5 * fit.floor_sd_deg_h:.0f}" if fit.floor_deg_h else ""
+            found = f"{1e5 * fit.angle_random_walk_deg_sqrt_h:.0f} ± {1e5 * fit.angle_random_walk_sd_deg_sqrt_h:.0f}"
+            rows.append({"fit": name, "N": found, "ε, 1e-5 deg/h": floor, "digits supported": fit.digits})
+        show_table(f"Angle random walk, {mode.replace('_', '-')}, 1e-5 deg/sqrt(h)", rows)
     draws = 200 if quick else 2000
     rows = []
     for walk in PAPER.values():
         drawn = simulate_spreads(time_s, LATITUDE_DEG, walk, 0.0, np.random.default_rng(0), runs=RUNS, draws=draws)
-        found = {name: _least_squares(time_s, drawn, floor) for name, floor in (("free ε", True), ("no ε", False))}
-        rows.append(
-            {
-                "N put in": f"{1e5 * walk:.0f}",
-                **{
-                    f"(19), {name}": f"{1e5 * values.mean():.0f} ± {1e5 * values.std(ddof=1):.0f}" for name, values in found.items()
-                },
-            }
-        )
+        rows.append({"N put in": f"{1e5 * walk:.0f}"})
+        for name, free in (("free ε", True), ("no ε", False)):
+            values = _least_squares(time_s, drawn, free)
+            rows[-1][f"(19), {name}"] = f"{1e5 * values.mean():.0f} ± {1e5 * values.std(ddof=1):.0f}"
     show_table(f"What 15 alignments of pure random walk would give, {draws} draws, 1e-5 deg/sqrt(h)", rows)
     linear = {mode: fits[mode]["(19), free ε"] for mode in PAPER}
     needed = {mode: _latitude_for(PAPER[mode], linear[mode].angle_random_walk_deg_sqrt_h) for mode in PAPER}
     show_list(
         "What the table supports",
         [
-            *(
-                f"{mode.replace('_', '-')}: published {PAPER[mode]:.5f}, least squares {fit.angle_random_walk_deg_sqrt_h:.5f} ± "
-                f"{fit.angle_random_walk_sd_deg_sqrt_h:.5f}: "
-                f"{abs(fit.angle_random_walk_deg_sqrt_h - PAPER[mode]) / fit.angle_random_walk_sd_deg_sqrt_h:.1f} standard errors apart, "
-                f"and {fit.digits} digit supported where {2 if mode == 'rate_biased' else 3} are printed."
-                for mode, fit in linear.items()
-            ),
+            *(_compared(mode, fit) for mode, fit in linear.items()),
             f"No latitude reproduces both: least squares gives the published values at {needed['rate_biased']:.1f}° and "
             f"{needed['dithered']:.1f}°.",
             f"The published 0.00041 equals the fitted ε of the rate-biased set ({linear['rate_biased'].floor_deg_h:.5f} deg/h), "
@@ -107,10 +73,18 @@ def show(quick: bool) -> None:
     show_list(
         "Printed slips, equation (19)",
         [
-            "its text has lost the root and the fraction bar: STD = (ARW/√T + ε)/(ω_ie cos L), T in hours; one deg/h is "
-            f"{arcsec_per_deg_h(LATITUDE_DEG):.0f}″ at {LATITUDE_DEG}° (1/{EARTH_RATE_DEG_H * math.cos(math.radians(LATITUDE_DEG)):.4f} "
-            f"rad per deg/h, {1.0 / RAD_PER_ARCSEC:.0f}″ a rad of {ARCSEC_PER_DEG:.0f}″ a degree).",
+            "The stored text has lost the root and the fraction bar: STD = (ARW/√T + ε)/(ω_ie cos L), T in hours; one deg/h is "
+            f"{arcsec_per_deg_h(LATITUDE_DEG):.0f}″ at {LATITUDE_DEG}°.",
         ],
+    )
+
+
+def _compared(mode: str, fit: AlignmentFit) -> str:
+    walk, sd = fit.angle_random_walk_deg_sqrt_h, fit.angle_random_walk_sd_deg_sqrt_h
+    return (
+        f"{mode.replace('_', '-')}: published {PAPER[mode]:.5f}, least squares {walk:.5f} ± {sd:.5f}: "
+        f"{abs(walk - PAPER[mode]) / sd:.1f} standard errors apart, and {fit.digits} digit supported where "
+        f"{2 if mode == 'rate_biased' else 3} are printed."
     )
 
 
@@ -120,7 +94,7 @@ def _sampling(std_arcsec: float) -> float:
 
 def _least_squares(time_s: np.ndarray, drawn_arcsec: np.ndarray, floor: bool) -> np.ndarray:
     """N of each draw by unweighted least squares on (19)."""
-    root_hours = np.sqrt(time_s / 3600.0)
+    root_hours = np.sqrt(time_s / SECONDS_PER_HOUR)
     design = np.column_stack([1.0 / root_hours, np.ones_like(root_hours)][: 1 + floor])
     return np.linalg.lstsq(design, drawn_arcsec.T / arcsec_per_deg_h(LATITUDE_DEG), rcond=None)[0][0]
 

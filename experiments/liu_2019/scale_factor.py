@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from experiments.tables import published, show_list, show_table
-from rlgcomp.calibration.rate_biased import calibrate_scale_factor
-from rlgcomp.calibration.rate_dependence import RateTable, fit_lock_in
+from rlgcomp.calibration.rate_dependence import RateTable, fit_lock_in, rate_table
+from rlgcomp.calibration.scale_factor import conventional_scale_factors
 from rlgcomp.simulation.position_table import PositionTable
+from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 PAPER_RATES = (1, 2, 3, 6, 9, 12, 15, 24, 30, 40, 50, 60)  # as the text lists them
 SQRT_3 = np.sqrt(3.0)  # each of the three oblique gyros senses this share of the rate about Z
@@ -70,7 +71,7 @@ def show(quick: bool) -> None:
             {
                 "model": name,
                 "Ω_L, deg/s": f"{fit.lock_in_deg_s:.4f} ± {fit.lock_in_sd_deg_s:.4f}",
-                "per gyro (/√3), deg/h": f"{fit.lock_in_deg_s / SQRT_3 * 3600.0:.0f}",
+                "per gyro (/√3), deg/h": f"{fit.lock_in_deg_s / SQRT_3 * SECONDS_PER_HOUR:.0f}",
                 "k0, ppm": f"{fit.offset_ppm:+.2f} ± {fit.offset_sd_ppm:.2f}",
                 "b, ppm·deg/s": f"{fit.bias_ppm_deg_s:+.0f}" if fit.bias_ppm_deg_s else "",
                 "χ²/dof": f"{fit.chi2:.0f}/{fit.freedom}",
@@ -79,14 +80,16 @@ def show(quick: bool) -> None:
         ],
     )
     correlation = table.correlation()[:6, :6][np.triu_indices(6, 1)]
+    bias_deg_h = biased.bias_ppm_deg_s * PPM * SECONDS_PER_HOUR
     lock_ins = [fit.lock_in_deg_s for fit in fits.values()]
     show_list(
         "What the table supports",
         [
             f"{plain.leftover}.",
-            f"The models put Ω_L between {min(lock_ins):.4f} and {max(lock_ins):.4f} deg/s; this, not the repeatability, is its error.",
-            f"b/Ω takes most of what is left but would be a bias of {biased.bias_ppm_deg_s * 1e-6 * 3600.0:.2f} deg/h, 25 times the "
-            "0.02 deg/h found in section 4: it stands for something else.",
+            f"The models put Ω_L between {min(lock_ins):.4f} and {max(lock_ins):.4f} deg/s; this, not the repeatability, is its "
+            "error.",
+            f"b/Ω takes most of what is left but would be a bias of {bias_deg_h:.2f} deg/h, {bias_deg_h / 0.02:.0f} times the 0.02 "
+            "deg/h found in section 4: it stands for something else.",
             f"Repeats at 1 to 12 deg/s correlate by {correlation.min():.2f} to {correlation.max():.2f}, and Ω_L differs by "
             f"{100.0 * plain.runs['lock_in_deg_s'].std() / plain.lock_in_deg_s:.1f} % from run to run: five runs, not 65 values.",
         ],
@@ -98,7 +101,8 @@ def show(quick: bool) -> None:
         "Printed slips, table 3",
         [
             *(f"{table.rate_deg_s[k]:g} deg/s: std {table.std_ppm[k]:.3f} is printed as {printed[k]:g}." for k in apart),
-            f"The text lists 12 rates, the table {len(table.rate_deg_s)}: {', '.join(f'{rate:g}' for rate in missing)} deg/s is missing.",
+            f"The text lists {len(PAPER_RATES)} rates, the table {len(table.rate_deg_s)}: "
+            f"{', '.join(f'{rate:g}' for rate in missing)} deg/s is missing.",
         ],
     )
 
@@ -112,8 +116,7 @@ def _simulated(lock_in_deg_s: float, quick: bool) -> None:
         )
         for seed, change in enumerate(np.random.default_rng(0).standard_normal(5))
     ]
-    fit = calibrate_scale_factor(runs).lock_in
-    assert fit is not None
+    fit = fit_lock_in(rate_table(conventional_scale_factors(runs)[0])[0])
     show_table(
         "Simulated recordings, five power-ups, lock-in alone with 2 % from power-up to power-up",
         [

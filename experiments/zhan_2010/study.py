@@ -18,6 +18,7 @@ from rlgcomp.units import RAD_PER_ARCSEC
 
 Rows = list[dict[str, object]]
 TERMS = ("positioning_arcsec", "wobble_arcsec", "setting_arcsec", "runout_arcsec", "counting")
+QUIET = {"angle_random_walk_deg_sqrt_h": 0.0, "rate_error": 0.0, "period_error": 0.0}
 
 
 def constants() -> dict[str, float]:
@@ -107,8 +108,8 @@ def by_term(paper: dict[str, float], experiments: int) -> Rows:
     for row, name in enumerate(TERMS):
         found = {}
         for reading in ("uniform", "gaussian"):
-            alone = dict(errors=gyro(paper).errors.only(name), angle_random_walk_deg_sqrt_h=0.0, rate_error=0.0, period_error=0.0)
-            drawn = monte_carlo(gyro(paper, reading=reading, **alone), stream(3, name), experiments=experiments)
+            alone = gyro(paper, reading=reading, errors=gyro(paper).errors.only(name), **QUIET)
+            drawn = monte_carlo(alone, stream(3, name), experiments=experiments)
             found[reading] = float(drawn.std())
         terms = budget.terms.iloc[row]
         rows.append(
@@ -127,8 +128,8 @@ def by_term(paper: dict[str, float], experiments: int) -> Rows:
         ("periods of both directions differing by 1e-3", {"period_error": 1e-3}),
         ("random walk of 0.001 deg/sqrt(h)", {"angle_random_walk_deg_sqrt_h": 1e-3}),
     ):
-        quiet = dict(errors=TableErrors().only(), angle_random_walk_deg_sqrt_h=0.0, rate_error=0.0, period_error=0.0)
-        drawn = monte_carlo(gyro(paper, **(quiet | changes)), stream(3, label), experiments=experiments)
+        alone = gyro(paper, errors=TableErrors().only(), **(QUIET | changes))
+        drawn = monte_carlo(alone, stream(3, label), experiments=experiments)
         rows.append(dict.fromkeys(rows[0], "") | {"error": label, "Monte Carlo": f"{drawn.std():.3f}"})
     return rows
 
@@ -184,7 +185,7 @@ def scale_factor(paper: dict[str, float], files: int) -> Rows:
 
 def slips(paper: dict[str, float]) -> list[str]:
     """Where the printed equations differ from what they must be, with the size of the difference."""
-    ideal = gyro(paper, errors=TableErrors().only(), angle_random_walk_deg_sqrt_h=0.0, rate_error=0.0, period_error=0.0)
+    ideal = gyro(paper, errors=TableErrors().only(), **QUIET)
     beta = 90.0 * np.arange(4)
     plus, minus = ideal.position_counts(beta, stream(0, "exact"))
     counts = 0.5 * (plus - minus)
@@ -195,8 +196,8 @@ def slips(paper: dict[str, float]) -> list[str]:
     slope = (shifted.theta_arcsec / found.theta_arcsec - 1.0) / 1e-5
     return [
         "(10)–(17), (19)–(21): φ_oZ and φ_oX must all read φ_ON; the projections are already in cos α and sin α.",
-        f"(18): the right-hand side is tan θ exactly (K̃ = K/cos θ absorbs the cos θ 'neglected'), so θ = atan of it; taking it for θ "
-        f"errs by {printed:+.4f}″ at {paper['theta_mean']}″.",
+        f"(18): the right-hand side is tan θ exactly (K̃ = K/cos θ absorbs the cos θ 'neglected'), so θ = atan of it; "
+        f"taking it for θ errs by {printed:+.4f}″ at {paper['theta_mean']}″.",
         f"(1), (2): the bias ω_B must not carry cos θ (a slip of {carried:.1e}″ here; (8) has it right, and it cancels in (3)).",
         "(5): K changes by tan θ Δθ, not sin θ Δθ.",
         f"(16): sin β0 leaves two quadrants; cos β0 = −K(N1 − N3)/(2 φ_ON sin α sin θ) decides (found {found.beta0_deg:.4f}°).",
