@@ -122,6 +122,13 @@ def test_eighty_positions_scatter_as_stated_and_are_unbiased() -> None:
     assert np.abs(scale / PositionTable().scale_arcsec - 1.0).max() < 1e-8
 
 
+@pytest.mark.slow
+def test_bias_over_very_many_positions() -> None:
+    drawn = monte_carlo(PositionTable(), np.random.default_rng(8), experiments=4000)
+    assert drawn.std() == pytest.approx(error_budget().uniform_arcsec, rel=0.01)
+    assert abs(drawn.mean() - 646.75) < 0.002
+
+
 @pytest.mark.parametrize("positions", [3, 4, 8, 12, 36])
 @pytest.mark.parametrize("reading", ["uniform", "gaussian"])
 def test_standard_errors_are_true(positions: int, reading: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib
 import json
@@ -209,6 +210,74 @@ def test_two_tables_alone_serve_for_both_measurements() -> None:
     both = calibrate_scale_factor([turning.replace(table=table), TABLE.position_recording(POSITIONS, 3)])
     apart = calibrate_scale_factor([turning, TABLE.position_recording(POSITIONS, 3)])
     assert both.scale_arcsec == apart.scale_arcsec
+
+
+def test_one_file_may_hold_everything() -> None:
+    turning, held = TABLE.rate_recording(3, 2), TABLE.position_recording(POSITIONS, 3)
+    first = turning.table.rename(columns={"table_angle_deg": "angle_inner_deg"}).assign(angle_outer_deg=0.0)
+    second = held.table.assign(time_s=held.time_s + turning.duration_s + 60.0)
+    both = turning.replace(table=pd.concat([first, second])[first.columns])
+    assert calibrate_scale_factor([both]).scale_arcsec == pytest.approx(
+        calibrate_scale_factor([turning, held]).scale_arcsec, rel=1e-13
+    )
+
+
+def test_positions_during_which_the_inner_table_crept_are_left_out() -> None:
+    held = TABLE.position_recording([*POSITIONS, 45.0], 3)
+    crept = held.table.assign(
+        angle_inner_deg=held.column("angle_inner_deg") + np.where(held.time_s > 300.0, held.time_s / 60.0, 0.0)
+    )
+    found = calibrate_scale_factor([held.replace(table=crept)], conventional_arcsec=TABLE.conventional_arcsec)
+    assert len(found.mounting.positions) == 4
+    assert any("angle_inner_deg moved" in remark for remark in found.remarks)
+
+
+def test_positions_more_than_once_round_are_no_conventional_measurement() -> None:
+    """Steps of 100 degrees without unwinding: the inner table turns by three revolutions, and never steadily."""
+    held = TABLE.position_recording(100.0 * np.arange(12), 3, rate_deg_s=40.0)
+    found = calibrate_scale_factor([held], conventional_arcsec=TABLE.conventional_arcsec)
+    assert found.conventional is None
+    assert len(found.mounting.positions) == 12
+    assert found.mounting.theta_arcsec == pytest.approx(TABLE.mounting_arcsec, abs=1.0)
+
+
+def test_a_gyro_along_its_table_is_not_told_from_zero() -> None:
+    aligned = dataclasses.replace(TABLE, mounting_arcsec=0.1)
+    found = calibrate_scale_factor([aligned.position_recording(POSITIONS, 3)], conventional_arcsec=TABLE.scale_arcsec)
+    assert any("not told from zero" in remark for remark in found.remarks)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rows=st.integers(3, 400),
+    step_deg=st.floats(-200.0, 200.0),
+    shake_deg=st.floats(0.0, 400.0),
+    pulses=st.sampled_from([0.0, 1.0, 1e4, -1e6]),
+    columns=st.sampled_from([("table_angle_deg",), ("angle_inner_deg", "angle_outer_deg"), ("angle_outer_deg",)]),
+)
+def test_no_recording_makes_anything_but_an_answer_or_a_refusal(
+    seed: int, rows: int, step_deg: float, shake_deg: float, pulses: float, columns: tuple[str, ...]
+) -> None:
+    rng = np.random.default_rng(seed)
+    frame = pd.DataFrame({"time_s": np.cumsum(rng.uniform(0.01, 0.2, rows)), "gyro_pulses": pulses * rng.standard_normal(rows)})
+    for column in columns:
+        frame[column] = np.cumsum(step_deg * rng.choice([0.0, 1.0, -1.0]) + shake_deg * rng.standard_normal(rows))
+    with contextlib.suppress(InputError):
+        calibrate_scale_factor([rlg.Recording(frame)], conventional_arcsec=1.0)
+
+
+@pytest.mark.slow
+def test_standard_error_of_the_corrected_scale_factor_over_many_recordings() -> None:
+    """As the paper measures: five revolutions at 150 deg/s and 100 Hz, four positions of one revolution in 36 s."""
+    scores, off = [], []
+    for seed in range(150):
+        rate, positions = TABLE.rate_recording(20, 2 * seed), TABLE.position_recording(POSITIONS, 2 * seed + 1)
+        found = calibrate_scale_factor([rate, positions])
+        off.append(found.scale_arcsec / TABLE.scale_arcsec - 1.0)
+        scores.append((off[-1] / found.relative_sd, (found.mounting.theta_arcsec - 646.75) / found.mounting.theta_sd_arcsec))
+    assert np.max(np.abs(off)) < 1e-7
+    assert (np.abs(np.sqrt(np.mean(np.square(scores), axis=0)) - 1.025) < 0.225).all()
 
 
 @pytest.fixture(scope="module")

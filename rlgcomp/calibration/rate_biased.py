@@ -120,7 +120,11 @@ def calibrate_scale_factor(
     remarks: list[str] = []
     uses = [_uses(recording) for recording in recordings]
     factors: list[ConventionalScaleFactor] = []
-    turning = [recording for recording, use in zip(recordings, uses, strict=True) if use & {TABLE, INNER}]
+    turning = [
+        recording
+        for recording, use in zip(recordings, uses, strict=True)
+        if TABLE in use or use == {INNER} or (INNER in use and _measures(recording, gyro, revolutions, reference_deg))
+    ]
     if turning:
         factors, said = conventional_scale_factors(
             turning, gyro=gyro, revolutions=revolutions, reference_deg=reference_deg, sync_arcsec=stated.errors.sync_arcsec
@@ -166,6 +170,15 @@ def _uses(recording: Recording) -> set[str]:
             f"{INNER} at rest; map an encoder with --map {TABLE}='NAME [deg]'"
         )
     return found
+
+
+def _measures(recording: Recording, gyro: str | None, revolutions: int | None, reference_deg: float) -> bool:
+    """Whether the inner table turns to measure, and not only from one position to the next all the way round."""
+    try:
+        conventional_scale_factors([recording], gyro=gyro, revolutions=revolutions, reference_deg=reference_deg)
+    except InputError:
+        return False
+    return True
 
 
 def _stated_pulse(recordings: list[Recording]) -> float | None:

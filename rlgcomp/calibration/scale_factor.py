@@ -36,6 +36,8 @@ from rlgcomp.units import ARCSEC_PER_TURN, DEG_PER_TURN, PPM
 
 Array = npt.NDArray[np.float64]
 SAME_RATE: Final = 0.02
+ROUNDED_AT_BOTH_ENDS: Final = 2.0 / 12.0  # variance in pulses² of a count that begins and ends between two pulses
+INTERPOLATED: Final = 2.0 / 3.0  # of it, on average, where each end lies between two samples rounded independently
 BATCHES: Final = 20
 FEW: Final = 30  # repeats below which the expected spread is believed, unless theirs is implausible beside it
 IMPLAUSIBLE: Final = 0.01
@@ -120,7 +122,7 @@ def conventional_scale_factor(
         if not 0.0 < period_s < math.inf:
             raise InputError(f"a revolution takes {period_s} s; it must be positive")
         table = table.assign(rate_deg_s=DEG_PER_TURN / period_s, period_plus_s=period_s, period_minus_s=period_s)
-    return _from_pairs(table, sync_arcsec)
+    return _from_pairs(table, sync_arcsec, ROUNDED_AT_BOTH_ENDS)
 
 
 def conventional_scale_factors(
@@ -181,7 +183,8 @@ def conventional_scale_factors(
     unpaired = len(runs) - 2 * len(both)
     if unpaired:
         remarks.append(f"{unpaired} stretches have no partner in the other direction at their rate and were left out")
-    factors = [_from_pairs(part.reset_index(drop=True), sync_arcsec) for _, part in both.groupby("speed", sort=True)]
+    rounding = INTERPOLATED * ROUNDED_AT_BOTH_ENDS
+    factors = [_from_pairs(part.reset_index(drop=True), sync_arcsec, rounding) for _, part in both.groupby("speed", sort=True)]
     return factors, tuple(remarks)
 
 
@@ -198,7 +201,7 @@ def sd_of_mean(values: npt.ArrayLike) -> float:
     return float(array.std(ddof=1)) * math.sqrt(((n - 1) / (n - 3) if n > 3 else 1.0) / n)
 
 
-def _from_pairs(table: pd.DataFrame, sync_arcsec: float) -> ConventionalScaleFactor:
+def _from_pairs(table: pd.DataFrame, sync_arcsec: float, rounding: float) -> ConventionalScaleFactor:
     plus, minus = table["pulses_plus"].to_numpy(), table["pulses_minus"].to_numpy()
     difference = plus - minus
     if not np.isfinite(difference).all() or not (np.sign(difference) == np.sign(difference[0])).all() or not difference[0]:
@@ -208,8 +211,7 @@ def _from_pairs(table: pd.DataFrame, sync_arcsec: float) -> ConventionalScaleFac
         )
     scale = 2.0 * ARCSEC_PER_TURN / difference
     mean = float(scale.mean())
-    # Each direction is rounded to whole pulses at both ends, and passes the mark twice.
-    by_run = mean**2 / 6.0 + 2.0 * sync_arcsec**2 / 3.0
+    by_run = rounding * mean**2 + 2.0 * sync_arcsec**2 / 3.0
     turns = table[["turns_plus", "turns_minus"]].to_numpy(dtype=np.float64)
     expected = float(np.sqrt(np.mean(np.sum(by_run / turns**2, axis=1)))) / (2.0 * ARCSEC_PER_TURN)
     repeats = table.assign(scale_arcsec=scale)

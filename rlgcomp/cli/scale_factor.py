@@ -122,12 +122,13 @@ def _show(found: ScaleFactorCalibration) -> None:
             ],
         )
         rate = found.rates.operating_rate_deg_s()
-        typer.echo(
-            "- no rate repeats and has settled within 1 ppm" if math.isnan(rate) else f"- operate at {rate:.4g} deg/s or above"
-        )
+        settled = "no rate repeats" if math.isnan(rate) else f"from {rate:.4g} deg/s on it repeats"
+        alone = found.rates.error_ppm.shape[1] < 2
+        typer.echo("- one repeat: nothing is known of how it repeats" if alone else f"- {settled} and has settled to 1 ppm")
     if found.lock_in is not None:
         fit = found.lock_in
-        typer.echo(f"- lock-in {fit.lock_in_deg_s:.5f} ± {fit.lock_in_sd_deg_s:.1g} deg/s; {fit.leftover}")
+        sd = "" if math.isnan(fit.lock_in_sd_deg_s) else f" ± {fit.lock_in_sd_deg_s:.1g}"
+        typer.echo(f"- lock-in {fit.lock_in_deg_s:.5f}{sd} deg/s; {fit.leftover}")
     if found.mounting is not None and found.budget is not None:
         mounting, budget = found.mounting, found.budget
         show_table(
