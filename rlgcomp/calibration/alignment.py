@@ -149,7 +149,7 @@ def arcsec_per_deg_h(latitude_deg: float) -> float:
     """Azimuth in arcsec for one deg/h of drift east, 1 / (omega_ie cos L).
 
     >>> round(arcsec_per_deg_h(39.98), 1)
-    17896.1
+    17896.4
     """
     return 1.0 / (RAD_PER_ARCSEC * EARTH_RATE_DEG_H * math.cos(latitude_deg * RAD_PER_DEG))
 
