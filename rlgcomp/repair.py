@@ -267,7 +267,8 @@ def _stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                 "refused", f"never changes from {values[0]:.6g}: the channel is dead; choose another with --map or --drop", column
             )
             continue
-        if column.endswith("_pulses") and any(encoder in table for encoder in ENCODERS):
+        turns = context.metadata.kind == "turntable" or any(encoder in table for encoder in ENCODERS)
+        if column.endswith("_pulses") and turns:
             continue  # a steady rate gives the same count for as long as its fraction of a pulse takes to add up to one
         stuck, first = _stuck(values)
         if not stuck.any():

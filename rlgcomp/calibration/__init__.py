@@ -1,1 +1,1 @@
-"""Calibration on turntables: what a gyro's pulses are worth, about which axis, at which rate, and what alignment makes of it."""
+"""Calibration on turntables: scale factor, mounting angle, dependence on rate, alignment, and the errors of a triad."""

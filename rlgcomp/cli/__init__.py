@@ -9,6 +9,7 @@ from rlgcomp.cli.base import app
 
 def main() -> None:
     """Entry point of the console script."""
-    for commands in ("demo", "recordings", "simulation", "scale_factor", "compensation"):  # the order in which --help lists them
+    # the order in which --help lists them
+    for commands in ("demo", "recordings", "scale_factor", "calibration", "simulation", "compensation"):
         importlib.import_module(f"rlgcomp.cli.{commands}")
     app()
