@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp.calibration.rate_biased import calibrate_scale_factor
 from rlgcomp.calibration.scale_factor import conventional_scale_factor, conventional_scale_factors
+from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
 from rlgcomp.calibration.turns import stretches, whole_turns
 from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError

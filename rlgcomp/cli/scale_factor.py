@@ -12,7 +12,7 @@ from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PulseArcsec, Runs, command
 from rlgcomp.cli.show import show_json, show_table
 
 if TYPE_CHECKING:
-    from rlgcomp.calibration.rate_biased import ScaleFactorCalibration
+    from rlgcomp.calibration.scale_factor_calibration import ScaleFactorCalibration
     from rlgcomp.simulation.position_table import TableErrors
 
 
@@ -49,7 +49,7 @@ def scale_factor(
 
     Example: `rlgcomp scale-factor turning.parquet position*.parquet --out scale-factor.json`
     """
-    from rlgcomp.calibration.rate_biased import calibrate_scale_factor
+    from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
     from rlgcomp.files import require_writable, write_json
 
     if out is not None:
