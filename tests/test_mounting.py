@@ -52,7 +52,8 @@ def test_exact_counts_give_the_angles_back(theta: float, tilt: float, phase: flo
     table = dataclasses.replace(IDEAL, mounting_arcsec=theta, tilt_deg=tilt, phase_deg=phase)
     beta = start + 360.0 * np.arange(positions) / positions
     plus, minus = table.position_counts(beta, np.random.default_rng(0))
-    found = mounting_angle(beta, 0.5 * (plus - minus), table.conventional_arcsec)
+    found = mounting_angle(beta, 0.5 * (plus - minus), table.conventional_arcsec, stated=table)
+    assert found.theta_sd_arcsec < 1e-3
     assert found.theta_arcsec == pytest.approx(theta, abs=1e-5)
     assert found.alpha_deg == pytest.approx(tilt, abs=1e-8)
     assert (found.beta0_deg - phase + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-5)

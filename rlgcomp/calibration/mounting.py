@@ -41,6 +41,7 @@ from rlgcomp.units import ARCSEC_PER_TURN, DEG_PER_TURN, RAD_PER_ARCSEC, RAD_PER
 
 Array = npt.NDArray[np.float64]
 ENOUGH: Final = 12  # positions from which the scatter about the fit says more than the stated errors
+NEGLIGIBLE_ARCSEC: Final = 1e-6
 IMPLAUSIBLE: Final = 0.01  # probability of the scatter below which the stated errors are not believed
 SAME_POSITION_DEG: Final = 0.5
 WORST_CONDITION: Final = 30.0
@@ -267,4 +268,5 @@ def _stated_variance(tables: PositionTable, beta: Array, theta: float, alpha: fl
     ]
     by_position = turned * math.sin(alpha) * math.sin(theta) * np.sin(beta) * largest.setting_arcsec
     counting = (largest.counting * tables.scale_arcsec) ** 2 / 12.0
-    return np.asarray(share * (0.5 * sum(term**2 for term in by_run) + by_position**2) + counting)
+    variance = share * (0.5 * sum(term**2 for term in by_run) + by_position**2) + counting
+    return np.asarray(np.maximum(variance, NEGLIGIBLE_ARCSEC**2))  # tables stated to be perfect
