@@ -24,7 +24,7 @@ ROWS = [
     ["recording"],
     ["repair"],
     ["formats"],
-    ["filters", "hysteresis"],
+    ["filters", "hysteresis", "frames", "triad"],
     ["noise", "allan"],
     ["inspection"],
     ["physics"],

@@ -37,6 +37,7 @@ def study(
     steps: tuple[str, ...] = STEPS,
     same_residuals: bool = False,
     lock_in_deg_s: float = 0.0,
+    whole_pulses: bool = True,
     jobs: int = 2,
 ) -> pd.DataFrame:
     """One row a seed: errors in the parameters' units, stated standard deviations, the noise found.
@@ -44,7 +45,13 @@ def study(
     With `same_residuals` every seed has the same accelerometers and table, so that the spread is the repeatability.
     """
     triads = list(
-        drawn_triads(seeds, truth, angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h, lock_in_deg_s=lock_in_deg_s)
+        drawn_triads(
+            seeds,
+            truth,
+            angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h,
+            lock_in_deg_s=lock_in_deg_s,
+            whole_pulses=whole_pulses,
+        )
     )
     if same_residuals:
         triads = [dataclasses.replace(triads[0]) for _ in triads]
@@ -57,6 +64,7 @@ def summary(found: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         [
             {
+                "name": parameter.name,
                 "parameter": parameter.symbol,
                 "unit": parameter.unit,
                 "rms error": float(np.sqrt(np.mean(found[parameter.name] ** 2))),

@@ -57,7 +57,8 @@ class RateBias:
             return f"{self.run}: no gyro comes below {self.slowest_deg_s:.3g} deg/s between the table's {self.reversals} reversals"
         return (
             f"{self.run}: the gyros pass through zero rate {counts} times, at {self.reversals} reversals of the table: they "
-            "are not rate-biased there, and lock-in kicks them at every passage; turn the outer axis slower than 0.7 times the inner one"
+            "are not rate-biased there, and lock-in kicks them at every passage; turn the outer axis slower than 0.7 times "
+            "the inner one"
         )
 
 

@@ -1,8 +1,8 @@
 r"""The angle random walk of a triad while it turns, from the run that calibrates it.
 
 With the outer axis still, what is left of a horizontal gyro's rate once its mean, its tilt to the axis of rotation and the
-harmonics of the angle are taken out is noise. Its integral is averaged over windows of T; the difference d of neighbouring averages has, for
-random walk of strength q per second and any white angle noise (counting whole pulses) of the averages,
+harmonics of the angle are taken out is noise. Its integral is averaged over windows of T; the difference d of
+neighbouring averages has, for random walk of strength q per second and any white angle noise (whole pulses) of the averages,
 
 .. math:: \operatorname{var} d = \tfrac{2}{3} q T + 2 s^2, \quad \operatorname{cov}(d_k, d_{k+1}) = \tfrac{1}{6} q T - s^2
           \quad\Rightarrow\quad q = (\operatorname{var} d + 2 \operatorname{cov} d) / T

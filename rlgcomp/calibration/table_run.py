@@ -179,7 +179,8 @@ def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_
     table = np.stack([outer_rate * np.sin(phi), outer_rate * np.cos(phi), inner_rate], axis=1)
     if np.sqrt(np.mean(table**2)) < LEAST_RATE_DEG_S:
         raise InputError(f"{name}: the table turns at less than {LEAST_RATE_DEG_S} deg/s; rate-biased gyros are calibrated turning")
-    gyros = np.add.reduceat(axes_rad[1:], ends[:-1], axis=0)[:windows] / (units.RAD_PER_DEG * every * step_s)
+    turned = axes_rad[1 : windows * every + 1].reshape(windows, every, 3).sum(axis=1)
+    gyros = turned / (units.RAD_PER_DEG * every * step_s)
     misfit = {
         key: float(np.sqrt(np.mean((gyros @ matrix.T - table) ** 2) / np.mean(table**2)))
         for key, matrix in frames.GYRO_AXES.items()

@@ -38,6 +38,7 @@ START: Final = 3
 DRIVEN: Final = 5
 EPOCH_S: Final = 1.0
 CURVE_EPOCHS: Final = 10
+SEPARABLE: Final = 1e-9
 _MM: Final = 1e-3
 
 
@@ -207,12 +208,13 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
         gram += design[part].T @ design[part]
         moment += design[part].T @ rates[part]
         taken = stop
-        scale = np.sqrt(np.diag(gram))
-        inverse = np.linalg.pinv(gram / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-        mean = (inverse @ moment)[0]
-        mean_sd = sd * np.sqrt(inverse[0, 0])
-        R, z = np.zeros((START + 2, START + CONSTANTS)), np.r_[np.zeros(START), mean / mean_sd]
-        R[[START, START + 1], columns] = 1.0 / mean_sd
+        others = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0], rcond=1e-12)[0]
+        information = float(gram[0, 0] - gram[0, 1:] @ others)  # on the mean rate, the other regressors fitted too
+        R, z = np.zeros((START + 2, START + CONSTANTS)), np.zeros(START + 2)
+        if information > SEPARABLE * gram[0, 0]:
+            mean = (moment[0] - others @ moment[1:]) / information
+            R[[START, START + 1], columns] = np.sqrt(information) / sd
+            z[START:] = mean * np.sqrt(information) / sd
         curve.append((stop * run.step_s, R[START:, START:], z[START:]))
     return RunInformation(R, z, curve, 0.0, 0)
 

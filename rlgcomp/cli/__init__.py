@@ -6,10 +6,17 @@ import importlib
 
 from rlgcomp.cli.base import app
 
+COMMANDS = ("demo", "recordings", "calibration", "simulation", "compensation")  # the order in which --help lists them
+
+
+def register_commands() -> None:
+    """Import the modules of commands, which registers them."""
+    for module in COMMANDS:
+        importlib.import_module(f"rlgcomp.cli.{module}")
+
 
 def main() -> None:
     """Entry point of the console script."""
     # the order in which --help lists them
     for commands in ("demo", "recordings", "scale_factor", "calibration", "simulation", "compensation"):
-        importlib.import_module(f"rlgcomp.cli.{commands}")
     app()
