@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import importlib
 import json
 import math
 from pathlib import Path
@@ -20,6 +19,7 @@ import rlgcomp as rlg
 from rlgcomp.calibration.scale_factor import conventional_scale_factor, conventional_scale_factors
 from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
 from rlgcomp.calibration.turns import stretches, whole_turns
+from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError
 from rlgcomp.simulation.position_table import PositionTable, TableErrors
@@ -282,7 +282,7 @@ def test_standard_error_of_the_corrected_scale_factor_over_many_recordings() -> 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    importlib.import_module("rlgcomp.cli.scale_factor")
+    register_commands()
     folder = tmp_path_factory.mktemp("runs")
     rlg.write(TABLE.rate_recording(8, 1), folder / "turning.parquet")
     rlg.write(TABLE.position_recording(POSITIONS, 2), folder / "positions.parquet")
@@ -296,7 +296,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(*arguments: object) -> object:
-    importlib.import_module("rlgcomp.cli.recordings")  # a second command, so that names are not optional
     return CliRunner().invoke(app, ["scale-factor", *[str(argument) for argument in arguments]])
 
 

@@ -6,7 +6,14 @@ import importlib
 
 from rlgcomp.cli.base import app
 
-COMMANDS = ("demo", "recordings", "calibration", "simulation", "compensation")  # the order in which --help lists them
+COMMANDS = (
+    "demo",
+    "recordings",
+    "scale_factor",
+    "calibration",
+    "simulation",
+    "compensation",
+)  # the order in which --help lists them
 
 
 def register_commands() -> None:
@@ -17,6 +24,5 @@ def register_commands() -> None:
 
 def main() -> None:
     """Entry point of the console script."""
-    # the order in which --help lists them
-    for commands in ("demo", "recordings", "scale_factor", "calibration", "simulation", "compensation"):
+    register_commands()
     app()
