@@ -30,7 +30,7 @@ Modules, each importing only from those before it:
     noise allan                 noise processes, Allan deviation
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
-    calibration                 turntables: bias, scale factors, misalignments; the calibration file
+    calibration                 turntables: scale factor, mounting angle, alignment; errors of a triad and their file
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit
     compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
     comparison evaluation       which input helps with which model; held-out results

@@ -1,1 +1,1 @@
-"""Calibration on turntables: scale factor, mounting angle, and the bias, scale factors and misalignments of a triad."""
+"""Calibration on turntables: scale factor, mounting angle, dependence on rate, alignment, and the errors of a triad."""

@@ -6,7 +6,14 @@ import importlib
 
 from rlgcomp.cli.base import app
 
-COMMANDS = ("demo", "recordings", "calibration", "simulation", "compensation")  # the order in which --help lists them
+COMMANDS = (
+    "demo",
+    "recordings",
+    "scale_factor",
+    "calibration",
+    "simulation",
+    "compensation",
+)  # the order in which --help lists them
 
 
 def register_commands() -> None:
