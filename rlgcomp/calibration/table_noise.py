@@ -1,13 +1,14 @@
 r"""The angle random walk of a triad while it turns, from the run that calibrates it.
 
 With the outer axis still, what is left of a horizontal gyro's rate once its mean, its tilt to the axis of rotation and the
-harmonics of the angle are taken out is noise. Its integral is averaged over windows of T; the difference d of
-neighbouring averages has, for random walk of strength q per second and any white angle noise (whole pulses) of the averages,
+harmonics of the angle are taken out is noise. Its integral is averaged over windows of T; the difference of averages m windows apart
+has, for random walk of strength q per second and angle noise of standard deviation s in an average (whole pulses),
 
-.. math:: \operatorname{var} d = \tfrac{2}{3} q T + 2 s^2, \quad \operatorname{cov}(d_k, d_{k+1}) = \tfrac{1}{6} q T - s^2
-          \quad\Rightarrow\quad q = (\operatorname{var} d + 2 \operatorname{cov} d) / T
+.. math:: \operatorname{var} d_m = q T (m - \tfrac{1}{3}) + 2 s^2
+          \quad\Rightarrow\quad q = (\operatorname{var} d_3 - \operatorname{var} d_1) / (2 T)
 
-in which the angle noise cancels. Averaging the angle rather than differencing its ends is what makes coarse pulses harmless.
+in which the angle noise cancels. Averaging the angle rather than differencing its ends is what makes coarse pulses harmless; windows of
+2 s outlast the pattern that a steady rate makes in the rounding.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from rlgcomp import units
 from rlgcomp.calibration.table_run import STILL_DEG, TableRun
 from rlgcomp.errors import InputError
 
-WINDOW_S: Final = 1.0
+WINDOW_S: Final = 2.0
+LAG: Final = 3
 HARMONICS: Final = 12
 
 
@@ -52,7 +54,7 @@ def angle_random_walk_deg_sqrt_h(runs: Sequence[TableRun]) -> float:
         left = turned - design @ np.linalg.solve(design.T @ design, design.T @ turned)
         windows = len(left) // every
         angle = np.cumsum(left, axis=0)[: windows * every].reshape(windows, every, 2).mean(axis=1)
-        d = np.diff(angle, axis=0)
-        sums += np.sum(d**2) + 2.0 * np.sum(d[1:] * d[:-1]), d.size * every * run.step_s
+        apart = [np.mean((angle[lag:] - angle[:-lag]) ** 2) for lag in (1, LAG)]
+        sums += (apart[1] - apart[0]) * windows, (LAG - 1) * every * run.step_s * windows
     white = max(float(sums[0] / sums[1]), 0.0)  # arcsec²/s
     return float(np.sqrt(white * units.SECONDS_PER_HOUR)) / units.ARCSEC_PER_DEG
