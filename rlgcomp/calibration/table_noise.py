@@ -1,14 +1,14 @@
 r"""The angle random walk of a triad while it turns, from the run that calibrates it.
 
 With the outer axis still, what is left of a horizontal gyro's rate once its mean, its tilt to the axis of rotation and the
-harmonics of the angle are taken out is noise. Its integral is averaged over windows of T; the difference of averages m windows apart
-has, for random walk of strength q per second and angle noise of standard deviation s in an average (whole pulses),
+harmonics of the angle are taken out is noise. Its integral is averaged over windows of T; the difference of averages m windows
+apart has, for random walk of strength q per second and angle noise of standard deviation s in an average (whole pulses),
 
 .. math:: \operatorname{var} d_m = q T (m - \tfrac{1}{3}) + 2 s^2
           \quad\Rightarrow\quad q = (\operatorname{var} d_3 - \operatorname{var} d_1) / (2 T)
 
-in which the angle noise cancels. Averaging the angle rather than differencing its ends is what makes coarse pulses harmless; windows of
-2 s outlast the pattern that a steady rate makes in the rounding.
+in which the angle noise cancels. Averaging the angle rather than differencing its ends is what makes coarse pulses harmless;
+windows of 2 s outlast the pattern that a steady rate makes in the rounding.
 """
 
 from __future__ import annotations
