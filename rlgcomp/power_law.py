@@ -43,6 +43,7 @@ NAMES: Final = {
     -4: "random run",
 }
 FEWEST_FOR_LAG_1: Final = 30
+FEWEST_FOR_SPREAD: Final = 4
 _TERMS: Final = 100  # of the sum over lags, as in Greenhall and Riley
 
 
@@ -61,14 +62,14 @@ def identify(blocks: Array, groups: Whole, lowest: int) -> int | None:
     Returns
     -------
     int or None
-        None where fewer than 30 neighbours are there.
+        None where fewer than 30 neighbours are there and :func:`_by_spread` cannot tell.
     """
     z, group = blocks, groups
     for differenced in range(-lowest // 2 + 1):
         together = group[1:] == group[:-1]
         pairs = int(np.count_nonzero(together))
         if pairs < FEWEST_FOR_LAG_1 - 1:
-            return None
+            return _by_spread(blocks, groups)
         z = z - z.mean()
         power = float(np.dot(z, z)) / len(z)
         if power == 0.0:
@@ -81,10 +82,34 @@ def identify(blocks: Array, groups: Whole, lowest: int) -> int | None:
     return None
 
 
-def degrees_of_freedom(differences: int, m: int, alpha: int, order: int, *, overlapping: bool) -> float:
-    """Equivalent degrees of freedom of a variance: the combined algorithm of Greenhall and Riley.
+def _by_spread(blocks: Array, groups: Whole) -> int | None:
+    """Exponent from the B1 ratio, variance over Allan variance, of the longest part: for a few means.
 
-    Its sums are formed at a finer step than theirs where they switch to fitted formulas, so that no table is needed.
+    So few cannot vouch for white noise of the angle, which would claim many degrees of freedom: zero is the highest answer.
+    """
+    if not len(blocks):
+        return None
+    values = blocks[groups == np.argmax(np.bincount(groups))]
+    count = len(values)
+    allan = 0.5 * float(np.mean(np.diff(values) ** 2)) if count >= FEWEST_FOR_SPREAD else 0.0
+    if allan == 0.0:
+        return None
+    expected = []  # of the ratio, for Allan variances that go as tau^mu
+    for mu in (1, 0, -1):
+        if mu == 0:
+            expected.append(count * math.log(count) / (2.0 * (count - 1) * math.log(2.0)))
+        else:
+            expected.append(count * (1.0 - float(count) ** mu) / (2.0 * (count - 1) * (1.0 - 2.0**mu)))
+    limits = np.sqrt(np.array(expected[1:]) * np.array(expected[:-1]))
+    return (-2, -1, 0)[int(np.count_nonzero(float(np.var(values, ddof=1)) / allan < limits))]
+
+
+def degrees_of_freedom(differences: int, m: int, alpha: int, order: int, *, overlapping: bool) -> float:
+    """Equivalent degrees of freedom of a variance, after the combined algorithm of Greenhall and Riley.
+
+    Two things differ. Its sums are formed at a finer step where they switch to fitted formulas, so that no table is needed. And for
+    alpha <= 0 their upper cut-off frequency is left away, which they do for long tau only: a gyro's output is the integral of its rate,
+    so that white noise of n samples has 2/3 n degrees of freedom at the shortest tau (0.78 n with the cut-off).
 
     Parameters
     ----------
@@ -108,7 +133,7 @@ def degrees_of_freedom(differences: int, m: int, alpha: int, order: int, *, over
     fine = min(stride, max(_TERMS, math.ceil(_TERMS / ratio)))
     count = ratio * fine
     lags = np.arange(1, math.ceil(min(count, (order + 1) * fine)))
-    cutoff = math.inf if alpha <= 0 and m * (order + 1) > _TERMS else m if alpha <= 0 or fine == stride else fine
+    cutoff = math.inf if alpha <= 0 else m if fine == stride else fine
     correlation = _sz(lags / fine, cutoff, alpha, order) / _sz(np.zeros(1), cutoff, alpha, order)
     found = count / (1.0 + 2.0 * float(np.sum((1.0 - lags / count) * correlation**2)))
     if alpha == 1 and cutoff != m:  # the variance of flicker angle noise grows with the logarithm of m
