@@ -31,7 +31,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import linalg, optimize, special, stats
+from scipy import optimize, special, stats
 
 from rlgcomp.allan import AllanDeviation
 from rlgcomp.errors import InputError
@@ -57,9 +57,10 @@ _FACTORS: Final = np.array(
         SECONDS_PER_HOUR * math.sqrt(2.0),
     ]
 )
-_STEP_RATIO: Final = 1.9  # between averaging times that are fitted: nearer ones add hardly anything
+_STEP_RATIO: Final = 1.4  # between averaging times that are fitted: nearer ones add hardly anything
 _FINE: Final = 32  # points that resolve the shorter of two averaging times
 _FARTHEST: Final = 512  # ratio of averaging times beyond which their variances are taken as independent
+_LEAST_EIGENVALUE: Final = 1e-3  # of the correlations between averaging times
 _ITERATIONS: Final = 50
 
 
@@ -67,8 +68,8 @@ _ITERATIONS: Final = 50
 class NoiseCoefficients:
     """Coefficients of the five noises, each with its standard error.
 
-    The standard error of a coefficient is the step from its estimate to that of its variance plus one standard error: for one
-    well above zero the usual standard error, for one estimated as zero the one-sigma upper limit.
+    The standard error of a coefficient is the larger of the steps that one standard error of its variance makes, up or down: for
+    one well above zero the usual standard error, for one estimated as zero the one-sigma upper limit.
 
     Parameters
     ----------
@@ -134,15 +135,15 @@ def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
     Raises
     ------
     InputError
-        The deviation is a plain one, is zero somewhere, or has fewer than three averaging times an octave apart.
+        The deviation is a plain one, is zero somewhere, or has fewer than three averaging times half an octave apart.
     """
     if not deviation.overlapping:
         raise InputError(f"coefficients are fitted to the estimators overlapping and hadamard, not to {deviation.estimator}")
-    chosen = _octaves(deviation.tau_s)
+    chosen = _thinned(deviation.tau_s)
     if len(chosen) < 3 or not (deviation.deviation_deg_h[chosen] > 0.0).all():
         raise InputError(
-            f"{len(chosen)} averaging times an octave apart from {deviation.tau_s[0]:g} s to {deviation.tau_s[-1]:g} s, smallest "
-            f"deviation {deviation.deviation_deg_h.min():g} deg/h; at least three times and a noise above zero are needed"
+            f"{len(chosen)} averaging times half an octave apart from {deviation.tau_s[0]:g} s to {deviation.tau_s[-1]:g} s, "
+            f"smallest deviation {deviation.deviation_deg_h.min():g} deg/h; at least three times and a noise above zero are needed"
         )
     tau = deviation.tau_s[chosen]
     m = np.rint(tau / deviation.period_s).astype(np.int64)
@@ -160,10 +161,11 @@ def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
         if np.abs(design @ (variances - before)).max() < 1e-9 * measured.max():
             break
     sd = _standard_errors(design, covariance, variances)
-    residual = linalg.solve_triangular(linalg.cholesky(covariance, lower=True), measured - design @ variances, lower=True)
+    residual = _whitener(covariance) @ (measured - design @ variances)
     to_coefficient = _FACTORS * np.sqrt(unit / deviation.period_s ** np.array(POWERS))
     values = to_coefficient * np.sqrt(variances)
-    errors = to_coefficient * np.sqrt(variances + sd) - values
+    below = to_coefficient * np.sqrt(np.clip(variances - sd, 0.0, None))
+    errors = np.maximum(to_coefficient * np.sqrt(variances + sd) - values, values - below)
     return NoiseCoefficients(
         **dict(zip(NAMES, values.tolist(), strict=True)),
         **{f"{name}_sd": error for name, error in zip(NAMES, errors.tolist(), strict=True)},
@@ -173,8 +175,8 @@ def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
     )
 
 
-def _octaves(tau_s: Array) -> npt.NDArray[np.intp]:
-    """Averaging times about an octave apart, from the shortest."""
+def _thinned(tau_s: Array) -> npt.NDArray[np.intp]:
+    """Averaging times at least half an octave apart, from the shortest."""
     chosen = [0]
     for k, tau in enumerate(tau_s):
         if tau >= _STEP_RATIO * tau_s[chosen[-1]]:
@@ -279,28 +281,31 @@ def _covariance(products: Array, variances: Array) -> Array:
     return np.asarray(np.einsum("ikjl,j,l->ik", products, variances, variances))
 
 
+def _whitener(covariance: Array) -> Array:
+    """Matrix that makes residuals independent with unit variance; nearly dependent combinations count for no more than they can."""
+    scale = np.sqrt(np.diag(covariance))
+    eigenvalues, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray((vectors / np.sqrt(np.clip(eigenvalues, _LEAST_EIGENVALUE, None))).T / scale)
+
+
 def _non_negative(design: Array, measured: Array, covariance: Array) -> Array:
     """Generalised least squares with non-negative coefficients."""
-    root = linalg.cholesky(covariance, lower=True)
-    columns = linalg.solve_triangular(root, design, lower=True)
+    whitener = _whitener(covariance)
+    columns = whitener @ design
     size = np.sqrt((columns**2).sum(axis=0))
     size[size == 0.0] = 1.0
-    found, _ = optimize.nnls(columns / size, linalg.solve_triangular(root, measured, lower=True))
+    found, _ = optimize.nnls(columns / size, whitener @ measured)
     return np.asarray(found / size)
 
 
 def _standard_errors(design: Array, covariance: Array, variances: Array) -> Array:
     """Of the A_j: those above zero together, each of the others added to them alone."""
-    root = linalg.cholesky(covariance, lower=True)
-    columns = linalg.solve_triangular(root, design, lower=True)
+    columns = _whitener(covariance) @ design
+    size = np.sqrt((columns**2).sum(axis=0))
     above = np.flatnonzero(variances > 0.0)
     errors = np.full(len(variances), np.inf)
-    for j in range(len(variances)):
-        together = above if j in above else np.r_[above, j]
-        size = np.sqrt((columns[:, together] ** 2).sum(axis=0))
-        if (size == 0.0).any():
-            continue
-        information = (columns[:, together] / size).T @ (columns[:, together] / size)
-        inverse = np.linalg.pinv(information)
-        errors[j] = float(np.sqrt(inverse[list(together).index(j), list(together).index(j)])) / size[list(together).index(j)]
+    for j in np.flatnonzero(size):
+        together = np.r_[j, above[above != j]]
+        scaled = columns[:, together] / size[together]
+        errors[j] = math.sqrt(float(np.linalg.pinv(scaled.T @ scaled)[0, 0])) / size[j]
     return errors
