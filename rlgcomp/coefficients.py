@@ -62,6 +62,10 @@ _FINE: Final = 32  # points that resolve the shorter of two averaging times
 _FARTHEST: Final = 512  # ratio of averaging times beyond which their variances are taken as independent
 _LEAST_EIGENVALUE: Final = 1e-3  # of the correlations between averaging times
 _ITERATIONS: Final = 50
+_TOLERANCE: Final = 1e-9
+_MISFIT_P: Final = 0.01  # below it the five noises are not all there is
+_LARGEST_MISFIT: Final = 10.0
+_BISECTIONS: Final = 12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +85,9 @@ class NoiseCoefficients:
         Sum of squared, whitened residuals.
     degrees_of_freedom : int
         Averaging times less coefficients above zero.
+    misfit : float
+        Where chi_square is beyond chance: relative departure of the variances from any sum of the five noises that makes residuals
+        this large. It is allowed for in the fit and in the standard errors. Zero where the five noises suffice.
     tau_s : ndarray
         Averaging times that were fitted.
     """
@@ -97,6 +104,7 @@ class NoiseCoefficients:
     rate_ramp_deg_h2_sd: float
     chi_square: float
     degrees_of_freedom: int
+    misfit: float
     tau_s: Array
 
     @property
@@ -152,16 +160,18 @@ def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
     measured = deviation.deviation_deg_h[chosen] ** 2 / unit
     design = _design(m, deviation.order)
     products = _covariance_products(m, deviation.parts, deviation.order)
-    covariance = np.diag(2.0 * measured**2 / deviation.edf[chosen])
-    variances = np.zeros(len(POWERS))
-    for _ in range(_ITERATIONS):
-        before = variances
-        variances = _non_negative(design, measured, covariance)
-        covariance = _covariance(products, variances)
-        if np.abs(design @ (variances - before)).max() < 1e-9 * measured.max():
-            break
+    within_chance = np.diag(2.0 * measured**2 / deviation.edf[chosen])
+    variances, covariance, chi_square = _fit(design, measured, within_chance, products, 0.0)
+    found_chi_square, misfit = chi_square, 0.0
+    free = len(chosen) - int(np.count_nonzero(variances))
+    if stats.chi2.sf(chi_square, max(free, 1)) < _MISFIT_P:
+        low, misfit = 0.0, _LARGEST_MISFIT
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + misfit)
+            *_, chi_square = _fit(design, measured, within_chance, products, middle)
+            low, misfit = (middle, misfit) if chi_square > free else (low, middle)
+        variances, covariance, _ = _fit(design, measured, within_chance, products, misfit)
     sd = _standard_errors(design, covariance, variances)
-    residual = _whitener(covariance) @ (measured - design @ variances)
     to_coefficient = _FACTORS * np.sqrt(unit / deviation.period_s ** np.array(POWERS))
     values = to_coefficient * np.sqrt(variances)
     below = to_coefficient * np.sqrt(np.clip(variances - sd, 0.0, None))
@@ -169,8 +179,9 @@ def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
     return NoiseCoefficients(
         **dict(zip(NAMES, values.tolist(), strict=True)),
         **{f"{name}_sd": error for name, error in zip(NAMES, errors.tolist(), strict=True)},
-        chi_square=float(residual @ residual),
-        degrees_of_freedom=len(chosen) - int(np.count_nonzero(variances)),
+        chi_square=found_chi_square,
+        degrees_of_freedom=free,
+        misfit=misfit,
         tau_s=tau,
     )
 
@@ -277,8 +288,21 @@ def _pairs(u: Array, m1: int, m2: int, lengths: npt.NDArray[np.int64], copies: n
     return total
 
 
-def _covariance(products: Array, variances: Array) -> Array:
-    return np.asarray(np.einsum("ikjl,j,l->ik", products, variances, variances))
+def _fit(design: Array, measured: Array, within_chance: Array, products: Array, misfit: float) -> tuple[Array, Array, float]:
+    """Variances A_j, the covariance they imply, and chi-square; infinite where the iteration finds no noise at all."""
+    covariance = within_chance + np.diag((misfit * measured) ** 2)
+    variances = np.zeros(len(POWERS))
+    for _ in range(_ITERATIONS):
+        before = variances
+        variances = _non_negative(design, measured, covariance)
+        if not variances[:-1].any():
+            return variances, covariance, math.inf
+        curve = design @ variances
+        covariance = np.einsum("ikjl,j,l->ik", products, variances, variances) + np.diag((misfit * curve) ** 2)
+        if np.abs(curve - design @ before).max() < _TOLERANCE * curve.max():
+            break
+    residual = _whitener(covariance) @ (measured - design @ variances)
+    return variances, covariance, float(residual @ residual)
 
 
 def _whitener(covariance: Array) -> Array:
