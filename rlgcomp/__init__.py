@@ -28,6 +28,8 @@ Modules, each importing only from those before it:
     filters hysteresis          causal recursions and hysteresis operators with explicit state
     noise power_law             noise processes, which one a record shows and its degrees of freedom
     allan coefficients          Allan deviation, the five noises with their standard errors
+    base_motion slopes          what gyro and accelerometers share; what the curve says in words
+    stationarity noise_analysis whether the noise stays the same; all of it for one gyro
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit

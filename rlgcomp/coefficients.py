@@ -130,11 +130,11 @@ class NoiseCoefficients:
             quantization_arcsec=self.quantization_arcsec,
         )
 
-    def terms(self, tau_s: npt.ArrayLike) -> Array:
-        """Allan variance of each noise in (deg/h)², shape (5, m)."""
+    def terms(self, tau_s: npt.ArrayLike, order: int = 2) -> Array:
+        """Allan variance (Hadamard where order is 3) of each noise in (deg/h)², shape (5, m)."""
         tau = np.asarray(tau_s, dtype=np.float64)
-        values = np.array([getattr(self, name) for name in NAMES])
-        return np.stack([(value / factor) ** 2 * tau**power for value, factor, power in zip(values, _FACTORS, POWERS, strict=True)])
+        at_1_s = (np.array([getattr(self, name) for name in NAMES]) / _FACTORS) ** 2 * _design(np.array([1]), order)[0]
+        return np.asarray(at_1_s[:, None] * tau ** np.array(POWERS, dtype=np.float64)[:, None])
 
 
 def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
@@ -147,7 +147,7 @@ def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
     """
     if not deviation.overlapping:
         raise InputError(f"coefficients are fitted to the estimators overlapping and hadamard, not to {deviation.estimator}")
-    chosen = _thinned(deviation.tau_s)
+    chosen = thinned(deviation.tau_s)
     if len(chosen) < 3 or not (deviation.deviation_deg_h[chosen] > 0.0).all():
         raise InputError(
             f"{len(chosen)} averaging times half an octave apart from {deviation.tau_s[0]:g} s to {deviation.tau_s[-1]:g} s, "
@@ -186,7 +186,7 @@ def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
     )
 
 
-def _thinned(tau_s: Array) -> npt.NDArray[np.intp]:
+def thinned(tau_s: Array) -> npt.NDArray[np.intp]:
     """Averaging times at least half an octave apart, from the shortest."""
     chosen = [0]
     for k, tau in enumerate(tau_s):
