@@ -30,8 +30,9 @@ from rlgcomp.coefficients import NoiseCoefficients, thinned
 Array = npt.NDArray[np.float64]
 SLOPES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)
 NOISES: Final = ("quantization or residual dither", "angle random walk", "bias instability", "rate random walk", "rate ramp")
-_TOLERANCE: Final = 0.15  # of a local slope, for bends
-_CHANGE: Final = 9.0  # cost of a change of slope, in units of chi-square
+_TOLERANCE: Final = 0.12  # of a local slope, for bends
+_CHANGE: Final = 4.0  # cost of a change of slope, in units of chi-square
+_PURE: Final = 0.15  # departure of a slope from the nearest noise's that tells of a mixture
 _SHORTEST: Final = 3.0  # ratio of averaging times below which a stretch is only a bend
 
 
@@ -92,7 +93,7 @@ def findings(deviation: AllanDeviation, coefficients: NoiseCoefficients, *, base
     for stretch in found:
         where = f"slope {stretch.slope:.2f} ± {stretch.slope_sd:.2f} from {stretch.from_s:.3g} to {stretch.to_s:.3g} s"
         meaning = f"as {stretch.noise} has it, but the base moves" if base_moves else _meaning(stretch, deviation, coefficients)
-        said.append(f"{where}: {meaning}")
+        said.append(f"{where}{_mixture(stretch)}: {meaning}")
     for before, after in itertools.pairwise(found):
         if before.nearest > 0.0 and after.nearest < 0.0:
             period_s = 0.5 * (before.to_s + after.from_s) / 0.37  # the Allan deviation of a sine has its maximum at 0.37 periods
@@ -106,6 +107,15 @@ def findings(deviation: AllanDeviation, coefficients: NoiseCoefficients, *, base
             f"beyond chance ({probability(coefficients.p_value)}); the standard errors allow for it"
         )
     return tuple(said)
+
+
+def short(value: float) -> str:
+    """A standard error to two digits.
+
+    >>> short(12.7), short(0.0213)
+    ('13', '0.021')
+    """
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def largest_white_deg_sqrt_h(deviation: AllanDeviation) -> tuple[float, float]:
@@ -134,9 +144,18 @@ def _meaning(stretch: Stretch, deviation: AllanDeviation, coefficients: NoiseCoe
     return f"rate ramp (R {_value(coefficients, 'rate_ramp_deg_h2')} deg/h²), motion or temperature"
 
 
+def _mixture(stretch: Stretch) -> str:
+    """The neighbouring noise, where the slope lies clearly towards it."""
+    apart = stretch.slope - stretch.nearest
+    k = SLOPES.index(stretch.nearest) + (1 if apart > 0.0 else -1)
+    if abs(apart) <= max(_PURE, 2.0 * stretch.slope_sd) or not 0 <= k < len(SLOPES):
+        return ""
+    return f", mixed with {NOISES[k]}"
+
+
 def _value(coefficients: NoiseCoefficients, name: str) -> str:
     value, sd = getattr(coefficients, name), getattr(coefficients, f"{name}_sd")
-    return f"{value:.3g} ± {sd:.1g}" if value > 0.0 else f"< {sd:.1g}"
+    return f"{value:.3g} ± {short(sd)}" if value > 0.0 else f"< {short(sd)}"
 
 
 def _cheapest(costs: Array) -> npt.NDArray[np.int64]:

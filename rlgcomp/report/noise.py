@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from rlgcomp.noise_analysis import NoiseAnalysis
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN
+from rlgcomp.slopes import short
 
 # One line a noise, in the order of the coefficients: letter, unit, colour
 _NOISES: Final = (
@@ -51,13 +52,19 @@ def _panel(axes: Axes, analysis: NoiseAnalysis) -> None:
     )
     axes.plot(deviation.tau_s, deviation.deviation_deg_h, "-o", color=RESIDUAL, ms=3, lw=1.0, label=kind)
     terms = np.sqrt(coefficients.terms(tau, deviation.order))
-    axes.plot(tau, np.sqrt((terms**2).sum(axis=0)), color=INK, lw=1.4, label="five noises, fitted")
+    axes.plot(
+        tau,
+        np.sqrt((terms**2).sum(axis=0)),
+        color=INK,
+        lw=1.4,
+        label="five noises, fitted" + (", do not describe it" if coefficients.misfit else ""),
+    )
     values = coefficients.to_frame()
     for (letter, unit, colour), term, value, sd in zip(_NOISES, terms, values["value"], values["sd"], strict=True):
         if value > 0.0:
-            axes.plot(tau, term, color=colour, lw=1.2, ls="--", label=f"{letter} = {value:.3g} ± {sd:.1g} {unit}")
+            axes.plot(tau, term, color=colour, lw=1.2, ls="--", label=f"{letter} = {value:.3g} ± {short(sd)} {unit}")
         elif np.isfinite(sd):
-            axes.plot([], [], color=RAW, lw=0, label=f"{letter} < {sd:.1g} {unit}")
+            axes.plot([], [], color=RAW, lw=0, label=f"{letter} < {short(sd)} {unit}")
     axes.set(xscale="log", yscale="log", xlabel="averaging time in s", ylabel=f"{kind} in deg/h", xlim=(tau[0], tau[-1]))
     axes.set_ylim(0.4 * float(deviation.lower_deg_h.min()), 2.0 * float(deviation.upper_deg_h.max()))
     axes.set_title(analysis.gyro)
