@@ -33,6 +33,8 @@ NOISES: Final = ("quantization or residual dither", "angle random walk", "bias i
 _TOLERANCE: Final = 0.12  # of a local slope, for bends
 _CHANGE: Final = 4.0  # cost of a change of slope, in units of chi-square
 _PURE: Final = 0.15  # departure of a slope from the nearest noise's that tells of a mixture
+_HUMP: Final = 1.3  # least height of a maximum over the minima on both sides
+_SINE: Final = 0.371  # the Allan deviation of a sine is greatest at this part of its period
 _SHORTEST: Final = 3.0  # ratio of averaging times below which a stretch is only a bend
 
 
@@ -89,18 +91,18 @@ def stretches(deviation: AllanDeviation) -> tuple[Stretch, ...]:
 def findings(deviation: AllanDeviation, coefficients: NoiseCoefficients, *, base_moves: bool = False) -> tuple[str, ...]:
     """What the curve says, in sentences; with `base_moves` no slope is taken for noise of the gyro."""
     said = []
-    found = [stretch for stretch in stretches(deviation) if stretch.long_enough]
-    for stretch in found:
+    for stretch in stretches(deviation):
+        if not stretch.long_enough:
+            continue
         where = f"slope {stretch.slope:.2f} ± {stretch.slope_sd:.2f} from {stretch.from_s:.3g} to {stretch.to_s:.3g} s"
         meaning = f"as {stretch.noise} has it, but the base moves" if base_moves else _meaning(stretch, deviation, coefficients)
         said.append(f"{where}{_mixture(stretch)}: {meaning}")
-    for before, after in itertools.pairwise(found):
-        if before.nearest > 0.0 and after.nearest < 0.0:
-            period_s = 0.5 * (before.to_s + after.from_s) / 0.37  # the Allan deviation of a sine has its maximum at 0.37 periods
-            said.append(
-                f"it rises until {before.to_s:.3g} s and falls again: an oscillation or motion near {1.0 / period_s:.2g} Hz, "
-                "which none of the five noises makes"
-            )
+    peak_s = _hump(deviation)
+    if peak_s is not None:
+        said.append(
+            f"it rises to a maximum at {peak_s:.3g} s and falls again: an oscillation or motion near {_SINE / peak_s:.1g} Hz, "
+            "which none of the five noises makes"
+        )
     if coefficients.misfit:
         said.append(
             f"the five noises do not describe this curve: its variances depart from their sum by {100 * coefficients.misfit:.0f} % "
@@ -144,13 +146,28 @@ def _meaning(stretch: Stretch, deviation: AllanDeviation, coefficients: NoiseCoe
     return f"rate ramp (R {_value(coefficients, 'rate_ramp_deg_h2')} deg/h²), motion or temperature"
 
 
+def _hump(deviation: AllanDeviation) -> float | None:
+    """Averaging time of the most prominent maximum that stands out of chance, None where there is none.
+
+    The ripples that follow the maximum of a fast line lie under a slope of -1, and are no maxima of their own.
+    """
+    tau, value = deviation.tau_s, np.log(deviation.deviation_deg_h)
+    reach = np.r_[0.0, np.maximum.accumulate(deviation.deviation_deg_h * tau)]
+    own = deviation.deviation_deg_h * tau > 2.0 * reach[np.searchsorted(tau, tau / 4.0, side="right")]
+    before, after = np.minimum.accumulate(value), np.minimum.accumulate(value[::-1])[::-1]
+    prominence = np.where(own, value - np.maximum(before, after), 0.0)
+    k = int(np.argmax(prominence))
+    stands_out = prominence[k] > max(math.log(_HUMP), 3.0 / math.sqrt(float(deviation.edf[: k + 1].min())))
+    return float(tau[k]) if stands_out else None
+
+
 def _mixture(stretch: Stretch) -> str:
     """The neighbouring noise, where the slope lies clearly towards it."""
     apart = stretch.slope - stretch.nearest
     k = SLOPES.index(stretch.nearest) + (1 if apart > 0.0 else -1)
     if abs(apart) <= max(_PURE, 2.0 * stretch.slope_sd) or not 0 <= k < len(SLOPES):
         return ""
-    return f", mixed with {NOISES[k]}"
+    return f" (mixed with {NOISES[k]})"
 
 
 def _value(coefficients: NoiseCoefficients, name: str) -> str:

@@ -23,7 +23,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import main
 from rlgcomp.cli.base import app
 
-COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate"]
+COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate", "allan"]
 SIMULATOR = """
 kind: chamber
 mechanisms:
@@ -39,7 +39,7 @@ def registered() -> None:
     """Commands are registered when the console script starts."""
     import importlib
 
-    for commands in ("demo", "recordings", "simulation", "compensation"):
+    for commands in ("demo", "recordings", "simulation", "compensation", "noise"):
         importlib.import_module(f"rlgcomp.cli.{commands}")
 
 

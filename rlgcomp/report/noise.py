@@ -57,7 +57,7 @@ def _panel(axes: Axes, analysis: NoiseAnalysis) -> None:
         np.sqrt((terms**2).sum(axis=0)),
         color=INK,
         lw=1.4,
-        label="five noises, fitted" + (", do not describe it" if coefficients.misfit else ""),
+        label="five noises, fitted" + (" (they do not fit)" if coefficients.misfit else ""),
     )
     values = coefficients.to_frame()
     for (letter, unit, colour), term, value, sd in zip(_NOISES, terms, values["value"], values["sd"], strict=True):
