@@ -7,8 +7,9 @@ The record is cut into segments of equal duration. At each averaging time the se
 
     T = \frac{\sum \nu_i \ln \bar s^2 - \sum \nu_i \ln s_i^2}{1 + (\sum 1/\nu_i - 1/\sum \nu_i) / (3 (n - 1))} \sim \chi^2_{n-1},
 
-the degrees of freedom divided by :math:`1 + \kappa/2` for differences with excess kurtosis :math:`\kappa`. The smallest p-value
-counts, times the number of averaging times.
+the degrees of freedom divided by :math:`1 + \kappa/2` for differences with excess kurtosis :math:`\kappa`. They are never more than
+those of white noise of the rate: a wrong guess of white angle noise would accuse a healthy gyro. The smallest p-value counts, times
+the number of averaging times.
 
 References
 ----------
@@ -148,57 +149,57 @@ def check_stationarity(
         raise InputError(f"segments is {segments}; at least two are needed to compare")
     whole = allan_deviation(rate, time, per_decade=3.0)
     edges = np.searchsorted(time, np.linspace(time[0], time[-1] + whole.period_s, segments + 1))
+    angle = np.r_[0.0, np.cumsum(rate - rate.mean())]
+    part = np.repeat(np.arange(len(whole.parts)), whole.parts)
     best: tuple[float, float, Array, Array, float] | None = None
     tested = 0
     for tau_s, alpha in zip(whole.tau_s, whole.alpha, strict=True):
-        compared = _compare(rate, time, edges, whole.period_s, tau_s, int(alpha))
+        compared = _compare(angle, part, edges, round(tau_s / whole.period_s), min(int(alpha), 0))
         if compared is None:
             continue
         tested += 1
-        if best is None or compared[0] < best[0]:
-            best = (compared[0], float(tau_s), *compared[1:])
+        log_p, segment, rms, kurtosis = compared
+        if best is None or log_p < best[0]:
+            best = (log_p, float(tau_s), time[edges[segment]], rms * whole.period_s / (math.sqrt(2.0) * tau_s), kurtosis)
     if best is None:
         raise InputError(f"{len(rate)} samples are too few to compare {segments} segments; give a longer record, or fewer segments")
     log_p, tau_s, start_s, deviations, kurtosis = best
-    part = _longest_part(whole)
-    lines = find_lines(rate[part], whole.period_s)
+    longest = _longest_part(whole)
+    lines = find_lines(rate[longest], whole.period_s)
     motions = tuple(
-        compare(name, rate[part], np.asarray(values, dtype=np.float64)[part], whole.period_s, tau_s)
+        compare(name, rate[longest], np.asarray(values, dtype=np.float64)[longest], whole.period_s, tau_s)
         for name, values in (accelerometers or {}).items()
     )
     return Stationarity(tau_s, start_s, deviations, min(1.0, tested * math.exp(log_p)), kurtosis, lines, motions)
 
 
 def _compare(
-    rate: Array, time: Array, edges: npt.NDArray[np.intp], period_s: float, tau_s: float, alpha: int
-) -> tuple[float, Array, Array, float] | None:
-    """Bartlett's test of the segments at one averaging time: log p-value, starts, deviations, excess kurtosis."""
-    m = round(tau_s / period_s)
-    variances, degrees, starts, fourth = [], [], [], []
-    for start, stop in itertools.pairwise(edges):
-        if stop - start < 3 * m + 3:
-            continue
-        try:
-            curve = allan_deviation(rate[start:stop], time[start:stop], [tau_s])
-        except InputError:
-            continue
-        if curve.deviation_deg_h[0] == 0.0:
-            continue
-        variances.append(curve.deviation_deg_h[0] ** 2)
-        degrees.append(degrees_of_freedom(int(curve.differences[0]), m, alpha, 2, overlapping=True))
-        starts.append(float(time[start]))
-        angle = np.cumsum(rate[start:stop] - rate[start:stop].mean())
-        difference = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
-        fourth.append(float(np.mean(difference**4) / np.mean(difference**2) ** 2))
-    if len(variances) < 2 or min(degrees) < _LEAST_EDF:
+    angle: Array, part: npt.NDArray[np.int64], edges: npt.NDArray[np.intp], m: int, alpha: int
+) -> tuple[float, npt.NDArray[np.intp], Array, float] | None:
+    """Bartlett's test of the segments at one averaging time: log p-value, segments compared, rms difference, excess kurtosis."""
+    difference = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
+    whole = part[2 * m - 1 :] == part[: len(difference)]
+    segments, squares, fourths, counts = [], [], [], []
+    for k, (start, stop) in enumerate(itertools.pairwise(edges)):
+        inside = slice(start, max(start, stop - 2 * m + 1))
+        square = difference[inside][whole[inside]] ** 2
+        if len(square) and square.any():
+            segments.append(k)
+            squares.append(float(square.mean()))
+            fourths.append(float(np.mean(square**2)) / squares[-1] ** 2)
+            counts.append(len(square))
+    if len(segments) < 2:
         return None
-    kurtosis = float(np.mean(fourth)) - 3.0
+    degrees = [degrees_of_freedom(count, m, alpha, 2, overlapping=True) for count in counts]
+    if min(degrees) < _LEAST_EDF:
+        return None
+    kurtosis = float(np.mean(fourths)) - 3.0
     nu = np.array(degrees) / (1.0 + 0.5 * max(kurtosis, 0.0))
-    s2 = np.array(variances)
+    s2 = np.array(squares)
     pooled = float(nu @ s2) / float(nu.sum())
     statistic = float(nu.sum() * math.log(pooled) - nu @ np.log(s2))
     statistic /= 1.0 + (float((1.0 / nu).sum()) - 1.0 / float(nu.sum())) / (3.0 * (len(nu) - 1))
-    return float(stats.chi2.logsf(statistic, len(nu) - 1)), np.array(starts), np.sqrt(s2), kurtosis
+    return float(stats.chi2.logsf(statistic, len(nu) - 1)), np.array(segments), np.sqrt(s2), kurtosis
 
 
 def _longest_part(whole: AllanDeviation) -> slice:

@@ -25,7 +25,7 @@ ROWS = [
     ["repair"],
     ["formats"],
     ["filters", "hysteresis"],
-    ["noise", "power_law"],
+    ["noise", "power_law", "allan_covariance"],
     ["allan"],
     ["coefficients"],
     ["base_motion"],

@@ -8,6 +8,7 @@ from scipy import optimize
 
 import rlgcomp as rlg
 from rlgcomp import coefficients
+from rlgcomp.allan_covariance import covariance_products, design_matrix
 from rlgcomp.coefficients import NAMES, NoiseCoefficients, fit_coefficients
 from rlgcomp.slopes import findings, stretches
 
@@ -111,11 +112,11 @@ def test_covariance_between_averaging_times_is_that_of_simulations(model: rlg.No
     sample = np.array([curve.deviation_deg_h**2 for curve in curves])
     m, order = np.array(taus, dtype=int), curves[0].order
     variances = np.zeros(5)
-    design = coefficients._design(m, order)
+    design = design_matrix(m, order)
     j = {60.0 * model.angle_random_walk_deg_sqrt_h: 1, model.bias_instability_deg_h: 2, model.rate_random_walk_deg_h_sqrt_h: 3}
     which = next(place for strength, place in j.items() if strength)
     variances[which] = float(np.mean(sample[:, 1]) / design[1, which])
-    products = coefficients._covariance_products(m, curves[0].parts, order)
+    products = covariance_products(m, curves[0].parts, order)
     expected = np.einsum("ikjl,j,l->ik", products, variances, variances)
     assert np.std(sample, axis=0) == pytest.approx(np.sqrt(np.diag(expected)), rel=0.2)
     correlation = expected / np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
@@ -127,7 +128,7 @@ def test_covariance_between_averaging_times_is_that_of_simulations(model: rlg.No
 
 def _by_edf(curve: rlg.AllanDeviation) -> np.ndarray:
     """Non-negative least squares weighted with the degrees of freedom alone, as if averaging times were independent."""
-    design, variance = coefficients._design(np.rint(curve.tau_s / curve.period_s).astype(int), 2), curve.deviation_deg_h**2
+    design, variance = design_matrix(np.rint(curve.tau_s / curve.period_s).astype(int), 2), curve.deviation_deg_h**2
     found = variance
     for _ in range(20):
         found = design @ coefficients._non_negative(design, variance, np.diag(found**2 * 2.0 / curve.edf))
@@ -135,19 +136,19 @@ def _by_edf(curve: rlg.AllanDeviation) -> np.ndarray:
 
 
 def _unconstrained(curve: rlg.AllanDeviation) -> np.ndarray:
-    design = coefficients._design(np.rint(curve.tau_s).astype(int), 2)
+    design = design_matrix(np.rint(curve.tau_s).astype(int), 2)
     return np.linalg.lstsq(design, curve.deviation_deg_h**2, rcond=None)[0]
 
 
 def _log_space(curve: rlg.AllanDeviation) -> np.ndarray:
-    design, log_variance = coefficients._design(np.rint(curve.tau_s).astype(int), 2), 2.0 * np.log(curve.deviation_deg_h)
+    design, log_variance = design_matrix(np.rint(curve.tau_s).astype(int), 2), 2.0 * np.log(curve.deviation_deg_h)
     start = np.sqrt(coefficients._non_negative(design, np.exp(log_variance), np.diag(np.exp(2 * log_variance))) + 1e-12)
     fit = optimize.least_squares(lambda root: np.log(design @ root**2) - log_variance, start, x_scale=np.maximum(start, 1e-6))
     return fit.x**2
 
 
 def _relative_to_measured(curve: rlg.AllanDeviation) -> np.ndarray:
-    design, variance = coefficients._design(np.rint(curve.tau_s).astype(int), 2), curve.deviation_deg_h**2
+    design, variance = design_matrix(np.rint(curve.tau_s).astype(int), 2), curve.deviation_deg_h**2
     return optimize.nnls(design / variance[:, None], np.ones(len(variance)))[0]
 
 
