@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from pathlib import Path
 
@@ -12,10 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 
-for commands in ("recordings", "noise"):  # a lone command would be taken for the application itself
-    importlib.import_module(f"rlgcomp.cli.{commands}")
+register_commands()
 N = 0.0004
 
 

@@ -45,7 +45,7 @@ def allan(
     taus = None if tau is None else _times(tau)
     if out is not None:
         require_writable(out)
-    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
     columns = recording.gyro_columns if gyro is None else (recording.gyro_column(gyro),)
     analyses = []
     with progress("gyros", len(columns)) as advance:
