@@ -83,11 +83,14 @@ def analyse_noise(
     column = recording.gyro_column(gyro)
     scored = recording.scored
     rate, time = recording.rate_deg_h(column)[scored], recording.time_s[scored]
-    deviation = allan_deviation(rate, time, tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade)
-    fitted = deviation
-    if tau_s is not None or per_decade < 7.0 or estimator in _FITTED:
-        fitted = allan_deviation(rate, time, estimator=_FITTED.get(estimator, estimator))
-    coefficients = fit_coefficients(fitted)
+    try:
+        deviation = allan_deviation(rate, time, tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade)
+        fitted = deviation
+        if tau_s is not None or per_decade < 7.0 or estimator in _FITTED:
+            fitted = allan_deviation(rate, time, estimator=_FITTED.get(estimator, estimator))
+        coefficients = fit_coefficients(fitted)
+    except InputError as error:
+        raise InputError(f"{recording.name}, {column}: {error}") from None
     accelerometers = {name: recording.column(name)[scored] for name in recording.columns if name.startswith("accel_")}
     try:
         stationarity = check_stationarity(rate, time, accelerometers)

@@ -127,7 +127,7 @@ def test_bad_options_are_refused(static: Path, options: tuple[str, ...], message
 def test_bad_recordings_are_refused(static: Path, tmp_path: Path) -> None:
     refused(tmp_path / "missing.parquet")
     pd.DataFrame({"time_s": [0.0, 1.0, 2.0, 3.0], "gyro_deg_h": [1.0, 2.0, 1.0, 2.0]}).to_csv(tmp_path / "short.csv", index=False)
-    refused(tmp_path / "short.csv")
+    assert "short, gyro_deg_h" in refused(tmp_path / "short.csv")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("dear")
     assert "left untouched" in " ".join(refused(static, "--out", tmp_path / "mine").split())

@@ -314,10 +314,13 @@ def test_command_gives_k_from_one_file_or_many(folder: Path, tmp_path: Path) -> 
         assert result.exit_code == 0, result.output
         found = json.loads(result.stdout)
         assert found == json.loads(out.read_text())
-        assert abs(found["scale_arcsec"] / TABLE.scale_arcsec - 1.0) < min(1e-7, 4.0 * found["relative_sd"])
+        assert abs(found["pulse_arcsec"] / TABLE.scale_arcsec - 1.0) < min(1e-7, 4.0 * found["relative_sd"])
         assert found["mounting"]["theta_arcsec"] == pytest.approx(646.75, abs=1.5)
         assert not found["remarks"]
-        scales.append(found["scale_arcsec"])
+        scales.append(found["pulse_arcsec"])
+        raw = rlg.read(folder / "turning.parquet")
+        calibrated = rlg.Calibration.read(out).apply(raw)
+        assert calibrated.column("gyro_deg_h") == pytest.approx(raw.column("gyro_pulses") * found["pulse_arcsec"] / raw.period_s)
     assert scales[0] != scales[1]  # other noise, the same answer
 
 
@@ -334,7 +337,7 @@ def test_command_against_rate(folder: Path) -> None:
     result = command(*[folder / f"rates{k}.parquet" for k in range(4)], "--json")
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
-    assert found["scale_arcsec"] is None
+    assert found["pulse_arcsec"] is None
     assert [rate["repeats"] for rate in found["rates"]] == [4] * 5
     assert abs(found["lock_in"]["lock_in_deg_s"] - 0.017) < 4.0 * found["lock_in"]["lock_in_sd_deg_s"]
     # lock-in of 0.017 deg/s costs 9 ppm at 4 deg/s and 1.003 ppm at 12, where the mean of the higher rates is down by 0.07
@@ -346,7 +349,7 @@ def test_command_without_a_conventional_measurement(folder: Path) -> None:
     result = command(folder / "positions.parquet", "--conventional", 0.8427948, "--json")
     assert result.exit_code == 0
     found = json.loads(result.stdout)
-    assert found["scale_arcsec"] == pytest.approx(TABLE.scale_arcsec, rel=1e-7)
+    assert found["pulse_arcsec"] == pytest.approx(TABLE.scale_arcsec, rel=1e-7)
     assert found["relative_sd"] is None
 
 

@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.calibration.budget import ErrorBudget, error_budget
+from rlgcomp.calibration.file import SCHEMA
 from rlgcomp.calibration.mounting import MountingAngle, mounting_angle_of
 from rlgcomp.calibration.rate_dependence import LockInFit, RateTable, fit_lock_in, rate_table
 from rlgcomp.calibration.scale_factor import ConventionalScaleFactor, conventional_scale_factors
@@ -68,10 +69,11 @@ class ScaleFactorCalibration:
         return pd.DataFrame([factor.to_mapping() for factor in self.factors])
 
     def to_mapping(self) -> dict[str, Any]:
-        """Content of a result file."""
+        """Content of the calibration file."""
         return {
-            "schema": "rlgcomp.scale_factor/1",
-            "scale_arcsec": self.scale_arcsec,
+            "schema": SCHEMA,
+            "kind": "gyro",
+            "pulse_arcsec": self.scale_arcsec,
             "relative_sd": self.relative_sd,
             "conventional": None if self.conventional is None else self.conventional.to_mapping(),
             "mounting": None if self.mounting is None else self.mounting.to_mapping(),

@@ -223,8 +223,8 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
 def _counting_walk(trajectory: strapdown.Trajectory) -> Array:
     r"""Random walk of the tilt, per second, for white noise of unit variance in the accumulated body angles.
 
-    Such noise q is bounded in the body, but not in the level frame: :math:`\int C\, dq = C q - \int C\, \omega \times q\, dt`, a walk
-    with :math:`(|\omega|^2 I - \omega \omega^T)\, \Delta t` in the mean over the turning.
+    Such noise q is bounded in the body, but not in the level frame: :math:`\int C\, dq = C q - \int C\, \omega \times q\, dt`, a
+    walk with :math:`(|\omega|^2 I - \omega \omega^T)\, \Delta t` in the mean over the turning.
     """
     step_s = float(trajectory.time_s[1])
     level = np.einsum("kij,kj->ki", trajectory.C_bi[:-1], trajectory.turned_rad / step_s)
