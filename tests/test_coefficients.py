@@ -50,9 +50,9 @@ def test_angle_random_walk_is_nearly_efficient_and_its_error_true(model: rlg.Noi
 
 
 def test_all_five_are_found_with_true_errors() -> None:
-    """40 records of 60 000 s; the ramp outgrows the random walk at the longest averaging times."""
+    """30 records of 60 000 s; the ramp outgrows the random walk at the longest averaging times."""
     drift = RAMP_DEG_H2 / 3600.0 * np.arange(60_000)
-    found = [fitted(record(FIVE, seed, 60_000) + drift) for seed in range(40)]
+    found = [fitted(record(FIVE, seed, 60_000) + drift) for seed in range(30)]
     expected = truth(FIVE, RAMP_DEG_H2)
     error = (values_of(found) - expected) / values_of(found, "_sd")
     # Q, N and B are known well enough for a Gaussian error; K and R share the few longest averaging times
@@ -169,8 +169,8 @@ def whittle(rate: np.ndarray) -> float:
 
 
 def test_ways_of_fitting_that_fail() -> None:
-    """On the same 40 records: unconstrained fits go negative, the others scatter more or are biased."""
-    curves = [rlg.allan_deviation(record(SMALL, seed), np.arange(float(SAMPLES))) for seed in range(40)]
+    """On the same 30 records: unconstrained fits go negative, the others scatter more or are biased."""
+    curves = [rlg.allan_deviation(record(SMALL, seed), np.arange(float(SAMPLES))) for seed in range(30)]
     ours = np.array([fit_coefficients(curve).angle_random_walk_deg_sqrt_h for curve in curves]) / 0.0004
 
     def walks(way: object) -> np.ndarray:
