@@ -27,7 +27,11 @@ Modules, each importing only from those before it:
     recording repair formats    the data type, what is mended in files, one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state
     frames triad                frames of a triad on a table, and its errors as parameters
-    noise allan                 noise processes, Allan deviation
+    noise power_law             noise processes, which one a record shows and its degrees of freedom
+    allan allan_covariance      Allan deviation; what its values at different averaging times share
+    coefficients                the five noises with their standard errors
+    base_motion slopes          what gyro and accelerometers share; what the curve says in words
+    stationarity noise_analysis whether the noise stays the same; all of it for one gyro
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
     calibration                 turntables: scale factor, mounting angle, alignment; errors of a triad and their file

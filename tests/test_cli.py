@@ -23,7 +23,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import main, register_commands
 from rlgcomp.cli.base import app
 
-COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate"]
+COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate", "allan"]
 SIMULATOR = """
 kind: chamber
 mechanisms:

@@ -9,6 +9,7 @@ from rlgcomp.cli.base import app
 COMMANDS = (
     "demo",
     "recordings",
+    "noise",
     "scale_factor",
     "calibration",
     "simulation",

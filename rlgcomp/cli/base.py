@@ -39,6 +39,7 @@ Map = Annotated[
 Drop = Annotated[list[str] | None, typer.Option("--drop", metavar="COLUMN", help="Leave a column of the file out.")]
 Gyro = Annotated[str | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, where there are several.")]
 PulseArcsec = Annotated[float | None, typer.Option("--pulse-arcsec", help="Angle of one pulse, where the file does not say.")]
+PeriodS = Annotated[float | None, typer.Option("--period-s", help="Sample period of a file without time stamps.")]
 CalibrationFile = Annotated[
     Path | None, typer.Option("--calibration", metavar="CAL.json", help="Calibration to apply to the raw gyros.")
 ]
@@ -85,6 +86,7 @@ def read_runs(
     drop: Sequence[str] | None = None,
     pulse_arcsec: float | None = None,
     calibration: Path | None = None,
+    period_s: float | None = None,
 ) -> list[Any]:
     """Recordings of the given files, intervals cut out, calibrated, everything repaired or noted said on standard error.
 
@@ -106,7 +108,9 @@ def read_runs(
     with progress("reading", len(specs)) as advance:
         for done, spec in enumerate(specs, start=1):
             path, interval = _interval(spec)
-            recording = read(path, columns=columns, drop=list(drop or []), metadata={"pulse_arcsec": pulse_arcsec})
+            recording = read(
+                path, columns=columns, drop=list(drop or []), metadata={"pulse_arcsec": pulse_arcsec}, period_s=period_s
+            )
             for finding in recording.findings:
                 say(f"{recording.name}: {finding}")
             if interval is not None:
