@@ -26,7 +26,8 @@ Modules, each importing only from those before it:
     errors units files          the one exception, units and constants, whole-or-nothing writing
     recording repair formats    the data type, what is mended in files, one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state
-    noise allan                 noise processes, Allan deviation
+    noise power_law             noise processes, which one a record shows and its degrees of freedom
+    allan coefficients          Allan deviation, the five noises with their standard errors
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit

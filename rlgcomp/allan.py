@@ -1,47 +1,105 @@
-r"""Overlapping Allan deviation of a rate, on data with gaps, and the noise floor that follows from it.
+r"""Allan and Hadamard deviations of a rate, on data with gaps, with their confidence intervals.
 
 With the angle :math:`\theta_k = \tau_0 \sum_{i<k} \Omega_i` and :math:`\tau = m \tau_0`,
 
-.. math:: \sigma^2(\tau) = \frac{1}{2 \tau^2 M} \sum_k (\theta_{k+2m} - 2\theta_{k+m} + \theta_k)^2
+.. math::
 
-over the M differences whose 2m samples are all there.
+    \sigma^2(\tau) = \frac{1}{2 \tau^2 M} \sum_k (\theta_{k+2m} - 2\theta_{k+m} + \theta_k)^2, \qquad
+    \sigma_H^2(\tau) = \frac{1}{6 \tau^2 M} \sum_k (\theta_{k+3m} - 3\theta_{k+2m} + 3\theta_{k+m} - \theta_k)^2
+
+over the M differences whose samples are all there: at every k (overlapping), or at every m-th (plain). The Hadamard variance does
+not see a linear drift. :math:`\nu \hat\sigma^2 / \sigma^2` is taken to be chi-square with :math:`\nu` equivalent degrees of
+freedom, those of the power-law noise identified at that tau. The parts between gaps are taken as independent, so that
+:math:`M^2/\nu = \sum_i M_i^2/\nu_i`.
 
 References
 ----------
-IEEE Std 647-2006, annex C. W. J. Riley, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008), eq. 11.
+IEEE Std 647-2006, annex C. W. J. Riley, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008), sections 5.2 to 5.5.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy import stats
 
 from rlgcomp.errors import InputError
+from rlgcomp.power_law import NAMES, degrees_of_freedom, identify
 
 Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
+FEWEST_SAMPLES: Final = 5
+GAP_PERIODS: Final = 1.5
+_ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
+_GROUPS: Final = 64  # of parts of about one length, for the degrees of freedom
 
 
 @dataclasses.dataclass(frozen=True)
 class AllanDeviation:
-    """Allan deviation against averaging time.
+    """Allan (or Hadamard) deviation against averaging time, with its uncertainty.
 
     Parameters
     ----------
-    tau_s : ndarray, shape (m,)
-    deviation_deg_h : ndarray, shape (m,)
-    differences : ndarray, shape (m,)
-        Number of second differences that each value rests on.
+    tau_s, deviation_deg_h : ndarray, shape (m,)
+    differences : ndarray of int, shape (m,)
+        Number of differences that each value rests on.
+    edf : ndarray, shape (m,)
+        Equivalent degrees of freedom.
+    lower_deg_h, upper_deg_h : ndarray, shape (m,)
+        Confidence interval.
+    alpha : ndarray of int, shape (m,)
+        Exponent of the rate's power-law spectrum identified at that tau (see `power_law`).
+    estimator : {"overlapping", "plain", "hadamard", "plain-hadamard"}
+    confidence : float
+        Probability of the interval.
+    period_s : float
+        Sample period.
+    parts : ndarray of int
+        Numbers of samples between gaps.
     """
 
     tau_s: Array
     deviation_deg_h: Array
-    differences: npt.NDArray[np.int64]
+    differences: Whole
+    edf: Array
+    lower_deg_h: Array
+    upper_deg_h: Array
+    alpha: Whole
+    estimator: Estimator
+    confidence: float
+    period_s: float
+    parts: Whole
 
     def to_frame(self) -> pd.DataFrame:
-        return pd.DataFrame(dataclasses.asdict(self))
+        """One row an averaging time."""
+        columns = ("tau_s", "deviation_deg_h", "lower_deg_h", "upper_deg_h", "differences", "edf")
+        frame = pd.DataFrame({name: getattr(self, name) for name in columns})
+        return frame.assign(noise=[NAMES[int(alpha)] for alpha in self.alpha])
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain mapping, for JSON."""
+        return {
+            "estimator": self.estimator,
+            "confidence": self.confidence,
+            "period_s": self.period_s,
+            "samples": int(self.parts.sum()),
+            "parts": len(self.parts),
+            "table": self.to_frame().to_dict("records"),
+        }
+
+    @property
+    def order(self) -> int:
+        """Order of the differences: 2 for Allan, 3 for Hadamard."""
+        return _ORDER[self.estimator]
+
+    @property
+    def overlapping(self) -> bool:
+        return not self.estimator.startswith("plain")
 
     def at(self, tau_s: float) -> float:
         """Deviation at tau, interpolated on the logarithmic plot."""
@@ -59,15 +117,28 @@ class AllanDeviation:
         return float(np.min(self.deviation_deg_h[within] * np.sqrt(self.tau_s[within] / averaging_s)))
 
 
-def allan_deviation(rate_deg_h: npt.ArrayLike, time_s: npt.ArrayLike, tau_s: npt.ArrayLike | None = None) -> AllanDeviation:
-    """Overlapping Allan deviation.
+def allan_deviation(
+    rate_deg_h: npt.ArrayLike,
+    time_s: npt.ArrayLike,
+    tau_s: npt.ArrayLike | None = None,
+    *,
+    estimator: Estimator = "overlapping",
+    confidence: float = 0.683,
+    per_decade: float = 10.0,
+) -> AllanDeviation:
+    """Allan or Hadamard deviation.
 
     Parameters
     ----------
     rate_deg_h, time_s : array_like, shape (n,)
         Gaps are allowed; no difference spans one.
     tau_s : array_like, optional
-        Averaging times, rounded to whole periods; by default about ten a decade, up to a fifth of the record.
+        Averaging times, rounded to whole periods; by default `per_decade` a decade, up to a fifth of the record.
+    estimator : {"overlapping", "plain", "hadamard", "plain-hadamard"}
+    confidence : float
+        Probability of the intervals; 0.683 is one sigma.
+    per_decade : float
+        Averaging times a decade where `tau_s` is not given.
 
     Returns
     -------
@@ -76,34 +147,136 @@ def allan_deviation(rate_deg_h: npt.ArrayLike, time_s: npt.ArrayLike, tau_s: npt
     Raises
     ------
     InputError
-        Fewer than five samples, or no averaging time that the record can hold.
+        Fewer than five samples, a rate that is not finite, times that do not increase, an unknown estimator, or no averaging time
+        that the record can hold.
     """
     rate = np.asarray(rate_deg_h, dtype=np.float64)
     time = np.asarray(time_s, dtype=np.float64)
-    if len(rate) < 5 or len(rate) != len(time):
-        raise InputError(f"{len(rate)} rates at {len(time)} times; an Allan deviation needs at least five of both")
-    period_s = float(np.median(np.diff(time)))
-    place = np.rint((time - time[0]) / period_s).astype(np.int64)
-    place = np.maximum.accumulate(place)
-    present = np.zeros(place[-1] + 1, dtype=np.bool_)
-    present[place] = True
-    filled = np.zeros(len(present))
-    filled[place] = rate - rate.mean()
-    angle = np.r_[0.0, np.cumsum(filled)]  # in periods of deg/h
-    absent = np.r_[0, np.cumsum(~present)]
+    if rate.ndim != 1 or rate.shape != time.shape or len(rate) < FEWEST_SAMPLES:
+        raise InputError(
+            f"rates of shape {rate.shape} at times of shape {time.shape}; an Allan deviation needs one column of each, at least "
+            f"{FEWEST_SAMPLES} samples"
+        )
+    if estimator not in get_args(Estimator):
+        raise InputError(f"estimator {estimator!r} is unknown; known are {', '.join(get_args(Estimator))}")
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence is {confidence}; it must lie between 0 and 1, as 0.683 for one sigma")
+    if not np.isfinite(rate).all():
+        raise InputError("some rates are not finite; leave those samples out: gaps are allowed")
+    period_s, ends = _parts(time)
+    parts = np.diff(np.r_[0, ends])
+    angle = np.empty(len(rate) + 1)  # in periods of deg/h, parts in one row without their gaps
+    angle[0] = 0.0
+    np.cumsum(rate - rate.mean(), out=angle[1:])
+    part = np.repeat(np.arange(len(parts), dtype=np.int32), parts) if len(parts) > 1 else None
 
-    longest = len(present) // 5
-    if tau_s is None:
-        counts = np.unique(np.rint(np.geomspace(1, max(1, longest), max(2, 10 * int(np.log10(max(longest, 10)))))).astype(np.int64))
-    else:
-        counts = np.unique(np.rint(np.atleast_1d(np.asarray(tau_s, dtype=np.float64)) / period_s).astype(np.int64))
-    rows = []
-    for m in counts[(counts >= 1) & (2 * counts < len(angle))].tolist():
-        whole = absent[2 * m :] == absent[: -2 * m]
-        second = (angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m])[whole]
-        if len(second):
-            rows.append((m * period_s, float(np.sqrt(0.5 * np.mean(second**2))) / m, len(second)))
+    order, overlapping = _ORDER[estimator], not estimator.startswith("plain")
+    counts = _counts(tau_s, period_s, int(parts.max()), per_decade)
+    rows: list[tuple[float, float, int, float, int]] = []
+    alpha = 0
+    for m in counts[order * counts <= int(parts.max())].tolist():
+        if overlapping:
+            total, taken = _sum_of_squares(angle, part, m, order)
+        else:
+            total, taken = _sum_of_squares_plain(angle, parts, m, order)
+        deviation = float(np.sqrt(total / taken / (2.0 if order == 2 else 6.0))) / m
+        first, groups = _starts(parts, m, 1)
+        found = identify((angle[first + m] - angle[first]) / m, groups, lowest=-2 if order == 2 else -4)
+        alpha = alpha if found is None else found
+        rows.append((m * period_s, deviation, taken, _edf(parts, m, alpha, order, overlapping), alpha))
     if not rows:
         raise InputError(f"no averaging time fits a record of {len(rate)} samples every {period_s:g} s")
-    taus, deviations, differences = zip(*rows, strict=True)
-    return AllanDeviation(np.array(taus), np.array(deviations), np.array(differences, dtype=np.int64))
+    taus, deviations, differences, edf, alphas = (np.array(column) for column in zip(*rows, strict=True))
+    tails = stats.chi2.ppf([[0.5 + 0.5 * confidence], [0.5 - 0.5 * confidence]], edf)
+    lower, upper = deviations * np.sqrt(edf / tails)
+    return AllanDeviation(
+        taus, deviations, differences, edf, lower, upper, alphas, estimator, confidence, period_s, parts.astype(np.int64)
+    )
+
+
+def angle_rate_deg_h(angle_arcsec: npt.ArrayLike, time_s: npt.ArrayLike) -> tuple[Array, Array]:
+    """Rates between the samples of an angle, and the times they end at: what `allan_deviation` takes.
+
+    Parameters
+    ----------
+    angle_arcsec, time_s : array_like, shape (n,)
+        An angle (or the phase of an oscillator, in any unit u; the rates are then in u/s). Steps across a gap are left out.
+
+    Returns
+    -------
+    rate_deg_h, time_s : ndarray
+    """
+    angle = np.asarray(angle_arcsec, dtype=np.float64)
+    time = np.asarray(time_s, dtype=np.float64)
+    if angle.ndim != 1 or angle.shape != time.shape or len(angle) <= FEWEST_SAMPLES:
+        raise InputError(f"angles of shape {angle.shape} at times of shape {time.shape}; give one of each, six samples or more")
+    period_s, ends = _parts(time)
+    inside = np.ones(len(angle) - 1, dtype=np.bool_)
+    inside[ends[:-1] - 1] = False
+    return np.diff(angle)[inside] / period_s, time[1:][inside]
+
+
+def _parts(time: Array) -> tuple[float, Whole]:
+    """Sample period, and where each part without gaps ends."""
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    if not (np.isfinite(time).all() and float(steps.min()) > 0.0):
+        raise InputError("the times do not increase, or are not finite; sort the samples and leave repeated ones out")
+    gaps = np.flatnonzero(steps > GAP_PERIODS * median)
+    inside = float(steps.sum() - steps[gaps].sum()) / (len(steps) - len(gaps))
+    return float(f"{inside:.9g}"), np.r_[gaps + 1, len(time)]
+
+
+def _counts(tau_s: npt.ArrayLike | None, period_s: float, longest: int, per_decade: float) -> Whole:
+    """Averaging times in samples."""
+    if tau_s is not None:
+        counts = np.rint(np.atleast_1d(np.asarray(tau_s, dtype=np.float64)) / period_s)
+        if not np.isfinite(counts).all():
+            raise InputError("an averaging time is not finite; give times in s")
+    else:
+        last = max(1, longest // 5)
+        counts = np.rint(np.geomspace(1, last, max(2, 1 + round(per_decade * float(np.log10(last))))))
+    counts = np.unique(counts)
+    return counts[counts >= 1].astype(np.int64)
+
+
+def _sum_of_squares(angle: Array, part: npt.NDArray[np.int32] | None, m: int, order: int) -> tuple[float, int]:
+    """Sum of squared differences at every sample, and how many they are; `part` says which part a sample is from."""
+    stop = len(angle) - order * m
+    if order == 2:
+        difference = angle[m : m + stop] * -2.0
+        difference += angle[:stop]
+    else:
+        difference = angle[m : m + stop] - angle[2 * m : 2 * m + stop]
+        difference *= 3.0
+        difference -= angle[:stop]
+    difference += angle[order * m :]
+    if part is not None:
+        difference = difference[part[order * m - 1 :] == part[:stop]]
+    return float(np.dot(difference, difference)), len(difference)
+
+
+def _sum_of_squares_plain(angle: Array, parts: Whole, m: int, order: int) -> tuple[float, int]:
+    """Sum of squared differences at every m-th sample of each part, and how many they are."""
+    first, _ = _starts(parts, m, order)
+    difference = np.diff(angle[first[:, None] + m * np.arange(order + 1)], order)[:, 0]
+    return float(np.dot(difference, difference)), len(difference)
+
+
+def _starts(parts: Whole, m: int, spanned: int) -> tuple[Whole, Whole]:
+    """First samples of spans of `spanned` m samples, one every m in each part, and the part of each."""
+    counts = np.maximum(parts // m - spanned + 1, 0)
+    part = np.repeat(np.arange(len(parts)), counts)
+    within = np.arange(len(part)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return (np.cumsum(parts) - parts)[part] + m * within, part
+
+
+def _edf(parts: Whole, m: int, alpha: int, order: int, overlapping: bool) -> float:
+    lengths, copies = np.unique(parts[parts >= order * m], return_counts=True)
+    if len(lengths) > _GROUPS:
+        places = np.array_split(np.arange(len(lengths)), _GROUPS)
+        lengths = np.array([round(float(np.average(lengths[place], weights=copies[place]))) for place in places])
+        copies = np.array([copies[place].sum() for place in places])
+    taken = lengths - order * m + 1 if overlapping else lengths // m - order + 1
+    each = np.array([degrees_of_freedom(int(count), m, alpha, order, overlapping=overlapping) for count in taken])
+    return float(np.dot(copies, taken) ** 2 / np.dot(copies, taken**2 / each))
