@@ -19,7 +19,9 @@ Liu et al., Sensors 19, 4754 (2019), eq. 14 (0.0317° / 60 °/s = 0.5283 ms) and
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -29,7 +31,7 @@ from scipy import linalg
 from rlgcomp.errors import InputError
 from rlgcomp.recording import GAP_PERIODS, Recording
 from rlgcomp.rotation.harmonics import Harmonics, without
-from rlgcomp.units import ARCSEC_PER_DEG, SECONDS_PER_HOUR
+from rlgcomp.units import ARCSEC_PER_DEG, RAD_PER_DEG, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 
@@ -40,6 +42,7 @@ SETTLING_S: Final = 2.0  # after a change of rate
 SHORTEST_S: Final = 6.0
 WINDOW_S: Final = 30.0  # on either side of a change of rate
 BLOCK_S: Final = 0.1
+LONGEST_DELAY_S: Final = 0.02
 LAGS: Final = (1, 40)  # in blocks: where white noise and random walk of the residuals are told apart
 LEAST_WALK: Final = 0.05  # of the white noise: what the residuals of a minute cannot rule out
 
@@ -218,3 +221,37 @@ def _jump(gyro_deg: Array, angle_deg: Array, time_s: Array, sides: tuple[slice, 
     inverse = np.linalg.inv(columns.T @ columns)
     step = gain * float(lines[1][0] - lines[0][0])
     return float((inverse @ (columns.T @ right))[3]) / step, float(math.sqrt(inverse[3, 3])) / abs(step)
+
+
+def delay_from_phases(fits: Sequence[tuple[float, Harmonics]]) -> Delay | None:
+    """Delay from one gyro's harmonics at two or more constant rates: order k lags by k times rate times delay.
+
+    Parameters
+    ----------
+    fits : sequence of (rate in deg/s, Harmonics)
+
+    Returns
+    -------
+    Delay or None
+        None where no two rates differ by more than half a degree a second, or they share no order.
+    """
+    phases, weights, slopes = [], [], []
+    for (rate, one), (other_rate, other) in itertools.combinations(fits, 2):
+        _, i, j = np.intersect1d(one.orders, other.orders, return_indices=True)
+        if abs(rate - other_rate) < SLOWEST_DEG_S or not len(i):
+            continue
+        a, b = one.coefficient_deg_h[i], other.coefficient_deg_h[j]
+        phases.append(np.angle(b * a.conj()))
+        weights.append(1.0 / ((one.sd_deg_h[i] / np.abs(a)) ** 2 + (other.sd_deg_h[j] / np.abs(b)) ** 2))
+        slopes.append(one.orders[i] * (other_rate - rate) * RAD_PER_DEG)  # rad/s
+    if not phases:
+        return None
+    phase, weight, slope = np.concatenate(phases), np.concatenate(weights), np.concatenate(slopes)
+    fine_s = 0.2 / np.abs(slope).max()
+    trials = np.arange(-LONGEST_DELAY_S, LONGEST_DELAY_S, fine_s)
+    start = trials[np.argmax([weight @ np.cos(phase - slope * trial) for trial in trials])]
+    left = np.angle(np.exp(1j * (phase - slope * start)))
+    information = float(weight @ slope**2)
+    step = float(weight @ (slope * left)) / information
+    chi_square = float(weight @ (left - slope * step) ** 2) / max(len(phase) - 1, 1)
+    return Delay(float(start) + step, math.sqrt(max(chi_square, 1.0) / information), "phases of the harmonics at different rates")
