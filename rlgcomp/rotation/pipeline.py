@@ -5,10 +5,10 @@ r"""Angle random walk of gyros that turn at constant rate on a table, with its s
 2. What repeats with the angle is found and fitted (:mod:`rlgcomp.rotation.harmonics`).
 3. The table's own motion: a gyro feels it, an encoder of 3 arcsec shows it only below some 0.1 Hz. Subtracting the encoder always
    would put its noise, a thousand times a sample's random walk, on every sample; never subtracting it would take a wandering speed
-   for noise of the gyro. So it is subtracted, scaled by the ratio of the mean rates, only where gyro and encoder are coherent in some
-   octave, that is, where the encoder proves that the table moved. What a servo leaves below the encoder's noise is bounded in angle,
+   for noise of the gyro. So it is subtracted, scaled by the ratio of the mean rates, only if in some octave of frequency gyro and
+   encoder are coherent (the encoder proves that the table moved) and their difference is quieter than the gyro. What a servo leaves below the encoder's noise is bounded in angle,
    looks like quantisation, and is fitted as such.
-4. N is estimated from the spectrum (:mod:`rlgcomp.rotation.spectral`); the five-term fit of the Allan variance of 1 s means, the
+4. N is estimated from the spectrum (:mod:`rlgcomp.rotation.spectral`), up to 2 Hz or as far as its shape is that of noise; the five-term fit of the Allan variance of 1 s means, the
    paper's estimator, stands beside it.
 5. Cross-check without any harmonic fit: angles averaged over whole revolutions, in which all that repeats cancels, and the white noise
    of their second differences, the (modified) Allan variance at whole revolutions, all of whose averaging times are fitted at once by
@@ -46,7 +46,7 @@ from rlgcomp.rotation.encoder import (
     table_angle_deg,
 )
 from rlgcomp.rotation.harmonics import Harmonics, Spectrum, fit_harmonics, spectra, without
-from rlgcomp.rotation.spectral import LOWEST_BIN, Periodogram, SpectralNoise, fit_spectrum, periodogram, shapes, transform
+from rlgcomp.rotation.spectral import LOWEST_BIN, Periodogram, SpectralNoise, fit_spectrum, fit_widest, periodogram, shapes, transform
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -208,7 +208,7 @@ class RotationNoise:
             if one.noise.fit_p_value < 1e-3:
                 said.append(
                     f"{name}: the spectrum below {one.noise.highest_hz:.3g} Hz is not the sum of the four noises "
-                    f"(p = {one.noise.fit_p_value:.1g}); look at the picture: table motion and dither show as humps."
+                    f"(p = {one.noise.fit_p_value:.1g}), however narrow the band; look at the picture: table motion and dither show as humps."
                 )
             if one.encoder_subtracted:
                 said.append(
@@ -317,8 +317,9 @@ class _Stretch:
         self.turn_s = 360.0 / abs(leg.rate_deg_s)
         self.gains: list[float] = []
         self.rates: list[Array] = []
-        self.trends: list[Array] = []
-        smooth = _trend_variable(recording, leg, trend)
+        self.variable = _trend_variable(recording, leg, trend)
+        self.trends: list[np.polynomial.legendre.Legendre] = []
+        per_mean = max(1, round(self.turn_s * math.ceil(TREND_MEANS_S / self.turn_s) / self.period_s))
         for name in self.names:
             rate = recording.rate_deg_h(name)[leg.rows]
             self.gains.append(float(rate.mean()) / (leg.rate_deg_s * SECONDS_PER_HOUR))
@@ -327,8 +328,8 @@ class _Stretch:
                     f"{recording.name}: {name} shows {rate.mean():.4g} deg/h while the table turns at {leg.rate_deg_s:.4g} deg/s: it "
                     "does not feel the rotation, or its unit is wrong; leave it out with --drop, or map its unit with --map"
                 )
-            self.trends.append(_trend(rate, smooth, self.place, max(1, round(self.turn_s * math.ceil(TREND_MEANS_S / self.turn_s) / self.period_s))))
-            self.rates.append(rate - self.trends[-1])
+            self.trends.append(_trend(rate, self.variable, self.place, per_mean))
+            self.rates.append(rate - self.trends[-1](self.variable))
         steps = 2 * len(self.names) + 2
         self.spectra = spectra(self.rates, self.middle_deg)
         self.advance(2, steps)
@@ -355,14 +356,14 @@ class _Stretch:
     def _gyro(self, k: int, encoder: tuple[Array, Array]) -> AngleRandomWalk:
         raw, gain = self.rates[k], self.gains[k]
         clean = without(raw, self.middle_deg, self.harmonics[k])
-        means = self._seconds(raw, clean, self.trends[k])
+        means = self._seconds(k, raw, clean)
         before, after = (allan_deviation(means[column], means["time_s"]) for column in ("before_deg_h", "after_deg_h"))
         subtract = self._table_moves(clean, encoder[1], gain)
         if subtract:
             raw, clean = raw - gain * encoder[0], clean - gain * encoder[1]
-            after = allan_deviation(self._seconds(raw, clean, self.trends[k])["after_deg_h"], means["time_s"])
+            after = allan_deviation(self._seconds(k, raw, clean)["after_deg_h"], means["time_s"])
         density = periodogram(clean, self.place, self.period_s, HIGHEST_HZ)
-        noise = fit_spectrum(density, leave_out=self._lines(density.frequency_hz))
+        noise = fit_widest(density, leave_out=self._lines(density.frequency_hz))
         return AngleRandomWalk(
             self.recording.name,
             self.names[k],
@@ -388,7 +389,7 @@ class _Stretch:
         return np.asarray((order > 0) & (np.abs(frequency_hz - order / self.turn_s) < LINE_BINS * step_hz))
 
     def _table_moves(self, clean: Array, encoder: Array, gain: float) -> bool:
-        """Whether gyro and encoder are coherent in some octave: the table's rate changed, and both saw it."""
+        """Whether in some octave gyro and encoder are coherent and their difference is quieter than the gyro."""
         gyro, step_hz, _ = transform(clean, self.place, self.period_s, HIGHEST_HZ)
         table, _, _ = transform(gain * encoder, self.place, self.period_s, HIGHEST_HZ)
         use = ~self._lines(step_hz * (LOWEST_BIN + np.arange(len(gyro))))
@@ -398,21 +399,23 @@ class _Stretch:
             a, b = gyro[first:last], table[first:last]
             common = float(np.sum((a * b.conj()).real))
             scatter = math.sqrt(0.5 * float(np.sum(np.abs(a) ** 2 * np.abs(b) ** 2)))
-            if common > COHERENT * scatter and common > SHARE * float(np.sum(np.abs(a) ** 2)):
+            saved = 2.0 * common - float(np.sum(np.abs(b) ** 2))
+            if common > COHERENT * scatter and saved > SHARE * float(np.sum(np.abs(a) ** 2)):
                 return True
         return False
 
-    def _seconds(self, raw: Array, clean: Array, trend: Array) -> pd.DataFrame:
-        """Means over 1 s, of seconds that are whole."""
+    def _seconds(self, k: int, raw: Array, clean: Array) -> pd.DataFrame:
+        """Means of gyro k over 1 s, of seconds that are whole."""
         per_second = max(1, round(AVERAGING_S / self.period_s))
         second = self.place // per_second
         starts = np.flatnonzero(np.r_[True, np.diff(second) > 0])
         counts = np.diff(np.r_[starts, len(second)])
         whole = counts == per_second
         time_s = self.time_s[0] + (second[starts] + 0.5) * per_second * self.period_s
-        columns = {"before_deg_h": raw, "after_deg_h": clean, "trend_deg_h": trend}
+        columns = {"before_deg_h": raw, "after_deg_h": clean}
         means = {name: np.add.reduceat(values, starts)[whole] / per_second for name, values in columns.items()}
-        return pd.DataFrame({"time_s": time_s[whole], **means})
+        trend = self.trends[k](self.variable[starts[whole] + per_second // 2])
+        return pd.DataFrame({"time_s": time_s[whole], **means, "trend_deg_h": trend})
 
     def _whole_revolutions(self, raw: Array) -> SpectralNoise:
         r"""Noise of the angle averaged over whole revolutions.
@@ -451,16 +454,14 @@ def _trend_variable(recording: Recording, leg: Leg, trend: Trend) -> Array:
     return (2.0 * values - (high + low)) / (high - low)
 
 
-def _trend(rate: Array, variable: Array, place: Whole, per_mean: int) -> Array:
+def _trend(rate: Array, variable: Array, place: Whole, per_mean: int) -> np.polynomial.legendre.Legendre:
     """Fifth-order polynomial fitted to means over whole revolutions."""
     block = place // per_mean
     starts = np.flatnonzero(np.r_[True, np.diff(block) > 0])
     counts = np.diff(np.r_[starts, len(block)])
     x, y = (np.add.reduceat(values, starts) / counts for values in (variable, rate))
     full = counts == counts.max()
-    level = float(y[full].mean())
-    polynomial = np.polynomial.legendre.Legendre.fit(x[full], y[full] - level, DEGREE, domain=[-1.0, 1.0])
-    return np.asarray(polynomial(variable) + level)
+    return np.polynomial.legendre.Legendre.fit(x[full], y[full], DEGREE, domain=[-1.0, 1.0])
 
 
 __all__ = ["AngleRandomWalk", "RotationNoise", "angle_random_walk", "compensated_deg"]

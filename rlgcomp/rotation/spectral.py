@@ -38,6 +38,8 @@ LOWEST_BIN: Final = 6  # a fifth-order trend has been taken out of the bins belo
 ITERATIONS: Final = 60
 BANDS: Final = 30
 LEAST_IN_BAND: Final = 20
+FITS: Final = 0.01
+NARROWEST_HZ: Final = 0.1
 FADED: Final = 0.01  # of the record, at each end of each part
 
 
@@ -206,6 +208,23 @@ def fit_spectrum(found: Periodogram, *, leave_out: npt.NDArray[np.bool_] | None 
         float(found.frequency_hz[keep][0]),
         float(found.frequency_hz[keep][-1]),
     )
+
+
+def fit_widest(found: Periodogram, *, leave_out: npt.NDArray[np.bool_]) -> SpectralNoise:
+    """The fit over the widest band, from the lowest bin up, in which the four noises describe the spectrum.
+
+    Coarse pulses beat with the rotation and put moving humps above some tenths of a hertz, table servos above some hertz; where the
+    shape does not fit (p below 0.01), the upper end of the band is halved. Where no band fits, the narrowest is returned.
+    """
+    highest_hz = float(found.frequency_hz[-1])
+    while True:
+        inside = found.frequency_hz <= highest_hz
+        part = Periodogram(found.frequency_hz[inside], found.density[inside], found.period_s)
+        fitted = fit_spectrum(part, leave_out=leave_out[inside])
+        narrower = int(np.count_nonzero((found.frequency_hz <= 0.5 * highest_hz) & ~leave_out))
+        if fitted.fit_p_value > FITS or 0.5 * highest_hz < NARROWEST_HZ or narrower < FEWEST_BINS:
+            return fitted
+        highest_hz *= 0.5
 
 
 def _reduced(design: Array, values: Array) -> tuple[Array, Array]:
