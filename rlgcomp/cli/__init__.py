@@ -9,6 +9,6 @@ from rlgcomp.cli.base import app
 
 def main() -> None:
     """Entry point of the console script."""
-    for commands in ("demo", "recordings", "simulation", "compensation"):  # the order in which --help lists them
+    for commands in ("demo", "recordings", "simulation", "compensation", "rotation"):  # the order in which --help lists them
         importlib.import_module(f"rlgcomp.cli.{commands}")
     app()

@@ -38,7 +38,6 @@ from rlgcomp.recording import Recording
 from rlgcomp.rotation.encoder import (
     Delay,
     Leg,
-    compensated_deg,
     delay_from_changes,
     delay_from_phases,
     find_legs,
@@ -155,6 +154,17 @@ class RotationNoise:
     gyros: tuple[AngleRandomWalk, ...]
     delay: Delay | None
 
+    @classmethod
+    def together(cls, parts: Sequence[RotationNoise]) -> RotationNoise:
+        """Results of several runs as one; different constant rates of the same gyro give a delay where no change of rate did."""
+        gyros = tuple(one for part in parts for one in part.gyros)
+        delays = [part.delay for part in parts if part.delay is not None]
+        if not delays:
+            for column in dict.fromkeys(one.gyro for one in gyros):
+                found = delay_from_phases([(one.rate_deg_s, one.harmonics) for one in gyros if one.gyro == column])
+                delays += [found] if found is not None else []
+        return cls(gyros, min(delays, key=lambda delay: delay.sd_s) if delays else None)
+
     def to_frame(self) -> pd.DataFrame:
         """One row a gyro and stretch: N of the spectrum, of the cross-check and of the five-term fit, with standard deviations."""
         name = "angle_random_walk_deg_sqrt_h"
@@ -254,12 +264,8 @@ def angle_random_walk(
         )
         results += found
         delays += [delay] if delay is not None else []
-    if not delays:  # the same gyro at different constant rates
-        for column in dict.fromkeys(one.gyro for one in results):
-            from_phases = delay_from_phases([(one.rate_deg_s, one.harmonics) for one in results if one.gyro == column])
-            delays += [from_phases] if from_phases is not None else []
     best = min(delays, key=lambda delay: delay.sd_s) if delays else None
-    return RotationNoise(tuple(results), best)
+    return RotationNoise.together([RotationNoise(tuple(results), best)])
 
 
 def _run(
@@ -462,6 +468,3 @@ def _trend(rate: Array, variable: Array, place: Whole, per_mean: int) -> np.poly
     x, y = (np.add.reduceat(values, starts) / counts for values in (variable, rate))
     full = counts == counts.max()
     return np.polynomial.legendre.Legendre.fit(x[full], y[full], DEGREE, domain=[-1.0, 1.0])
-
-
-__all__ = ["AngleRandomWalk", "RotationNoise", "angle_random_walk", "compensated_deg"]
