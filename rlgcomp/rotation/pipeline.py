@@ -56,7 +56,7 @@ DEGREE: Final = 5
 TREND_MEANS_S: Final = 6.0
 AVERAGING_S: Final = 1.0
 HIGHEST_HZ: Final = 2.0
-FEWEST_REVOLUTIONS: Final = 60
+FEWEST_REVOLUTIONS: Final = 120
 LINE_BINS: Final = 2.5  # on either side of a multiple of the rotation rate
 COHERENT: Final = 5.0  # standard deviations
 SHARE: Final = 0.02  # of a gyro's noise power in an octave
@@ -325,7 +325,7 @@ class _Stretch:
         self.rates: list[Array] = []
         self.variable = _trend_variable(recording, leg, trend)
         self.trends: list[np.polynomial.legendre.Legendre] = []
-        per_mean = max(1, round(self.turn_s * math.ceil(TREND_MEANS_S / self.turn_s) / self.period_s))
+        self.per_mean = max(1, round(self.turn_s * math.ceil(TREND_MEANS_S / self.turn_s) / self.period_s))
         for name in self.names:
             rate = recording.rate_deg_h(name)[leg.rows]
             self.gains.append(float(rate.mean()) / (leg.rate_deg_s * SECONDS_PER_HOUR))
@@ -334,7 +334,7 @@ class _Stretch:
                     f"{recording.name}: {name} shows {rate.mean():.4g} deg/h while the table turns at {leg.rate_deg_s:.4g} deg/s: it "
                     "does not feel the rotation, or its unit is wrong; leave it out with --drop, or map its unit with --map"
                 )
-            self.trends.append(_trend(rate, self.variable, self.place, per_mean))
+            self.trends.append(_trend(rate, self.variable, self.place, self.per_mean))
             self.rates.append(rate - self.trends[-1](self.variable))
         steps = 2 * len(self.names) + 2
         self.spectra = spectra(self.rates, self.middle_deg)
@@ -355,7 +355,7 @@ class _Stretch:
         rate = np.diff(self.angle_deg, prepend=2.0 * self.angle_deg[0] - self.angle_deg[1]) * (SECONDS_PER_HOUR / self.period_s)
         gap = np.r_[False, np.diff(self.place) > 1]
         rate[gap] = self.leg.rate_deg_s * SECONDS_PER_HOUR
-        rate -= rate.mean()
+        rate -= _trend(rate, self.variable, self.place, self.per_mean)(self.variable)
         (found,) = spectra([rate], self.middle_deg)
         return rate, without(rate, self.middle_deg, fit_harmonics(rate, self.middle_deg, found))
 

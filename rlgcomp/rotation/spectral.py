@@ -193,7 +193,8 @@ def fit_spectrum(found: Periodogram, *, leave_out: npt.NDArray[np.bool_] | None 
         if done:
             break
     expected = np.maximum(unit @ terms, 1e-3 * terms[0])
-    weighted = unit / expected[:, None]
+    free = np.array([True, True, terms[2] > 0.0, terms[3] > 0.0])  # what is held at zero does not widen the error of N
+    weighted = unit[:, free] / expected[:, None]
     covariance = np.linalg.inv(weighted.T @ weighted)
     white, angle, flicker, walk = (terms / scale).tolist()
     n = math.sqrt(white) / 60.0
