@@ -28,6 +28,7 @@ Modules, each importing only from those before it:
     filters hysteresis          causal recursions and hysteresis operators with explicit state
     noise power_law             noise processes, which one a record shows and its degrees of freedom
     allan coefficients          Allan deviation, the five noises with their standard errors
+    rotation                    angle random walk of gyros on a rotating table
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit

@@ -28,6 +28,7 @@ ROWS = [
     ["noise", "power_law"],
     ["allan"],
     ["coefficients"],
+    ["rotation"],
     ["inspection"],
     ["physics"],
     ["simulation"],

@@ -122,11 +122,13 @@ def published_tables(hours: float, runs: int) -> pd.DataFrame:
 
 
 def baselines(hours: float, seeds: int) -> pd.DataFrame:
-    """N of three gyros on a jittering table: ours, fast orthogonal search on differences, classic variance; relative to the truth."""
+    """N over truth on a jittering table: ours, fast orthogonal search on differences of three gyros, classic variance."""
     truth = {"x": 4e-4, "y": 3.6e-4, "z": 4.2e-4}
 
     def one(seed: int) -> dict[str, float]:
-        made = simulate_rotation({axis: gyro(n, 10 * seed + k) for k, (axis, n) in enumerate(truth.items())}, ((60.0, 3600 * hours),), seed=seed)
+        made = simulate_rotation(
+            {axis: gyro(n, 10 * seed + k) for k, (axis, n) in enumerate(truth.items())}, ((60.0, 3600 * hours),), seed=seed
+        )
         found = angle_random_walk(made).gyros
         rates = [_means(made, column, 10) for column in made.gyro_columns]
         turn_hz = abs(find_legs(made.time_s, table_angle_deg(made))[0].rate_deg_s) / 360.0
@@ -143,7 +145,7 @@ def baselines(hours: float, seeds: int) -> pd.DataFrame:
         return {
             "spectrum": found[0].angle_random_walk_deg_sqrt_h / truth["x"],
             "fast orthogonal search, three differences": hat[0] / truth["x"],
-            "half the sum of two N as N of their difference (the slip of eq. 1's critics)": 0.5 * (truth["x"] + truth["y"]) / n[0, 1],
+            "(N1 + N2) / 2 over N of the difference": 0.5 * (truth["x"] + truth["y"]) / n[0, 1],
             "sqrt(N1² + N2²) over N of the difference": float(np.hypot(truth["x"], truth["y"])) / n[0, 1],
             "classic variance, third order": classic / truth["x"],
         }
@@ -237,12 +239,18 @@ def figures(hours: float) -> None:
         "fig. 10: worst amplitude less truth, deg/h (its sd)": {
             "published": "",
             "ours": max(
-                (abs(fit["amplitude_deg_h"][k] - truth[k]), f"{fit['amplitude_deg_h'][k] - truth[k]:.5f} ({fit['amplitude_sd_deg_h'][k]:.5f})")
+                (
+                    abs(fit["amplitude_deg_h"][k] - truth[k]),
+                    f"{fit['amplitude_deg_h'][k] - truth[k]:.5f} ({fit['amplitude_sd_deg_h'][k]:.5f})",
+                )
                 for k in fit.index
                 if k in truth
             )[1],
         },
-        "fig. 11: trend over the run, deg/h": {"published": "picture", "ours": f"{np.ptp(means['trend_deg_h']):.3f} (put in: {put_in:.3f})"},
+        "fig. 11: trend over the run, deg/h": {
+            "published": "picture",
+            "ours": f"{np.ptp(means['trend_deg_h']):.3f} (put in: {put_in:.3f})",
+        },
         "fig. 12: std of 1 s means before and after, deg/h": {
             "published": "picture",
             "ours": f"{(means['before_deg_h'] + means['trend_deg_h']).std():.4f}, {means['after_deg_h'].std():.4f} (60 N = 0.024)",
@@ -263,7 +271,10 @@ def equations() -> None:
     print("## Equations and printed slips\n")
     n1, n2 = 3e-4, 4e-4
     print(f"- eq. 14: 0.0317° / 60 °/s = {1e3 * 0.0317 / 60.0:.5f} ms (printed 0.5283)")
-    print(f"- eq. 1: N of a difference is √(N₁² + N₂²), as {np.hypot(n1, n2):.1e} of {n1:.0e} and {n2:.0e}; not their mean {0.5 * (n1 + n2):.1e}")
+    print(
+        f"- eq. 1: N of a difference is √(N₁² + N₂²), as {np.hypot(n1, n2):.1e} of {n1:.0e} and {n2:.0e}; "
+        f"not their mean {0.5 * (n1 + n2):.1e}"
+    )
     print("- eq. 15: R'(k) = R(k)(1 − Δt/5) + R(k+1)Δt/5 (lost minus restored) holds for a lagging encoder, which theirs is")
     print("- eq. 17/18: σ² = R²τ²/2 + K²τ/3 + (2 ln 2/π)B² + N²/τ + 3Q²/τ²: five terms, not a polynomial of fifth order")
     if PUBLISHED.is_dir():
@@ -278,7 +289,11 @@ def equations() -> None:
 
 def print_table(table: pd.DataFrame) -> None:
     """A table in markdown."""
-    lines: Iterable[Iterable[object]] = [["", *table.columns], ["---"] * (len(table.columns) + 1), *([k, *row] for k, row in zip(table.index, table.to_numpy(), strict=True))]
+    lines: Iterable[Iterable[object]] = [
+        ["", *table.columns],
+        ["---"] * (len(table.columns) + 1),
+        *([k, *row] for k, row in zip(table.index, table.to_numpy(), strict=True)),
+    ]
     for line in lines:
         print("| " + " | ".join(f"{cell:.5g}" if isinstance(cell, float) else str(cell) for cell in line) + " |")
     print()

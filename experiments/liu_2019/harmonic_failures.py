@@ -1,4 +1,4 @@
-"""How not to do it: treatments of the harmonics and fits of the Allan variance that bias N, as in seed-mathematics.md, section 2."""
+"""How not to do it: treatments of the harmonics and fits of the Allan variance that bias N (seed-mathematics.md, §2)."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def failure_row(made: Recording, treatment: str) -> dict[str, float]:
     elif treatment == "reshaped":  # every revolution has exactly 1200 samples: the mean revolution is taken out
         turns = rate[: len(rate) // per_turn * per_turn].reshape(-1, per_turn)
         rate = (turns - turns.mean(axis=0)).ravel()
-    elif treatment.endswith("revolution") or treatment.endswith("revolutions"):
-        rate = _piecewise(rate, angle, per_turn * int(treatment.split()[0]))
+    elif treatment.endswith(("revolution", "revolutions")):
+        rate = _piecewise(rate, angle, per_turn * int(treatment.split(maxsplit=1)[0]))
     seconds = rate[: len(rate) // 200 * 200].reshape(-1, 200).mean(axis=1)
     curve = allan_deviation(seconds, np.arange(float(len(seconds))))
     found = periodogram(rate, np.arange(len(rate)), made.period_s, 2.0)

@@ -11,13 +11,17 @@ from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, prog
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.errors import InputError
 
+Gyros = Annotated[list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, repeatable; by default all.")]
+
 
 @command("arw")
 def arw(
     runs: Runs,
     mapping: Map = None,
     drop: Drop = None,
-    gyro: Annotated[list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column; repeatable; all by default.")] = None,
+    gyro: Annotated[
+        list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, repeatable; by default all.")
+    ] = None,
     pulse_arcsec: PulseArcsec = None,
     trend: Annotated[str, typer.Option(help="Variable of the fifth-order trend: time or temperature.")] = "time",
     out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, JSON and pictures.")] = None,

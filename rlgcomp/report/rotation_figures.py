@@ -1,4 +1,4 @@
-"""Pictures of the angle random walk under rotation, as SVG text: orders found, output before and after, Allan deviation, spectrum."""
+"""Pictures of the angle random walk under rotation, as SVG text: orders found, before and after, Allan deviation, spectrum."""
 
 from __future__ import annotations
 
@@ -29,8 +29,12 @@ def orders(one: AngleRandomWalk) -> str:
         axes.plot(spectrum.orders[~found], amplitude[~found], "o", color=RAW, ms=2.5, label="does not repeat")
         axes.vlines(spectrum.orders[found], amplitude.min() / 2, amplitude[found], color=FIT, lw=1.8)
         axes.plot(spectrum.orders[found], amplitude[found], "o", color=FIT, ms=5, label="repeats: fitted")
-        for order, height in zip(spectrum.orders[found], amplitude[found], strict=True):
-            axes.annotate(str(order), (order, height), (0, 5), textcoords="offset points", ha="center", fontsize=8.5)
+        crowded = np.diff(spectrum.orders[found], prepend=-9) < 3
+        for order, height, beside in zip(spectrum.orders[found], amplitude[found], crowded, strict=True):
+            place = (5, 0) if beside else (0, 5)
+            axes.annotate(
+                str(order), (order, height), place, textcoords="offset points", ha="left" if beside else "center", fontsize=8.5
+            )
         axes.plot(spectrum.orders, 6.0 * spectrum.sd_deg_h, color=WARM, lw=1.0, ls="--", label="6 standard deviations")
         axes.set_yscale("log")
         axes.set_ylim(amplitude.min() / 2, 3.0 * amplitude.max())
@@ -52,9 +56,9 @@ def output(one: AngleRandomWalk) -> str:
         top.plot(hours, table["before_deg_h"] + trend, color=RAW, lw=0.3, rasterized=True, label="1 s means")
         top.plot(hours, trend, color=WARM, lw=1.6, label="trend")
         bottom.plot(hours, table["after_deg_h"], color=RESIDUAL, lw=0.3, rasterized=True, label="1 s means")
-        minute = table.iloc[: SHOWN_MEANS_S]
+        minute = table.iloc[:SHOWN_MEANS_S]
         seconds = minute["time_s"] - minute["time_s"].iloc[0]
-        zoom.plot(seconds, (table["before_deg_h"] + trend).iloc[: SHOWN_MEANS_S], "-o", color=RAW, ms=2, lw=0.9)
+        zoom.plot(seconds, (table["before_deg_h"] + trend).iloc[:SHOWN_MEANS_S], "-o", color=RAW, ms=2, lw=0.9)
         zoomed.plot(seconds, minute["after_deg_h"], "-o", color=RESIDUAL, ms=2, lw=0.9)
         top.set_title(f"Before, {_name(one)}")
         bottom.set_title("After harmonics and trend")
@@ -63,7 +67,7 @@ def output(one: AngleRandomWalk) -> str:
         zoomed.set_xlabel("time in s")
         for axes in (top, bottom):
             axes.set_ylabel("deg/h")
-        top.legend(loc="upper left")
+        top.legend(loc="upper left", frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")
         return _svg(figure)
 
 
@@ -93,7 +97,7 @@ def spectrum(one: AngleRandomWalk) -> str:
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.8), layout="constrained")
         axes = figure.subplots()
-        frequency, density = one.density.bands(24)
+        frequency, density = one.density.bands()
         axes.loglog(frequency, density, "o", color=RESIDUAL, ms=3, label="means over bands")
         f = np.geomspace(one.density.frequency_hz[0], one.density.frequency_hz[-1], 300)
         fitted = one.noise.density(f, one.density.period_s)

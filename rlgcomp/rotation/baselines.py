@@ -6,9 +6,9 @@ chosen ones implicitly, through the inner products alone,
 .. math:: D(m, r) = \overline{p_m p_r} - \sum_{i<r} \alpha_{ri} D(m, i), \qquad
    C(m) = \overline{y p_m} - \sum_{r<m} \alpha_{mr} C(r), \qquad Q(m) = C(m)^2 / D(m, m)
 
-with :math:`\alpha_{mr} = D(m, r) / D(r, r)`; Q is what the mean square would fall by. The pair (cosine, sine) with the largest Q is taken
-until it falls by less than noise would let it. Yu et al. apply it to differences of gyros, which share the table's motion, and take
-:math:`N_1^2 = \tfrac12 (\sigma_{12}^2 + \sigma_{13}^2 - \sigma_{23}^2)`. The noise of a difference is
+with :math:`\alpha_{mr} = D(m, r) / D(r, r)`; Q is what the mean square would fall by. The pair (cosine, sine) with the largest Q
+is taken until it falls by less than noise would let it. Yu et al. apply it to differences of gyros, which share the table's
+motion, and take :math:`N_1^2 = \tfrac12 (\sigma_{12}^2 + \sigma_{13}^2 - \sigma_{23}^2)`. The noise of a difference is
 :math:`\sqrt{N_1^2 + N_2^2}`, not the mean of the two (Liu, eq. 1).
 
 It removes every periodic component, the electronics' own included (Liu's objection), and its frequencies are fixed in time: a table
@@ -24,8 +24,8 @@ weights are taken.
 
 References
 ----------
-M. J. Korenberg, Biol. Cybern. 60, 267 (1989). Yu et al., Sensors 13, 2750 (2013). Zheng et al., Acta Aeronaut. Astronaut. Sin. 22, 57
-(2001).
+M. J. Korenberg, Biol. Cybern. 60, 267 (1989). Yu et al., Sensors 13, 2750 (2013). Zheng et al., Acta Aeronaut. Astronaut. Sin.
+22, 57 (2001).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def fast_orthogonal_search(values: Array, period_s: float, candidates_hz: Array,
     def pair(frequency: float) -> Array:
         return np.stack([np.cos(2.0 * math.pi * frequency * clock), np.sin(2.0 * math.pi * frequency * clock)])
 
-    # Row 2c is the cosine of candidate c, row 2c + 1 its sine; column r belongs to the r-th term chosen (the constant is the first).
+    # Row 2c is the cosine of candidate c, row 2c + 1 its sine; column r is the r-th term chosen, the constant being the first.
     constant = np.concatenate([pair(frequency).mean(axis=1) for frequency in candidates_hz.tolist()])
     D = constant[:, None]
     norm = np.ones(1)
@@ -167,7 +167,9 @@ def classic_variance_deg_sqrt_h(rate_deg_h: Array, period_s: float, times_s: Arr
     """
     counts = np.unique(np.rint(times_s / period_s).astype(np.int64))
     if len(counts) < 4 or counts[0] < 1 or counts[-1] > len(rate_deg_h) // 10:
-        raise InputError(f"times from {counts[0] * period_s:g} to {counts[-1] * period_s:g} s; give four or more, up to a tenth of the record")
+        raise InputError(
+            f"times from {counts[0] * period_s:g} to {counts[-1] * period_s:g} s; give four or more, up to a tenth of the record"
+        )
     angle = np.r_[0.0, np.cumsum(rate_deg_h - rate_deg_h.mean())] * period_s
     variance = np.array([float(np.var(angle[m:] - angle[:-m])) for m in counts.tolist()])
     times = counts * period_s

@@ -7,8 +7,8 @@ holds bias and gain; at the time where the encoder's own two lines meet, half-wa
 
 .. math:: g (\omega_2 - \omega_1) \Delta t.
 
-The harmonics are taken out first: on a ramp of 20 deg/s² order 2 alone shifts the angle by 4 arcsec, 18 us at 60 deg/s. The noise is
-white (encoder) and a random walk; both are read from the residuals and the fit is by generalised least squares, so that the
+The harmonics are taken out first: on a ramp of 20 deg/s² order 2 alone shifts the angle by 4 arcsec, 18 us at 60 deg/s. The noise
+is white (encoder) and a random walk; both are read from the residuals and the fit is by generalised least squares, so that the
 standard error holds.
 
 References
@@ -121,7 +121,7 @@ def find_legs(time_s: Array, angle_deg: Array) -> list[Leg]:
             edges.append(k)
     edges.append(len(rates))
     legs = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in itertools.pairwise(edges):
         start_s = seconds[first] + (SETTLING_S if first else 0.0)
         stop_s = seconds[last] if last < len(rates) else math.inf
         if min(stop_s, time_s[-1]) - start_s < SHORTEST_S:
@@ -165,7 +165,7 @@ def delay_from_changes(
     found = []
     time_s, period_s = recording.time_s, recording.period_s
     rate = recording.rate_deg_h(gyro)
-    for before, after in zip(legs[:-1], legs[1:], strict=True):
+    for before, after in itertools.pairwise(legs):
         step = after.rate_deg_s - before.rate_deg_s
         first = max(before.rows.start, before.rows.stop - int(WINDOW_S / period_s))
         last = min(after.rows.stop, after.rows.start + int(WINDOW_S / period_s))

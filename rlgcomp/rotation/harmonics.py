@@ -3,9 +3,10 @@ r"""Errors that repeat with the table's angle: found by Fourier analysis in the 
 Order k of a rate r over samples with table angles :math:`\theta_j` is the mean of :math:`2 r_j e^{-ik\theta_j}`. The angle is the
 measured one at every sample; rows are never reshaped into revolutions, which a speed off by 1e-4 turns into leakage.
 
-Finding: the record is cut into S segments of whole revolutions. Order k is there if the mean of its S coefficients stands out of their
-own scatter: S|mean|²/scatter² follows F(2, 2S - 2) where nothing repeats, whatever the colour of the noise, and the threshold has the
-probability of six standard deviations, exp(-18). What does not repeat from segment to segment is left in: it is the gyro's own.
+Finding: the record is cut into S segments of whole revolutions. Order k is there if the mean of its S coefficients stands out of
+their own scatter: S|mean|²/scatter² follows F(2, 2S - 2) where nothing repeats, whatever the colour of the noise, and the
+threshold has the probability of six standard deviations, exp(-18). What does not repeat from segment to segment is left in: it is
+the gyro's own.
 
 Fitting: one least squares over the entire record. A fit in every revolution would take 2K of its degrees of freedom from the noise.
 
@@ -130,8 +131,8 @@ def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = 
     highest = int(min(HIGHEST_ORDER, len(angle_deg) / max(turned[-1], 1e-9) / 2.0 - 1.0))
     if revolutions < FEWEST_SEGMENTS or highest < 1:
         raise InputError(
-            f"{turned[-1]:.1f} revolutions with {len(angle_deg) / max(turned[-1], 1e-9):.0f} samples each; finding what repeats takes "
-            f"at least {FEWEST_SEGMENTS} revolutions of four samples; record longer or faster"
+            f"{turned[-1]:.1f} revolutions with {len(angle_deg) / max(turned[-1], 1e-9):.0f} samples each; finding what repeats "
+            f"takes at least {FEWEST_SEGMENTS} revolutions of four samples; record longer or faster"
         )
     segments = min(revolutions, MOST_SEGMENTS)
     ends = np.searchsorted(turned, (revolutions // segments) * np.arange(segments + 1))

@@ -4,15 +4,15 @@ r"""Angle random walk of gyros that turn at constant rate on a table, with its s
    means over whole revolutions of at least 6 s) are taken out.
 2. What repeats with the angle is found and fitted (:mod:`rlgcomp.rotation.harmonics`).
 3. The table's own motion: a gyro feels it, an encoder of 3 arcsec shows it only below some 0.1 Hz. Subtracting the encoder always
-   would put its noise, a thousand times a sample's random walk, on every sample; never subtracting it would take a wandering speed
-   for noise of the gyro. So it is subtracted, scaled by the ratio of the mean rates, only if in some octave of frequency gyro and
-   encoder are coherent (the encoder proves that the table moved) and their difference is quieter than the gyro. What a servo leaves below the encoder's noise is bounded in angle,
-   looks like quantisation, and is fitted as such.
-4. N is estimated from the spectrum (:mod:`rlgcomp.rotation.spectral`), up to 2 Hz or as far as its shape is that of noise; the five-term fit of the Allan variance of 1 s means, the
-   paper's estimator, stands beside it.
-5. Cross-check without any harmonic fit: angles averaged over whole revolutions, in which all that repeats cancels, and the white noise
-   of their second differences, the (modified) Allan variance at whole revolutions, all of whose averaging times are fitted at once by
-   their spectrum.
+   would put its noise, a thousand times a sample's random walk, on every sample; never subtracting it would take a wandering
+   speed for noise of the gyro. So it is subtracted, scaled by the ratio of the mean rates, only if in some octave of frequency
+   gyro and encoder are coherent (the encoder proves that the table moved) and their difference is quieter than the gyro. What a
+   servo leaves below the encoder's noise is bounded in angle, looks like quantisation, and is fitted as such.
+4. N is estimated from the spectrum (:mod:`rlgcomp.rotation.spectral`), up to 2 Hz or as far as its shape is that of noise; the
+   five-term fit of the Allan variance of 1 s means, the paper's estimator, stands beside it.
+5. Cross-check without any harmonic fit: angles averaged over whole revolutions, in which all that repeats cancels, and the white
+   noise of their second differences, the (modified) Allan variance at whole revolutions, all of whose averaging times are fitted
+   at once by their spectrum.
 
 References
 ----------
@@ -22,8 +22,9 @@ Liu et al., Sensors 19, 4754 (2019), section 5.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -44,8 +45,17 @@ from rlgcomp.rotation.encoder import (
     middle_deg,
     table_angle_deg,
 )
-from rlgcomp.rotation.harmonics import Harmonics, Spectrum, fit_harmonics, spectra, without
-from rlgcomp.rotation.spectral import LOWEST_BIN, Periodogram, SpectralNoise, fit_spectrum, fit_widest, periodogram, shapes, transform
+from rlgcomp.rotation.harmonics import Harmonics, Progress, Spectrum, fit_harmonics, spectra, without
+from rlgcomp.rotation.spectral import (
+    LOWEST_BIN,
+    Periodogram,
+    SpectralNoise,
+    fit_spectrum,
+    fit_widest,
+    periodogram,
+    shapes,
+    transform,
+)
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -205,8 +215,8 @@ class RotationNoise:
         said = []
         if self.delay is None:
             said.append(
-                "The encoder's delay cannot be told: at one constant rate it is inseparable from the angle at which the gyros began to "
-                "count. Record the start-up, or two rates. N does not depend on it."
+                "The encoder's delay cannot be told: at one constant rate it is inseparable from the angle at which the gyros began"
+                " to count. Record the start-up, or two rates. N does not depend on it."
             )
         for one in self.gyros:
             name = f"{one.run}, {one.gyro} at {one.rate_deg_s:.4g} deg/s"
@@ -218,12 +228,13 @@ class RotationNoise:
             if one.noise.fit_p_value < 1e-3:
                 said.append(
                     f"{name}: the spectrum below {one.noise.highest_hz:.3g} Hz is not the sum of the four noises "
-                    f"(p = {one.noise.fit_p_value:.1g}), however narrow the band; look at the picture: table motion and dither show as humps."
+                    f"(p = {one.noise.fit_p_value:.1g}), however narrow the band; look at the picture: table motion and "
+                    "dither show as humps."
                 )
             if one.encoder_subtracted:
                 said.append(
-                    f"{name}: the table's rate wandered (gyro and encoder agree on it), so the encoder's motion was subtracted; its "
-                    "noise widens the error of N."
+                    f"{name}: the table's rate wandered (gyro and encoder agree on it), so the encoder's motion was subtracted; "
+                    "its noise widens the error of N."
                 )
             if one.angle_random_walk_deg_sqrt_h < 3.0 * one.angle_random_walk_deg_sqrt_h_sd:
                 said.append(f"{name}: N is not resolved; take it as an upper limit, and record longer or with finer pulses.")
@@ -235,7 +246,7 @@ def angle_random_walk(
     *,
     gyros: Sequence[str] | None = None,
     trend: Trend = "time",
-    advance: Callable[[int, int], None] = lambda done, total: None,
+    advance: Progress = lambda done, total: None,
 ) -> RotationNoise:
     """Angle random walk under rotation, all gyros of one or more runs.
 
@@ -259,18 +270,14 @@ def angle_random_walk(
     results: list[AngleRandomWalk] = []
     delays: list[Delay] = []
     for k, recording in enumerate(recordings):
-        found, delay = _run(
-            recording, gyros or recording.gyro_columns, trend, lambda done, total, k=k: advance(k * total + done, len(recordings) * total)
-        )
+        found, delay = _run(recording, gyros or recording.gyro_columns, trend, _part(advance, k, len(recordings)))
         results += found
         delays += [delay] if delay is not None else []
     best = min(delays, key=lambda delay: delay.sd_s) if delays else None
     return RotationNoise.together([RotationNoise(tuple(results), best)])
 
 
-def _run(
-    recording: Recording, gyros: Sequence[str], trend: Trend, advance: Callable[[int, int], None]
-) -> tuple[list[AngleRandomWalk], Delay | None]:
+def _run(recording: Recording, gyros: Sequence[str], trend: Trend, advance: Progress) -> tuple[list[AngleRandomWalk], Delay | None]:
     angle = table_angle_deg(recording)
     legs = find_legs(recording.time_s, angle)
     turning = [leg for leg in legs if leg.turning]
@@ -289,12 +296,21 @@ def _run(
         )
     found, delays = [], []
     for k, leg in enumerate(long_enough):
-        one = _Stretch(recording, leg, angle, gyros, trend, lambda done, total, k=k: advance(k * total + done, len(long_enough) * total))
+        one = _Stretch(recording, leg, angle, gyros, trend, _part(advance, k, len(long_enough)))
         found += one.results()
-        strongest = max(range(len(gyros)), key=lambda gyro, one=one: abs(one.gains[gyro]))
+        strongest = int(np.argmax(np.abs(one.gains)))
         delay = delay_from_changes(recording, legs, angle, gyros[strongest], one.harmonics[strongest])
         delays += [delay] if delay is not None else []
     return found, min(delays, key=lambda delay: delay.sd_s) if delays else None
+
+
+def _part(advance: Progress, k: int, parts: int) -> Progress:
+    """Progress of part k of several."""
+
+    def told(done: int, total: int) -> None:
+        advance(k * total + done, parts * total)
+
+    return told
 
 
 def _revolutions(leg: Leg, angle_deg: Array) -> float:
@@ -312,7 +328,7 @@ class _Stretch:
         angle_deg: Array,
         gyros: Sequence[str],
         trend: Trend,
-        advance: Callable[[int, int], None],
+        advance: Progress,
     ) -> None:
         self.recording, self.leg, self.names, self.advance = recording, leg, list(gyros), advance
         self.time_s = recording.time_s[leg.rows]
@@ -331,8 +347,8 @@ class _Stretch:
             self.gains.append(float(rate.mean()) / (leg.rate_deg_s * SECONDS_PER_HOUR))
             if abs(self.gains[-1]) < WEAKEST:
                 raise InputError(
-                    f"{recording.name}: {name} shows {rate.mean():.4g} deg/h while the table turns at {leg.rate_deg_s:.4g} deg/s: it "
-                    "does not feel the rotation, or its unit is wrong; leave it out with --drop, or map its unit with --map"
+                    f"{recording.name}: {name} shows {rate.mean():.4g} deg/h while the table turns at {leg.rate_deg_s:.4g} deg/s: "
+                    "it does not feel the rotation, or its unit is wrong; leave it out with --drop, or map its unit with --map"
                 )
             self.trends.append(_trend(rate, self.variable, self.place, self.per_mean))
             self.rates.append(rate - self.trends[-1](self.variable))
@@ -398,10 +414,10 @@ class _Stretch:
         """Whether in some octave gyro and encoder are coherent and their difference is quieter than the gyro."""
         gyro, step_hz, _ = transform(clean, self.place, self.period_s, HIGHEST_HZ)
         table, _, _ = transform(gain * encoder, self.place, self.period_s, HIGHEST_HZ)
-        use = ~self._lines(step_hz * (LOWEST_BIN + np.arange(len(gyro))))
+        use = ~self._lines(step_hz * np.arange(LOWEST_BIN, LOWEST_BIN + len(gyro), dtype=np.float64))
         gyro, table = gyro[use], table[use]
         edges = np.unique(np.minimum(16 * 2 ** np.arange(32), len(gyro)))
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
+        for first, last in itertools.pairwise(edges):
             a, b = gyro[first:last], table[first:last]
             common = float(np.sum((a * b.conj()).real))
             scatter = math.sqrt(0.5 * float(np.sum(np.abs(a) ** 2 * np.abs(b) ** 2)))

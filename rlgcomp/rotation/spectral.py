@@ -5,12 +5,12 @@ In a bin at frequency f the periodogram of the rate is exponentially distributed
 .. math:: S(f) = (60 N)^2 + Q^2 \frac{4 \sin^2(\pi f \tau_0)}{\tau_0} + \frac{B^2}{2 \pi f} + \frac{K^2}{3600 (2 \pi f)^2}
 
 in (deg/h)²/Hz, two-sided, and independent of the other bins; the likelihood of Whittle is that of all bins. It is efficient where
-the five-term fit of the Allan variance is not: pulses of 0.84 arcsec put 0.24 arcsec of white noise on every angle, and means of the
-rate over 1 s keep two of the 200 angles of each second, so that an Allan variance meets the angle random walk only beyond 300 s. The
-spectrum keeps all the angles and meets it at 4 s.
+the five-term fit of the Allan variance is not: pulses of 0.84 arcsec put 0.24 arcsec of white noise on every angle, and means of
+the rate over 1 s keep two of the 200 angles of each second, so that an Allan variance meets the angle random walk only beyond 300
+s. The spectrum keeps all the angles and meets it at 4 s.
 
-Q² may come out negative: it is a variance that noise can take below zero, and holding it at zero would push N down. B² and K² are held
-at zero or above; they rest on a few of the lowest bins and hardly touch N.
+Q² may come out negative: it is a variance that noise can take below zero, and holding it at zero would push N down. B² and K² are
+held at zero or above; they rest on a few of the lowest bins and hardly touch N.
 
 References
 ----------
@@ -103,7 +103,9 @@ class SpectralNoise:
         return np.asarray(shapes(frequency_hz, period_s) @ self.terms)
 
     def to_frame(self) -> pd.DataFrame:
-        return pd.DataFrame([{field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "terms"}])
+        return pd.DataFrame(
+            [{field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "terms"}]
+        )
 
 
 def periodogram(rate_deg_h: Array, place: npt.NDArray[np.int64], period_s: float, highest_hz: float = math.inf) -> Periodogram:
@@ -123,7 +125,8 @@ def periodogram(rate_deg_h: Array, place: npt.NDArray[np.int64], period_s: float
     """
     spectrum, step_hz, weight = transform(rate_deg_h, place, period_s, highest_hz)
     density = np.abs(spectrum) ** 2 * (period_s / weight)
-    return Periodogram(step_hz * (LOWEST_BIN + np.arange(len(density))), density, period_s)
+    frequency = step_hz * np.arange(LOWEST_BIN, LOWEST_BIN + len(density), dtype=np.float64)
+    return Periodogram(frequency, density, period_s)
 
 
 def transform(
@@ -158,7 +161,9 @@ def shapes(frequency_hz: Array, period_s: float) -> Array:
     )
 
 
-def fit_spectrum(found: Periodogram, *, leave_out: npt.NDArray[np.bool_] | None = None, design: Array | None = None) -> SpectralNoise:
+def fit_spectrum(
+    found: Periodogram, *, leave_out: npt.NDArray[np.bool_] | None = None, design: Array | None = None
+) -> SpectralNoise:
     """Maximum of Whittle's likelihood: iterated weighted least squares, weights 1 / S².
 
     Parameters
@@ -230,7 +235,7 @@ def fit_widest(found: Periodogram, *, leave_out: npt.NDArray[np.bool_]) -> Spect
 
 def _reduced(design: Array, values: Array) -> tuple[Array, Array]:
     """The same least-squares problem with as many rows as columns and one."""
-    triangle = np.linalg.qr(np.column_stack([design, values]), mode="r")
+    triangle: Array = np.asarray(np.linalg.qr(np.column_stack([design, values]), mode="r"))
     return triangle[:, :-1], triangle[:, -1]
 
 

@@ -8,8 +8,8 @@ wanted, a slow wander of the rate. With the true angle :math:`\psi(t)` a gyro of
 in whole pulses, and the encoder shows :math:`\psi(t - \Delta t)` with noise and a resolution. Row i of the recording holds what the
 gyros counted in the period that ends at its `time_s`, and the angle read at that time.
 
-The orders, the 0.5283 ms of delay and the table's 3 arcsec and 0.001 deg/s are those of Liu et al., Sensors 19, 4754 (2019), eq. 14,
-16 and table 2; the amplitudes are assumed.
+The orders, the 0.5283 ms of delay and the table's 3 arcsec and 0.001 deg/s are those of Liu et al., Sensors 19, 4754 (2019), eq.
+14, 16 and table 2; the amplitudes are assumed.
 """
 
 from __future__ import annotations
@@ -115,7 +115,8 @@ def simulate_rotation(
     gyros : mapping of str to RotatingGyro
         Axis to gyro: "x" makes the column `gyro_x_...`, "" the column `gyro_...`.
     legs : tuple of (rate in deg/s, duration in s)
-        Rests and constant rates in order, joined by ramps that lengthen the run; with a first leg of rate 0 the run shows the start-up.
+        Rests and constant rates in order, joined by ramps that lengthen the run; with a first leg of rate 0 the run shows the
+        start-up.
     seed : int
     pulse_arcsec : float, optional
         Angle of one pulse; None writes rates in deg/h without quantisation.
@@ -132,7 +133,7 @@ def simulate_rotation(
         raise InputError("step_s, pulse_arcsec and acceleration_deg_s2 must be positive")
     edges_s, rates = _profile(legs, table)
     samples = int(round(edges_s[-1] / step_s, 6))
-    time_s = step_s * np.arange(samples + 1)
+    time_s: Array = step_s * np.arange(samples + 1, dtype=np.float64)
     servo_arcsec = _servo_arcsec(samples + 1, step_s, table, seed)
     angle_deg = _angle_deg(time_s, edges_s, rates) + servo_arcsec / ARCSEC_PER_DEG
 
