@@ -106,6 +106,17 @@ def test_legs_are_found_and_wrapped_angles_unwrapped() -> None:
     assert [leg.turning for leg in legs] == [False, True, True]
 
 
+def test_a_gap_of_many_revolutions_does_not_end_a_leg() -> None:
+    run = turned(((60.0, 100.0),))
+    whole = table_angle_deg(run)
+    keep = np.abs(run.time_s - 50.0) > 9.7
+    frame = run.table[keep]
+    for wrapped in (frame, frame.assign(table_angle_deg=frame["table_angle_deg"] % 360.0)):
+        holed = run.replace(table=wrapped)
+        assert np.ptp(table_angle_deg(holed) - whole[keep]) < 1e-6
+        assert len(find_legs(holed.time_s, table_angle_deg(holed))) == 1
+
+
 @pytest.mark.parametrize("legs", [((0.0, 20.0), (60.0, 300.0)), ((60.0, 300.0), (30.0, 300.0))], ids=["start-up", "two rates"])
 def test_delay_from_a_change_of_rate(legs: tuple[tuple[float, float], ...]) -> None:
     """Equation 14, 0.5283 ms: within three stated standard deviations in each run, these being near 1 us, and true on the whole."""
@@ -274,13 +285,13 @@ def test_cross_check_needs_no_harmonic_fit_and_the_result_does() -> None:
 
 def test_delay_does_not_change_n() -> None:
     found = []
-    for delay_s in (0.0, LIU_DELAY_S, 4e-3):
+    for delay_s in (0.0, 4e-3):
         table = RotationTable(jitter_deg_s=0.0, encoder_delay_s=delay_s)
-        result = angle_random_walk(turned(((30.0, 1500.0),), table=table))
+        result = angle_random_walk(turned(((60.0, 800.0),), table=table))
         assert result.delay is None
         assert "inseparable" in result.remarks[0]
         found.append(result.gyros[0].angle_random_walk_deg_sqrt_h)
-    assert found == pytest.approx([found[0]] * 3, rel=2e-3)
+    assert found == pytest.approx([found[0]] * 2, rel=2e-3)
 
 
 def test_coarse_pulses() -> None:
@@ -367,8 +378,8 @@ def run_arw(*arguments: object) -> object:
     return CliRunner().invoke(app, ["arw", *map(str, arguments)])
 
 
-def test_command(tmp_path: Path, half_hour: rlg.Recording) -> None:
-    rlg.write(half_hour, tmp_path / "run.parquet")
+def test_command(tmp_path: Path) -> None:
+    rlg.write(turned(((0.0, 20.0), (60.0, 800.0))), tmp_path / "run.parquet")
     shown = run_arw(tmp_path / "run.parquet", "--gyro", "gyro_z_deg_h", "--out", tmp_path / "out")
     assert shown.exit_code == 0, shown.output
     assert "2 6 12 24 30 36 38 39 48 78" in shown.output

@@ -278,6 +278,8 @@ def angle_random_walk(
 
 
 def _run(recording: Recording, gyros: Sequence[str], trend: Trend, advance: Progress) -> tuple[list[AngleRandomWalk], Delay | None]:
+    for column in gyros:
+        recording.gyro_column(column)
     angle = table_angle_deg(recording)
     legs = find_legs(recording.time_s, angle)
     turning = [leg for leg in legs if leg.turning]
