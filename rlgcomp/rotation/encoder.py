@@ -31,7 +31,7 @@ from scipy import linalg
 from rlgcomp.errors import InputError
 from rlgcomp.recording import GAP_PERIODS, Recording
 from rlgcomp.rotation.harmonics import Harmonics, without
-from rlgcomp.units import ARCSEC_PER_DEG, RAD_PER_DEG, SECONDS_PER_HOUR
+from rlgcomp.units import RAD_PER_DEG, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 
@@ -193,7 +193,8 @@ def delay_from_changes(
         sides = slice(0, before.rows.stop - first), slice(after.rows.start - first, last - first)
         delay_s, sd_s = _jump(np.cumsum(clean) * (period_s / SECONDS_PER_HOUR), angle_deg[first:last], time_s[first:last], sides)
         if gyro.endswith("_pulses"):  # whole pulses may beat with the sampling, and then no averaging helps
-            sd_s = math.hypot(sd_s, (recording.metadata.pulse_arcsec or 0.0) / math.sqrt(6.0) / abs(ARCSEC_PER_DEG * step))
+            gyro_step = float(rate[after.rows].mean() - rate[before.rows].mean())  # deg/h is arcsec/s
+            sd_s = math.hypot(sd_s, (recording.metadata.pulse_arcsec or 0.0) / math.sqrt(6.0) / abs(gyro_step))
         found.append((delay_s, sd_s, before.turning and after.turning))
     if not found:
         return None
