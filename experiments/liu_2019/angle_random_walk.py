@@ -16,7 +16,8 @@ from rlgcomp.noise import NoiseModel
 from rlgcomp.recording import Recording
 from rlgcomp.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
 from rlgcomp.rotation.encoder import find_legs, table_angle_deg
-from rlgcomp.rotation.pipeline import AngleRandomWalk, angle_random_walk
+from rlgcomp.rotation.pipeline import angle_random_walk
+from rlgcomp.rotation.results import AngleRandomWalk
 from rlgcomp.simulation.rotation import (
     LIU_DELAY_S,
     LIU_ORDERS,

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, _svg
 from rlgcomp.rotation.harmonics import FALSE_ALARM
-from rlgcomp.rotation.pipeline import AngleRandomWalk
+from rlgcomp.rotation.results import AngleRandomWalk
 from rlgcomp.units import SECONDS_PER_HOUR
 
 LEGEND: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
