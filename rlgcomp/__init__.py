@@ -26,11 +26,16 @@ Modules, each importing only from those before it:
     errors units files          the one exception, units and constants, whole-or-nothing writing
     recording repair formats    the data type, what is mended in files, one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state
+    frames triad                frames of a triad on a table, and its errors as parameters
     noise power_law             noise processes, which one a record shows and its degrees of freedom
-    allan coefficients          Allan deviation, the five noises with their standard errors
+    allan allan_covariance      Allan deviation; what its values at different averaging times share
+    coefficients                the five noises with their standard errors
+    base_motion slopes          what gyro and accelerometers share; what the curve says in words
+    stationarity noise_analysis whether the noise stays the same; all of it for one gyro
     rotation                    angle random walk of gyros on a rotating table
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
+    calibration                 turntables: scale factor, mounting angle, alignment; errors of a triad and their file
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit
     compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
     comparison evaluation       which input helps with which model; held-out results
@@ -45,6 +50,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rlgcomp.allan import AllanDeviation as AllanDeviation
     from rlgcomp.allan import allan_deviation as allan_deviation
+    from rlgcomp.calibration.file import Calibration as Calibration
+    from rlgcomp.calibration.table_calibration import calibrate_recordings as calibrate_recordings
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
     from rlgcomp.compensation.compensator import load as load
@@ -64,7 +71,9 @@ if TYPE_CHECKING:
     from rlgcomp.recording import Recording as Recording
     from rlgcomp.simulation.fleet import simulated_unit as simulated_unit
     from rlgcomp.simulation.programme import Programme as Programme
+    from rlgcomp.simulation.rate_table import Triad as Triad
     from rlgcomp.simulation.simulator import Simulator as Simulator
+    from rlgcomp.triad import TriadErrors as TriadErrors
 
 __version__ = "0.1.0"
 
@@ -72,6 +81,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "AllanDeviation": "allan",
     "CATALOGUE": "physics",
+    "Calibration": "calibration.file",
     "Compensator": "compensation.compensator",
     "CubicLeastSquares": "compensation.cubic",
     "Evaluation": "evaluation",
@@ -86,7 +96,10 @@ _HOMES = {
     "Recording": "recording",
     "SequenceRegressor": "compensation.sequence",
     "Simulator": "simulation.simulator",
+    "Triad": "simulation.rate_table",
+    "TriadErrors": "triad",
     "allan_deviation": "allan",
+    "calibrate_recordings": "calibration.table_calibration",
     "evaluate": "evaluation",
     "load": "compensation.compensator",
     "read": "formats",

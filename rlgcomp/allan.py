@@ -183,6 +183,8 @@ def allan_deviation(
         first, groups = _starts(parts, m, 1)
         found = identify((angle[first + m] - angle[first]) / m, groups, lowest=-2 if order == 2 else -4)
         alpha = alpha if found is None else found
+        if alpha > 0 and not _steep(rows, m * period_s, deviation):
+            alpha = 0
         rows.append((m * period_s, deviation, taken, _edf(parts, m, alpha, order, overlapping), alpha))
     if not rows:
         raise InputError(f"no averaging time fits a record of {len(rate)} samples every {period_s:g} s")
@@ -214,6 +216,14 @@ def angle_rate_deg_h(angle_arcsec: npt.ArrayLike, time_s: npt.ArrayLike) -> tupl
     inside = np.ones(len(angle) - 1, dtype=np.bool_)
     inside[ends[:-1] - 1] = False
     return np.diff(angle)[inside] / period_s, time[1:][inside]
+
+
+def _steep(rows: list[tuple[float, float, int, float, int]], tau_s: float, deviation: float) -> bool:
+    """Whether the curve falls as white noise of the angle makes it: a few means in a row may look like it by chance."""
+    before = [row for row in rows if row[0] <= tau_s / 1.8] or rows[:1]
+    if not before or deviation == 0.0 or before[-1][1] == 0.0:
+        return True
+    return float(np.log(deviation / before[-1][1]) / np.log(tau_s / before[-1][0])) < -0.75
 
 
 def _parts(time: Array) -> tuple[float, Whole]:

@@ -108,8 +108,8 @@ def degrees_of_freedom(differences: int, m: int, alpha: int, order: int, *, over
     """Equivalent degrees of freedom of a variance, after the combined algorithm of Greenhall and Riley.
 
     Two things differ. Its sums are formed at a finer step where they switch to fitted formulas, so that no table is needed. And for
-    alpha <= 0 their upper cut-off frequency is left away, which they do for long tau only: a gyro's output is the integral of its rate,
-    so that white noise of n samples has 2/3 n degrees of freedom at the shortest tau (0.78 n with the cut-off).
+    alpha <= 0 their upper cut-off frequency is left away, which they do for long tau only: a gyro's output is the integral of its
+    rate, so that white noise of n samples has 2/3 n degrees of freedom at the shortest tau (0.78 n with the cut-off).
 
     Parameters
     ----------

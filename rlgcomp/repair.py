@@ -28,6 +28,7 @@ STUCK_SAMPLES: Final = 20
 FROZEN_S: Final = 600.0
 FROZEN_WHILE_OTHERS_MOVE_K: Final = 2.0
 LARGEST_VALUE: Final = 1e15  # in any unit of any column
+ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
 QUIETEST_DEG_SQRT_H: Final = 2e-6  # two orders below the quantum limit of the best navigation-grade gyros
 LARGEST_STATIC_RATE_DEG_H: Final = 100.0
 
@@ -266,6 +267,9 @@ def _stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                 "refused", f"never changes from {values[0]:.6g}: the channel is dead; choose another with --map or --drop", column
             )
             continue
+        turns = context.metadata.kind == "turntable" or any(encoder in table for encoder in ENCODERS)
+        if column.endswith("_pulses") and turns:
+            continue  # a steady rate gives the same count for as long as its fraction of a pulse takes to add up to one
         stuck, first = _stuck(values)
         if not stuck.any():
             continue
@@ -326,7 +330,7 @@ def _missing(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 def _encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     result = table
     for column in (str(column) for column in table.columns):
-        if column not in ("table_angle_deg", "angle_inner_deg", "angle_outer_deg"):
+        if column not in ENCODERS:
             continue
         angle_deg = table[column].to_numpy()
         wraps = np.flatnonzero(np.abs(np.diff(angle_deg)) > 180.0)

@@ -20,10 +20,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp.cli import main
+from rlgcomp.cli import main, register_commands
 from rlgcomp.cli.base import app
 
-COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate"]
+COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate", "allan"]
 SIMULATOR = """
 kind: chamber
 mechanisms:
@@ -37,10 +37,7 @@ noise: {angle_random_walk_deg_sqrt_h: 0.0003}
 @pytest.fixture(scope="module", autouse=True)
 def registered() -> None:
     """Commands are registered when the console script starts."""
-    import importlib
-
-    for commands in ("demo", "recordings", "simulation", "compensation"):
-        importlib.import_module(f"rlgcomp.cli.{commands}")
+    register_commands()
 
 
 def run(*arguments: object) -> object:
@@ -329,3 +326,27 @@ def test_mapping_on_the_command_line(tmp_path: Path) -> None:
 
 def test_the_console_script_is_the_application() -> None:
     assert callable(main)
+
+
+def test_raw_pulses_are_calibrated_on_the_way_in(tmp_path: Path, short_runs: list[rlg.Recording]) -> None:
+    """A run in pulses with its calibration trains the model that the run in deg/h trains."""
+    (tmp_path / "k.json").write_text('{"schema": "rlgcomp.calibration/1", "kind": "gyro", "pulse_arcsec": 0.8}')
+    for name, recording in zip(("a", "b"), short_runs, strict=False):
+        table = recording.table
+        table["gyro_pulses"] = table.pop("gyro_deg_h") * recording.period_s / 0.8
+        rlg.write(recording.replace(table=table, truth=None), tmp_path / f"{name}.parquet")
+        rlg.write(recording, tmp_path / f"{name}-rate.parquet")
+    arguments = ["--model", "cubic", "--features", "temperature"]
+    raw = run("train", tmp_path / "a.parquet", *arguments, "--calibration", tmp_path / "k.json", "--out", tmp_path / "raw")
+    assert raw.exit_code == 0, raw.output
+    assert run("train", tmp_path / "a-rate.parquet", *arguments, "--out", tmp_path / "rate").exit_code == 0
+    corrected = [
+        rlg.load(tmp_path / model).predict(rlg.read(tmp_path / "b-rate.parquet"))["bias_deg_h"].to_numpy()
+        for model in ("raw", "rate")
+    ]
+    assert corrected[0] == pytest.approx(corrected[1], abs=1e-9)
+    missing = run(
+        "evaluate", tmp_path / "raw", tmp_path / "b.parquet", "--calibration", tmp_path / "no.json", "--out", tmp_path / "e"
+    )
+    assert missing.exit_code == 2
+    assert "does not exist" in missing.output

@@ -171,6 +171,18 @@ def test_coarse_pulses_are_not_taken_for_stuck() -> None:
     assert len(mend(frame)[0]) == 20000
 
 
+def test_equal_counts_of_a_steady_table_are_not_taken_for_stuck() -> None:
+    """171.001 pulses a sample: the same count a thousand times, beside runs of one where the rate changes."""
+    rate = np.r_[np.linspace(0.0, 171.001, 2000), np.full(6000, 171.001), np.linspace(171.001, 0.0, 2000)]
+    pulses = np.diff(np.floor(np.cumsum(rate)), prepend=0.0)
+    time_s = 0.01 * np.arange(10000.0)
+    frame = pd.DataFrame({"time_s": time_s, "gyro_pulses": pulses, "table_angle_deg": np.cumsum(rate) * 0.84 / 3600.0})
+    mended, report = mend(frame)
+    assert "stuck" not in report
+    assert len(mended) == 10000
+    assert "stuck" in mend(frame.drop(columns="table_angle_deg"))[1]
+
+
 def test_a_dead_gyro_is_refused() -> None:
     assert "the channel is dead" in refusal(table().assign(gyro_deg_h=0.0))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
 from rlgcomp.rotation.encoder import compensated_deg, delay_from_changes, delay_from_phases, find_legs, middle_deg, table_angle_deg
@@ -373,8 +373,7 @@ def test_classic_variance_is_the_cubic_of_the_noises() -> None:
 
 
 def run_arw(*arguments: object) -> object:
-    importlib.import_module("rlgcomp.cli.rotation")
-    importlib.import_module("rlgcomp.cli.recordings")  # with one command alone, typer takes no command's name
+    register_commands()
     return CliRunner().invoke(app, ["arw", *map(str, arguments)])
 
 

@@ -6,9 +6,25 @@ import importlib
 
 from rlgcomp.cli.base import app
 
+COMMANDS = (
+    "demo",
+    "recordings",
+    "noise",
+    "rotation",
+    "scale_factor",
+    "calibration",
+    "simulation",
+    "compensation",
+)  # the order in which --help lists them
+
+
+def register_commands() -> None:
+    """Import the modules of commands, which registers them."""
+    for module in COMMANDS:
+        importlib.import_module(f"rlgcomp.cli.{module}")
+
 
 def main() -> None:
     """Entry point of the console script."""
-    for commands in ("demo", "recordings", "simulation", "compensation", "rotation"):  # the order in which --help lists them
-        importlib.import_module(f"rlgcomp.cli.{commands}")
+    register_commands()
     app()

@@ -39,6 +39,10 @@ Map = Annotated[
 Drop = Annotated[list[str] | None, typer.Option("--drop", metavar="COLUMN", help="Leave a column of the file out.")]
 Gyro = Annotated[str | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, where there are several.")]
 PulseArcsec = Annotated[float | None, typer.Option("--pulse-arcsec", help="Angle of one pulse, where the file does not say.")]
+PeriodS = Annotated[float | None, typer.Option("--period-s", help="Sample period of a file without time stamps.")]
+CalibrationFile = Annotated[
+    Path | None, typer.Option("--calibration", metavar="CAL.json", help="Calibration to apply to the raw gyros.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
 
@@ -77,9 +81,14 @@ def command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 
 
 def read_runs(
-    specs: Sequence[str], mapping: Sequence[str] | None = None, drop: Sequence[str] | None = None, pulse_arcsec: float | None = None
+    specs: Sequence[str],
+    mapping: Sequence[str] | None = None,
+    drop: Sequence[str] | None = None,
+    pulse_arcsec: float | None = None,
+    calibration: Path | None = None,
+    period_s: float | None = None,
 ) -> list[Any]:
-    """Recordings of the given files, intervals cut out, everything that was repaired or noted said on standard error.
+    """Recordings of the given files, intervals cut out, calibrated, everything repaired or noted said on standard error.
 
     Raises
     ------
@@ -90,16 +99,23 @@ def read_runs(
     from rlgcomp.formats.mapping import parse_mapping
 
     columns = parse_mapping(list(mapping or []))
+    calibrated = None
+    if calibration is not None:
+        from rlgcomp.calibration.file import Calibration
+
+        calibrated = Calibration.read(calibration)
     recordings: list[Any] = []
     with progress("reading", len(specs)) as advance:
         for done, spec in enumerate(specs, start=1):
             path, interval = _interval(spec)
-            recording = read(path, columns=columns, drop=list(drop or []), metadata={"pulse_arcsec": pulse_arcsec})
+            recording = read(
+                path, columns=columns, drop=list(drop or []), metadata={"pulse_arcsec": pulse_arcsec}, period_s=period_s
+            )
             for finding in recording.findings:
                 say(f"{recording.name}: {finding}")
             if interval is not None:
                 recording = recording.between(*interval, keep_history=True, name=f"{recording.name}{_said(*interval)}")
-            recordings.append(recording)
+            recordings.append(recording if calibrated is None else calibrated.apply(recording))
             advance(done, len(specs))
     return recordings
 

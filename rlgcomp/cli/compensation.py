@@ -9,6 +9,7 @@ import typer
 
 from rlgcomp.cli.base import (
     AsJson,
+    CalibrationFile,
     Drop,
     Gyro,
     Jobs,
@@ -47,6 +48,7 @@ def train(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    calibration: CalibrationFile = None,
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -65,7 +67,7 @@ def train(
     require_writable(out)
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
     compensator = Compensator(
         MODELS[model].make(), features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
     )
@@ -111,6 +113,7 @@ def evaluate(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    calibration: CalibrationFile = None,
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -125,7 +128,7 @@ def evaluate(
 
     require_writable(out)
     compensator = load(model)
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
     evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)
     with whole_folder(out, ours="report.html") as folder:
         write_report(folder, evaluation, compensator, title=f"Bias compensation: {model.name}", simulated=recordings[:1])
@@ -144,6 +147,7 @@ def compensate(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
     """A corrected recording: the gyro less its estimated bias.
@@ -156,7 +160,7 @@ def compensate(
 
     require_writable(out)
     compensator = load(model)
-    (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration)
     corrected = compensator.correct(recording)
     write(corrected, out)
     outside = float(corrected.column("compensation_out_of_range").mean())

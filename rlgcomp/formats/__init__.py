@@ -7,11 +7,13 @@ A format is a module with three names: `SUFFIXES`, the endings it answers to; `l
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+import numpy as np
 import pandas as pd
 import yaml
 
@@ -19,7 +21,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import whole_file, write_text
 from rlgcomp.formats import csv, hdf5, matlab, parquet
 from rlgcomp.formats.mapping import apply_mapping
-from rlgcomp.recording import Metadata, Recording
+from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.repair import repair
 
 FORMATS: Final[tuple[ModuleType, ...]] = (parquet, csv, hdf5, matlab)
@@ -33,6 +35,7 @@ def read(
     columns: Mapping[str, str] | None = None,
     drop: Sequence[str] = (),
     metadata: Mapping[str, Any] | None = None,
+    period_s: float | None = None,
 ) -> Recording:
     """Read a recording, mend what can be mended, and say so.
 
@@ -47,6 +50,8 @@ def read(
         Columns to leave out.
     metadata : mapping, optional
         Values that go before those of the file.
+    period_s : float, optional
+        Sample period of a file without time stamps, whose rows are taken to follow each other without gaps. The .yaml may give it.
 
     Returns
     -------
@@ -69,6 +74,7 @@ def read(
     table, stored = form.load(path)
     beside = _read_sidecar(path)
     mapping = dict(beside.pop("columns", None) or {}) | dict(columns or {})
+    period_s = beside.pop("period_s", None) if period_s is None else period_s
     merged = Metadata.from_mapping(
         {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
     )
@@ -77,6 +83,8 @@ def read(
         raise InputError(f"{path}: cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
     table = table.drop(columns=list(drop))
     table, vouched = apply_mapping(table, mapping, name=path.name)
+    if period_s is not None:
+        table = _with_time(table, period_s, path.name)
     table, findings = repair(table, merged, name=path.name, vouched=vouched)
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
     truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
@@ -107,6 +115,15 @@ def write(recording: Recording, path: str | Path) -> None:
 def with_metadata(recording: Recording, **changes: Any) -> Recording:
     """The same recording with some of its metadata changed."""
     return recording.replace(metadata=dataclasses.replace(recording.metadata, **changes))
+
+
+def _with_time(table: pd.DataFrame, period_s: Any, name: str) -> pd.DataFrame:
+    """The table with the time stamps that it lacks."""
+    if TIME in table:
+        raise InputError(f"{name}: has a column {TIME} already; a sample period is for files without one")
+    if not (isinstance(period_s, int | float) and 0.0 < period_s < math.inf):
+        raise InputError(f"{name}: the sample period is {period_s!r}; it must be a positive number of seconds")
+    return table.assign(**{TIME: period_s * np.arange(len(table))})
 
 
 def _format_of(path: Path) -> ModuleType:

@@ -71,7 +71,7 @@ def over_time(trace: Trace, floor_deg_h: float) -> str:
             rest[0].set_ylabel("degC")
             rest[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         (rest[0] if rest else middle).set_xlabel("time in h")
-        return _svg(figure)
+        return svg(figure)
 
 
 def loop(trace: Trace) -> str:
@@ -91,7 +91,7 @@ def loop(trace: Trace) -> str:
             axes.set_xlabel("temperature in degC")
         before.set_ylabel("10⁻³ deg/h")
         figure.colorbar(points, ax=(before, after), label="time in h", pad=0.01)
-        return _svg(figure)
+        return svg(figure)
 
 
 def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> str:
@@ -108,7 +108,7 @@ def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> st
         axes.set_ylabel("Allan deviation in deg/h")
         axes.set_title("Allan deviation")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        return _svg(figure)
+        return svg(figure)
 
 
 def comparison(table: pd.DataFrame, evaluation: Evaluation) -> str:
@@ -132,7 +132,7 @@ def comparison(table: pd.DataFrame, evaluation: Evaluation) -> str:
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("bias stability held out in 10⁻³ deg/h")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        return _svg(figure)
+        return svg(figure)
 
 
 def search(table: pd.DataFrame) -> str:
@@ -156,7 +156,7 @@ def search(table: pd.DataFrame) -> str:
         axes.set_ylabel("sigma")
         axes.set_title("Search: error with runs left out (circle: chosen)")
         figure.colorbar(mesh, ax=axes, label="rms, relative to the gyro's spread", pad=0.01)
-        return _svg(figure)
+        return svg(figure)
 
 
 def contributions(recording: Recording) -> str:
@@ -177,7 +177,7 @@ def contributions(recording: Recording) -> str:
         axes.set_xlabel("time in h")
         axes.set_ylabel("10⁻³ deg/h")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        return _svg(figure)
+        return svg(figure)
 
 
 def _log_edges(centres: Any) -> np.ndarray:
@@ -191,7 +191,7 @@ def _log_edges(centres: Any) -> np.ndarray:
     )
 
 
-def _svg(figure: Figure) -> str:
+def svg(figure: Figure) -> str:
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()

@@ -1,0 +1,1 @@
+"""Calibration on turntables: scale factor, mounting angle, dependence on rate, alignment, and the errors of a triad."""

@@ -1,0 +1,209 @@
+"""The calibration file: what a calibration found, as JSON, and its application to raw recordings.
+
+Schema `rlgcomp.calibration/1` holds a triad (its axes, eleven parameters with standard deviations, their covariance) or a single
+gyro (its scale factor and bias), and from which runs it came. Applied, a triad's `gyro_x_...`, `gyro_y_...`, `gyro_z_...` become
+body rates `gyro_x_deg_h`, ...; a single gyro's pulses become `gyro_deg_h`. Earth's rotation stays in both: a table or a chamber
+knows where it points, a gyro does not.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp import frames, units
+from rlgcomp.calibration.table_run import AXES
+from rlgcomp.calibration.triad_calibration import TriadCalibration
+from rlgcomp.errors import InputError
+from rlgcomp.files import sha256, write_json
+from rlgcomp.recording import Recording, rate_name
+from rlgcomp.triad import GYRO, TriadErrors
+
+Array = npt.NDArray[np.float64]
+SCHEMA: Final = "rlgcomp.calibration/1"
+PULSE_AGREEMENT: Final = 1e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """What is applied to raw recordings.
+
+    Parameters
+    ----------
+    pulse_arcsec : float or None
+        Angle of a pulse that the parameters refer to; of a single gyro its scale factor.
+    gyro_axes : {"oblique", "orthogonal"} or None
+        Of a triad; None for a single gyro.
+    errors : TriadErrors
+        Of a triad.
+    bias_deg_h : float
+        Of a single gyro; zero where Earth's rotation could not be told from it.
+    content : mapping
+        The whole file.
+    identity : str
+        SHA-256 of the file, "" of one that has not been written.
+    """
+
+    pulse_arcsec: float | None = None
+    gyro_axes: str | None = None
+    errors: TriadErrors = dataclasses.field(default_factory=TriadErrors)
+    bias_deg_h: float = 0.0
+    content: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    identity: str = ""
+
+    @classmethod
+    def from_mapping(cls, content: Mapping[str, Any], identity: str = "") -> Self:
+        """From a file's content.
+
+        Raises
+        ------
+        InputError
+            It is of another schema, or a value is missing or out of bounds.
+        """
+        if not isinstance(content, Mapping) or content.get("schema") != SCHEMA:
+            found = content.get("schema") if isinstance(content, Mapping) else type(content).__name__
+            raise InputError(f"its schema is {found!r}; this version reads {SCHEMA!r}; write it again with rlgcomp calibrate")
+        try:
+            pulse = content.get("pulse_arcsec")
+            pulse = None if pulse is None else _number(pulse, "pulse_arcsec", 1e-9, 1e3)
+            if content["kind"] == "gyro":
+                bias = _number(content.get("bias_deg_h", 0.0), "bias_deg_h", -1e4, 1e4)
+                if pulse is None:
+                    raise InputError("pulse_arcsec is missing, and with it the scale factor")
+                return cls(pulse, None, TriadErrors(), bias, content, identity)
+            if content["kind"] != "triad":
+                raise InputError(f"kind is {content['kind']!r}; allowed are gyro and triad")
+            axes = str(content["gyro_axes"])
+            if axes not in frames.GYRO_AXES:
+                raise InputError(f"gyro_axes is {axes!r}; allowed are {', '.join(frames.GYRO_AXES)}")
+            values = {
+                str(row["parameter"]): _number(row["value"], str(row["parameter"]), -1e6, 1e6) for row in content["parameters"]
+            }
+            return cls(pulse, axes, TriadErrors(values), 0.0, content, identity)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise InputError(f"not what schema {SCHEMA} requires: {type(error).__name__}: {error}") from None
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """From a file.
+
+        Raises
+        ------
+        InputError
+            It cannot be read or is no calibration.
+        """
+        path = Path(path)
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise InputError(f"calibration file {path} does not exist") from None
+        except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+            raise InputError(f"calibration file {path}: not readable as JSON: {error}") from None
+        try:
+            return cls.from_mapping(content, sha256(path))
+        except InputError as error:
+            raise InputError(f"calibration file {path}: {error}") from None
+
+    def apply(self, recording: Recording) -> Recording:
+        """The recording with its gyros calibrated, in deg/h.
+
+        Raises
+        ------
+        InputError
+            The recording holds other gyros than were calibrated, or pulses of another size.
+        """
+        if "calibration" in recording.metadata.notes:
+            raise InputError(f"{recording.name} is calibrated already (notes: calibration)")
+        recording = self._with_pulse(recording)
+        table = recording.table
+        if self.gyro_axes is None:
+            column = recording.gyro_column()
+            calibrated = {column: recording.rate_deg_h(column) - self.bias_deg_h}
+        else:
+            columns = self._triad_columns(recording)
+            rates = np.stack([recording.rate_deg_h(column) for column in columns], axis=1)
+            arcsec = rates @ frames.GYRO_AXES[self.gyro_axes].T  # deg/h, which is arcsec in a second
+            body = self.errors.correct(arcsec * units.RAD_PER_ARCSEC, 1.0) / units.RAD_PER_ARCSEC
+            calibrated = {column: body[:, k] for k, column in enumerate(columns)}
+        for column, values in calibrated.items():
+            table = table.rename(columns={column: rate_name(column)})
+            table[rate_name(column)] = values
+        notes = {**recording.metadata.notes, "calibration": self.identity or "unsaved"}
+        return recording.replace(table=table, metadata=dataclasses.replace(recording.metadata, pulse_arcsec=None, notes=notes))
+
+    def _with_pulse(self, recording: Recording) -> Recording:
+        pulses = [column for column in recording.gyro_columns if column.endswith("_pulses")]
+        if not pulses:
+            if self.gyro_axes is None:
+                raise InputError(
+                    f"{recording.name} holds no pulses ({', '.join(recording.gyro_columns)}); the calibration of a single gyro is "
+                    "the angle of its pulse; give the raw recording"
+                )
+            return recording
+        known = recording.metadata.pulse_arcsec
+        if self.pulse_arcsec is None:
+            return recording
+        if known is not None and abs(known / self.pulse_arcsec - 1.0) > PULSE_AGREEMENT:
+            raise InputError(
+                f"{recording.name} counts pulses of {known:g} arcsec, the calibration was made with {self.pulse_arcsec:g} arcsec; "
+                "they are not of one gyro"
+            )
+        return recording.replace(metadata=dataclasses.replace(recording.metadata, pulse_arcsec=self.pulse_arcsec))
+
+    def _triad_columns(self, recording: Recording) -> list[str]:
+        found = [[column for column in recording.gyro_columns if column.startswith(f"gyro_{axis}_")] for axis in AXES]
+        if any(len(columns) != 1 for columns in found):
+            raise InputError(
+                f"{recording.name} holds {', '.join(recording.gyro_columns)}; the calibration is of a triad and needs one each of "
+                "gyro_x_..., gyro_y_..., gyro_z_..."
+            )
+        return [columns[0] for columns in found]
+
+
+def triad_content(
+    found: TriadCalibration, recordings: list[Recording], remarks: list[str], version: str, made: str
+) -> dict[str, Any]:
+    """Content of the file of a triad's calibration."""
+    return {
+        "schema": SCHEMA,
+        "kind": "triad",
+        "made": made,
+        "version": version,
+        "unit": recordings[0].metadata.unit,
+        "pulse_arcsec": recordings[0].metadata.pulse_arcsec,
+        "gyro_axes": found.gyro_axes,
+        "latitude_deg": found.latitude_deg,
+        "parameters": found.to_frame().to_dict("records"),
+        "covariance": {"order": [parameter.name for parameter in GYRO], "values": found.covariance},
+        "accelerometer_residuals": dict(found.accelerometer.values),
+        "noise": dataclasses.asdict(found.noise) | {"angle_random_walk_estimated": found.noise_estimated},
+        "runs": [
+            {"run": run.name, "shows": run.shows, "hours": run.hours, "chi_squared_ratio": run.chi_squared_ratio}
+            for run in found.runs
+        ],
+        "remarks": remarks,
+    }
+
+
+def write_calibration(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Write a calibration file, whole or not at all."""
+    Calibration.from_mapping(json.loads(json.dumps(_checked(content))))
+    write_json(path, dict(content))
+
+
+def _checked(content: Mapping[str, Any]) -> dict[str, Any]:
+    keys = ("schema", "kind", "pulse_arcsec", "gyro_axes", "parameters", "bias_deg_h")
+    return {key: content[key] for key in keys if key in content}
+
+
+def _number(value: Any, name: str, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) and low <= value <= high):
+        raise InputError(f"{name} is {value!r}; it must be a number between {low:g} and {high:g}")
+    return float(value)

@@ -1,0 +1,71 @@
+r"""The first step of Liu 2019 as the paper has it: four states, a flat Earth that does not turn, white velocity noise.
+
+With the inner axis level, X_b starting downward, and phi the inner angle from the start (its sign lost and restored at reversals),
+
+.. math:: \delta V_E = g\,[\Delta k_z \textstyle\int \phi\, dt + \tfrac{1}{2} \varepsilon_z t^2], \qquad
+          \delta V_N = g\,[\beta_{gx} \textstyle\int (1 - \cos\phi)\, dt - \beta_{gy} \int \sin\phi\, dt].
+
+Printed, east and north stand exchanged, a minus is lost in beta_gy's term, and the scale factor's regressor is one power of T
+short. It is kept beside :mod:`rlgcomp.calibration.triad_calibration` to show what it leaves out: Earth's rotation, which carries an
+azimuth error into velocity, the table's tilt, the accelerometers' residuals, and that angle random walk, integrated twice, is
+not white.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp import frames, units
+from rlgcomp.calibration import strapdown
+from rlgcomp.calibration.recursive import printed_least_squares
+from rlgcomp.calibration.table_run import TableRun
+
+Array = npt.NDArray[np.float64]
+NAMES: Final = ("scale_z_ppm", "bias_z_deg_h", "beta_gx_arcsec", "beta_gy_arcsec")
+_SI: Final = np.array([1e-6, units.RAD_PER_DEG / units.SECONDS_PER_HOUR, units.RAD_PER_ARCSEC, units.RAD_PER_ARCSEC])
+
+
+def regressors(phi_rad: Array, step_s: float, gravity_m_s2: float) -> Array:
+    """H of the four states in SI units, shape (n, 2, 4); rows are the velocity's east and north.
+
+    Parameters
+    ----------
+    phi_rad : ndarray, shape (n,)
+        Inner angle from its start, at the end of each step.
+    step_s, gravity_m_s2 : float
+    """
+    t = step_s * np.arange(1, len(phi_rad) + 1)
+    before = np.r_[0.0, phi_rad[:-1]]
+
+    def integral(function: npt.ArrayLike, function_before: npt.ArrayLike) -> Array:
+        return np.asarray(np.cumsum(0.5 * (np.asarray(function) + np.asarray(function_before))) * step_s)
+
+    H = np.zeros((len(phi_rad), 2, 4))
+    H[:, 0, 0] = gravity_m_s2 * integral(phi_rad, before)
+    H[:, 0, 1] = 0.5 * gravity_m_s2 * t**2
+    H[:, 1, 2] = gravity_m_s2 * integral(1.0 - np.cos(phi_rad), 1.0 - np.cos(before))
+    H[:, 1, 3] = -gravity_m_s2 * integral(np.sin(phi_rad), np.sin(before))
+    return H
+
+
+def first_step(run: TableRun, *, every: int = 20) -> dict[str, float]:
+    """Scale factor, bias and misalignments of z by the paper's recursion, from a run with the inner axis level.
+
+    Parameters
+    ----------
+    run : TableRun
+    every : int
+        Samples between the velocities that the recursion takes up.
+    """
+    g = run.gravity_m_s2
+    earth = frames.earth_rate_n_rad_s(run.latitude_deg)
+    pushed = np.zeros_like(run.turned_rad) if run.pushed_m_s is None else run.pushed_m_s
+    C_bn = frames.table_attitude(*run.start())
+    velocity = strapdown.integrate(run.turned_rad, pushed, run.step_s, C_bn, earth, g).velocity_m_s[1:, :2]
+    phi = (run.inner_deg - run.start()[1]) * units.RAD_PER_DEG
+    H = regressors(phi, run.step_s, g)[every - 1 :: every]
+    found = printed_least_squares(H * _SI, velocity[every - 1 :: every], np.eye(4) * 1e12)
+    return dict(zip(NAMES, (float(value) for value in found), strict=True))

@@ -1,0 +1,151 @@
+r"""Strapdown integration of a triad at rest on the Earth but for rotation, and how its errors drive the result.
+
+Attitude and velocity follow from gyro increments :math:`\Delta\theta_k` and velocity increments :math:`\Delta v_k`,
+
+.. math::
+    \sigma_k &= \Delta\theta_k + \tfrac{1}{12} \Delta\theta_{k-1} \times \Delta\theta_k, \qquad
+    C_b^n(t) = e^{-\omega_{ie}^n \times t}\, C_b^n(0) \prod_k e^{\sigma_k \times} \\
+    \Delta V_k &= C_b^n \left[\Delta v_k + \tfrac{1}{2} \Delta\theta_k \times \Delta v_k
+        + \tfrac{1}{6} \Delta\theta_k \times (\Delta\theta_k \times \Delta v_k)
+        + \tfrac{1}{12} (\Delta\theta_{k-1} \times \Delta v_k + \Delta v_{k-1} \times \Delta\theta_k)\right] - g\, \Delta t
+
+with the coning and sculling terms of Savage. The triad does not move, so the integral of its specific force less gravity is error
+alone. With :math:`\tilde C = (I - [\varphi \times]) C`, and :math:`\delta\omega_b, \delta f_b` the errors of the instruments,
+
+.. math:: \dot\varphi = -\omega_{ie} \times \varphi - C_b^n\, \delta\omega_b, \qquad
+          \dot{\delta V} = f \times \varphi + C_b^n\, \delta f_b
+
+References
+----------
+P. G. Savage, "Strapdown inertial navigation integration algorithm design", J. Guid. Control Dyn. 21, 19 and 208 (1998).
+Z. Liu et al., Sensors 19, 4754 (2019), section 4, whose printed regressors hold for a flat Earth that does not turn.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp import frames
+from rlgcomp.triad import Parameter
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Trajectory:
+    """A strapdown solution.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n + 1,)
+        Since the start.
+    C_bi : ndarray, shape (n + 1, 3, 3)
+        Attitude with respect to the level frame as it stood at the start.
+    velocity_m_s : ndarray, shape (n + 1, 3)
+        East, north, up: integral of specific force less gravity.
+    turned_rad, pushed_m_s : ndarray, shape (n, 3)
+        The increments.
+    earth_rad_s : ndarray, shape (3,)
+    gravity_m_s2 : float
+    """
+
+    time_s: Array
+    C_bi: Array
+    velocity_m_s: Array
+    turned_rad: Array
+    pushed_m_s: Array
+    earth_rad_s: Array
+    gravity_m_s2: float
+
+
+def integrate(
+    turned_rad: Array, pushed_m_s: Array, step_s: float, C_bn: Array, earth_rad_s: Array, gravity_m_s2: float
+) -> Trajectory:
+    """Attitude and velocity from increments.
+
+    Parameters
+    ----------
+    turned_rad, pushed_m_s : ndarray, shape (n, 3)
+        Body increments over each sample.
+    step_s : float
+    C_bn : ndarray, shape (3, 3)
+        Attitude at the start.
+    earth_rad_s : ndarray, shape (3,)
+        Earth's rotation in the level frame.
+    gravity_m_s2 : float
+    """
+    before_turn = np.vstack([turned_rad[:1], turned_rad[:-1]])
+    before_push = np.vstack([pushed_m_s[:1], pushed_m_s[:-1]])
+    sigma = turned_rad + np.cross(before_turn, turned_rad) / 12.0
+    sideways = np.cross(turned_rad, pushed_m_s)
+    pushed = pushed_m_s + 0.5 * sideways + np.cross(turned_rad, sideways) / 6.0
+    pushed += (np.cross(before_turn, pushed_m_s) + np.cross(before_push, turned_rad)) / 12.0
+    turns = np.vstack([[1.0, 0.0, 0.0, 0.0], frames.running_product(frames.quaternion_of(sigma))])
+    C_bi: Array = C_bn @ frames.matrix_of(turns)
+    inertial = _turned(C_bi[:-1], pushed)
+    time_s = step_s * np.arange(len(turned_rad) + 1, dtype=np.float64)
+    level = _turned(earth_turn(earth_rad_s, time_s[:-1] + 0.5 * step_s), inertial)
+    level[:, 2] -= gravity_m_s2 * step_s
+    velocity: Array = np.vstack([np.zeros(3), np.cumsum(level, axis=0)])
+    return Trajectory(time_s, C_bi, velocity, turned_rad, pushed_m_s, earth_rad_s, gravity_m_s2)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensitivity:
+    """How a trajectory's attitude and velocity at some epochs follow from errors.
+
+    Parameters
+    ----------
+    tilt : ndarray, shape (epochs, 3, parameters)
+        Of phi in rad.
+    velocity : ndarray, shape (epochs, 3, parameters)
+        Of the velocity in m/s.
+    """
+
+    tilt: Array
+    velocity: Array
+
+
+def sensitivity(trajectory: Trajectory, every: int, gyro: Sequence[Parameter], accelerometer: Sequence[Parameter]) -> Sensitivity:
+    """Sensitivities to the gyro's parameters, then the accelerometer's, at every `every`-th sample, the start included.
+
+    The whole linear model is integrated, sample by sample: nothing is neglected but squares of the errors.
+    """
+    n = len(trajectory.turned_rad)
+    step_s = float(trajectory.time_s[1])
+    middle = 0.5 * (trajectory.C_bi[:-1] + trajectory.C_bi[1:])
+    turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s)
+    half_turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s[:-1] + 0.5 * step_s)
+    epochs = n // every + 1
+    total = len(gyro) + len(accelerometer)
+    tilt, velocity = np.zeros((epochs, 3, total)), np.zeros((epochs, 3, total))
+    for column, parameter in enumerate(gyro):
+        drive = trajectory.turned_rad[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
+        summed = np.zeros((n + 1, 3))
+        np.cumsum(middle[:, :, parameter.row] * (-parameter.si * drive)[:, None], axis=0, out=summed[1:])
+        phi = _turned(turn, summed)
+        tilt[:, :, column] = phi[::every]
+        pushed = np.zeros((n + 1, 2))
+        np.cumsum(0.5 * (phi[1:, :2] + phi[:-1, :2]), axis=0, out=pushed[1:])
+        pushed *= trajectory.gravity_m_s2 * step_s
+        velocity[:, 0, column], velocity[:, 1, column] = -pushed[::every, 1], pushed[::every, 0]
+    for column, parameter in enumerate(accelerometer, start=len(gyro)):
+        drive = trajectory.pushed_m_s[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
+        level = _turned(half_turn, middle[:, :, parameter.row] * (parameter.si * drive)[:, None])
+        summed = np.zeros((n + 1, 3))
+        np.cumsum(level, axis=0, out=summed[1:])
+        velocity[:, :, column] = summed[::every]
+    return Sensitivity(tilt, velocity)
+
+
+def earth_turn(earth_rad_s: Array, time_s: npt.ArrayLike) -> Array:
+    """exp(-[omega_ie x] t): from the level frame at the start to the level frame at t."""
+    return frames.matrix_of(frames.quaternion_of(-np.multiply.outer(np.asarray(time_s, dtype=np.float64), earth_rad_s)))
+
+
+def _turned(matrices: Array, vectors: Array) -> Array:
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])

@@ -1,0 +1,199 @@
+"""From recordings on a table to a calibration: what was found, how sure, and what these runs cannot say."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+import rlgcomp
+from rlgcomp import units
+from rlgcomp.calibration import triad_filter as tf
+from rlgcomp.calibration.file import triad_content
+from rlgcomp.calibration.rate_bias import RateBias, rate_bias, unseparated
+from rlgcomp.calibration.table_run import TableRun
+from rlgcomp.calibration.triad_calibration import SEEN, TriadCalibration, calibrate_triad, joint_information
+from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.rate_table import Triad
+from rlgcomp.triad import GYRO, TriadErrors
+
+CHI_SQUARED_RATIO: Final = (0.8, 1.25)
+ALTERNATIVES: Final = ("step-3", "step-3-slow-outer", "step-3-modulated")
+_LATITUDE_ERROR_DEG: Final = 0.005
+_MOST_NOISE: Final = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class TableCalibration:
+    """A calibration with what there is to say about it.
+
+    Parameters
+    ----------
+    triad : TriadCalibration
+    rate_biases : tuple of RateBias
+        By run.
+    observability : pandas.DataFrame
+        By run and for all together: parameters determined, condition number of the information on those.
+    alternatives : pandas.DataFrame
+        Standard deviations that other third steps would reach with this triad's noise; empty unless rate bias is violated.
+    remarks : list of str
+    content : mapping
+        Of the calibration file.
+    """
+
+    triad: TriadCalibration
+    rate_biases: tuple[RateBias, ...]
+    observability: pd.DataFrame
+    alternatives: pd.DataFrame
+    remarks: list[str]
+    content: dict[str, Any]
+
+
+def calibrate_recordings(
+    recordings: Sequence[Recording],
+    *,
+    gyro_axes: str | None = None,
+    latitude_deg: float | None = None,
+    angle_random_walk_deg_sqrt_h: float | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> TableCalibration:
+    """Calibrate a triad from recordings; see :func:`rlgcomp.calibration.triad_calibration.calibrate_triad`.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    gyro_axes : str, optional
+    latitude_deg : float, optional
+        Of the table, where the recordings do not say.
+    angle_random_walk_deg_sqrt_h : float, optional
+        Of the gyros; by default estimated.
+    progress : callable
+
+    Raises
+    ------
+    InputError
+        Something is missing or disagrees; the message says what to do.
+    """
+    noise = None
+    if angle_random_walk_deg_sqrt_h is not None:
+        if not 0.0 < angle_random_walk_deg_sqrt_h < _MOST_NOISE:
+            raise InputError(f"the angle random walk is {angle_random_walk_deg_sqrt_h} deg/sqrt(h); it must lie between 0 and 1")
+        noise = tf.Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
+    if latitude_deg is not None:
+        recordings = [
+            recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg))
+            for recording in recordings
+        ]
+    runs = [TableRun.of(recording, gyro_axes=gyro_axes) for recording in recordings]
+    triad = calibrate_triad(runs, noise=noise, progress=progress)
+    biases = tuple(rate_bias(run) for run in runs)
+    alternatives = predicted(triad.noise, triad.latitude_deg) if any(bias.violated for bias in biases) else pd.DataFrame()
+    observability = _observability(triad)
+    remarks = _remarks(triad, biases, alternatives)
+    made = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    content = triad_content(triad, list(recordings), remarks, rlgcomp.__version__, made)
+    content["observability"] = observability.to_dict("records")
+    content["rate_bias"] = [dataclasses.asdict(bias) | {"violated": bias.violated} for bias in biases]
+    return TableCalibration(triad, biases, observability, alternatives, remarks, content)
+
+
+def predicted(noise: tf.Noise, latitude_deg: float, thirds: Sequence[str] = ALTERNATIVES) -> pd.DataFrame:
+    """Standard deviations that the first two steps and each of the third steps would reach with a triad of this noise.
+
+    The programmes are simulated without errors and noise: the filter's covariance does not depend on them.
+    """
+    silent = Triad(
+        angle_random_walk_deg_sqrt_h=0.0,
+        velocity_random_walk_ug_sqrt_hz=0.0,
+        velocity_noise_m_s=0.0,
+        whole_pulses=False,
+        latitude_deg=latitude_deg,
+        encoder_arcsec=0.0,
+    )
+    shared = [_information(silent, step, noise)[1] for step in ("step-1", "step-2")]
+    rows = []
+    for third in thirds:
+        run, information = _information(silent, third, noise)
+        joint, _ = joint_information([*shared, information], noise, TriadErrors())
+        bias = rate_bias(run)
+        rows.append(
+            {"third step": third, "slowest_deg_s": bias.slowest_deg_s, "crossings": max(bias.crossings)}
+            | dict(zip((parameter.name for parameter in GYRO), np.sqrt(np.diag(joint.covariance())), strict=False))
+        )
+    return pd.DataFrame(rows)
+
+
+def _information(triad: Triad, programme: str, noise: tf.Noise) -> tuple[TableRun, tf.RunInformation]:
+    run = TableRun.of(triad.simulate(programme, name=programme))
+    if run.shows == "rate":
+        return run, tf.rate_information(run, TriadErrors(), noise)
+    tilt = np.zeros(tf.START)
+    return run, tf.velocity_information(tf.linearise(run, TriadErrors(), tilt), noise, tilt)
+
+
+def _observability(triad: TriadCalibration) -> pd.DataFrame:
+    rows = []
+    everything = np.sum([run.information for run in triad.runs], axis=0)
+    for name, information in [*((run.name, run.information) for run in triad.runs), ("all runs", everything)]:
+        sd = np.sqrt(np.diag(np.linalg.inv(information + np.eye(len(GYRO)))))  # in the prior's standard deviations
+        seen = sd < SEEN
+        values = np.linalg.eigvalsh(information[np.ix_(seen, seen)]) if seen.any() else np.ones(1)
+        rows.append(
+            {
+                "run": name,
+                "determines": ", ".join(parameter.symbol for parameter, there in zip(GYRO, seen, strict=True) if there)
+                or "nothing",
+                "condition number": float(np.sqrt(values[-1] / max(values[0], 1e-300))),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: pd.DataFrame) -> list[str]:
+    remarks = []
+    source = "estimated from these runs" if triad.noise_estimated else "as given"
+    remarks.append(f"angle random walk {triad.noise.angle_random_walk_deg_sqrt_h:.3g} deg/sqrt(h), {source}")
+    unseen = [parameter.symbol for parameter, seen in zip(GYRO, triad.seen, strict=True) if not seen]
+    if unseen:
+        remarks.append(
+            f"these runs do not show {', '.join(unseen)}: taken as zero; the inner axis turned level shows Δk_z, ε_z, β; "
+            "turned upright ε_x, ε_y; both axes turned Δk_x, Δk_y, α, δ"
+        )
+    remarks += [str(bias) for bias in biases if bias.violated]
+    for row in alternatives.to_dict("records"):
+        remarks.append(
+            f"third step {row['third step']}: slowest gyro {row['slowest_deg_s']:.1f} deg/s, {row['crossings']:.0f} passages, "
+            f"would give Δk_x to {row['scale_x_ppm']:.2g} ppm and α to {row['alpha_gy_arcsec']:.2g} arcsec without lock-in"
+        )
+    for run in triad.runs:
+        ratio = run.chi_squared_ratio
+        if np.isfinite(ratio) and not CHI_SQUARED_RATIO[0] < ratio < CHI_SQUARED_RATIO[1]:
+            cause = (
+                "noise is larger than assumed, or something is not in the model (vibration, flexing)"
+                if ratio > 1.0
+                else "noise is smaller"
+            )
+            remarks.append(
+                f"{run.name}: chi² is {ratio:.2f} of what is expected: {cause}; standard deviations are off by {ratio**0.5:.2f}"
+            )
+    if any(triad.seen[-4:]):
+        remarks.append(
+            "β and δ refer to the accelerometers' axes: their standard deviations hold "
+            f"{triad.noise.accelerometer['arcsec']:.3g} arcsec for what the accelerometers were calibrated to"
+        )
+    if triad.seen[6]:
+        remarks.append(
+            "α_gy is the whole sum m12 + m21: gyros alone cannot tell the two apart; the body's x-z plane holds the x gyro"
+        )
+    names = [parameter.symbol for parameter in GYRO]
+    seen_rows = np.flatnonzero(triad.seen)
+    remarks += unseparated(triad.covariance[np.ix_(seen_rows, seen_rows)], [names[k] for k in seen_rows])
+    if triad.seen[5]:
+        shift = units.EARTH_RATE_DEG_H * np.sin(np.deg2rad(triad.latitude_deg)) * np.deg2rad(_LATITUDE_ERROR_DEG)
+        remarks.append(f"a latitude wrong by {_LATITUDE_ERROR_DEG} deg shifts ε_z by {shift:.2g} deg/h")
+    return remarks

@@ -1,0 +1,208 @@
+"""A recording of a triad on a two-axis table, made ready for calibration: body increments, encoders, what it is good for."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp import frames, units
+from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+
+Array = npt.NDArray[np.float64]
+AXES: Final = "xyz"
+STILL_DEG: Final = 1.0
+LEAST_RATE_DEG_S: Final = 0.1
+GRAVITY_M_S2: Final = (9.7, 9.9)
+WORST_AGREEMENT: Final = 0.02
+_AGREEMENT_WINDOW_S: Final = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class TableRun:
+    """One run on the table.
+
+    Parameters
+    ----------
+    name : str
+    step_s : float
+    turned_rad : ndarray, shape (n, 3)
+        Gyro increments, taken from the sensitive axes to the body by their nominal geometry.
+    pushed_m_s : ndarray, shape (n, 3), or None
+        Velocity increments of the accelerometers.
+    outer_deg, inner_deg : ndarray, shape (n,)
+        Encoders at the end of each sample, running on.
+    gyro_axes : str
+        "oblique" or "orthogonal".
+    latitude_deg : float
+    angle_noise_arcsec : float
+        White noise of each gyro's accumulated angle from counting whole pulses.
+    """
+
+    name: str
+    step_s: float
+    turned_rad: Array
+    pushed_m_s: Array | None
+    outer_deg: Array
+    inner_deg: Array
+    gyro_axes: str
+    latitude_deg: float
+    angle_noise_arcsec: float = 0.0
+
+    @classmethod
+    def of(cls, recording: Recording, *, gyro_axes: str | None = None) -> TableRun:
+        """From a recording.
+
+        Parameters
+        ----------
+        recording : Recording
+            Columns `gyro_x_...`, `gyro_y_...`, `gyro_z_...`, `angle_inner_deg`, `angle_outer_deg`, and for all that velocity shows
+            `accel_x_m_s` (or `_m_s2`) and its fellows; metadata `latitude_deg`.
+        gyro_axes : {"oblique", "orthogonal"}, optional
+            By default whichever agrees with the encoders.
+
+        Raises
+        ------
+        InputError
+            A column or the latitude is missing, there are gaps, the table stands still, or gyros and encoders disagree.
+        """
+        if recording.metadata.latitude_deg is None:
+            raise InputError(f"{recording.name}: the latitude is not known, and with it Earth's rotation; give --latitude DEG")
+        for column in ("angle_inner_deg", "angle_outer_deg"):
+            if column not in recording:
+                raise InputError(
+                    f"{recording.name} has no column {column}; a triad is calibrated on a table with two encoders; "
+                    f"map it with --map {column}=NAME; the columns are {', '.join(recording.columns)}"
+                )
+        if len(recording.gaps):
+            raise InputError(
+                f"{recording.name}: {len(recording.gaps)} gaps in time, the first after row {recording.gaps[0]}; attitude cannot "
+                "be integrated across a gap; calibrate on RUN@START:STOP without one"
+            )
+        step_s = recording.period_s
+        columns = [_gyro(recording, axis) for axis in AXES]
+        rates = [recording.rate_deg_h(column) for column in columns]
+        axes_rad = np.stack(rates, axis=1) * (units.RAD_PER_DEG / units.SECONDS_PER_HOUR * step_s)
+        outer, inner = recording.column("angle_outer_deg"), recording.column("angle_inner_deg")
+        if max(np.ptp(inner), np.ptp(outer)) < 360.0:
+            raise InputError(
+                f"{recording.name}: the table turns by less than a revolution ({np.ptp(inner):.1f} deg inner, {np.ptp(outer):.1f} "
+                "deg outer); rate-biased gyros are calibrated turning; for a gyro at rest use rlgcomp allan"
+            )
+        chosen = _agreeing_axes(recording.name, axes_rad, outer, inner, step_s, gyro_axes)
+        return cls(
+            name=recording.name,
+            step_s=step_s,
+            turned_rad=axes_rad @ frames.GYRO_AXES[chosen].T,
+            pushed_m_s=_pushed(recording, step_s),
+            outer_deg=outer,
+            inner_deg=inner,
+            gyro_axes=chosen,
+            latitude_deg=recording.metadata.latitude_deg,
+            angle_noise_arcsec=_counting_noise_arcsec(recording, columns),
+        )
+
+    @property
+    def shows(self) -> Literal["rate", "velocity"]:
+        """What is compared with the truth: mean rates where the inner axis stands upright or nothing else is there, else velocity.
+
+        About an upright axis that does not move the accelerometers see nothing of the gyros, but each horizontal gyro's bias is its
+        mean rate: Earth's rotation averages out over a turn.
+        """
+        if self.pushed_m_s is None:
+            if np.ptp(self.outer_deg) > STILL_DEG:
+                raise InputError(
+                    f"{self.name}: both axes turn and there are no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...); nothing "
+                    "shows the errors then; record them, or leave this run out"
+                )
+            return "rate"
+        upright = abs(math.cos(float(np.mean(self.outer_deg)) * units.RAD_PER_DEG)) > 0.9
+        return "rate" if np.ptp(self.outer_deg) < STILL_DEG and upright else "velocity"
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """Gravity where the table stands, from the accelerometers: they are calibrated, and nothing but rotation moves them.
+
+        Raises
+        ------
+        InputError
+            They show nothing like gravity.
+        """
+        if self.pushed_m_s is None:
+            raise InputError(f"{self.name} has no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...)")
+        gravity = float(np.mean(np.linalg.norm(self.pushed_m_s, axis=1))) / self.step_s
+        if not GRAVITY_M_S2[0] < gravity < GRAVITY_M_S2[1]:
+            raise InputError(
+                f"{self.name}: the accelerometers show {gravity:.4g} m/s^2 in the mean instead of gravity; check their unit "
+                "(accel_x_m_s2 is specific force, accel_x_m_s the velocity increment over a sample)"
+            )
+        return gravity
+
+    @property
+    def inner_middle_rad(self) -> Array:
+        """Inner angle in the middle of each sample, where its mean rate belongs."""
+        before = np.r_[self.start()[1], self.inner_deg[:-1]]
+        return np.asarray(0.5 * units.RAD_PER_DEG * (before + self.inner_deg))
+
+    def start(self) -> tuple[float, float]:
+        """Outer and inner angle in deg at the start of the first sample."""
+        return float(2.0 * self.outer_deg[0] - self.outer_deg[1]), float(2.0 * self.inner_deg[0] - self.inner_deg[1])
+
+
+def _gyro(recording: Recording, axis: str) -> str:
+    found = [column for column in recording.gyro_columns if column.startswith(f"gyro_{axis}_")]
+    if not found:
+        raise InputError(
+            f"{recording.name} has no gyro_{axis}_pulses (or gyro_{axis}_deg_h); a triad has three gyros; it has "
+            f"{', '.join(recording.gyro_columns)}; for a single gyro use rlgcomp scale-factor"
+        )
+    return found[0]
+
+
+def _counting_noise_arcsec(recording: Recording, columns: list[str]) -> float:
+    """A pulse over sqrt(12), where whole pulses are counted."""
+    if not all(column.endswith("_pulses") for column in columns) or recording.metadata.pulse_arcsec is None:
+        return 0.0
+    whole = all(np.array_equal(counts, np.rint(counts)) for counts in map(recording.column, columns))
+    return recording.metadata.pulse_arcsec / math.sqrt(12.0) if whole else 0.0
+
+
+def _pushed(recording: Recording, step_s: float) -> Array | None:
+    if all(f"accel_{axis}_m_s" in recording for axis in AXES):
+        return np.stack([recording.column(f"accel_{axis}_m_s") for axis in AXES], axis=1)
+    if all(f"accel_{axis}_m_s2" in recording for axis in AXES):
+        return np.stack([recording.column(f"accel_{axis}_m_s2") for axis in AXES], axis=1) * step_s
+    return None
+
+
+def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_s: float, wanted: str | None) -> str:
+    """The geometry whose body rates are the table's, within 2 %."""
+    if wanted is not None and wanted not in frames.GYRO_AXES:
+        raise InputError(f"gyro axes are {wanted!r}; allowed are {', '.join(frames.GYRO_AXES)}")
+    every = max(1, round(_AGREEMENT_WINDOW_S / step_s))
+    windows = (len(inner) - 1) // every
+    ends = np.arange(windows + 1) * every
+    middle = ends[:-1] + every // 2
+    phi = inner[middle] * units.RAD_PER_DEG
+    outer_rate, inner_rate = (np.diff(angle[ends]) / (every * step_s) for angle in (outer, inner))
+    table = np.stack([outer_rate * np.sin(phi), outer_rate * np.cos(phi), inner_rate], axis=1)
+    if np.sqrt(np.mean(table**2)) < LEAST_RATE_DEG_S:
+        raise InputError(f"{name}: the table turns at less than {LEAST_RATE_DEG_S} deg/s; rate-biased gyros are calibrated turning")
+    turned = axes_rad[1 : windows * every + 1].reshape(windows, every, 3).sum(axis=1)
+    gyros = turned / (units.RAD_PER_DEG * every * step_s)
+    misfit = {
+        key: float(np.sqrt(np.mean((gyros @ matrix.T - table) ** 2) / np.mean(table**2)))
+        for key, matrix in frames.GYRO_AXES.items()
+        if wanted in (None, key)
+    }
+    best = min(misfit, key=misfit.__getitem__)
+    if misfit[best] > WORST_AGREEMENT:
+        raise InputError(
+            f"{name}: the gyros disagree with the encoders by {100 * misfit[best]:.3g} % even when taken as {best}; check the "
+            "order and signs of the axes, pulse_arcsec, and which encoder is inner and outer"
+        )
+    return best

@@ -1,0 +1,266 @@
+r"""Calibration of a triad on a two-axis table: bias, scale factors, misalignments, with standard errors that are true.
+
+Liu's three steps are three runs: the inner axis turned level (scale factor and bias of z, its misalignments), turned upright
+(biases of x and y), and both axes turned (the other scale factors and angles). Their information adds up, whatever their order: the
+joint estimate is
+
+.. math:: \hat p = \arg\min \sum_r \|R_r\, (\varphi_{0,r}, p) - z_r\|^2 + \|(p - p_0) / \sigma_0\|^2
+
+with the rows of :mod:`rlgcomp.calibration.triad_filter`. The linear model neglects squares of the errors, which one Gauss-Newton
+pass restores: the runs are integrated again with the estimate taken out.
+
+Source: Z. Liu et al., Sensors 19, 4754 (2019), section 4; its regressors are replaced by the whole linear model, its recursion by a
+square-root information filter (:mod:`rlgcomp.calibration.recursive` keeps the printed one beside it).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp import units
+from rlgcomp.calibration import triad_filter as tf
+from rlgcomp.calibration.recursive import SquareRootInformation
+from rlgcomp.calibration.strapdown import Sensitivity
+from rlgcomp.calibration.table_noise import angle_random_walk_deg_sqrt_h
+from rlgcomp.calibration.table_run import TableRun
+from rlgcomp.errors import InputError
+from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
+
+Array = npt.NDArray[np.float64]
+PRIOR_SD: Final = {"ppm": 1e4, "deg/h": 100.0, "arcsec": 7200.0}
+SEEN: Final = 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class TriadCalibration:
+    """What a calibration found.
+
+    Parameters
+    ----------
+    errors : TriadErrors
+        Of the gyros; what no run shows is zero.
+    covariance : ndarray, shape (11, 11)
+        In the order of `GYRO`, parameters' own units.
+    seen : tuple of bool
+        Whether the runs determine each parameter to better than a hundredth of what was open before.
+    gyro_axes : str
+    latitude_deg : float
+    noise : Noise
+        Taken or estimated.
+    noise_estimated : bool
+        Whether the angle random walk was estimated from these runs.
+    accelerometer : TriadErrors
+        Residuals of the accelerometers, as far as these runs show them.
+    runs : tuple of RunResult
+    curves : pandas.DataFrame
+        How estimates and standard deviations settle: columns run, time_s, one a parameter, one a parameter `_sd`.
+    """
+
+    errors: TriadErrors
+    covariance: Array
+    seen: tuple[bool, ...]
+    gyro_axes: str
+    latitude_deg: float
+    noise: tf.Noise
+    noise_estimated: bool
+    accelerometer: TriadErrors
+    runs: tuple[RunResult, ...]
+    curves: pd.DataFrame
+
+    @property
+    def sd(self) -> Array:
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a parameter: value, standard deviation, unit."""
+        return pd.DataFrame(
+            {
+                "parameter": [parameter.name for parameter in GYRO],
+                "symbol": [parameter.symbol for parameter in GYRO],
+                "value": self.errors.vector(),
+                "sd": self.sd,
+                "unit": [parameter.unit for parameter in GYRO],
+                "seen": self.seen,
+            }
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class RunResult:
+    """One run of a calibration.
+
+    Parameters
+    ----------
+    name : str
+    shows : {"rate", "velocity"}
+    hours : float
+    chi_squared_ratio : float
+        Of the velocity's innovations to their expectation: near one where noise and model are right. NaN for mean rates.
+    information : ndarray, shape (11, 11)
+        That this run alone holds on the gyros' parameters, in units of the prior's standard deviations.
+    time_s, before_m_s, after_m_s : ndarray
+        Horizontal velocity error (east, north) of a navigator that uses the raw and the calibrated gyros, shape (n, 2).
+    """
+
+    name: str
+    shows: str
+    hours: float
+    chi_squared_ratio: float
+    information: Array
+    time_s: Array
+    before_m_s: Array
+    after_m_s: Array
+
+
+def calibrate_triad(
+    runs: Sequence[TableRun],
+    *,
+    noise: tf.Noise | None = None,
+    passes: int = 2,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> TriadCalibration:
+    """Calibrate a triad.
+
+    Parameters
+    ----------
+    runs : sequence of TableRun
+        In the order in which the settling of the estimates is to be shown.
+    noise : Noise, optional
+        By default the angle random walk is estimated from the runs in which only the inner axis turns; the rest is typical.
+    passes : int
+        Linear solutions; the second is the Gauss-Newton pass.
+    progress : callable
+        Called with passes over runs done and in all.
+
+    Raises
+    ------
+    InputError
+        No runs, or runs of different latitude or gyro geometry.
+    """
+    _check(runs)
+    total, done = passes * len(runs), 0
+    estimated = noise is None
+    settings = noise or tf.Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h(runs))
+    errors = TriadErrors()
+    tilts = [np.zeros(tf.START) for _ in runs]
+    known: list[Sensitivity | None] = [None for _ in runs]
+    for number in range(passes):
+        linear = []
+        for k, run in enumerate(runs):
+            linear.append(tf.linearise(run, errors, tilts[k], known[k]) if run.shows == "velocity" else None)
+            done += 1
+            progress(done, total)
+        known = [None if part is None else part.sensitivity for part in linear]
+        informations = [
+            tf.rate_information(run, errors, settings) if part is None else tf.velocity_information(part, settings, tilt)
+            for run, part, tilt in zip(runs, linear, tilts, strict=True)
+        ]
+        joint, found_tilts = joint_information(informations, settings, errors)
+        if number == 0:
+            before = linear
+        found = joint.estimate(tf.CONSTANTS)
+        errors = TriadErrors.of(errors.vector() + found[: len(GYRO)])
+        tilts = [tilt + more for tilt, more in zip(tilts, found_tilts, strict=True)]
+    covariance = joint.covariance(tf.CONSTANTS)[: len(GYRO), : len(GYRO)]
+    prior = _prior_sd(settings)[: len(GYRO)]
+    seen = np.sqrt(np.diag(covariance)) < SEEN * prior
+    offset = errors.vector() - found[: len(GYRO)]
+    return TriadCalibration(
+        errors=TriadErrors.of(np.where(seen, errors.vector(), 0.0)),
+        covariance=covariance,
+        seen=tuple(bool(value) for value in seen),
+        gyro_axes=runs[0].gyro_axes,
+        latitude_deg=runs[0].latitude_deg,
+        noise=settings,
+        noise_estimated=estimated,
+        accelerometer=TriadErrors.of(found[len(GYRO) :], ACCELEROMETER),
+        runs=tuple(
+            _result(run, first, information, found, errors, tilt, prior)
+            for run, first, information, tilt in zip(runs, before, informations, tilts, strict=True)
+        ),
+        curves=_curves(runs, informations, settings, offset),
+    )
+
+
+def _check(runs: Sequence[TableRun]) -> None:
+    if not runs:
+        raise InputError("no runs to calibrate on; give at least one recording of a triad on a table")
+    for attribute, what in (("gyro_axes", "geometry of the gyros"), ("latitude_deg", "latitude")):
+        values = sorted({str(getattr(run, attribute)) for run in runs})
+        if len(values) > 1:
+            raise InputError(
+                f"the runs differ in the {what}: {', '.join(values)}; calibrate runs of one triad at one place together"
+            )
+
+
+def _prior_sd(noise: tf.Noise) -> Array:
+    return np.array([PRIOR_SD[p.unit] for p in GYRO] + [noise.accelerometer[p.unit] for p in ACCELEROMETER])
+
+
+def joint_information(
+    informations: Sequence[tf.RunInformation], noise: tf.Noise, errors: TriadErrors
+) -> tuple[SquareRootInformation, list[Array]]:
+    """All runs' rows on the constants together, less what `errors` took out of the gyros; and each run's tilt at the start."""
+    mean = np.r_[-errors.vector(), np.zeros(len(ACCELEROMETER))]
+    joint = SquareRootInformation.prior(mean, _prior_sd(noise))
+    for information in informations:
+        alone = SquareRootInformation(information.R, information.z).last(tf.CONSTANTS)
+        joint.measure(alone.R, alone.z)
+    constants = joint.estimate()
+    tilts = [information.solve_tilt(constants) for information in informations]
+    return joint, tilts
+
+
+def _curves(runs: Sequence[TableRun], informations: Sequence[tf.RunInformation], noise: tf.Noise, offset: Array) -> pd.DataFrame:
+    names = [parameter.name for parameter in GYRO]
+    so_far = SquareRootInformation.prior(np.r_[-offset, np.zeros(len(ACCELEROMETER))], _prior_sd(noise))
+    rows = []
+    for run, information in zip(runs, informations, strict=True):
+        for time_s, R, z in information.curve:
+            now = SquareRootInformation(so_far.R, so_far.z)
+            now.measure(R, z)
+            values = now.estimate()[: len(GYRO)] + offset
+            sds = np.sqrt(np.diag(now.covariance()))[: len(GYRO)]
+            rows.append(
+                {"run": run.name, "time_s": time_s, **dict(zip(names, values, strict=True))}
+                | {f"{name}_sd": sd for name, sd in zip(names, sds, strict=True)}
+            )
+        alone = SquareRootInformation(information.R, information.z).last(tf.CONSTANTS)
+        so_far.measure(alone.R, alone.z)
+    return pd.DataFrame(rows)
+
+
+def _result(
+    run: TableRun,
+    before: tf.Linearised | None,
+    information: tf.RunInformation,
+    constants: Array,
+    errors: TriadErrors,
+    tilt: Array,
+    prior: Array,
+) -> RunResult:
+    alone = SquareRootInformation(information.R, information.z).last(tf.CONSTANTS)
+    R = alone.R[:, : len(GYRO)] * prior
+    hours = len(run.turned_rad) * run.step_s / units.SECONDS_PER_HOUR
+    empty = np.zeros((0, 2))
+    if before is None:
+        return RunResult(run.name, "rate", hours, float("nan"), R.T @ R, np.zeros(0), empty, empty)
+    after = tf.linearise(run, errors, tilt, before.sensitivity)
+    epochs = slice(None, None, before.every)
+    freedom = information.measurements - int(np.linalg.matrix_rank(information.R))
+    return RunResult(
+        run.name,
+        "velocity",
+        hours,
+        information.misfit(constants) / max(1, freedom),
+        R.T @ R,
+        before.trajectory.time_s[epochs],
+        before.trajectory.velocity_m_s[epochs, :2],
+        after.trajectory.velocity_m_s[epochs, :2],
+    )

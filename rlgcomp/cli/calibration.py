@@ -1,0 +1,92 @@
+"""Commands on turntable runs: calibrate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, say
+from rlgcomp.cli.show import show_json, show_table
+
+
+@command("calibrate")
+def calibrate(
+    runs: Runs,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="CAL.json", help="Calibration file to write.")],
+    report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Folder for report.html and curves.csv.")] = None,
+    gyro_axes: Annotated[
+        str | None, typer.Option(help="oblique or orthogonal; by default whichever agrees with the encoders.")
+    ] = None,
+    latitude_deg: Annotated[float | None, typer.Option("--latitude", help="Of the table, where the files do not say.")] = None,
+    angle_random_walk: Annotated[
+        float | None, typer.Option("--angle-random-walk", help="N of the gyros in deg/sqrt(h); by default estimated from the runs.")
+    ] = None,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    as_json: AsJson = False,
+) -> None:
+    """Bias, scale factors and misalignments of a triad from runs on a two-axis table (three steps, or any others).
+
+    A run with the inner axis level shows scale factor, bias and misalignments of z, one with it upright the biases of x and y, one
+    with both axes turning the rest. Runs need `angle_inner_deg`, `angle_outer_deg`, three gyros and three accelerometers.
+
+    Example: `rlgcomp calibrate step1.parquet step2.parquet step3.parquet --out unit-17.json --report calibration`
+    """
+    from rlgcomp.calibration.file import write_calibration
+    from rlgcomp.calibration.table_calibration import calibrate_recordings
+    from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.report.calibration import write_calibration_report
+
+    require_writable(out)
+    if report is not None:
+        require_writable(report)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    with progress("calibrating") as advance:
+        found = calibrate_recordings(
+            recordings,
+            gyro_axes=gyro_axes,
+            latitude_deg=latitude_deg,
+            angle_random_walk_deg_sqrt_h=angle_random_walk,
+            progress=advance,
+        )
+    if report is not None:
+        with whole_folder(report, ours="report.html") as folder:
+            write_calibration_report(folder, found)
+    write_calibration(out, found.content)
+    if as_json:
+        show_json(found.content)
+        return
+    frame = found.triad.to_frame()
+    show_table(
+        f"{found.triad.gyro_axes} triad, {len(recordings)} runs",
+        [
+            {
+                "parameter": row.parameter,
+                "": row.symbol,
+                "value": f"{row.value:.5g}" if row.seen else "not seen by these runs",
+                "sd": f"{row.sd:.2g}",
+                "unit": row.unit,
+            }
+            for row in frame.itertuples()
+        ],
+    )
+    show_table(
+        "Runs",
+        [
+            {
+                "run": run.name,
+                "compared": "mean rate" if run.shows == "rate" else "velocity",
+                "hours": run.hours,
+                "chi²/dof": "" if run.shows == "rate" else f"{run.chi_squared_ratio:.2f}",
+                "velocity error before, m/s": "" if run.shows == "rate" else f"{abs(run.before_m_s).max():.3g}",
+                "after": "" if run.shows == "rate" else f"{abs(run.after_m_s).max():.2g}",
+            }
+            for run in found.triad.runs
+        ],
+    )
+    for remark in found.remarks:
+        typer.echo(f"- {remark}")
+    say(f"{out}: written; give it to train, evaluate and compensate with --calibration {out}")

@@ -1,0 +1,115 @@
+"""Commands on noise: allan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PeriodS, PulseArcsec, command, progress, read_runs, say
+from rlgcomp.cli.show import show_json, show_table
+
+
+@command("allan")
+def allan(
+    run: Annotated[
+        str,
+        typer.Argument(metavar="RUN", help="Recording at rest or at constant rate. RUN@START:STOP takes an interval in seconds."),
+    ],
+    gyro: Gyro = None,
+    estimator: Annotated[str, typer.Option(help="overlapping, plain, hadamard or plain-hadamard.")] = "overlapping",
+    tau: Annotated[str | None, typer.Option(help="Averaging times in s, as 1,10,100.")] = None,
+    per_decade: Annotated[
+        float, typer.Option(min=0.5, max=1000.0, help="Averaging times a decade, where --tau is not given.")
+    ] = 10.0,
+    confidence: Annotated[float, typer.Option(help="Probability of the intervals.")] = 0.683,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for allan.csv, coefficients.json and allan.png.")
+    ] = None,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
+    as_json: AsJson = False,
+) -> None:
+    """Allan deviation of every gyro, the noise coefficients with their standard errors, and what the curve says.
+
+    Columns accel_... are compared with the gyros: they tell motion of the base from noise.
+
+    Example: `rlgcomp allan static.parquet --per-decade 5 --out noise`
+    """
+    from rlgcomp.files import require_writable
+    from rlgcomp.noise_analysis import analyse_noise
+
+    taus = None if tau is None else _times(tau)
+    if out is not None:
+        require_writable(out)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
+    columns = recording.gyro_columns if gyro is None else (recording.gyro_column(gyro),)
+    analyses = []
+    with progress("gyros", len(columns)) as advance:
+        for done, column in enumerate(columns, start=1):
+            analyses.append(
+                analyse_noise(recording, column, taus, estimator=estimator, confidence=confidence, per_decade=per_decade)  # type: ignore[arg-type]  # checked there
+            )
+            advance(done, len(columns))
+    if out is not None:
+        _write(out, analyses, recording.name)
+    if as_json:
+        show_json([analysis.to_mapping() for analysis in analyses])
+        return
+    for analysis in analyses:
+        _show(analysis)
+    if out is not None:
+        say(f"{out / 'allan.png'}: written, with allan.csv and coefficients.json")
+
+
+def _show(analysis: Any) -> None:
+    table = analysis.deviation.to_frame().rename(
+        columns={
+            "tau_s": "tau, s",
+            "deviation_deg_h": "deviation, deg/h",
+            "lower_deg_h": "from",
+            "upper_deg_h": "to",
+            "edf": "degrees of freedom",
+        }
+    )
+    show_table(
+        f"{analysis.gyro}: {analysis.deviation.estimator} estimator, mean {analysis.mean_deg_h:.6g} deg/h", table.to_dict("records")
+    )
+    typer.echo()
+    rows = [
+        {"coefficient": name, "value": value, "standard error": "not seen" if sd == float("inf") else f"{sd:.2g}"}
+        for name, value, sd in analysis.coefficients.to_frame().itertuples(index=False)
+    ]
+    show_table("Five noises", rows)
+    typer.echo()
+    for finding in analysis.findings:
+        typer.echo(f"- {finding}")
+    typer.echo()
+
+
+def _write(out: Path, analyses: list[Any], title: str) -> None:
+    import pandas as pd
+
+    from rlgcomp.files import whole_folder, write_json
+    from rlgcomp.report.noise import allan_picture
+
+    with whole_folder(out, ours="allan.csv") as folder:
+        tables = [analysis.deviation.to_frame().assign(gyro=analysis.gyro) for analysis in analyses]
+        pd.concat(tables, ignore_index=True).to_csv(folder / "allan.csv", index=False)
+        write_json(folder / "coefficients.json", [analysis.to_mapping() for analysis in analyses])
+        (folder / "allan.png").write_bytes(allan_picture(analyses, title))
+
+
+def _times(text: str) -> list[float]:
+    from rlgcomp.errors import InputError
+
+    try:
+        times = [float(item) for item in text.replace(",", " ").split()]
+    except ValueError:
+        times = []
+    if not times or not all(0.0 < time < float("inf") for time in times):
+        raise InputError(f"--tau {text!r}: expected positive times in seconds, as in --tau 1,10,100")
+    return times

@@ -1,0 +1,158 @@
+"""Commands on the scale factor: scale-factor."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PulseArcsec, Runs, command, read_runs, say
+from rlgcomp.cli.show import show_json, show_table
+
+if TYPE_CHECKING:
+    from rlgcomp.calibration.scale_factor_calibration import ScaleFactorCalibration
+    from rlgcomp.simulation.position_table import TableErrors
+
+
+@command("scale-factor")
+def scale_factor(
+    runs: Runs,
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="Result file to write.")] = None,
+    revolutions: Annotated[
+        int | None, typer.Option(min=1, help="Revolutions of one repeat and direction; by default as many as follow each other.")
+    ] = None,
+    reference_deg: Annotated[float, typer.Option(help="Encoder reading at which revolutions begin and end.")] = 0.0,
+    rate_deg_s: Annotated[float | None, typer.Option(help="Rate whose scale factor is corrected, where there are several.")] = None,
+    conventional: Annotated[
+        float | None, typer.Option(metavar="ARCSEC", help="Conventional scale factor, where no recording gives one.")
+    ] = None,
+    stated: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="A table's stated largest error: positioning_arcsec, wobble_arcsec, setting_arcsec, runout_arcsec or sync_arcsec.",
+        ),
+    ] = None,
+    gyro: Gyro = None,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    as_json: AsJson = False,
+) -> None:
+    """Scale factor of a rate-biased gyro, corrected for its mounting angle.
+
+    Recordings in which `table_angle_deg` turns both ways give the conventional scale factor, at each rate they hold; recordings in
+    which `angle_outer_deg` turns with `angle_inner_deg` at rest, at three or more angles, give the mounting angle; both together
+    give K. Any number of measurements may be in one file.
+
+    Example: `rlgcomp scale-factor turning.parquet position*.parquet --out scale-factor.json`
+    """
+    from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
+    from rlgcomp.files import require_writable, write_json
+
+    if out is not None:
+        require_writable(out)
+    errors = _stated(stated or [])
+    found = calibrate_scale_factor(
+        read_runs(runs, mapping, drop, pulse_arcsec),
+        gyro=gyro,
+        revolutions=revolutions,
+        reference_deg=reference_deg,
+        rate_deg_s=rate_deg_s,
+        conventional_arcsec=conventional,
+        errors=errors,
+    )
+    if out is not None:
+        write_json(out, found.to_mapping())
+    if as_json:
+        show_json(found.to_mapping())
+        return
+    _show(found)
+    if out is not None:
+        say(f"{out}: written")
+
+
+def _stated(items: list[str]) -> TableErrors:
+    from rlgcomp.errors import InputError
+    from rlgcomp.simulation.position_table import TableErrors
+
+    allowed = ("positioning_arcsec", "wobble_arcsec", "setting_arcsec", "runout_arcsec", "sync_arcsec")
+    values = {}
+    for item in items:
+        name, _, value = item.partition("=")
+        try:
+            if name not in allowed:
+                raise ValueError
+            values[name] = float(value)
+        except ValueError:
+            raise InputError(f"--stated {item!r}: expected NAME=VALUE, NAME one of {', '.join(allowed)}") from None
+    return TableErrors(**values)
+
+
+def _show(found: ScaleFactorCalibration) -> None:
+    if found.factors:
+        show_table(
+            "Conventional scale factor, whole revolutions forwards and back",
+            [
+                {
+                    "rate, deg/s": f"{factor.rate_deg_s:.4g}",
+                    "repeats": len(factor.repeats),
+                    "arcsec/pulse": f"{factor.scale_arcsec:.9f}",
+                    "relative spread": f"{factor.relative_spread:.2g}",
+                    "expected of rounding and mark": f"{factor.relative_expected:.2g}",
+                    "relative standard error": f"{factor.relative_sd:.2g}",
+                    "Earth rate + bias, deg/h": f"{factor.axis_rate_deg_h:.4f}",
+                }
+                for factor in found.factors
+            ],
+        )
+    if found.rates is not None:
+        frame = found.rates.to_frame()
+        show_table(
+            "Scale-factor error against rate, relative to the stated pulse_arcsec or else to the highest rate",
+            [
+                {
+                    "rate, deg/s": f"{row.rate_deg_s:.4g}",
+                    "mean, ppm": f"{row.mean_ppm:.3f}",
+                    "std of repeats, ppm": f"{row.std_ppm:.3f}",
+                }
+                for row in frame.itertuples()
+            ],
+        )
+        rate = found.rates.operating_rate_deg_s()
+        settled = "no rate repeats" if math.isnan(rate) else f"from {rate:.4g} deg/s on it repeats"
+        alone = found.rates.error_ppm.shape[1] < 2
+        typer.echo("- one repeat: nothing is known of how it repeats" if alone else f"- {settled} and has settled to 1 ppm")
+    if found.lock_in is not None:
+        fit = found.lock_in
+        sd = "" if math.isnan(fit.lock_in_sd_deg_s) else f" ± {fit.lock_in_sd_deg_s:.1g}"
+        typer.echo(f"- lock-in {fit.lock_in_deg_s:.5f}{sd} deg/s; {fit.leftover}")
+    if found.mounting is not None and found.budget is not None:
+        mounting, budget = found.mounting, found.budget
+        show_table(
+            f"Mounting angle from {len(mounting.positions)} positions, standard errors from the {mounting.sd_from}",
+            [
+                {"": "theta, arcsec", "value": f"{mounting.theta_arcsec:.3f}", "standard error": f"{mounting.theta_sd_arcsec:.2g}"},
+                {"": "  as printed, eq. (18)", "value": f"{mounting.theta_printed_arcsec:.3f}", "standard error": ""},
+                {"": "beta0, deg", "value": f"{mounting.beta0_deg:.3f}", "standard error": f"{mounting.beta0_sd_deg:.2g}"},
+                {"": "alpha, deg", "value": f"{mounting.alpha_deg:.5f}", "standard error": f"{mounting.alpha_sd_deg:.2g}"},
+            ],
+        )
+        show_table(
+            f"Error budget of theta, arcsec (bound by eq. 21: {budget.bound_arcsec:.2f} for four positions)",
+            [
+                {
+                    "term": row.term,
+                    "largest": f"{row.largest_arcsec:.4g}",
+                    "sd if uniform": f"{row.uniform_arcsec:.3f}",
+                    "sd if three sigma": f"{row.three_sigma_arcsec:.3f}",
+                }
+                for row in budget.terms.itertuples()
+            ],
+        )
+        sd = "" if math.isnan(found.relative_sd) else f", relative standard error {found.relative_sd:.2g}"
+        typer.echo(f"K = {found.scale_arcsec:.9f} arcsec/pulse{sd}; {budget.scale_per_arcsec:.2g} of it for an arcsec of theta")
+    for remark in found.remarks:
+        typer.echo(f"- {remark}")

@@ -1,0 +1,112 @@
+"""Does the noise stay the same, and does the base move: calibrated on records that are healthy, and found where it is so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.base_motion import compare, find_lines
+from rlgcomp.stationarity import check_stationarity
+
+SAMPLES = 4000
+HEALTHY = {
+    "white": rlg.NoiseModel(0.001),
+    "quantization": rlg.NoiseModel(quantization_arcsec=0.1),
+    "flicker": rlg.NoiseModel(bias_instability_deg_h=0.01),
+    "random-walk": rlg.NoiseModel(rate_random_walk_deg_h_sqrt_h=0.1),
+    "all": rlg.NoiseModel(0.001, 0.003, 0.01, 0.02),
+}
+TIME_S = np.arange(float(SAMPLES))
+
+
+def record(name: str, seed: int) -> np.ndarray:
+    return np.sum([values[-SAMPLES:] for values in HEALTHY[name].simulate(2 * SAMPLES, 1.0, seed).values()], axis=0)
+
+
+@pytest.mark.parametrize("name", HEALTHY)
+def test_healthy_noise_is_not_accused(name: str) -> None:
+    """Of 100 records no more than 5 % fall below p = 0.05 (with 4 standard errors of grace), none below 0.001."""
+    p_values = np.array([check_stationarity(record(name, seed), TIME_S).p_value for seed in range(100)])
+    assert np.mean(p_values < 0.05) <= 0.05 + 4 * np.sqrt(0.05 * 0.95 / 100)
+    assert p_values.min() > 1e-4
+
+
+def test_heavy_tails_alone_are_not_accused() -> None:
+    """Student's t with five degrees of freedom: outliers everywhere, the same all along."""
+    rng = np.random.default_rng(1)
+    p_values = np.array([check_stationarity(rng.standard_t(5, SAMPLES), TIME_S).p_value for _ in range(60)])
+    assert np.mean(p_values < 0.001) <= 0.05
+
+
+def test_noise_that_grows_is_found() -> None:
+    rate = record("white", 1) * np.where(TIME_S > 3000.0, 1.5, 1.0)
+    found = check_stationarity(rate, TIME_S)
+    assert not found.stationary
+    assert found.start_s[int(np.argmax(found.deviation_deg_h))] >= 2900.0
+    said = found.findings()
+    assert "not stationary" in said[0]
+    assert "no accelerometer was recorded" in said[-1]
+    assert len(found.to_frame()) == 8
+
+
+def test_segments_may_have_gaps() -> None:
+    kept = np.random.default_rng(5).random(SAMPLES) > 0.001
+    assert check_stationarity(record("white", 2)[kept], TIME_S[kept]).stationary
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_deaf_accelerometer_sees_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    bursts = 1.0 + 3.0 * (rng.random(40).repeat(100) > 0.7)
+    motion = compare("accel_x_m_s2", bursts * rng.standard_normal(SAMPLES), rng.standard_normal(SAMPLES), 1.0, 2.0)
+    assert not motion.significant
+
+
+def test_independent_pairs_are_accused_as_often_as_they_should() -> None:
+    """p-values of coherence and of powers over 300 pairs of unrelated noise: not more than nominal."""
+    rng = np.random.default_rng(7)
+    found = [compare("a", rng.standard_normal(SAMPLES), rng.standard_normal(SAMPLES), 1.0, 1.0) for _ in range(300)]
+    grace = 4 * np.sqrt(0.05 * 0.95 / 300)
+    assert np.mean([motion.coherence_p < 0.05 for motion in found]) < 0.05 + grace
+    assert abs(np.mean([motion.power_p < 0.05 for motion in found]) - 0.05) < grace
+
+
+def test_base_motion_is_seen_by_coherence() -> None:
+    rng = np.random.default_rng(2)
+    sway = np.convolve(rng.standard_normal(SAMPLES + 19), np.hanning(20), mode="valid")
+    found = check_stationarity(rng.standard_normal(SAMPLES) + sway, TIME_S, {"accel_y": 0.3 * sway + rng.standard_normal(SAMPLES)})
+    assert found.base_motion
+    said = " ".join(found.findings())
+    assert "base motion: accel_y sees it too" in said
+    assert "upper limits" in said
+
+
+def test_base_motion_is_seen_by_its_bursts() -> None:
+    """Not coherent (another axis), but both are shaken at the same times."""
+    rng = np.random.default_rng(3)
+    shaking = np.exp(rng.standard_normal(100)).repeat(SAMPLES // 100)
+    rate, acceleration = (shaking * rng.standard_normal(SAMPLES) for _ in range(2))
+    found = check_stationarity(rate, TIME_S, {"accel_x": acceleration, "accel_z": rng.standard_normal(SAMPLES)})
+    assert not found.stationary
+    assert [motion.significant for motion in found.motions] == [True, False]
+
+
+def test_lines_are_dither_not_motion() -> None:
+    """Lines that an accelerometer shows too, in steady noise: residual dither; a broad hump is no line."""
+    rng = np.random.default_rng(4)
+    dither = np.sin(2 * np.pi * (0.31 * np.arange(20_000) + 0.02 * np.sin(np.arange(20_000) / 700.0)))
+    rate = np.diff(rng.standard_normal(20_001)) + 5.0 * dither
+    found = check_stationarity(rate, np.arange(20_000.0), {"accel_x": rng.standard_normal(20_000) + dither})
+    assert found.lines.frequency_hz[0] == pytest.approx(0.31, abs=0.003)
+    assert found.lines.share > 0.8
+    assert not found.base_motion
+    assert "which accel_x shows too: residual dither" in " ".join(found.findings())
+    broad = np.convolve(rng.standard_normal(20_100), np.sin(np.arange(101) / 3.0) * np.hanning(101), mode="valid")
+    assert find_lines(broad, 1.0).share < 0.05
+
+
+@pytest.mark.parametrize(("samples", "segments"), [(30, 8), (4000, 1)])
+def test_what_cannot_be_compared_is_refused(samples: int, segments: int) -> None:
+    with pytest.raises(rlg.InputError):
+        check_stationarity(np.random.default_rng(1).standard_normal(samples), np.arange(float(samples)), segments=segments)

@@ -1,0 +1,423 @@
+"""Calibration of a triad on a two-axis table: exact integration, whole linear model, recovery, honest errors, refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import rlgcomp as rlg
+from rlgcomp import frames, units
+from rlgcomp.calibration import strapdown
+from rlgcomp.calibration import triad_filter as tf
+from rlgcomp.calibration.file import Calibration, triad_content, write_calibration
+from rlgcomp.calibration.liu_first_step import first_step
+from rlgcomp.calibration.rate_bias import rate_bias
+from rlgcomp.calibration.table_calibration import predicted
+from rlgcomp.calibration.table_noise import angle_random_walk_deg_sqrt_h
+from rlgcomp.calibration.table_run import TableRun
+from rlgcomp.calibration.triad_calibration import TriadCalibration, calibrate_triad
+from rlgcomp.formats import write
+from rlgcomp.simulation.rate_table import PROGRAMMES, TableProgramme, Triad, drawn_triads, reversing
+from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
+
+PUBLISHED = TriadErrors(  # means of Liu 2019, Table 4
+    {
+        "scale_x_ppm": 9.233,
+        "scale_y_ppm": 6.933,
+        "scale_z_ppm": 3.433,
+        "bias_x_deg_h": 0.017,
+        "bias_y_deg_h": 0.011,
+        "bias_z_deg_h": 0.0203,
+        "alpha_gy_arcsec": 5.13,
+        "delta_gx_arcsec": 3.43,
+        "delta_gy_arcsec": 5.37,
+        "beta_gx_arcsec": -3.67,
+        "beta_gy_arcsec": -6.4,
+    }
+)
+STEP_S = 0.005
+SILENT = Triad(
+    angle_random_walk_deg_sqrt_h=0.0,
+    velocity_random_walk_ug_sqrt_hz=0.0,
+    velocity_noise_m_s=0.0,
+    whole_pulses=False,
+    encoder_arcsec=0.0,
+)
+SHORT = {
+    "step-1": reversing(30.0, revolutions=2, repeats=2, outer_start_deg=90.0),
+    "step-2": reversing(30.0, revolutions=2, repeats=2),
+    "step-3": reversing(30.0, outer_deg_s=60.0, revolutions=1, repeats=4),
+}
+
+
+def short_runs(triad: Triad, seed: int = 1) -> list[rlg.Recording]:
+    return [triad.simulate(programme, seed=10 * seed + k, name=name) for k, (name, programme) in enumerate(SHORT.items())]
+
+
+@pytest.fixture(scope="module")
+def triad() -> Triad:
+    return next(drawn_triads(1, PUBLISHED, seed=5))
+
+
+@pytest.fixture(scope="module")
+def recordings(triad: Triad) -> list[rlg.Recording]:
+    return short_runs(triad)
+
+
+@pytest.fixture(scope="module")
+def found(recordings: list[rlg.Recording]) -> TriadCalibration:
+    return calibrate_triad([TableRun.of(recording) for recording in recordings])
+
+
+# --- the table and the strapdown solution -----------------------------------------------------------------------------------
+
+
+def solution(programme: TableProgramme, samples: int | None = None) -> strapdown.Trajectory:
+    run = TableRun.of(SILENT.simulate(programme))
+    part = slice(None, samples)
+    return strapdown.integrate(
+        run.turned_rad[part],
+        run.pushed_m_s[part],
+        STEP_S,
+        frames.table_attitude(programme.outer_start_deg, programme.inner_start_deg),
+        frames.earth_rate_n_rad_s(run.latitude_deg),
+        SILENT.gravity_m_s2,
+    )
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_exact_increments_bring_the_navigator_back_to_rest(name: str) -> None:
+    trajectory = solution(SHORT[name])
+    assert np.abs(trajectory.velocity_m_s).max() < 1e-4
+    outer, inner, _, _ = SHORT[name].motion(trajectory.time_s[-1:])
+    level = strapdown.earth_turn(trajectory.earth_rad_s, trajectory.time_s[-1]) @ trajectory.C_bi[-1]
+    assert level == pytest.approx(frames.table_attitude(outer, inner)[0], abs=0.01 * units.RAD_PER_ARCSEC)
+
+
+def test_without_the_coning_term_it_does_not() -> None:
+    """The whole third step, 1208 s."""
+    programme = PROGRAMMES["step-3"]
+    run = TableRun.of(SILENT.simulate(programme))
+    attitude = frames.table_attitude(programme.outer_start_deg, programme.inner_start_deg)
+    turns = frames.running_product(frames.quaternion_of(run.turned_rad))
+    naive = (
+        strapdown.earth_turn(frames.earth_rate_n_rad_s(run.latitude_deg), programme.duration_s)
+        @ attitude
+        @ frames.matrix_of(turns[-1])
+    )
+    outer, inner, _, _ = programme.motion(np.array([programme.duration_s]))
+    tilt_rad = np.abs(naive @ frames.table_attitude(outer, inner)[0].T - np.eye(3)).max()
+    assert tilt_rad > 2.0 * units.RAD_PER_ARCSEC
+    assert np.abs(solution(programme).velocity_m_s).max() < 1e-4
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_sensitivities_are_the_derivatives(name: str) -> None:
+    """Against a second, disturbed integration, parameter by parameter."""
+    trajectory = solution(SHORT[name])
+    linear = strapdown.sensitivity(trajectory, 200, GYRO, ACCELEROMETER)
+    for column, parameter in enumerate((*GYRO, *ACCELEROMETER)):
+        size = {"ppm": 1.0, "deg/h": 0.01, "arcsec": 1.0, "ug": 10.0}[parameter.unit]
+        gyro = TriadErrors({parameter.name: size}) if column < len(GYRO) else TriadErrors()
+        accelerometer = TriadErrors({parameter.name: size} if column >= len(GYRO) else {}, ACCELEROMETER)
+        other = strapdown.integrate(
+            gyro.disturb(trajectory.turned_rad, STEP_S),
+            accelerometer.disturb(trajectory.pushed_m_s, STEP_S),
+            STEP_S,
+            trajectory.C_bi[0],
+            trajectory.earth_rad_s,
+            trajectory.gravity_m_s2,
+        )
+        off = (other.velocity_m_s - trajectory.velocity_m_s)[::200, :2]
+        assert size * linear.velocity[:, :2, column] == pytest.approx(off, abs=1e-3 * np.abs(off).max() + 1e-9), parameter.name
+
+
+def test_on_a_flat_earth_at_rest_the_first_step_has_the_papers_corrected_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    """delta V_E = g (dk_z int phi dt + eps_z t²/2) and delta V_N = g (beta_gx int (1 - cos phi) dt - beta_gy int sin phi dt)."""
+    from rlgcomp.calibration.liu_first_step import NAMES, regressors
+
+    programme = SHORT["step-1"]
+    monkeypatch.setattr(frames, "earth_rate_n_rad_s", lambda latitude_deg: np.zeros(3))
+    there = solution(programme)
+    phi = programme.motion(there.time_s)[1] * units.RAD_PER_DEG
+    printed = regressors(phi[1:], STEP_S, there.gravity_m_s2)[199::200]
+    whole = strapdown.sensitivity(there, 200, GYRO, ()).velocity[1:, :2]
+    for k, name in enumerate(NAMES):
+        column = [parameter.name for parameter in GYRO].index(name)
+        unit = abs(GYRO[column].si)
+        assert whole[:, :, column] == pytest.approx(unit * printed[:, :, k], abs=2e-4 * unit * np.abs(printed[:, :, k]).max())
+
+
+# --- the estimate -----------------------------------------------------------------------------------------------------------
+
+
+def test_it_recovers_the_published_errors_within_its_own(found: TriadCalibration) -> None:
+    off = (found.errors.vector() - PUBLISHED.vector()) / found.sd
+    assert all(found.seen)
+    assert np.abs(off).max() < 4.0
+    assert 0.4 < np.sqrt(np.mean(off**2)) < 1.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("whole_pulses", [True, False])
+def test_stated_errors_are_true_and_small(whole_pulses: bool) -> None:
+    """40 triads with Table 4's errors and Table 1's noise in rate-biased mode, the three steps in full."""
+    from experiments.liu_2019.monte_carlo import study, summary
+
+    table = summary(study(40, PUBLISHED, whole_pulses=whole_pulses)).set_index("parameter")
+    assert table["rms error / sd"].between(0.8, 1.25).all()
+    assert table.loc[["Δk_x", "Δk_y", "Δk_z"], "rms error"].max() <= 0.015
+    assert table.loc[["ε_x", "ε_y"], "rms error"].max() <= 0.0009
+    assert table.loc["α_gy", "rms error"] <= 0.01
+
+
+def test_noise_free_the_second_pass_takes_out_the_squares() -> None:
+    """One linear solution leaves what is of second order in the errors; the Gauss-Newton pass takes it out."""
+    runs = [TableRun.of(run) for run in short_runs(dataclasses.replace(SILENT, gyro=PUBLISHED))]
+    noise = tf.Noise(accelerometer={"ug": 1e-6, "ppm": 1e-6, "arcsec": 1e-6}, tilt_arcsec=(1e-3, 1e-3, 1e-3))
+    off = {
+        passes: np.abs(calibrate_triad(runs, noise=noise, passes=passes).errors.vector() - PUBLISHED.vector()).max()
+        for passes in (1, 2)
+    }
+    assert off[2] < 5e-4
+    assert off[2] < 0.3 * off[1]
+
+
+def test_the_order_of_the_runs_does_not_matter(recordings: list[rlg.Recording], found: TriadCalibration) -> None:
+    backward = calibrate_triad([TableRun.of(recording) for recording in reversed(recordings)])
+    assert backward.errors.vector() == pytest.approx(found.errors.vector(), abs=1e-6)
+    assert backward.sd == pytest.approx(found.sd, rel=1e-6)
+
+
+def test_the_last_point_of_the_curves_is_the_estimate(found: TriadCalibration) -> None:
+    last = found.curves.iloc[-1]
+    for parameter, value, sd in zip(GYRO, found.errors.vector(), found.sd, strict=True):
+        assert last[parameter.name] == pytest.approx(value, rel=1e-6, abs=1e-9)
+        assert last[f"{parameter.name}_sd"] == pytest.approx(sd, rel=1e-6)
+
+
+def test_calibrated_it_navigates_better(found: TriadCalibration) -> None:
+    for run in found.runs:
+        if run.shows == "velocity":
+            assert np.abs(run.after_m_s).max() < 0.25 * np.abs(run.before_m_s).max()
+            assert 0.8 < run.chi_squared_ratio < 1.25
+
+
+def test_the_printed_recursion_is_many_times_worse(triad: Triad) -> None:
+    run = TableRun.of(triad.simulate("step-1", seed=3))
+    printed = first_step(run)
+    ours = calibrate_triad([run])
+    worse = abs(printed["scale_z_ppm"] - PUBLISHED.values["scale_z_ppm"])
+    assert worse > 5.0 * abs(ours.errors.values["scale_z_ppm"] - PUBLISHED.values["scale_z_ppm"])
+    assert not ours.seen[0]
+    assert ours.errors.values["scale_x_ppm"] == 0.0  # a level inner axis does not show it, and so nothing is invented
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_the_random_walk_comes_from_the_runs_themselves(whole: bool) -> None:
+    turning = dataclasses.replace(
+        SILENT, gyro=PUBLISHED, whole_pulses=whole, angle_random_walk_deg_sqrt_h=0.0004, encoder_arcsec=3.0
+    )
+    runs = [TableRun.of(turning.simulate("step-2", seed=seed)) for seed in (1, 2)]
+    assert angle_random_walk_deg_sqrt_h(runs) == pytest.approx(0.0004, rel=0.15)
+
+
+def test_orthogonal_gyros_are_recognised() -> None:
+    run = TableRun.of(dataclasses.replace(SILENT, gyro_axes="orthogonal").simulate(SHORT["step-3"]))
+    assert run.gyro_axes == "orthogonal"
+    with pytest.raises(rlg.InputError, match="disagree with the encoders"):
+        TableRun.of(SILENT.simulate(SHORT["step-3"]), gyro_axes="orthogonal")
+
+
+def test_both_axes_reversing_together_cannot_tell_x_from_y() -> None:
+    together = TableProgramme.of([(60.0 * s, 30.0 * s, 24.0) for s in (1, -1, 1, -1)])
+    runs = [TableRun.of(SILENT.simulate(p)) for p in (SHORT["step-1"], SHORT["step-2"], together)]
+    poor = calibrate_triad(runs, noise=tf.Noise(), passes=1).sd[:2]
+    runs[2] = TableRun.of(SILENT.simulate(SHORT["step-3"]))
+    assert (poor > 5.0 * calibrate_triad(runs, noise=tf.Noise(), passes=1).sd[:2]).all()
+
+
+# --- what is said about it ----------------------------------------------------------------------------------------------------
+
+
+def test_the_third_step_is_told_to_cross_zero_rate(recordings: list[rlg.Recording]) -> None:
+    biases = {recording.name: rate_bias(TableRun.of(recording)) for recording in recordings}
+    assert not biases["step-1"].violated
+    assert not biases["step-2"].violated
+    assert biases["step-3"].violated
+    assert biases["step-1"].slowest_deg_s == pytest.approx(30.0 / np.sqrt(3.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["step-3-slow-outer", "step-3-modulated"])
+def test_the_alternatives_stay_out_of_lock_in(name: str) -> None:
+    bias = rate_bias(TableRun.of(SILENT.simulate(name)))
+    assert not bias.violated
+    assert bias.slowest_deg_s == pytest.approx(10.15, abs=0.1)
+
+
+def test_alternatives_come_with_what_they_cost() -> None:
+    table = predicted(tf.Noise(), 39.98).set_index("third step")
+    assert table.loc["step-3", "scale_x_ppm"] < 0.015
+    assert table.loc["step-3-modulated", "scale_x_ppm"] == pytest.approx(0.04, abs=0.01)
+    assert 0.3 < table.loc["step-3-slow-outer", "scale_x_ppm"] < 0.8
+
+
+def test_lock_in_kicks_have_the_stated_size() -> None:
+    """0.1375 arcsec rms at 24 deg/s² and a lock-in rate of 0.0173 deg/s."""
+    quiet = dataclasses.replace(SILENT, lock_in_deg_s=0.0173)
+    kicked = quiet.simulate("step-3", seed=2)
+    plain = SILENT.simulate("step-3", seed=2)
+    rates = [np.stack([run.rate_deg_h(f"gyro_{axis}_pulses") for axis in "xyz"]) for run in (kicked, plain)]
+    kicks = (rates[0] - rates[1]) * STEP_S / 3600.0 * 3600.0
+    kicks = kicks[np.abs(kicks) > 1e-6]
+    assert len(kicks) > 500
+    assert np.sqrt(np.mean(kicks**2)) == pytest.approx(0.1375, rel=0.35)
+
+
+# --- the file, the command ----------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=20)
+def test_correct_undoes_disturb(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    errors = TriadErrors.of(rng.normal(0.0, 100.0, len(GYRO)))
+    increments = rng.normal(0.0, 1e-3, (5, 3))
+    assert errors.correct(errors.disturb(increments, 0.005), 0.005) == pytest.approx(increments, abs=1e-16)
+
+
+def test_a_calibration_takes_the_errors_out_of_raw_pulses(
+    tmp_path: Path, recordings: list[rlg.Recording], found: TriadCalibration
+) -> None:
+    write_calibration(tmp_path / "cal.json", triad_content(found, recordings, [], "0", "now"))
+    calibration = Calibration.read(tmp_path / "cal.json")
+    recording = dataclasses.replace(SILENT, gyro=found.errors).simulate(SHORT["step-3"])
+    true = SILENT.simulate(SHORT["step-3"])
+    clean = calibration.apply(recording)
+    assert clean.gyro_columns == ("gyro_x_deg_h", "gyro_y_deg_h", "gyro_z_deg_h")
+    expected = np.stack([true.rate_deg_h(f"gyro_{axis}_pulses") for axis in "xyz"], axis=1) @ frames.OBLIQUE_TO_BODY.T
+    assert np.stack([clean.column(column) for column in clean.gyro_columns], axis=1) == pytest.approx(expected, abs=1e-4)
+    with pytest.raises(rlg.InputError, match="calibrated already"):
+        calibration.apply(clean)
+
+
+def test_a_single_gyros_scale_factor_is_applied(tmp_path: Path) -> None:
+    write_calibration(tmp_path / "k.json", {"schema": "rlgcomp.calibration/1", "kind": "gyro", "pulse_arcsec": 0.84279066})
+    table = pd.DataFrame({"time_s": np.arange(10.0), "gyro_pulses": np.arange(10.0)})
+    clean = Calibration.read(tmp_path / "k.json").apply(rlg.Recording(table, rlg.Metadata(kind="static")))
+    assert clean.column("gyro_deg_h") == pytest.approx(0.84279066 * np.arange(10.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.update(schema="rlgcomp.calibration/9"), "this version reads"),
+        (lambda c: c.update(kind="odd"), "allowed are gyro and triad"),
+        (lambda c: c.update(gyro_axes="skew"), "allowed are oblique, orthogonal"),
+        (lambda c: c["parameters"][0].update(value=None), "must be a number"),
+        (lambda c: c["parameters"][0].update(value=1e300), "must be a number"),
+        (lambda c: c["parameters"][0].update(parameter="odd"), "unknown 'odd'"),
+        (lambda c: c.pop("parameters"), "requires"),
+        (lambda c: c.update(pulse_arcsec="wide"), "must be a number"),
+    ],
+)
+def test_a_hostile_calibration_file_is_refused(
+    tmp_path: Path, recordings: list[rlg.Recording], found: TriadCalibration, change: object, message: str
+) -> None:
+    path = tmp_path / "cal.json"
+    write_calibration(path, triad_content(found, recordings, [], "0", "now"))
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(rlg.InputError, match=message):
+        Calibration.read(path)
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=40)
+def test_no_bytes_make_a_traceback(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    path = tmp_path_factory.mktemp("cal") / "cal.json"
+    path.write_bytes(content)
+    with pytest.raises(rlg.InputError):
+        Calibration.read(path)
+
+
+def invoke(*arguments: object) -> object:
+    from rlgcomp.cli import register_commands
+    from rlgcomp.cli.base import app
+
+    register_commands()
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory, recordings: list[rlg.Recording]) -> list[Path]:
+    folder = tmp_path_factory.mktemp("runs")
+    for recording in recordings:
+        write(recording, folder / f"{recording.name}.parquet")
+    return [folder / f"{recording.name}.parquet" for recording in recordings]
+
+
+def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: list[Path]) -> None:
+    result = invoke("calibrate", *files, "--out", tmp_path / "cal.json", "--report", tmp_path / "report")
+    assert result.exit_code == 0, result.output
+    assert "pass through zero rate" in result.output
+    assert "alpha_gy_arcsec" in result.output
+    content = json.loads((tmp_path / "cal.json").read_text())
+    assert {row["parameter"] for row in content["parameters"]} == {parameter.name for parameter in GYRO}
+    assert np.isfinite([row["sd"] for row in content["parameters"]]).all()
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert page.count("<svg") == 3
+    assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    )
+    again = invoke("calibrate", *files[:2], "--out", tmp_path / "again.json", "--json", "--angle-random-walk", "0.0004")
+    assert json.loads(again.stdout)["schema"] == "rlgcomp.calibration/1"
+
+
+def test_bad_input_to_the_command(tmp_path: Path, files: list[Path], recordings: list[rlg.Recording]) -> None:
+    table = recordings[0].table
+    nowhere = recordings[0].replace(metadata=dataclasses.replace(recordings[0].metadata, latitude_deg=None))
+    bad = {
+        "latitude": (nowhere, "latitude is not known"),
+        "encoder": (recordings[0].replace(table=table.drop(columns="angle_inner_deg")), "no column angle_inner_deg"),
+        "two": (recordings[0].replace(table=table.drop(columns="gyro_z_pulses")), "no gyro_z_pulses"),
+        "gap": (recordings[0].replace(table=table.drop(index=range(4000, 4500))), "1 gaps in time"),
+        "still": (
+            recordings[0].replace(table=table.assign(angle_inner_deg=np.linspace(0.0, 1.0, len(table)))),
+            "less than a revolution",
+        ),
+        "swapped": (
+            recordings[0].replace(
+                table=table.rename(columns={"gyro_x_pulses": "gyro_y_pulses", "gyro_y_pulses": "gyro_x_pulses"}).assign(
+                    gyro_z_pulses=-table["gyro_z_pulses"]
+                )
+            ),
+            "disagree with the encoders",
+        ),
+        "weak": (
+            recordings[0].replace(table=table.assign(**{f"accel_{a}_m_s": 0.1 * table[f"accel_{a}_m_s"] for a in "xyz"})),
+            "instead of gravity",
+        ),
+        "blind": (
+            recordings[2].replace(table=recordings[2].table.drop(columns=[f"accel_{a}_m_s" for a in "xyz"])),
+            "no accelerometers",
+        ),
+    }
+    noise = ["--angle-random-walk", "0.0004"]
+    for name, (recording, message) in bad.items():
+        write(recording, tmp_path / f"{name}.parquet")
+        result = invoke("calibrate", tmp_path / f"{name}.parquet", "--out", tmp_path / "cal.json", *noise)
+        assert result.exit_code == 2, (name, result.output)
+        assert message in result.output.replace("\n", " "), (name, result.output)
+        assert not (tmp_path / "cal.json").exists()
+    result = invoke("calibrate", *files, "--out", tmp_path / "cal.json", "--angle-random-walk", "-1")
+    assert result.exit_code == 2
