@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, _svg
+from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
 from rlgcomp.rotation.harmonics import FALSE_ALARM
 from rlgcomp.rotation.results import AngleRandomWalk
 from rlgcomp.units import SECONDS_PER_HOUR
@@ -42,7 +42,7 @@ def orders(one: AngleRandomWalk) -> str:
         axes.set_ylabel("amplitude in deg/h")
         axes.set_title(f"Errors that repeat with the angle, {_name(one)}")
         axes.legend(**LEGEND)
-        return _svg(figure)
+        return svg(figure)
 
 
 def output(one: AngleRandomWalk) -> str:
@@ -68,7 +68,7 @@ def output(one: AngleRandomWalk) -> str:
         for axes in (top, bottom):
             axes.set_ylabel("deg/h")
         top.legend(loc="upper left", frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")
-        return _svg(figure)
+        return svg(figure)
 
 
 def allan(one: AngleRandomWalk) -> str:
@@ -89,7 +89,7 @@ def allan(one: AngleRandomWalk) -> str:
         axes.set_ylabel("Allan deviation in deg/h")
         axes.set_title(f"Allan deviation, {_name(one)}")
         axes.legend(**LEGEND)
-        return _svg(figure)
+        return svg(figure)
 
 
 def spectrum(one: AngleRandomWalk) -> str:
@@ -109,7 +109,7 @@ def spectrum(one: AngleRandomWalk) -> str:
         axes.set_ylabel("(deg/h)²/Hz")
         axes.set_title(f"Spectrum of what is left, {_name(one)}")
         axes.legend(**LEGEND)
-        return _svg(figure)
+        return svg(figure)
 
 
 def pictures(one: AngleRandomWalk) -> dict[str, str]:
