@@ -84,6 +84,7 @@ def _five_term_fits(curve: AllanDeviation) -> dict[str, float]:
     short = tau <= 100.0
     return {
         "NNLS, edf weights": weighted(np.sqrt(curve.edf / 2.0) / variance, positive=True),
+        "at τ = 1 s": float(np.sqrt(variance[0] * tau[0]) / 60.0),
         "slope, τ ≤ 100 s": float(np.sqrt(np.mean(variance[short] * tau[short])) / 60.0),
         "OLS": weighted(np.ones(len(tau)), positive=False),
         "relative LS": weighted(1.0 / variance, positive=False),
