@@ -32,6 +32,7 @@ Modules, each importing only from those before it:
     coefficients                the five noises with their standard errors
     base_motion slopes          what gyro and accelerometers share; what the curve says in words
     stationarity noise_analysis whether the noise stays the same; all of it for one gyro
+    rotation                    angle random walk of gyros on a rotating table
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
     calibration                 turntables: scale factor, mounting angle, alignment; errors of a triad and their file

@@ -31,6 +31,7 @@ ROWS = [
     ["base_motion"],
     ["slopes", "stationarity"],
     ["noise_analysis"],
+    ["rotation"],
     ["inspection"],
     ["physics"],
     ["simulation"],

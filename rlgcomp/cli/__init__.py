@@ -10,6 +10,7 @@ COMMANDS = (
     "demo",
     "recordings",
     "noise",
+    "rotation",
     "scale_factor",
     "calibration",
     "simulation",

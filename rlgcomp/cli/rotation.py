@@ -1,0 +1,113 @@
+"""Commands on gyros turned on a table: arw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, say
+from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.errors import InputError
+
+Gyros = Annotated[list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, repeatable; by default all.")]
+
+
+@command("arw")
+def arw(
+    runs: Runs,
+    mapping: Map = None,
+    drop: Drop = None,
+    gyro: Annotated[
+        list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, repeatable; by default all.")
+    ] = None,
+    pulse_arcsec: PulseArcsec = None,
+    trend: Annotated[str, typer.Option(help="Variable of the fifth-order trend: time or temperature.")] = "time",
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, JSON and pictures.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Angle random walk of gyros that turn at constant rate on a table, with a check that needs no harmonic fit.
+
+    The runs need the table's angle. A start-up, or two rates (in one run or in several), gives the encoder's delay too.
+
+    Example: `rlgcomp arw at60.parquet at30.parquet --out arw`
+    """
+    from rlgcomp.files import require_writable
+    from rlgcomp.rotation.pipeline import angle_random_walk
+    from rlgcomp.rotation.results import RotationNoise
+
+    if trend not in ("time", "temperature"):
+        raise InputError(f"--trend is {trend!r}; it must be time or temperature")
+    if out is not None:
+        require_writable(out)
+    results = []
+    for spec in runs:  # one at a time: a run of five hours fills a gigabyte while it is read
+        (recording,) = read_runs([spec], mapping, drop, pulse_arcsec)
+        with progress(f"harmonics and noise of {recording.name}") as advance:
+            results.append(angle_random_walk(recording, gyros=gyro, trend=trend, advance=advance))  # type: ignore[arg-type]
+        del recording
+    result = RotationNoise.together(results)
+    if out is not None:
+        _write(result, out)
+    if as_json:
+        show_json(result.to_mapping())
+        return
+    show_table("Angle random walk N, 10⁻⁵ deg/√h, ± one standard deviation", [_row(one) for one in result.gyros])
+    typer.echo()
+    show_table("Other coefficients, from the five-term fit of the Allan deviation", [_coefficients(one) for one in result.gyros])
+    typer.echo()
+    if result.delay is not None:
+        delay = result.delay
+        typer.echo(f"- The encoder lags by {1e3 * delay.delay_s:.4f} ± {1e3 * delay.sd_s:.4f} ms ({delay.source}).")
+    for remark in result.remarks:
+        typer.echo(f"- {remark}")
+
+
+def _row(one: Any) -> dict[str, Any]:
+    check, fit = one.whole_revolutions, one.coefficients
+    return {
+        "run": one.run,
+        "gyro": one.gyro,
+        "deg/s": float(one.rate_deg_s),
+        "turns": int(one.revolutions),
+        "N": _pm(one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd),
+        "whole turns": _pm(check.angle_random_walk_deg_sqrt_h, check.angle_random_walk_deg_sqrt_h_sd),
+        "agree, p": f"{one.agreement_p_value:.2g}",
+        "five terms": _pm(fit.angle_random_walk_deg_sqrt_h, fit.angle_random_walk_deg_sqrt_h_sd),
+        "orders found": " ".join(map(str, one.harmonics.orders.tolist())) or "none",
+    }
+
+
+def _coefficients(one: Any) -> dict[str, Any]:
+    fit = one.coefficients
+    units = {
+        "quantization_arcsec": "Q, arcsec",
+        "bias_instability_deg_h": "B, deg/h",
+        "rate_random_walk_deg_h_sqrt_h": "K, deg/h/√h",
+        "rate_ramp_deg_h2": "R, deg/h²",
+    }
+    values = {label: f"{getattr(fit, name):.2g} ± {getattr(fit, name + '_sd'):.1g}" for name, label in units.items()}
+    return {"run": one.run, "gyro": one.gyro, **values}
+
+
+def _pm(value: float, sd: float) -> str:
+    return f"{1e5 * value:.2f} ± {1e5 * sd:.2f}"
+
+
+def _write(result: Any, out: Path) -> None:
+    from rlgcomp.files import whole_folder, write_json
+    from rlgcomp.report.rotation_figures import pictures
+
+    with whole_folder(out, ours="arw.json") as folder:
+        write_json(folder / "arw.json", result.to_mapping())
+        result.to_frame().to_csv(folder / "arw.csv", index=False)
+        with progress("pictures", len(result.gyros)) as advance:
+            for done, one in enumerate(result.gyros, start=1):
+                stem = f"{one.run}_{one.gyro}_{abs(one.rate_deg_s):.3g}_deg_s"
+                one.spectrum.to_frame().to_csv(folder / f"{stem}_orders.csv", index=False)
+                one.after.to_frame().to_csv(folder / f"{stem}_allan.csv", index=False)
+                for name, picture in pictures(one).items():
+                    (folder / f"{stem}_{name}.svg").write_text(picture, encoding="utf-8")
+                advance(done, len(result.gyros))
+    say(f"{out}: arw.json, arw.csv, and tables and pictures of {len(result.gyros)} gyros")

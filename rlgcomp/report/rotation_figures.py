@@ -1,0 +1,121 @@
+"""Pictures of the angle random walk under rotation, as SVG text: orders found, before and after, Allan deviation, spectrum."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
+from rlgcomp.rotation.harmonics import FALSE_ALARM
+from rlgcomp.rotation.results import AngleRandomWalk
+from rlgcomp.units import SECONDS_PER_HOUR
+
+LEGEND: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+SHOWN_MEANS_S: Final = 60
+
+
+def orders(one: AngleRandomWalk) -> str:
+    """Amplitude of every order of the rotation, those that repeat in colour, with the threshold."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
+        axes = figure.subplots()
+        spectrum = one.spectrum
+        amplitude = np.abs(spectrum.coefficient_deg_h)
+        found = spectrum.p_value < FALSE_ALARM
+        axes.vlines(spectrum.orders[~found], amplitude.min() / 2, amplitude[~found], color=RAW, lw=1.2)
+        axes.plot(spectrum.orders[~found], amplitude[~found], "o", color=RAW, ms=2.5, label="does not repeat")
+        axes.vlines(spectrum.orders[found], amplitude.min() / 2, amplitude[found], color=FIT, lw=1.8)
+        axes.plot(spectrum.orders[found], amplitude[found], "o", color=FIT, ms=5, label="repeats: fitted")
+        crowded = np.diff(spectrum.orders[found], prepend=-9) < 3
+        for order, height, beside in zip(spectrum.orders[found], amplitude[found], crowded, strict=True):
+            place = (5, 0) if beside else (0, 5)
+            axes.annotate(
+                str(order), (order, height), place, textcoords="offset points", ha="left" if beside else "center", fontsize=8.5
+            )
+        axes.plot(spectrum.orders, 6.0 * spectrum.sd_deg_h, color=WARM, lw=1.0, ls="--", label="6 standard deviations")
+        axes.set_yscale("log")
+        axes.set_ylim(amplitude.min() / 2, 3.0 * amplitude.max())
+        axes.set_xlabel("order (cycles in a revolution)")
+        axes.set_ylabel("amplitude in deg/h")
+        axes.set_title(f"Errors that repeat with the angle, {_name(one)}")
+        axes.legend(**LEGEND)
+        return svg(figure)
+
+
+def output(one: AngleRandomWalk) -> str:
+    """1 s means over the run, mean removed, before and after; the trend; and one minute of both."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
+        (top, zoom), (bottom, zoomed) = figure.subplots(2, 2, sharey="row", gridspec_kw={"width_ratios": [2.6, 1.0]})
+        table = one.means
+        hours = (table["time_s"] - table["time_s"].iloc[0]) / SECONDS_PER_HOUR
+        trend = table["trend_deg_h"] - table["trend_deg_h"].mean()
+        top.plot(hours, table["before_deg_h"] + trend, color=RAW, lw=0.3, rasterized=True, label="1 s means")
+        top.plot(hours, trend, color=WARM, lw=1.6, label="trend")
+        bottom.plot(hours, table["after_deg_h"], color=RESIDUAL, lw=0.3, rasterized=True, label="1 s means")
+        minute = table.iloc[:SHOWN_MEANS_S]
+        seconds = minute["time_s"] - minute["time_s"].iloc[0]
+        zoom.plot(seconds, (table["before_deg_h"] + trend).iloc[:SHOWN_MEANS_S], "-o", color=RAW, ms=2, lw=0.9)
+        zoomed.plot(seconds, minute["after_deg_h"], "-o", color=RESIDUAL, ms=2, lw=0.9)
+        top.set_title(f"Before, {_name(one)}")
+        bottom.set_title("After harmonics and trend")
+        zoom.set_title("first minute")
+        bottom.set_xlabel("time in h")
+        zoomed.set_xlabel("time in s")
+        for axes in (top, bottom):
+            axes.set_ylabel("deg/h")
+        top.legend(loc="upper left", frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")
+        return svg(figure)
+
+
+def allan(one: AngleRandomWalk) -> str:
+    """Allan deviation of 1 s means before and after, the five-term fit, and the result with its error."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 4.0), layout="constrained")
+        axes = figure.subplots()
+        before, after = one.before, one.after
+        axes.loglog(before.tau_s, before.deviation_deg_h, "-o", color=RAW, ms=3, lw=1.2, label="before")
+        errors = [after.deviation_deg_h - after.lower_deg_h, after.upper_deg_h - after.deviation_deg_h]
+        axes.errorbar(after.tau_s, after.deviation_deg_h, errors, fmt="o", color=RESIDUAL, ms=3.5, lw=1.0, label="after, 68 %")
+        tau = np.geomspace(after.tau_s[0], after.tau_s[-1], 200)
+        axes.loglog(tau, np.sqrt(one.coefficients.terms(tau).sum(axis=0)), color=FIT, lw=1.4, label="five-term fit")
+        n, sd = one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd
+        axes.fill_between(tau, 60 * (n - 2 * sd) / np.sqrt(tau), 60 * (n + 2 * sd) / np.sqrt(tau), color=FLOOR, alpha=0.25, lw=0)
+        axes.loglog(tau, 60 * n / np.sqrt(tau), color=FLOOR, lw=1.2, ls="--", label=f"N = {n:.3g} ± {sd:.1g} deg/√h")
+        axes.set_xlabel("averaging time in s")
+        axes.set_ylabel("Allan deviation in deg/h")
+        axes.set_title(f"Allan deviation, {_name(one)}")
+        axes.legend(**LEGEND)
+        return svg(figure)
+
+
+def spectrum(one: AngleRandomWalk) -> str:
+    """Spectrum after harmonics and trend, the four noises fitted to it, and the band of the fit."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 3.8), layout="constrained")
+        axes = figure.subplots()
+        frequency, density = one.density.bands()
+        axes.loglog(frequency, density, "o", color=RESIDUAL, ms=3, label="means over bands")
+        f = np.geomspace(one.density.frequency_hz[0], one.density.frequency_hz[-1], 300)
+        fitted = one.noise.density(f, one.density.period_s)
+        inside = f <= one.noise.highest_hz * 1.001
+        axes.loglog(f[inside], fitted[inside], color=FIT, lw=1.5, label="fitted noises")
+        axes.axhline((60 * one.angle_random_walk_deg_sqrt_h) ** 2, color=FLOOR, lw=1.2, ls="--", label="(60 N)²")
+        axes.axvline(one.noise.highest_hz, color="#c4c8ce", lw=1.0, label="end of the fit")
+        axes.set_xlabel("frequency in Hz")
+        axes.set_ylabel("(deg/h)²/Hz")
+        axes.set_title(f"Spectrum of what is left, {_name(one)}")
+        axes.legend(**LEGEND)
+        return svg(figure)
+
+
+def pictures(one: AngleRandomWalk) -> dict[str, str]:
+    """All pictures of one gyro, by name."""
+    return {"orders": orders(one), "output": output(one), "allan": allan(one), "spectrum": spectrum(one)}
+
+
+def _name(one: AngleRandomWalk) -> str:
+    return f"{one.gyro.removesuffix('_deg_h').removesuffix('_deg_s').removesuffix('_pulses')} at {one.rate_deg_s:.4g} deg/s"

@@ -1,0 +1,201 @@
+r"""Errors that repeat with the table's angle: found by Fourier analysis in the angle, fitted by least squares on the angle.
+
+Order k of a rate r over samples with table angles :math:`\theta_j` is the mean of :math:`2 r_j e^{-ik\theta_j}`. The angle is the
+measured one at every sample; rows are never reshaped into revolutions, which a speed off by 1e-4 turns into leakage.
+
+Finding: the record is cut into S segments of whole revolutions. Order k is there if the mean of its S coefficients stands out of
+their own scatter: S|mean|²/scatter² follows F(2, 2S - 2) where nothing repeats, whatever the colour of the noise, and the
+threshold has the probability of six standard deviations, exp(-18). What does not repeat from segment to segment is left in: it is
+the gyro's own.
+
+Fitting: one least squares over the entire record. A fit in every revolution would take 2K of its degrees of freedom from the noise.
+
+References
+----------
+Liu et al., Sensors 19, 4754 (2019), eq. 16, fig. 10.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.errors import InputError
+from rlgcomp.units import RAD_PER_DEG
+
+Array = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+Progress = Callable[[int, int], None]
+
+HIGHEST_ORDER: Final = 100
+FALSE_ALARM: Final = float(np.exp(-18.0))  # of |c| > 6 sd of one component
+FEWEST_SEGMENTS: Final = 8
+MOST_SEGMENTS: Final = 150
+CHUNK: Final = 8192  # rows at a time; their powers stay in the processor's cache
+
+
+@dataclasses.dataclass(frozen=True)
+class Spectrum:
+    """Fourier coefficients in the angle, all orders.
+
+    Parameters
+    ----------
+    orders : ndarray, shape (m,)
+    coefficient_deg_h : ndarray of complex, shape (m,)
+        Mean over the segments; the rate holds its real part times cos(k angle), less its imaginary part times sin(k angle).
+    sd_deg_h : ndarray, shape (m,)
+        Standard deviation of each component of the mean, from the scatter of the segments.
+    p_value : ndarray, shape (m,)
+        Probability of so large a mean where nothing repeats.
+    revolutions, segments : int
+    """
+
+    orders: npt.NDArray[np.int64]
+    coefficient_deg_h: Complex
+    sd_deg_h: Array
+    p_value: Array
+    revolutions: int
+    segments: int
+
+    @property
+    def found(self) -> tuple[int, ...]:
+        """Orders that repeat."""
+        return tuple(self.orders[self.p_value < FALSE_ALARM].tolist())
+
+    def to_frame(self) -> pd.DataFrame:
+        return pd.DataFrame(
+            {
+                "order": self.orders,
+                "amplitude_deg_h": np.abs(self.coefficient_deg_h),
+                "sd_deg_h": self.sd_deg_h,
+                "p_value": self.p_value,
+            }
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Harmonics:
+    """Fitted orders: rate = sum of amplitude · cos(order · angle + phase).
+
+    Parameters
+    ----------
+    orders : ndarray, shape (m,)
+    coefficient_deg_h : ndarray of complex, shape (m,)
+        amplitude · exp(i phase).
+    sd_deg_h : ndarray, shape (m,)
+        Standard deviation of each component.
+    """
+
+    orders: npt.NDArray[np.int64]
+    coefficient_deg_h: Complex
+    sd_deg_h: Array
+
+    def to_frame(self) -> pd.DataFrame:
+        """Table of order, amplitude and phase with their standard deviations."""
+        amplitude = np.abs(self.coefficient_deg_h)
+        return pd.DataFrame(
+            {
+                "order": self.orders,
+                "amplitude_deg_h": amplitude,
+                "amplitude_sd_deg_h": self.sd_deg_h,
+                "phase_deg": np.angle(self.coefficient_deg_h) / RAD_PER_DEG,
+                "phase_sd_deg": self.sd_deg_h / amplitude / RAD_PER_DEG,
+            }
+        )
+
+
+def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = lambda done, total: None) -> list[Spectrum]:
+    """Fourier coefficients of several rates over the angle, orders 1 to 100 or to half the samples in a revolution.
+
+    Parameters
+    ----------
+    rates_deg_h : sequence of ndarray, each of shape (n,)
+        With their mean removed.
+    angle_deg : ndarray, shape (n,)
+        Table angle in the middle of each sample, running on past 360.
+    advance : callable
+        Told the rows done and the rows in all.
+
+    Raises
+    ------
+    InputError
+        Fewer than eight revolutions, or a revolution has fewer than four samples.
+    """
+    turned = np.abs(angle_deg - angle_deg[0]) / 360.0
+    revolutions = int(turned[-1])
+    highest = int(min(HIGHEST_ORDER, len(angle_deg) / max(turned[-1], 1e-9) / 2.0 - 1.0))
+    if revolutions < FEWEST_SEGMENTS or highest < 1:
+        raise InputError(
+            f"{turned[-1]:.1f} revolutions with {len(angle_deg) / max(turned[-1], 1e-9):.0f} samples each; finding what repeats "
+            f"takes at least {FEWEST_SEGMENTS} revolutions of four samples; record longer or faster"
+        )
+    segments = min(revolutions, MOST_SEGMENTS)
+    ends = np.searchsorted(turned, (revolutions // segments) * np.arange(segments + 1))
+    orders = np.arange(1, highest + 1)
+    means = np.zeros((segments, len(rates_deg_h), highest), dtype=np.complex128)
+    for segment in range(segments):
+        for rows, powers in _powers(angle_deg, orders, int(ends[segment]), int(ends[segment + 1])):
+            means[segment] += np.stack([rate[rows] for rate in rates_deg_h]) @ powers.conj()
+        means[segment] *= 2.0 / max(ends[segment + 1] - ends[segment], 1)
+        advance(segment + 1, segments)
+    mean = means.mean(axis=0)
+    scatter2 = np.sum(np.abs(means - mean) ** 2, axis=0) / (segments - 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        f = np.where(scatter2 > 0.0, segments * np.abs(mean) ** 2 / scatter2, 0.0)
+    p_value = np.exp(-(segments - 1) * np.log1p(f / (segments - 1)))  # survival function of F(2, 2S - 2)
+    sd = np.sqrt(0.5 * scatter2 / segments)
+    used = segments * (revolutions // segments)
+    return [Spectrum(orders, mean[k], sd[k], p_value[k], used, segments) for k in range(len(rates_deg_h))]
+
+
+def fit_harmonics(rate_deg_h: Array, angle_deg: Array, spectrum: Spectrum, orders: Sequence[int] | None = None) -> Harmonics:
+    """Least squares of the found orders and a constant on the angle, over the entire record at once.
+
+    Parameters
+    ----------
+    rate_deg_h, angle_deg : ndarray, shape (n,)
+    spectrum : Spectrum
+        Its scatter gives the standard deviations, so that these hold in coloured noise.
+    orders : sequence of int, optional
+        Other orders than those found.
+    """
+    chosen = np.array(spectrum.found if orders is None else orders, dtype=np.int64)
+    if not len(chosen):
+        return Harmonics(chosen, np.zeros(0, dtype=np.complex128), np.zeros(0))
+    width = 2 * len(chosen) + 1
+    normal, right = np.zeros((width, width)), np.zeros(width)
+    for rows, powers in _powers(angle_deg, chosen, 0, len(angle_deg)):
+        design = np.hstack([powers.real, -powers.imag, np.ones((len(powers), 1))])
+        normal += design.T @ design
+        right += design.T @ rate_deg_h[rows]
+    solution = np.linalg.solve(normal, right)
+    coefficient = solution[: len(chosen)] + 1j * solution[len(chosen) : -1]
+    return Harmonics(chosen, coefficient, spectrum.sd_deg_h[chosen - 1])
+
+
+def without(rate_deg_h: Array, angle_deg: Array, harmonics: Harmonics) -> Array:
+    """The rate less its harmonics."""
+    clean = np.array(rate_deg_h)
+    if len(harmonics.orders):
+        for rows, powers in _powers(angle_deg, harmonics.orders, 0, len(angle_deg)):
+            clean[rows] -= (powers @ harmonics.coefficient_deg_h).real
+    return clean
+
+
+def _powers(angle_deg: Array, orders: npt.NDArray[np.int64], first: int, last: int) -> Iterator[tuple[slice, Complex]]:
+    """exp(i k angle) for the orders in rising sequence, chunk by chunk, each from the one before by multiplication."""
+    steps = np.diff(orders, prepend=0)
+    for start in range(first, last, CHUNK):
+        rows = slice(start, min(start + CHUNK, last))
+        unit = np.exp(1j * RAD_PER_DEG * np.remainder(angle_deg[rows], 360.0))
+        powers = np.empty((len(unit), len(orders)), dtype=np.complex128, order="F")
+        current = np.ones_like(unit)
+        for k, step in enumerate(steps.tolist()):
+            current = current * (unit if step == 1 else unit**step)
+            powers[:, k] = current
+        yield rows, powers
