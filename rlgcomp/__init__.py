@@ -4,7 +4,7 @@ A **Recording** goes in on the left and comes out compensated on the right; a si
 
     read ─► Recording ─► FeatureRecipe ─► Compensator ─► evaluate ─► artefact, report
               ▲
-    Simulator: mechanisms + noise + chamber programme
+    Simulator: mechanisms + noise + chamber programme; turntable ─► Calibration; static, rotating ─► noise coefficients
 
 Recording
     A table whose column names end in their unit, and metadata. `time_s` and a gyro column are required; everything else is kept.
@@ -27,11 +27,8 @@ Modules, each importing only from those before it:
     recording repair formats    the data type, what is mended in files, one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state
     frames triad                frames of a triad on a table, and its errors as parameters
-    noise power_law             noise processes, which one a record shows and its degrees of freedom
-    allan allan_covariance      Allan deviation; what its values at different averaging times share
-    coefficients                the five noises with their standard errors
-    base_motion slopes          what gyro and accelerometers share; what the curve says in words
-    stationarity noise_analysis whether the noise stays the same; all of it for one gyro
+    noise                       noise processes and their simulation
+    allan                       Allan deviations, the five noises with standard errors, whether they hold all along
     rotation                    angle random walk of gyros on a rotating table
     physics                     one file = one cause; read by the simulator and by diagnosis alike
     simulation                  chamber programmes, thermal plant, readout optics, the simulator
@@ -48,9 +45,13 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rlgcomp.allan import AllanDeviation as AllanDeviation
-    from rlgcomp.allan import allan_deviation as allan_deviation
+    from rlgcomp.allan.analysis import analyse_noise as analyse_noise
+    from rlgcomp.allan.coefficients import NoiseCoefficients as NoiseCoefficients
+    from rlgcomp.allan.coefficients import fit_coefficients as fit_coefficients
+    from rlgcomp.allan.deviation import AllanDeviation as AllanDeviation
+    from rlgcomp.allan.deviation import allan_deviation as allan_deviation
     from rlgcomp.calibration.file import Calibration as Calibration
+    from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor as calibrate_scale_factor
     from rlgcomp.calibration.table_calibration import calibrate_recordings as calibrate_recordings
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
@@ -69,6 +70,8 @@ if TYPE_CHECKING:
     from rlgcomp.recipe import FeatureRecipe as FeatureRecipe
     from rlgcomp.recording import Metadata as Metadata
     from rlgcomp.recording import Recording as Recording
+    from rlgcomp.rotation.pipeline import angle_random_walk as angle_random_walk
+    from rlgcomp.rotation.results import AngleRandomWalk as AngleRandomWalk
     from rlgcomp.simulation.fleet import simulated_unit as simulated_unit
     from rlgcomp.simulation.programme import Programme as Programme
     from rlgcomp.simulation.rate_table import Triad as Triad
@@ -79,7 +82,8 @@ __version__ = "0.1.0"
 
 # Public names and where they live. They are imported when first used, so that `import rlgcomp` costs next to nothing.
 _HOMES = {
-    "AllanDeviation": "allan",
+    "AllanDeviation": "allan.deviation",
+    "AngleRandomWalk": "rotation.results",
     "CATALOGUE": "physics",
     "Calibration": "calibration.file",
     "Compensator": "compensation.compensator",
@@ -91,6 +95,7 @@ _HOMES = {
     "LSSVMRegressor": "compensation.lssvm",
     "Mechanism": "physics.mechanism",
     "Metadata": "recording",
+    "NoiseCoefficients": "allan.coefficients",
     "NoiseModel": "noise",
     "Programme": "simulation.programme",
     "Recording": "recording",
@@ -98,9 +103,13 @@ _HOMES = {
     "Simulator": "simulation.simulator",
     "Triad": "simulation.rate_table",
     "TriadErrors": "triad",
-    "allan_deviation": "allan",
+    "allan_deviation": "allan.deviation",
+    "analyse_noise": "allan.analysis",
+    "angle_random_walk": "rotation.pipeline",
     "calibrate_recordings": "calibration.table_calibration",
+    "calibrate_scale_factor": "calibration.scale_factor_calibration",
     "evaluate": "evaluation",
+    "fit_coefficients": "allan.coefficients",
     "load": "compensation.compensator",
     "read": "formats",
     "simulated_unit": "simulation.fleet",

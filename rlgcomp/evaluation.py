@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.allan import AllanDeviation, allan_deviation
+from rlgcomp.allan.deviation import AllanDeviation, allan_deviation
 from rlgcomp.comparison import comparison_table, correlation_table
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.rows import rows

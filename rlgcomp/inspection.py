@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from rlgcomp.allan import allan_deviation
+from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.errors import InputError
 from rlgcomp.hysteresis import Play
 from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording

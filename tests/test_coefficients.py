@@ -7,10 +7,10 @@ import pytest
 from scipy import optimize
 
 import rlgcomp as rlg
-from rlgcomp import coefficients
-from rlgcomp.allan_covariance import covariance_products, design_matrix
-from rlgcomp.coefficients import NAMES, NoiseCoefficients, fit_coefficients
-from rlgcomp.slopes import findings, stretches
+from rlgcomp.allan import coefficients
+from rlgcomp.allan.coefficients import NAMES, NoiseCoefficients, fit_coefficients
+from rlgcomp.allan.covariance import covariance_products, design_matrix
+from rlgcomp.allan.slopes import findings, stretches
 
 SAMPLES = 18_000  # 5 h of 1 s means
 CRAMER_RAO = 1.0 / np.sqrt(2.0 * SAMPLES)  # of N, relative, white noise alone: 0.53 %

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.liu_2019.harmonic_failures import failure_row
-from rlgcomp.allan import allan_deviation
+from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.noise import NoiseModel
 from rlgcomp.recording import Recording
 from rlgcomp.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search

@@ -7,8 +7,8 @@ import warnings
 import numpy as np
 from scipy import optimize
 
-from rlgcomp.allan import AllanDeviation, allan_deviation
-from rlgcomp.coefficients import fit_coefficients
+from rlgcomp.allan.coefficients import fit_coefficients
+from rlgcomp.allan.deviation import AllanDeviation, allan_deviation
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.rotation.encoder import middle_deg, table_angle_deg

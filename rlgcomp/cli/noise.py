@@ -39,8 +39,8 @@ def allan(
 
     Example: `rlgcomp allan static.parquet --per-decade 5 --out noise`
     """
+    from rlgcomp.allan.analysis import analyse_noise
     from rlgcomp.files import require_writable
-    from rlgcomp.noise_analysis import analyse_noise
 
     taus = None if tau is None else _times(tau)
     if out is not None:

@@ -11,9 +11,9 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rlgcomp.noise_analysis import NoiseAnalysis
+from rlgcomp.allan.analysis import NoiseAnalysis
+from rlgcomp.allan.slopes import short
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN
-from rlgcomp.slopes import short
 
 # One line a noise, in the order of the coefficients: letter, unit, colour
 _NOISES: Final = (

@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 from scipy import stats
 
-from rlgcomp.allan import AllanDeviation
-from rlgcomp.coefficients import NoiseCoefficients
+from rlgcomp.allan.coefficients import NoiseCoefficients
+from rlgcomp.allan.deviation import AllanDeviation
 from rlgcomp.rotation.encoder import Delay, delay_from_phases
 from rlgcomp.rotation.harmonics import Harmonics, Spectrum
 from rlgcomp.rotation.spectral import Periodogram, SpectralNoise

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.allan import allan_deviation
-from rlgcomp.coefficients import fit_coefficients
+from rlgcomp.allan.coefficients import fit_coefficients
+from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.rotation.encoder import Leg, middle_deg

@@ -27,8 +27,8 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import stats
 
+from rlgcomp.allan.power_law import NAMES, degrees_of_freedom, identify
 from rlgcomp.errors import InputError
-from rlgcomp.power_law import NAMES, degrees_of_freedom, identify
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]

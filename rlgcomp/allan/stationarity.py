@@ -29,10 +29,10 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import stats
 
-from rlgcomp.allan import AllanDeviation, allan_deviation
-from rlgcomp.base_motion import SIGNIFICANT, Lines, Motion, compare, find_lines, probability
+from rlgcomp.allan.base_motion import SIGNIFICANT, Lines, Motion, compare, find_lines, probability
+from rlgcomp.allan.deviation import AllanDeviation, allan_deviation
+from rlgcomp.allan.power_law import degrees_of_freedom
 from rlgcomp.errors import InputError
-from rlgcomp.power_law import degrees_of_freedom
 
 Array = npt.NDArray[np.float64]
 SEGMENTS: Final = 8

@@ -7,12 +7,12 @@ from typing import Any, Final
 
 import numpy.typing as npt
 
-from rlgcomp.allan import AllanDeviation, Estimator, allan_deviation
-from rlgcomp.coefficients import NoiseCoefficients, fit_coefficients
+from rlgcomp.allan.coefficients import NoiseCoefficients, fit_coefficients
+from rlgcomp.allan.deviation import AllanDeviation, Estimator, allan_deviation
+from rlgcomp.allan.slopes import findings, stretches
+from rlgcomp.allan.stationarity import Stationarity, check_stationarity
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
-from rlgcomp.slopes import findings, stretches
-from rlgcomp.stationarity import Stationarity, check_stationarity
 
 _FITTED: Final[dict[Estimator, Estimator]] = {"plain": "overlapping", "plain-hadamard": "hadamard"}
 

@@ -23,9 +23,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.allan import AllanDeviation
-from rlgcomp.base_motion import probability
-from rlgcomp.coefficients import NoiseCoefficients, thinned
+from rlgcomp.allan.base_motion import probability
+from rlgcomp.allan.coefficients import NoiseCoefficients, thinned
+from rlgcomp.allan.deviation import AllanDeviation
 
 Array = npt.NDArray[np.float64]
 SLOPES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)

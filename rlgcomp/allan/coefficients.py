@@ -25,8 +25,8 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import optimize, stats
 
-from rlgcomp.allan import AllanDeviation
-from rlgcomp.allan_covariance import POWERS, covariance_products, design_matrix
+from rlgcomp.allan.covariance import POWERS, covariance_products, design_matrix
+from rlgcomp.allan.deviation import AllanDeviation
 from rlgcomp.errors import InputError
 from rlgcomp.noise import NoiseModel
 from rlgcomp.units import SECONDS_PER_HOUR
