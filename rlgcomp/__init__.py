@@ -4,7 +4,9 @@ A **Recording** goes in on the left and comes out compensated on the right; a si
 
     read ─► Recording ─► FeatureRecipe ─► Compensator ─► evaluate ─► artefact, report
               ▲
-    Simulator: mechanisms + noise + chamber programme; turntable ─► Calibration; static, rotating ─► noise coefficients
+    Simulator: mechanisms + noise + chamber programme
+
+    turntable runs ─► Calibration, applied to raw recordings          runs at rest or turning ─► noise coefficients
 
 Recording
     A table whose column names end in their unit, and metadata. `time_s` and a gyro column are required; everything else is kept.

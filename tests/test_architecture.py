@@ -27,6 +27,7 @@ ROWS = [
     ["filters", "hysteresis", "frames", "triad"],
     ["noise"],
     ["allan"],
+    ["rotation"],
     ["inspection"],
     ["physics"],
     ["simulation"],
