@@ -258,7 +258,10 @@ def test_a_search_stopped_by_a_signal_leaves_no_model_and_goes_on(folder: Path, 
         "--model",
         "kernels",
     ]
-    script = "import sys; from rlgcomp.cli import main; sys.argv = ['rlgcomp', *sys.argv[1:]]; main()"
+    listening = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # ignored where tests run in the background
+    )
+    script = listening + "import sys; from rlgcomp.cli import main; sys.argv = ['rlgcomp', *sys.argv[1:]]; main()"
     process = subprocess.Popen([sys.executable, "-c", script, *arguments], stderr=subprocess.PIPE, text=True)
     journal = tmp_path / ".model.selection.jsonl"
     for _ in range(600):
