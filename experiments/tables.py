@@ -29,6 +29,19 @@ def show_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
     print()
 
 
+def show_frame(title: str, table: pd.DataFrame) -> None:
+    """Print a frame, its index first, as a markdown table under a heading."""
+    rows = [
+        {"": name, **dict(zip(table.columns, map(_cell, row), strict=True))}
+        for name, row in zip(table.index, table.to_numpy(), strict=True)
+    ]
+    show_table(title, rows)
+
+
+def _cell(value: object) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
 def show_list(title: str, sentences: Sequence[str]) -> None:
     """Print sentences as a markdown list under a heading."""
     print(f"## {title}\n")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
-from pathlib import Path
 
 import joblib
 import numpy as np
 import pandas as pd
 
 from experiments.liu_2019.harmonic_failures import failure_row
+from experiments.tables import published, show_frame
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.noise import NoiseModel
 from rlgcomp.recording import Recording
@@ -28,7 +27,6 @@ from rlgcomp.simulation.rotation import (
     simulate_rotation,
 )
 
-PUBLISHED = Path(__file__).resolve().parents[3] / "shared" / "data" / "published"
 STEADY = RotationTable(jitter_deg_s=0.0)
 WANDERING = RotationTable(wander_deg_s=3e-4)
 JOBS = 2
@@ -109,7 +107,7 @@ def published_tables(hours: float, runs: int) -> pd.DataFrame:
 
     jobs, printed = [], {}
     for name in ("liu_table5", "liu_table6"):
-        table = pd.read_csv(PUBLISHED / f"{name}.csv", index_col="run")
+        table = published(name).set_index("run")
         single = table.loc[[str(run) for run in range(1, 4)]].astype(float)
         truth = {axis: float(single[[f"g{axis}_30dps", f"g{axis}_60dps"]].to_numpy().mean()) for axis in "xyz"}
         for run in range(1, runs + 1):
@@ -225,7 +223,6 @@ def figures(hours: float) -> None:
     made = simulate_rotation({"z": gyro(4e-4, 1)}, ((0.0, 20.0), (60.0, 3600.0 * hours)), seed=1)
     result = angle_random_walk(made)
     one: AngleRandomWalk = result.gyros[0]
-    print("## Figures 8 to 13 (simulated at N = 0.0004, 60 deg/s)\n")
     delay = result.delay
     means = one.means
     fit = one.harmonics.to_frame().set_index("order")
@@ -263,7 +260,7 @@ def figures(hours: float) -> None:
                 "published": "picture",
                 "ours": f"{one.after.at(tau):.5f} (60 N/√τ = {0.024 / np.sqrt(tau):.5f})",
             }
-    print_table(pd.DataFrame(rows).T)
+    show_frame("Figures 8 to 13 (simulated at N = 0.0004, 60 deg/s)", pd.DataFrame(rows).T)
     print("Figure 8 is the flow; ours is in rlgcomp/rotation/pipeline.py. The pictures themselves: rlgcomp arw RUN --out DIR.\n")
 
 
@@ -278,46 +275,30 @@ def equations() -> None:
     )
     print("- eq. 15: R'(k) = R(k)(1 − Δt/5) + R(k+1)Δt/5 (lost minus restored) holds for a lagging encoder, which theirs is")
     print("- eq. 17/18: σ² = R²τ²/2 + K²τ/3 + (2 ln 2/π)B² + N²/τ + 3Q²/τ²: five terms, not a polynomial of fifth order")
-    if PUBLISHED.is_dir():
-        for name in ("liu_table5", "liu_table6"):
-            table = pd.read_csv(PUBLISHED / f"{name}.csv", index_col="run").astype(float)
-            for column in table:
-                mean, printed = table[column].iloc[:3].mean(), table[column].iloc[3]
-                if abs(mean - printed) > (5.1e-6 if name.endswith("5") else 5.1e-5):
-                    print(f"- table {name[-1]}, {column}: mean of the three runs {mean:.6f}, printed {printed:g}")
-    print()
-
-
-def print_table(table: pd.DataFrame) -> None:
-    """A table in markdown."""
-    lines: Iterable[Iterable[object]] = [
-        ["", *table.columns],
-        ["---"] * (len(table.columns) + 1),
-        *([k, *row] for k, row in zip(table.index, table.to_numpy(), strict=True)),
-    ]
-    for line in lines:
-        print("| " + " | ".join(f"{cell:.5g}" if isinstance(cell, float) else str(cell) for cell in line) + " |")
+    for name in ("liu_table5", "liu_table6"):
+        table = published(name).set_index("run").astype(float)
+        for column in table:
+            mean, printed = table[column].iloc[:3].mean(), table[column].iloc[3]
+            if abs(mean - printed) > (5.1e-6 if name.endswith("5") else 5.1e-5):
+                print(f"- table {name[-1]}, {column}: mean of the three runs {mean:.6f}, printed {printed:g}")
     print()
 
 
 def show(quick: bool) -> None:
     """Print everything; `quick` takes half an hour instead of five hours, and fewer seeds."""
     hours, seeds, few = (0.5, 3, 2) if quick else (5.0, 8, 4)
-    print(f"# Liu et al. (2019), section 5: angle random walk under rotation, {hours:g} h a run\n")
+    print(f"## Section 5: angle random walk under rotation, {hours:g} h a run\n")
     equations()
     figures(hours)
-    if PUBLISHED.is_dir():
-        print("## Tables 5 and 6: published, and ours on gyros whose true N is the published mean\n")
-        table = published_tables(hours, 1 if quick else 3)
-        print_table(table.drop(columns=["table", "run"]).set_index(table["table"] + ", run " + table["run"].astype(str)))
-    print(f"## N over truth, {seeds} seeds (Cramér–Rao of 5 h of 1 s means: 0.0053)\n")
-    print_table(accuracies(hours, seeds))
-    print(f"## Encoder delay, {seeds} seeds\n")
-    print_table(delays(seeds))
-    print(f"## Baselines, N over truth, {few} seeds\n")
-    print_table(baselines(min(hours, 1.0), few))
-    print(f"## What goes wrong, N over truth, {few} seeds\n")
-    print_table(failures(hours, few))
+    table = published_tables(hours, 1 if quick else 3)
+    show_frame(
+        "Tables 5 and 6: published, and ours on gyros whose true N is the published mean",
+        table.drop(columns=["table", "run"]).set_index(table["table"] + ", run " + table["run"].astype(str)),
+    )
+    show_frame(f"N over truth, {seeds} seeds (Cramér–Rao of 5 h of 1 s means: 0.0053)", accuracies(hours, seeds))
+    show_frame(f"Encoder delay, {seeds} seeds", delays(seeds))
+    show_frame(f"Baselines, N over truth, {few} seeds", baselines(min(hours, 1.0), few))
+    show_frame(f"What goes wrong, N over truth, {few} seeds", failures(hours, few))
 
 
 if __name__ == "__main__":

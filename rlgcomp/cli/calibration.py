@@ -87,6 +87,7 @@ def calibrate(
             for run in found.triad.runs
         ],
     )
+    show_table("What each run determines", found.observability.round({"condition number": 1}).to_dict("records"))
     for remark in found.remarks:
         typer.echo(f"- {remark}")
     say(f"{out}: written; give it to train, evaluate and compensate with --calibration {out}")
