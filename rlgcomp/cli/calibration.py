@@ -87,7 +87,13 @@ def calibrate(
             for run in found.triad.runs
         ],
     )
-    show_table("What each run determines", found.observability.round({"condition number": 1}).to_dict("records"))
+    show_table(
+        "What each run determines",
+        [
+            {"run": run, "determines": names, "condition number": f"{number:.1f}"}
+            for run, names, number in found.observability.itertuples(index=False, name=None)
+        ],
+    )
     for remark in found.remarks:
         typer.echo(f"- {remark}")
     say(f"{out}: written; give it to train, evaluate and compensate with --calibration {out}")
