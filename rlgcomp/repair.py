@@ -358,7 +358,7 @@ def _sampling(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             "noted", f"{100 * uneven:.0f} % of the steps differ from the period of {period_s:.6g} s by more than a quarter", TIME
         )
     for column in table.columns:
-        if column != TIME and not is_gyro(str(column)) and table[column].min() == table[column].max():
+        if column not in (TIME, *ENCODERS) and not is_gyro(str(column)) and table[column].min() == table[column].max():
             context.add("noted", f"constant at {table[column].iloc[0]:.6g}: it can explain nothing", str(column))
     return table
 
