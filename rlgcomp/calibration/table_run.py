@@ -70,21 +70,21 @@ class TableRun:
         InputError
             A column or the latitude is missing, there are gaps, the table stands still, or gyros and encoders disagree.
         """
-        if recording.metadata.latitude_deg is None:
-            raise InputError(f"{recording.name}: the latitude is not known, and with it Earth's rotation; give --latitude DEG")
         for column in ("angle_inner_deg", "angle_outer_deg"):
             if column not in recording:
                 raise InputError(
                     f"{recording.name} has no column {column}; a triad is calibrated on a table with two encoders; "
                     f"map it with --map {column}=NAME; the columns are {', '.join(recording.columns)}"
                 )
+        columns = [_gyro(recording, axis) for axis in AXES]
+        if recording.metadata.latitude_deg is None:
+            raise InputError(f"{recording.name}: the latitude is not known, and with it Earth's rotation; give --latitude DEG")
         if len(recording.gaps):
             raise InputError(
                 f"{recording.name}: {len(recording.gaps)} gaps in time, the first after row {recording.gaps[0]}; attitude cannot "
                 "be integrated across a gap; calibrate on RUN@START:STOP without one"
             )
         step_s = recording.period_s
-        columns = [_gyro(recording, axis) for axis in AXES]
         rates = [recording.rate_deg_h(column) for column in columns]
         axes_rad = np.stack(rates, axis=1) * (units.RAD_PER_DEG / units.SECONDS_PER_HOUR * step_s)
         outer, inner = recording.column("angle_outer_deg"), recording.column("angle_inner_deg")
