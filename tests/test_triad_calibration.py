@@ -384,6 +384,14 @@ def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: li
     assert json.loads(again.stdout)["schema"] == "rlgcomp.calibration/1"
 
 
+def test_an_interval_is_calibrated_alone(tmp_path: Path, files: list[Path]) -> None:
+    """From the second turn on: what came before the interval is not integrated."""
+    result = invoke("calibrate", f"{files[0]}@24:", files[1], "--out", tmp_path / "cal.json", "--json")
+    assert result.exit_code == 0, result.output
+    hours = [run["hours"] for run in json.loads(result.stdout)["runs"]]
+    assert hours[0] == pytest.approx(hours[1] - 24.0 / 3600.0, rel=1e-3)
+
+
 def test_bad_input_to_the_command(tmp_path: Path, files: list[Path], recordings: list[rlg.Recording]) -> None:
     table = recordings[0].table
     nowhere = recordings[0].replace(metadata=dataclasses.replace(recordings[0].metadata, latitude_deg=None))

@@ -86,9 +86,13 @@ def read_runs(
     drop: Sequence[str] | None = None,
     pulse_arcsec: float | None = None,
     calibration: Path | None = None,
+    *,
     period_s: float | None = None,
+    history: bool = True,
 ) -> list[Any]:
     """Recordings of the given files, intervals cut out, calibrated, everything repaired or noted said on standard error.
+
+    With `history` what came before an interval stays as its lead-in; what is integrated or counted on a turntable has no use for it.
 
     Raises
     ------
@@ -114,7 +118,7 @@ def read_runs(
             for finding in recording.findings:
                 say(f"{recording.name}: {finding}")
             if interval is not None:
-                recording = recording.between(*interval, keep_history=True, name=f"{recording.name}{_said(*interval)}")
+                recording = recording.between(*interval, keep_history=history, name=f"{recording.name}{_said(*interval)}")
             recordings.append(recording if calibrated is None else calibrated.apply(recording))
             advance(done, len(specs))
     return recordings

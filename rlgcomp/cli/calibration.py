@@ -43,7 +43,7 @@ def calibrate(
     require_writable(out)
     if report is not None:
         require_writable(report)
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, history=False)
     with progress("calibrating") as advance:
         found = calibrate_recordings(
             recordings,

@@ -43,7 +43,7 @@ def arw(
         require_writable(out)
     results = []
     for spec in runs:  # one at a time: a run of five hours fills a gigabyte while it is read
-        (recording,) = read_runs([spec], mapping, drop, pulse_arcsec)
+        (recording,) = read_runs([spec], mapping, drop, pulse_arcsec, history=False)
         with progress(f"harmonics and noise of {recording.name}") as advance:
             results.append(angle_random_walk(recording, gyros=gyro, trend=trend, advance=advance))  # type: ignore[arg-type]
         del recording

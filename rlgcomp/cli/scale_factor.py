@@ -56,7 +56,7 @@ def scale_factor(
         require_writable(out)
     errors = _stated(stated or [])
     found = calibrate_scale_factor(
-        read_runs(runs, mapping, drop, pulse_arcsec),
+        read_runs(runs, mapping, drop, pulse_arcsec, history=False),
         gyro=gyro,
         revolutions=revolutions,
         reference_deg=reference_deg,
