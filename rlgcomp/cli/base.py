@@ -92,7 +92,7 @@ def read_runs(
 ) -> list[Any]:
     """Recordings of the given files, intervals cut out, calibrated, everything repaired or noted said on standard error.
 
-    With `history` what came before an interval stays as its lead-in; what is integrated or counted on a turntable has no use for it.
+    With `history` what came before an interval stays as its lead-in; what is integrated on a turntable has no use for it.
 
     Raises
     ------
