@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from rlgcomp.allan.deviation import allan_deviation as allan_deviation
     from rlgcomp.calibration.file import Calibration as Calibration
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor as calibrate_scale_factor
-    from rlgcomp.calibration.table_calibration import calibrate_recordings as calibrate_recordings
+    from rlgcomp.calibration.triad.calibrate import calibrate_recordings as calibrate_recordings
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
     from rlgcomp.compensation.compensator import load as load
@@ -108,7 +108,7 @@ _HOMES = {
     "allan_deviation": "allan.deviation",
     "analyse_noise": "allan.analysis",
     "angle_random_walk": "rotation.pipeline",
-    "calibrate_recordings": "calibration.table_calibration",
+    "calibrate_recordings": "calibration.triad.calibrate",
     "calibrate_scale_factor": "calibration.scale_factor_calibration",
     "evaluate": "evaluation",
     "fit_coefficients": "allan.coefficients",

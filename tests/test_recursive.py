@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rlgcomp.calibration.liu_first_step import regressors
-from rlgcomp.calibration.recursive import SquareRootInformation, joseph_least_squares, printed_least_squares
+from rlgcomp.calibration.triad.liu_first_step import regressors
+from rlgcomp.calibration.triad.recursive import SquareRootInformation, joseph_least_squares, printed_least_squares
 
 
 def problem(seed: int, epochs: int = 40, states: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -15,15 +15,15 @@ from typer.testing import CliRunner
 
 import rlgcomp as rlg
 from rlgcomp import frames, units
-from rlgcomp.calibration import strapdown
-from rlgcomp.calibration import triad_filter as tf
 from rlgcomp.calibration.file import Calibration, triad_content, write_calibration
-from rlgcomp.calibration.liu_first_step import first_step
-from rlgcomp.calibration.rate_bias import rate_bias
-from rlgcomp.calibration.table_calibration import predicted
-from rlgcomp.calibration.table_noise import angle_random_walk_deg_sqrt_h
-from rlgcomp.calibration.table_run import TableRun
-from rlgcomp.calibration.triad_calibration import TriadCalibration, calibrate_triad
+from rlgcomp.calibration.triad import strapdown
+from rlgcomp.calibration.triad.calibrate import predicted
+from rlgcomp.calibration.triad.estimate import TriadCalibration, calibrate_triad
+from rlgcomp.calibration.triad.information import Noise
+from rlgcomp.calibration.triad.liu_first_step import first_step
+from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
+from rlgcomp.calibration.triad.rate_bias import rate_bias
+from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.formats import write
 from rlgcomp.simulation.rate_table import PROGRAMMES, TableProgramme, Triad, drawn_triads, reversing
 from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
@@ -142,7 +142,7 @@ def test_sensitivities_are_the_derivatives(name: str) -> None:
 
 def test_on_a_flat_earth_at_rest_the_first_step_has_the_papers_corrected_form(monkeypatch: pytest.MonkeyPatch) -> None:
     """delta V_E = g (dk_z int phi dt + eps_z t²/2) and delta V_N = g (beta_gx int (1 - cos phi) dt - beta_gy int sin phi dt)."""
-    from rlgcomp.calibration.liu_first_step import NAMES, regressors
+    from rlgcomp.calibration.triad.liu_first_step import NAMES, regressors
 
     programme = SHORT["step-1"]
     monkeypatch.setattr(frames, "earth_rate_n_rad_s", lambda latitude_deg: np.zeros(3))
@@ -182,7 +182,7 @@ def test_stated_errors_are_true_and_small(whole_pulses: bool) -> None:
 def test_noise_free_the_second_pass_takes_out_the_squares() -> None:
     """One linear solution leaves what is of second order in the errors; the Gauss-Newton pass takes it out."""
     runs = [TableRun.of(run) for run in short_runs(dataclasses.replace(SILENT, gyro=PUBLISHED))]
-    noise = tf.Noise(accelerometer={"ug": 1e-6, "ppm": 1e-6, "arcsec": 1e-6}, tilt_arcsec=(1e-3, 1e-3, 1e-3))
+    noise = Noise(accelerometer={"ug": 1e-6, "ppm": 1e-6, "arcsec": 1e-6}, tilt_arcsec=(1e-3, 1e-3, 1e-3))
     off = {
         passes: np.abs(calibrate_triad(runs, noise=noise, passes=passes).errors.vector() - PUBLISHED.vector()).max()
         for passes in (1, 2)
@@ -240,9 +240,9 @@ def test_orthogonal_gyros_are_recognised() -> None:
 def test_both_axes_reversing_together_cannot_tell_x_from_y() -> None:
     together = TableProgramme.of([(60.0 * s, 30.0 * s, 24.0) for s in (1, -1, 1, -1)])
     runs = [TableRun.of(SILENT.simulate(p)) for p in (SHORT["step-1"], SHORT["step-2"], together)]
-    poor = calibrate_triad(runs, noise=tf.Noise(), passes=1).sd[:2]
+    poor = calibrate_triad(runs, noise=Noise(), passes=1).sd[:2]
     runs[2] = TableRun.of(SILENT.simulate(SHORT["step-3"]))
-    assert (poor > 5.0 * calibrate_triad(runs, noise=tf.Noise(), passes=1).sd[:2]).all()
+    assert (poor > 5.0 * calibrate_triad(runs, noise=Noise(), passes=1).sd[:2]).all()
 
 
 # --- what is said about it ----------------------------------------------------------------------------------------------------
@@ -264,7 +264,7 @@ def test_the_alternatives_stay_out_of_lock_in(name: str) -> None:
 
 
 def test_alternatives_come_with_what_they_cost() -> None:
-    table = predicted(tf.Noise(), 39.98).set_index("third step")
+    table = predicted(Noise(), 39.98).set_index("third step")
     assert table.loc["step-3", "scale_x_ppm"] < 0.015
     assert table.loc["step-3-modulated", "scale_x_ppm"] == pytest.approx(0.04, abs=0.01)
     assert 0.3 < table.loc["step-3-slow-outer", "scale_x_ppm"] < 0.8

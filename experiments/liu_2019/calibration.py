@@ -7,11 +7,11 @@ import pandas as pd
 
 from experiments.liu_2019.monte_carlo import STEPS, study, summary
 from experiments.tables import published, show_list, show_table
-from rlgcomp.calibration import triad_filter as tf
-from rlgcomp.calibration.liu_first_step import first_step
-from rlgcomp.calibration.table_calibration import predicted
-from rlgcomp.calibration.table_run import TableRun
-from rlgcomp.calibration.triad_calibration import calibrate_triad
+from rlgcomp.calibration.triad.calibrate import predicted
+from rlgcomp.calibration.triad.estimate import calibrate_triad
+from rlgcomp.calibration.triad.information import Noise
+from rlgcomp.calibration.triad.liu_first_step import first_step
+from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.rate_table import Triad, drawn_triads
 from rlgcomp.triad import GYRO, TriadErrors
 
@@ -156,7 +156,7 @@ def _third_steps(held: pd.DataFrame, kicked: pd.DataFrame) -> None:
                 "Δk_x, ppm": f"{row['scale_x_ppm']:.3f}",
                 "α_gy, arcsec": f"{row['alpha_gy_arcsec']:.3f}",
             }
-            for row in predicted(tf.Noise(), LATITUDE_DEG).to_dict("records")
+            for row in predicted(Noise(), LATITUDE_DEG).to_dict("records")
         ],
     )
     show_table(

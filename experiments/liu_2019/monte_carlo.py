@@ -8,8 +8,8 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from rlgcomp.calibration.table_run import TableRun
-from rlgcomp.calibration.triad_calibration import calibrate_triad
+from rlgcomp.calibration.triad.estimate import calibrate_triad
+from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.rate_table import Triad, drawn_triads
 from rlgcomp.triad import GYRO, TriadErrors
 

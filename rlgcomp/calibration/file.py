@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import frames, units
-from rlgcomp.calibration.table_run import AXES
-from rlgcomp.calibration.triad_calibration import TriadCalibration
+from rlgcomp.calibration.triad.estimate import TriadCalibration
+from rlgcomp.calibration.triad.run import AXES
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256, write_json
 from rlgcomp.recording import Recording, rate_name

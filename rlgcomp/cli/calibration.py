@@ -36,7 +36,7 @@ def calibrate(
     Example: `rlgcomp calibrate step1.parquet step2.parquet step3.parquet --out unit-17.json --report calibration`
     """
     from rlgcomp.calibration.file import write_calibration
-    from rlgcomp.calibration.table_calibration import calibrate_recordings
+    from rlgcomp.calibration.triad.calibrate import calibrate_recordings
     from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.report.calibration import write_calibration_report
 

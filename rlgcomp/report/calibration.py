@@ -12,8 +12,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import rlgcomp
-from rlgcomp.calibration.table_calibration import TableCalibration
-from rlgcomp.calibration.triad_calibration import PRIOR_SD, SEEN, RunResult
+from rlgcomp.calibration.triad.calibrate import TableCalibration
+from rlgcomp.calibration.triad.estimate import PRIOR_SD, SEEN, RunResult
 from rlgcomp.files import write_text
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
 from rlgcomp.triad import GYRO

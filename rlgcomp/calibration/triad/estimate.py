@@ -6,11 +6,11 @@ joint estimate is
 
 .. math:: \hat p = \arg\min \sum_r \|R_r\, (\varphi_{0,r}, p) - z_r\|^2 + \|(p - p_0) / \sigma_0\|^2
 
-with the rows of :mod:`rlgcomp.calibration.triad_filter`. The linear model neglects squares of the errors, which one Gauss-Newton
-pass restores: the runs are integrated again with the estimate taken out.
+with the rows of :mod:`rlgcomp.calibration.triad.information`. The linear model neglects squares of the errors, which one
+Gauss-Newton pass restores: the runs are integrated again with the estimate taken out.
 
 Source: Z. Liu et al., Sensors 19, 4754 (2019), section 4; its regressors are replaced by the whole linear model, its recursion by a
-square-root information filter (:mod:`rlgcomp.calibration.recursive` keeps the printed one beside it).
+square-root information filter (:mod:`rlgcomp.calibration.triad.recursive` keeps the printed one beside it).
 """
 
 from __future__ import annotations
@@ -24,11 +24,20 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp import units
-from rlgcomp.calibration import triad_filter as tf
-from rlgcomp.calibration.recursive import SquareRootInformation
-from rlgcomp.calibration.strapdown import Sensitivity
-from rlgcomp.calibration.table_noise import angle_random_walk_deg_sqrt_h
-from rlgcomp.calibration.table_run import TableRun
+from rlgcomp.calibration.triad.information import (
+    CONSTANTS,
+    START,
+    Linearised,
+    Noise,
+    RunInformation,
+    linearise,
+    rate_information,
+    velocity_information,
+)
+from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
+from rlgcomp.calibration.triad.recursive import SquareRootInformation
+from rlgcomp.calibration.triad.run import TableRun
+from rlgcomp.calibration.triad.strapdown import Sensitivity
 from rlgcomp.errors import InputError
 from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
 
@@ -67,7 +76,7 @@ class TriadCalibration:
     seen: tuple[bool, ...]
     gyro_axes: str
     latitude_deg: float
-    noise: tf.Noise
+    noise: Noise
     noise_estimated: bool
     accelerometer: TriadErrors
     runs: tuple[RunResult, ...]
@@ -121,7 +130,7 @@ class RunResult:
 def calibrate_triad(
     runs: Sequence[TableRun],
     *,
-    noise: tf.Noise | None = None,
+    noise: Noise | None = None,
     passes: int = 2,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> TriadCalibration:
@@ -146,28 +155,28 @@ def calibrate_triad(
     _check(runs)
     total, done = passes * len(runs), 0
     estimated = noise is None
-    settings = noise or tf.Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h(runs))
+    settings = noise or Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h(runs))
     errors = TriadErrors()
-    tilts = [np.zeros(tf.START) for _ in runs]
+    tilts = [np.zeros(START) for _ in runs]
     known: list[Sensitivity | None] = [None for _ in runs]
     for number in range(passes):
         linear = []
         for k, run in enumerate(runs):
-            linear.append(tf.linearise(run, errors, tilts[k], known[k]) if run.shows == "velocity" else None)
+            linear.append(linearise(run, errors, tilts[k], known[k]) if run.shows == "velocity" else None)
             done += 1
             progress(done, total)
         known = [None if part is None else part.sensitivity for part in linear]
         informations = [
-            tf.rate_information(run, errors, settings) if part is None else tf.velocity_information(part, settings, tilt)
+            rate_information(run, errors, settings) if part is None else velocity_information(part, settings, tilt)
             for run, part, tilt in zip(runs, linear, tilts, strict=True)
         ]
         joint, found_tilts = joint_information(informations, settings, errors)
         if number == 0:
             before = linear
-        found = joint.estimate(tf.CONSTANTS)
+        found = joint.estimate(CONSTANTS)
         errors = TriadErrors.of(errors.vector() + found[: len(GYRO)])
         tilts = [tilt + more for tilt, more in zip(tilts, found_tilts, strict=True)]
-    covariance = joint.covariance(tf.CONSTANTS)[: len(GYRO), : len(GYRO)]
+    covariance = joint.covariance(CONSTANTS)[: len(GYRO), : len(GYRO)]
     prior = _prior_sd(settings)[: len(GYRO)]
     seen = np.sqrt(np.diag(covariance)) < SEEN * prior
     offset = errors.vector() - found[: len(GYRO)]
@@ -199,25 +208,25 @@ def _check(runs: Sequence[TableRun]) -> None:
             )
 
 
-def _prior_sd(noise: tf.Noise) -> Array:
+def _prior_sd(noise: Noise) -> Array:
     return np.array([PRIOR_SD[p.unit] for p in GYRO] + [noise.accelerometer[p.unit] for p in ACCELEROMETER])
 
 
 def joint_information(
-    informations: Sequence[tf.RunInformation], noise: tf.Noise, errors: TriadErrors
+    informations: Sequence[RunInformation], noise: Noise, errors: TriadErrors
 ) -> tuple[SquareRootInformation, list[Array]]:
     """All runs' rows on the constants together, less what `errors` took out of the gyros; and each run's tilt at the start."""
     mean = np.r_[-errors.vector(), np.zeros(len(ACCELEROMETER))]
     joint = SquareRootInformation.prior(mean, _prior_sd(noise))
     for information in informations:
-        alone = SquareRootInformation(information.R, information.z).last(tf.CONSTANTS)
+        alone = SquareRootInformation(information.R, information.z).last(CONSTANTS)
         joint.measure(alone.R, alone.z)
     constants = joint.estimate()
     tilts = [information.solve_tilt(constants) for information in informations]
     return joint, tilts
 
 
-def _curves(runs: Sequence[TableRun], informations: Sequence[tf.RunInformation], noise: tf.Noise, offset: Array) -> pd.DataFrame:
+def _curves(runs: Sequence[TableRun], informations: Sequence[RunInformation], noise: Noise, offset: Array) -> pd.DataFrame:
     names = [parameter.name for parameter in GYRO]
     so_far = SquareRootInformation.prior(np.r_[-offset, np.zeros(len(ACCELEROMETER))], _prior_sd(noise))
     rows = []
@@ -231,27 +240,27 @@ def _curves(runs: Sequence[TableRun], informations: Sequence[tf.RunInformation],
                 {"run": run.name, "time_s": time_s, **dict(zip(names, values, strict=True))}
                 | {f"{name}_sd": sd for name, sd in zip(names, sds, strict=True)}
             )
-        alone = SquareRootInformation(information.R, information.z).last(tf.CONSTANTS)
+        alone = SquareRootInformation(information.R, information.z).last(CONSTANTS)
         so_far.measure(alone.R, alone.z)
     return pd.DataFrame(rows)
 
 
 def _result(
     run: TableRun,
-    before: tf.Linearised | None,
-    information: tf.RunInformation,
+    before: Linearised | None,
+    information: RunInformation,
     constants: Array,
     errors: TriadErrors,
     tilt: Array,
     prior: Array,
 ) -> RunResult:
-    alone = SquareRootInformation(information.R, information.z).last(tf.CONSTANTS)
+    alone = SquareRootInformation(information.R, information.z).last(CONSTANTS)
     R = alone.R[:, : len(GYRO)] * prior
     hours = len(run.turned_rad) * run.step_s / units.SECONDS_PER_HOUR
     empty = np.zeros((0, 2))
     if before is None:
         return RunResult(run.name, "rate", hours, float("nan"), R.T @ R, np.zeros(0), empty, empty)
-    after = tf.linearise(run, errors, tilt, before.sensitivity)
+    after = linearise(run, errors, tilt, before.sensitivity)
     epochs = slice(None, None, before.every)
     freedom = information.measurements - int(np.linalg.matrix_rank(information.R))
     return RunResult(

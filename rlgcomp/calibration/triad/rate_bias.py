@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import frames, units
-from rlgcomp.calibration.table_run import AXES, TableRun
+from rlgcomp.calibration.triad.run import AXES, TableRun
 
 Array = npt.NDArray[np.float64]
 LOCK_IN_DEG_S: Final = 0.1

@@ -6,7 +6,7 @@ With the inner axis level, X_b starting downward, and phi the inner angle from t
           \delta V_N = g\,[\beta_{gx} \textstyle\int (1 - \cos\phi)\, dt - \beta_{gy} \int \sin\phi\, dt].
 
 Printed, east and north stand exchanged, a minus is lost in beta_gy's term, and the scale factor's regressor is one power of T
-short. It is kept beside :mod:`rlgcomp.calibration.triad_calibration` to show what it leaves out: Earth's rotation, which carries an
+short. It is kept beside :mod:`rlgcomp.calibration.triad.estimate` to show what it leaves out: Earth's rotation, which carries an
 azimuth error into velocity, the table's tilt, the accelerometers' residuals, and that angle random walk, integrated twice, is
 not white.
 """
@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import frames, units
-from rlgcomp.calibration import strapdown
-from rlgcomp.calibration.recursive import printed_least_squares
-from rlgcomp.calibration.table_run import TableRun
+from rlgcomp.calibration.triad import strapdown
+from rlgcomp.calibration.triad.recursive import printed_least_squares
+from rlgcomp.calibration.triad.run import TableRun
 
 Array = npt.NDArray[np.float64]
 NAMES: Final = ("scale_z_ppm", "bias_z_deg_h", "beta_gx_arcsec", "beta_gy_arcsec")

@@ -6,9 +6,9 @@ gyros' parameters and the accelerometers' residuals in their own units. Between 
 .. math:: \varphi' = e^{-\omega_{ie} \times \Delta} \varphi + F_\varphi p + w_\varphi, \qquad
           V' = V + J \varphi + F_V p + w_V
 
-with F from :mod:`rlgcomp.calibration.strapdown`'s sensitivities, w the angle and velocity random walk integrated over the epoch.
-The velocity is measured as zero, to the accelerometers' resolution. A square-root information filter over the epochs is generalized
-least squares with the covariance that doubly integrated random walk has; ordinary least squares would state errors 20 to 250 times
+with F from :mod:`rlgcomp.calibration.triad.strapdown`'s sensitivities, w the angle and velocity random walk integrated over the
+epoch. The velocity is measured as zero, to the accelerometers' resolution. A square-root information filter over the epochs is
+generalized least squares with the covariance that doubly integrated random walk has; ordinary least squares would state errors far
 too small.
 
 About an upright axis the measurement is the mean rate of the horizontal gyros instead,
@@ -27,9 +27,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import frames, units
-from rlgcomp.calibration import strapdown
-from rlgcomp.calibration.recursive import SquareRootInformation
-from rlgcomp.calibration.table_run import TableRun
+from rlgcomp.calibration.triad import strapdown
+from rlgcomp.calibration.triad.recursive import SquareRootInformation
+from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]

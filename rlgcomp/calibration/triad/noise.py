@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from rlgcomp import units
-from rlgcomp.calibration.table_run import STILL_DEG, TableRun
+from rlgcomp.calibration.triad.run import STILL_DEG, TableRun
 from rlgcomp.errors import InputError
 
 WINDOW_S: Final = 2.0

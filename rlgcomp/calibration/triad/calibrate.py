@@ -12,11 +12,11 @@ import pandas as pd
 
 import rlgcomp
 from rlgcomp import units
-from rlgcomp.calibration import triad_filter as tf
 from rlgcomp.calibration.file import triad_content
-from rlgcomp.calibration.rate_bias import RateBias, rate_bias, unseparated
-from rlgcomp.calibration.table_run import TableRun
-from rlgcomp.calibration.triad_calibration import SEEN, TriadCalibration, calibrate_triad, joint_information
+from rlgcomp.calibration.triad.estimate import SEEN, TriadCalibration, calibrate_triad, joint_information
+from rlgcomp.calibration.triad.information import START, Noise, RunInformation, linearise, rate_information, velocity_information
+from rlgcomp.calibration.triad.rate_bias import RateBias, rate_bias, unseparated
+from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.rate_table import Triad
@@ -62,7 +62,7 @@ def calibrate_recordings(
     angle_random_walk_deg_sqrt_h: float | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> TableCalibration:
-    """Calibrate a triad from recordings; see :func:`rlgcomp.calibration.triad_calibration.calibrate_triad`.
+    """Calibrate a triad from recordings; see :func:`rlgcomp.calibration.triad.estimate.calibrate_triad`.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def calibrate_recordings(
     if angle_random_walk_deg_sqrt_h is not None:
         if not 0.0 < angle_random_walk_deg_sqrt_h < _MOST_NOISE:
             raise InputError(f"the angle random walk is {angle_random_walk_deg_sqrt_h} deg/sqrt(h); it must lie between 0 and 1")
-        noise = tf.Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
+        noise = Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
     if latitude_deg is not None:
         recordings = [
             recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg))
@@ -102,7 +102,7 @@ def calibrate_recordings(
     return TableCalibration(triad, biases, observability, alternatives, remarks, content)
 
 
-def predicted(noise: tf.Noise, latitude_deg: float, thirds: Sequence[str] = ALTERNATIVES) -> pd.DataFrame:
+def predicted(noise: Noise, latitude_deg: float, thirds: Sequence[str] = ALTERNATIVES) -> pd.DataFrame:
     """Standard deviations that the first two steps and each of the third steps would reach with a triad of this noise.
 
     The programmes are simulated without errors and noise: the filter's covariance does not depend on them.
@@ -128,12 +128,12 @@ def predicted(noise: tf.Noise, latitude_deg: float, thirds: Sequence[str] = ALTE
     return pd.DataFrame(rows)
 
 
-def _information(triad: Triad, programme: str, noise: tf.Noise) -> tuple[TableRun, tf.RunInformation]:
+def _information(triad: Triad, programme: str, noise: Noise) -> tuple[TableRun, RunInformation]:
     run = TableRun.of(triad.simulate(programme, name=programme))
     if run.shows == "rate":
-        return run, tf.rate_information(run, TriadErrors(), noise)
-    tilt = np.zeros(tf.START)
-    return run, tf.velocity_information(tf.linearise(run, TriadErrors(), tilt), noise, tilt)
+        return run, rate_information(run, TriadErrors(), noise)
+    tilt = np.zeros(START)
+    return run, velocity_information(linearise(run, TriadErrors(), tilt), noise, tilt)
 
 
 def _observability(triad: TriadCalibration) -> pd.DataFrame:
