@@ -348,8 +348,20 @@ def test_raw_pulses_are_calibrated_on_the_way_in(tmp_path: Path, short_runs: lis
         for model in ("raw", "rate")
     ]
     assert corrected[0] == pytest.approx(corrected[1], abs=1e-9)
-    missing = run(
-        "evaluate", tmp_path / "raw", tmp_path / "b.parquet", "--calibration", tmp_path / "no.json", "--out", tmp_path / "e"
-    )
-    assert missing.exit_code == 2
-    assert "does not exist" in missing.output
+    (tmp_path / "other.json").write_text('{"schema": "rlgcomp.calibration/1", "kind": "gyro", "pulse_arcsec": 0.8001}')
+    for options, message in (
+        (["--calibration", tmp_path / "no.json"], "does not exist"),
+        (["--calibration", tmp_path / "other.json"], "was trained on gyros calibrated with"),
+        (["--pulse-arcsec", 0.8], "give that file with --calibration"),
+    ):
+        refused = run("evaluate", tmp_path / "raw", tmp_path / "b.parquet", *options, "--out", tmp_path / "e")
+        assert refused.exit_code == 2, refused.output
+        assert message in refused.output
+        assert not (tmp_path / "e").exists()
+
+
+@pytest.mark.parametrize("interval", ["500:100", "1e6:", ":-5"])
+def test_an_interval_outside_the_run_is_refused(folder: Path, interval: str) -> None:
+    result = run("inspect", f"{folder / 'run1.parquet'}@{interval}")
+    assert result.exit_code == 2
+    assert "the run covers" in result.output

@@ -191,6 +191,27 @@ def test_noise_free_the_second_pass_takes_out_the_squares() -> None:
     assert off[2] < 0.3 * off[1]
 
 
+def test_large_errors_are_found_as_well() -> None:
+    """100 arcsec, 1 deg/h and 100 ppm: passes go on until they no longer move."""
+    names = [parameter.name for parameter in GYRO]
+    size = {"ppm": 100.0, "deg/h": 1.0, "arcsec": 100.0}
+    large = TriadErrors({p.name: size[p.unit] * (-1.0) ** k for k, p in enumerate(GYRO)})
+    angles = TriadErrors({name: 100.0 * (-1.0) ** k for k, name in enumerate(names) if name.endswith("arcsec")})
+    for errors in (large, angles):
+        triad = next(drawn_triads(1, errors, seed=2))
+        found = calibrate_triad([TableRun.of(recording) for recording in short_runs(triad, 3)])
+        off = (found.errors.vector() - errors.vector()) / found.sd
+        assert np.abs(off).max() < 4.0
+
+
+def test_orthogonal_gyros_that_do_not_turn_are_said() -> None:
+    orthogonal = dataclasses.replace(SILENT, gyro_axes="orthogonal", angle_random_walk_deg_sqrt_h=0.0004)
+    bias = rate_bias(TableRun.of(orthogonal.simulate(SHORT["step-2"])))
+    assert bias.idle == "xy"
+    assert bias.crossings[:2] == (0, 0)
+    assert "x and y stay below" in str(bias)
+
+
 def test_the_order_of_the_runs_does_not_matter(recordings: list[rlg.Recording], found: TriadCalibration) -> None:
     backward = calibrate_triad([TableRun.of(recording) for recording in reversed(recordings)])
     assert backward.errors.vector() == pytest.approx(found.errors.vector(), abs=1e-6)
@@ -428,5 +449,17 @@ def test_bad_input_to_the_command(tmp_path: Path, files: list[Path], recordings:
         assert result.exit_code == 2, (name, result.output)
         assert message in result.output.replace("\n", " "), (name, result.output)
         assert not (tmp_path / "cal.json").exists()
-    result = invoke("calibrate", *files, "--out", tmp_path / "cal.json", "--angle-random-walk", "-1")
-    assert result.exit_code == 2
+    twice = recordings[0].replace(table=table.assign(gyro_x_deg_s=1.0 + np.arange(len(table)) % 7))
+    write(twice, tmp_path / "twice.parquet")
+    other = recordings[1].replace(metadata=dataclasses.replace(recordings[1].metadata, pulse_arcsec=0.8))
+    write(other, tmp_path / "other.parquet")
+    for arguments, message in (
+        ([*files, "--angle-random-walk", "-1"], "must lie between 0 and 1"),
+        ([*files, "--latitude", "41"], "says latitude 39.98 deg"),
+        ([files[0], files[0], files[1]], "hold the same data"),
+        ([tmp_path / "twice.parquet"], "leave one out with --drop"),
+        ([files[0], tmp_path / "other.parquet"], "disagree with the encoders"),
+    ):
+        result = invoke("calibrate", *arguments, "--out", tmp_path / "cal.json")
+        assert result.exit_code == 2, result.output
+        assert message in result.output.replace("\n", " "), result.output

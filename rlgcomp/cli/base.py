@@ -41,7 +41,8 @@ Gyro = Annotated[str | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro
 PulseArcsec = Annotated[float | None, typer.Option("--pulse-arcsec", help="Angle of one pulse, where the file does not say.")]
 PeriodS = Annotated[float | None, typer.Option("--period-s", help="Sample period of a file without time stamps.")]
 CalibrationFile = Annotated[
-    Path | None, typer.Option("--calibration", metavar="CAL.json", help="Calibration to apply to the raw gyros.")
+    Path | None,
+    typer.Option("--calibration", metavar="CAL.json", help="Calibration to apply to the raw gyros, which then end in _deg_h."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
@@ -118,6 +119,7 @@ def read_runs(
             for finding in recording.findings:
                 say(f"{recording.name}: {finding}")
             if interval is not None:
+                _require_rows(recording, interval, spec)
                 recording = recording.between(*interval, keep_history=history, name=f"{recording.name}{_said(*interval)}")
             recordings.append(recording if calibrated is None else calibrated.apply(recording))
             advance(done, len(specs))
@@ -142,6 +144,16 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, int
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _require_rows(recording: Any, interval: tuple[float, float], spec: str) -> None:
+    from rlgcomp.errors import InputError
+
+    start, stop = float(recording.time_s[0]), float(recording.time_s[-1])
+    if not interval[0] < interval[1] or interval[1] <= start or interval[0] > stop:
+        raise InputError(
+            f"{spec}: nothing lies between {interval[0]:g} and {interval[1]:g} s; the run covers {start:g} to {stop:g} s"
+        )
 
 
 def _interval(spec: str) -> tuple[Path, tuple[float, float] | None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +22,10 @@ from rlgcomp.cli.base import (
     say,
 )
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
+
+if TYPE_CHECKING:
+    from rlgcomp.compensation.compensator import Compensator
+    from rlgcomp.recording import Recording
 
 Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")]
 
@@ -129,6 +133,7 @@ def evaluate(
     require_writable(out)
     compensator = load(model)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
+    _require_the_same_calibration(compensator, recordings)
     evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)
     with whole_folder(out, ours="report.html") as folder:
         write_report(folder, evaluation, compensator, title=f"Bias compensation: {model.name}", simulated=recordings[:1])
@@ -161,6 +166,7 @@ def compensate(
     require_writable(out)
     compensator = load(model)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration)
+    _require_the_same_calibration(compensator, [recording])
     corrected = compensator.correct(recording)
     write(corrected, out)
     outside = float(corrected.column("compensation_out_of_range").mean())
@@ -168,3 +174,22 @@ def compensate(
         show_json({"out": out, "rows": len(corrected), "out_of_range": outside})
     else:
         say(f"{out}: {len(corrected)} rows, {100 * outside:.1f} % with an input outside the training range")
+
+
+def _require_the_same_calibration(compensator: Compensator, recordings: list[Recording]) -> None:
+    """Refuse runs calibrated otherwise than those that the model was trained on."""
+    from rlgcomp.errors import InputError
+
+    notes = [run.get("notes") or {} for run in compensator.provenance_]
+    trained = {str(note["calibration"]) for note in notes if "calibration" in note}
+    if not trained:
+        return
+    for recording in recordings:
+        used = recording.metadata.notes.get("calibration")
+        if used not in trained:
+            received = "this run is not calibrated" if used is None else f"this run with the one of SHA-256 {used[:12]}..."
+            wanted = " or ".join(f"{identity[:12]}..." for identity in sorted(trained))
+            raise InputError(
+                f"{recording.name}: the model was trained on gyros calibrated with the file of SHA-256 {wanted}; {received}; "
+                "give that file with --calibration"
+            )

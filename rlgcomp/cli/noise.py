@@ -54,6 +54,13 @@ def allan(
                 analyse_noise(recording, column, taus, estimator=estimator, confidence=confidence, per_decade=per_decade)  # type: ignore[arg-type]  # checked there
             )
             advance(done, len(columns))
+    if taus is not None:
+        period_s = recording.period_s
+        there = analyses[0].deviation.tau_s
+        missing = [tau_s for tau_s in taus if min(abs(there - tau_s)) > 0.5 * period_s]
+        if missing:
+            held = f"{there[0]:g} to {there[-1]:g} s" if len(there) > 1 else f"{there[0]:g} s"
+            say(f"no deviation at {', '.join(f'{tau_s:g}' for tau_s in missing)} s: the record shows {held} of those asked for")
     if out is not None:
         _write(out, analyses, recording.name)
     if as_json:

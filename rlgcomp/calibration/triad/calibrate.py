@@ -85,6 +85,10 @@ def calibrate_recordings(
             raise InputError(f"the angle random walk is {angle_random_walk_deg_sqrt_h} deg/sqrt(h); it must lie between 0 and 1")
         noise = Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
     if latitude_deg is not None:
+        for recording in recordings:
+            said = recording.metadata.latitude_deg
+            if said is not None and said != latitude_deg:
+                raise InputError(f"{recording.name} says latitude {said} deg, the option {latitude_deg} deg; leave the option out")
         recordings = [
             recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg))
             for recording in recordings
@@ -92,9 +96,16 @@ def calibrate_recordings(
     runs = [TableRun.of(recording, gyro_axes=gyro_axes) for recording in recordings]
     triad = calibrate_triad(runs, noise=noise, progress=progress)
     biases = tuple(rate_bias(run) for run in runs)
-    alternatives = predicted(triad.noise, triad.latitude_deg) if any(bias.violated for bias in biases) else pd.DataFrame()
+    crossing = triad.gyro_axes == "oblique" and any(bias.violated for bias in biases)
+    alternatives = predicted(triad.noise, triad.latitude_deg) if crossing else pd.DataFrame()
     observability = _observability(triad)
     remarks = _remarks(triad, biases, alternatives)
+    if any(run.pushed_m_s is None for run in runs):
+        remarks.append(
+            "no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...): mean rates alone are compared; they show ε_x and ε_y"
+        )
+    if any(run.pulse_arcsec is None for run in runs):
+        remarks.append("the gyros came as rates: if they were made from whole pulses, that noise is not in the standard deviations")
     made = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     content = triad_content(triad, list(recordings), remarks, rlgcomp.__version__, made)
     content["observability"] = observability.to_dict("records")
@@ -164,7 +175,7 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
             f"these runs do not show {', '.join(unseen)}: taken as zero; the inner axis turned level shows Δk_z, ε_z, β; "
             "turned upright ε_x, ε_y; both axes turned Δk_x, Δk_y, α, δ"
         )
-    remarks += [str(bias) for bias in biases if bias.violated]
+    remarks += [str(bias) for bias in biases if bias.violated or bias.idle]
     for row in alternatives.to_dict("records"):
         remarks.append(
             f"third step {row['third step']}: slowest gyro {row['slowest_deg_s']:.1f} deg/s, {row['crossings']:.0f} passages, "
@@ -179,7 +190,8 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
                 else "noise is smaller"
             )
             remarks.append(
-                f"{run.name}: chi² is {ratio:.2f} of what is expected: {cause}; standard deviations are off by {ratio**0.5:.2f}"
+                f"{run.name}: chi² is {ratio:.2f} of what is expected: {cause}; "
+                f"standard deviations are off by at least {ratio**0.5:.2f}"
             )
     if any(triad.seen[-4:]):
         remarks.append(

@@ -44,6 +44,7 @@ from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
 Array = npt.NDArray[np.float64]
 PRIOR_SD: Final = {"ppm": 1e4, "deg/h": 100.0, "arcsec": 7200.0}
 SEEN: Final = 0.01
+SETTLED: Final = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +132,7 @@ def calibrate_triad(
     runs: Sequence[TableRun],
     *,
     noise: Noise | None = None,
-    passes: int = 2,
+    passes: int = 6,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> TriadCalibration:
     """Calibrate a triad.
@@ -143,17 +144,18 @@ def calibrate_triad(
     noise : Noise, optional
         By default the angle random walk is estimated from the runs in which only the inner axis turns; the rest is typical.
     passes : int
-        Linear solutions; the second is the Gauss-Newton pass.
+        Linear solutions at the most. The first neglects squares of the errors; each further one is a Gauss-Newton pass. They end
+        once a step is below a tenth of every standard deviation.
     progress : callable
         Called with passes over runs done and in all.
 
     Raises
     ------
     InputError
-        No runs, or runs of different latitude or gyro geometry.
+        No runs, the same run twice, or runs that differ in latitude, gyro geometry, pulse or unit.
     """
     _check(runs)
-    total, done = passes * len(runs), 0
+    total, done = min(passes, 2) * len(runs), 0
     estimated = noise is None
     settings = noise or Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h(runs))
     errors = TriadErrors()
@@ -164,8 +166,9 @@ def calibrate_triad(
         for k, run in enumerate(runs):
             linear.append(linearise(run, errors, tilts[k], known[k]) if run.shows == "velocity" else None)
             done += 1
-            progress(done, total)
-        known = [None if part is None else part.sensitivity for part in linear]
+            progress(done, max(done, total))
+        if number > 0:  # the second trajectory is near enough to the truth for all that follow
+            known = [None if part is None else part.sensitivity for part in linear]
         informations = [
             rate_information(run, errors, settings) if part is None else velocity_information(part, settings, tilt)
             for run, part, tilt in zip(runs, linear, tilts, strict=True)
@@ -176,6 +179,9 @@ def calibrate_triad(
         found = joint.estimate(CONSTANTS)
         errors = TriadErrors.of(errors.vector() + found[: len(GYRO)])
         tilts = [tilt + more for tilt, more in zip(tilts, found_tilts, strict=True)]
+        step = np.abs(found[: len(GYRO)]) / np.sqrt(np.diag(joint.covariance(CONSTANTS))[: len(GYRO)])
+        if number > 0 and step.max() < SETTLED:
+            break
     covariance = joint.covariance(CONSTANTS)[: len(GYRO), : len(GYRO)]
     prior = _prior_sd(settings)[: len(GYRO)]
     seen = np.sqrt(np.diag(covariance)) < SEEN * prior
@@ -200,12 +206,21 @@ def calibrate_triad(
 def _check(runs: Sequence[TableRun]) -> None:
     if not runs:
         raise InputError("no runs to calibrate on; give at least one recording of a triad on a table")
-    for attribute, what in (("gyro_axes", "geometry of the gyros"), ("latitude_deg", "latitude")):
+    for attribute, what in (
+        ("gyro_axes", "geometry of the gyros"),
+        ("latitude_deg", "latitude"),
+        ("pulse_arcsec", "angle of a pulse"),
+        ("unit", "unit"),
+    ):
         values = sorted({str(getattr(run, attribute)) for run in runs})
         if len(values) > 1:
             raise InputError(
                 f"the runs differ in the {what}: {', '.join(values)}; calibrate runs of one triad at one place together"
             )
+    for k, run in enumerate(runs):
+        twin = next((other.name for other in runs[:k] if np.array_equal(other.turned_rad, run.turned_rad)), None)
+        if twin is not None:
+            raise InputError(f"{twin} and {run.name} hold the same data, which would count twice; give each run once")
 
 
 def _prior_sd(noise: Noise) -> Array:

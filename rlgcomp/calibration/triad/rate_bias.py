@@ -39,12 +39,15 @@ class RateBias:
         Reversals of the table, which cannot be had without a passage.
     slowest_deg_s : float
         Smallest rate of any gyro away from the reversals.
+    idle : str
+        Axes of gyros that hardly turn in this run, "" for none.
     """
 
     run: str
     crossings: tuple[int, ...]
     reversals: int
     slowest_deg_s: float
+    idle: str = ""
 
     @property
     def violated(self) -> bool:
@@ -53,6 +56,9 @@ class RateBias:
 
     def __str__(self) -> str:
         counts = ", ".join(f"{axis} {count}" for axis, count in zip(AXES, self.crossings, strict=True))
+        if self.idle and not self.violated:
+            idle = " and ".join(self.idle)
+            return f"{self.run}: gyros {idle} stay below {LOCK_IN_DEG_S} deg/s: they are not rate-biased in this run"
         if not self.violated:
             return f"{self.run}: no gyro comes below {self.slowest_deg_s:.3g} deg/s between the table's {self.reversals} reversals"
         return (
@@ -80,12 +86,12 @@ def rate_bias(run: TableRun) -> RateBias:
             turning &= ~slow
             sense = np.sign(rate[~slow])
             reversals = max(reversals, int(np.sum(sense[1:] != sense[:-1])))
-    turns = rates[
-        :, np.max(np.abs(rates), axis=0) > LOCK_IN_DEG_S
-    ]  # a gyro across the only axis that turns has no rate bias at all
-    crossings = [int(np.sum(np.signbit(rate[1:]) != np.signbit(rate[:-1]))) for rate in rates.T]
-    slowest = float(np.min(np.abs(turns[turning]))) if turning.any() and turns.size else 0.0
-    return RateBias(run.name, tuple(crossings), reversals, slowest)
+    moving = np.max(np.abs(table), axis=0) > LOCK_IN_DEG_S
+    turns = np.max(np.abs(rates), axis=0) > LOCK_IN_DEG_S
+    crossings = [int(np.sum(np.diff(np.signbit(rate[moving])))) if there else 0 for rate, there in zip(rates.T, turns, strict=True)]
+    steady = np.abs(rates[turning & moving][:, turns])
+    idle = "".join(axis for axis, there in zip(AXES, turns, strict=True) if not there)
+    return RateBias(run.name, tuple(crossings), reversals, float(steady.min()) if steady.size else 0.0, idle)
 
 
 def unseparated(covariance: Array, names: Sequence[str], limit: float = 0.95) -> list[str]:

@@ -41,6 +41,10 @@ class TableRun:
     latitude_deg : float
     angle_noise_arcsec : float
         White noise of each gyro's accumulated angle from counting whole pulses.
+    pulse_arcsec : float or None
+        None where the gyros came as rates.
+    unit : str
+        Serial number.
     """
 
     name: str
@@ -52,6 +56,8 @@ class TableRun:
     gyro_axes: str
     latitude_deg: float
     angle_noise_arcsec: float = 0.0
+    pulse_arcsec: float | None = None
+    unit: str = ""
 
     @classmethod
     def of(cls, recording: Recording, *, gyro_axes: str | None = None) -> TableRun:
@@ -104,6 +110,8 @@ class TableRun:
             gyro_axes=chosen,
             latitude_deg=recording.metadata.latitude_deg,
             angle_noise_arcsec=_counting_noise_arcsec(recording, columns),
+            pulse_arcsec=recording.metadata.pulse_arcsec if all(column.endswith("_pulses") for column in columns) else None,
+            unit=recording.metadata.unit,
         )
 
     @property
@@ -160,6 +168,8 @@ def _gyro(recording: Recording, axis: str) -> str:
             f"{recording.name} has no gyro_{axis}_pulses (or gyro_{axis}_deg_h); a triad has three gyros; it has "
             f"{', '.join(recording.gyro_columns)}; for a single gyro use rlgcomp scale-factor"
         )
+    if len(found) > 1:
+        raise InputError(f"{recording.name} has {' and '.join(found)} for one axis; leave one out with --drop {found[0]}")
     return found[0]
 
 
