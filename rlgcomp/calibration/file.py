@@ -194,13 +194,8 @@ def triad_content(
 
 def write_calibration(path: str | Path, content: Mapping[str, Any]) -> None:
     """Write a calibration file, whole or not at all."""
-    Calibration.from_mapping(json.loads(json.dumps(_checked(content))))
+    Calibration.from_mapping(content)
     write_json(path, dict(content))
-
-
-def _checked(content: Mapping[str, Any]) -> dict[str, Any]:
-    keys = ("schema", "kind", "pulse_arcsec", "gyro_axes", "parameters", "bias_deg_h")
-    return {key: content[key] for key in keys if key in content}
 
 
 def _number(value: Any, name: str, low: float, high: float) -> float:

@@ -212,7 +212,7 @@ def _check(runs: Sequence[TableRun]) -> None:
         ("pulse_arcsec", "angle of a pulse"),
         ("unit", "unit"),
     ):
-        values = sorted({str(getattr(run, attribute)) for run in runs})
+        values = sorted({str(getattr(run, attribute)) for run in runs} - {"", "None"})  # what a file does not say is no difference
         if len(values) > 1:
             raise InputError(
                 f"the runs differ in the {what}: {', '.join(values)}; calibrate runs of one triad at one place together"
