@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -36,6 +37,11 @@ class Parameter:
     low: float
     high: float
     choices: tuple[str, ...] = ()
+
+    def spread(self, points: int = 10) -> tuple[float, ...]:
+        """Values from bound to bound: in equal ratios where both are positive, in equal steps elsewhere."""
+        space = np.geomspace if self.low > 0.0 else np.linspace
+        return tuple(float(min(max(value, self.low), self.high)) for value in space(self.low, self.high, points))
 
 
 def amplitude(typical: float, unit: str, *, limit: float | None = None) -> Any:
@@ -70,6 +76,12 @@ class Mechanism(abc.ABC):
         Where the physics is written down.
     drivers : tuple of str
         Columns it needs; "temperature" stands for the recording's own choice of thermometer.
+    fast : bool
+        Its columns vary within an averaging window, so they are computed at the full rate.
+    each_run : bool
+        Its amplitudes are drawn anew in each run, as the phase of something that knows nothing of when a run begins.
+    open_set : bool
+        Not a candidate when a cause is to be named: it describes, it does not explain.
     """
 
     name: ClassVar[str]
@@ -77,6 +89,9 @@ class Mechanism(abc.ABC):
     equation: ClassVar[str]
     reference: ClassVar[str]
     drivers: ClassVar[tuple[str, ...]]
+    fast: ClassVar[bool] = False
+    each_run: ClassVar[bool] = False
+    open_set: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         for parameter in self.parameters():
@@ -112,6 +127,18 @@ class Mechanism(abc.ABC):
     def amplitude_parameters(self) -> tuple[Parameter, ...]:
         """The amplitudes that are in use, in the order of the basis."""
         return tuple(parameter for parameter in self.parameters() if parameter.role == "amplitude")
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        """The shapes and settings that diagnosis tries; each counts equally before the data are seen.
+
+        Unless a mechanism knows better: ten points between the bounds of each shape, in equal ratios where the bounds are positive.
+        """
+        del recordings
+        axes = [
+            [(parameter.name, value) for value in parameter.spread()] for parameter in cls.parameters() if parameter.role == "shape"
+        ]
+        return tuple(cls(**dict(point)) for point in itertools.product(*axes))
 
     def covariance(self, lag_s: Array) -> Array | None:
         """Autocovariance in (deg/h)² at time lags of a cause that no two runs repeat; None where the monitors determine it."""
