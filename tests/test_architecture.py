@@ -38,6 +38,7 @@ ROWS = [
     ["comparison"],
     ["evaluation"],
     ["report"],
+    ["diagnosis"],
     ["cli"],
 ]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))
