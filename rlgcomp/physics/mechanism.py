@@ -152,6 +152,12 @@ class Mechanism(abc.ABC):
         del time_s, left
         return (), 1.0
 
+    @classmethod
+    def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
+        """The mechanism that jumps between two values at random times; None for one that does not jump."""
+        del half_step_deg_h, dwell_s
+        return None
+
     def extensions(self) -> tuple[Self, ...]:
         """Richer forms of the same cause, to be tried where the simulator has it in this form."""
         return ()
