@@ -38,9 +38,8 @@ Modules, each importing only from those before it:
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit
     compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
     comparison evaluation       which input helps with which model; held-out results
-    report                      the page that shows them
-    diagnosis                   what a simulator is missing: located, named, modelled, proved on held-out runs
-    cli                         the command line
+    diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
+    report cli                  the page that shows them, the command line
 """
 
 from __future__ import annotations

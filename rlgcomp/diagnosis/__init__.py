@@ -1,1 +1,1 @@
-"""What a simulator is missing: calibrate, detect, locate, name, model, prove on runs held out."""
+"""Diagnosis: detect the mismatch between a simulator and recordings, locate it, name what is missing, model it, prove it."""
