@@ -189,13 +189,8 @@ def test_what_goes_wrong_in_it_is_said(run: rlg.Recording, tmp_path: Path, code:
 
 NUMBERS = st.lists(st.floats(), min_size=2, max_size=2)
 FRAMES = st.builds(pd.DataFrame, st.dictionaries(st.sampled_from(["time_s", "gyro_deg_h", "x"]), NUMBERS))
-ANYTHING = st.one_of(
-    st.none(),
-    st.text(max_size=5),
-    st.floats(),
-    st.lists(st.one_of(st.floats(), st.none(), st.text(max_size=2)), max_size=4),
-    FRAMES,
-)
+LISTS = st.lists(st.one_of(st.floats(), st.none(), st.text(max_size=2)), max_size=4)
+ANYTHING = st.one_of(st.none(), st.text(max_size=5), st.floats(), LISTS, FRAMES)
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

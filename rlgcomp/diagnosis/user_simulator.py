@@ -145,8 +145,8 @@ class PythonSimulator:
         except Exception as error:  # noqa: BLE001 - whatever the user's code raises is the input's fault
             place = said_line(error, self.name.rpartition(":")[0])
             raise InputError(
-                f"{self.name} failed on {recording.name}{place}: {type(error).__name__}: {error}; correct it, or try it by itself on "
-                "rlgcomp.read(RUN)"
+                f"{self.name} failed on {recording.name}{place}: {type(error).__name__}: {error}; correct it, or try it by itself "
+                "on rlgcomp.read(RUN)"
             ) from None
         rate = self._understood(answer, recording)
         self._said.append((recording, rate))
