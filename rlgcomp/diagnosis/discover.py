@@ -271,7 +271,7 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[_Jud
                 places[k] = trials[k][int(np.argmax(values))]
             else:
                 steps[k] *= 0.35
-    widths = _log_widths(dictionary, background, chosen, places, current)
+    widths = _log_widths(dictionary, background, chosen, places)
     refined = []
     for one, place, value, width in zip(chosen, places, current, widths, strict=True):
         evidence = one.family.log_prior + float(value) + width
@@ -299,15 +299,13 @@ def _around(place: Array, step: float) -> Array:
     """Places one step away along each axis and along the diagonals, within the cube."""
     if not len(place):
         return np.empty((0, 0))
-    directions = np.array([d for d in np.ndindex(*(3,) * len(place))], dtype=np.float64) - 1.0
+    directions = np.array(list(np.ndindex(*(3,) * len(place))), dtype=np.float64) - 1.0
     directions = directions[np.abs(directions).sum(axis=1) > 0.0]
     moved = place + np.concatenate([step * directions, 0.3 * step * directions])
     return np.unique(np.clip(moved, 0.0, 1.0), axis=0)
 
 
-def _log_widths(
-    dictionary: Dictionary, background: Background, judged: Sequence[_Judged], places: Sequence[Array], current: Array
-) -> list[float]:
+def _log_widths(dictionary: Dictionary, background: Background, judged: Sequence[_Judged], places: Sequence[Array]) -> list[float]:
     """Logarithm of the share of each family's cube that its peak fills, from the curvature at the top; none fills more than all."""
     h = _CURVATURE_STEP
     trials = []

@@ -63,7 +63,8 @@ class Family:
     driver, driver_2, memory, form, exponent
         As in :class:`rlgcomp.physics.empirical_law.EmpiricalLaw`.
     axes : tuple of Axis
-        "lag" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of half a period.
+        "lag" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of half a
+        period.
     screened : bool
         Whether its grid is tried from the start; if not, it is tried where its sibling (bump) did well.
     log_prior : float
@@ -102,7 +103,7 @@ class Family:
 
 @dataclasses.dataclass(frozen=True)
 class _Pieces:
-    """One run's fine rows joined, so that a window is made of a handful of them: fine enough for a law, and several times faster."""
+    """One run's fine rows joined so that a window is a handful of them: fine enough for a law, and several times faster."""
 
     time_s: Array
     starts: IntArray
@@ -271,22 +272,20 @@ class Dictionary:
         step = float(np.quantile(moves, 0.75)) * self.problem.rows.window_s / (high - low)
         finest = min(max(0.4 * step, 0.005), 0.06)
         steps = max(2, math.ceil(math.log2(0.25 / finest)))
-        at = Axis("at", 0.0, 1.0, 1)
+        at = [Axis("at", 0.0, 1.0, points) for points in range(21)]
         families = [
             Family(driver, "", "static", "power", 1, ()),
-            Family(driver, "", "static", "power", 2, (dataclasses.replace(at, points=3),)),
-            Family(driver, "", "static", "power", 3, (dataclasses.replace(at, points=3),)),
-            Family(driver, "", "static", "above", 1, (dataclasses.replace(at, points=10),)),
-            Family(driver, "", "static", "below", 1, (dataclasses.replace(at, points=10),)),
-            Family(driver, "", "static", "step", 1, (dataclasses.replace(at, points=20),)),
-            Family(
-                driver, "", "static", "saturation", 1, (dataclasses.replace(at, points=8), Axis("width", 0.03, 0.5, 3, ratio=True))
-            ),
+            Family(driver, "", "static", "power", 2, (at[3],)),
+            Family(driver, "", "static", "power", 3, (at[3],)),
+            Family(driver, "", "static", "above", 1, (at[10],)),
+            Family(driver, "", "static", "below", 1, (at[10],)),
+            Family(driver, "", "static", "step", 1, (at[20],)),
+            Family(driver, "", "static", "saturation", 1, (at[8], Axis("width", 0.03, 0.5, 3, ratio=True))),
             Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 0.12, 1.0, 8, ratio=True))),
         ]
         for form in ("bump", "resonance", "dispersion"):
             width = Axis("width", finest, 0.25, steps, ratio=True)
-            families.append(Family(driver, "", "static", form, 1, (at, width), screened=form == "bump"))
+            families.append(Family(driver, "", "static", form, 1, (at[1], width), screened=form == "bump"))
         return families
 
 

@@ -173,10 +173,7 @@ def form_of(m: Array, form: str, exponent: int, span: tuple[float, float], at: f
         In the unit of m.
     """
     low, high = span
-    if form in NARROW:
-        z = (m - at) / width
-    else:
-        z = (m - at) / (0.5 * (high - low))
+    z = (m - at) / (width if form in NARROW else 0.5 * (high - low))
     match form:
         case "above":
             return np.maximum(z, 0.0)
