@@ -19,13 +19,19 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.problem import Problem, Windows
-from rlgcomp.physics.empirical_law import EmpiricalLaw, form_of, remembered, smoothed
+from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, form_of, played, remembered, smoothed
 from rlgcomp.recording import TIME, Recording, is_gyro
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 ONE_DRIVER: Final = 0.75
-MEMORY_CLASS: Final = {"static": "static", "lag": "dynamic", "rate": "dynamic", "play": "rate-independent"}
+MEMORY_CLASS: Final = {
+    "static": "static",
+    "lag": "dynamic",
+    "rate": "dynamic",
+    "play": "rate-independent",
+    "plays": "rate-independent",
+}
 _SHORTEST_LAG_WINDOWS: Final = 2.0
 _SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
@@ -166,6 +172,7 @@ class Dictionary:
         table = np.empty((len(self.problem.rows), len(places)))
         shapes = {axis.name: axis.value(places[:, j]) for j, axis in enumerate(family.axes)}
         memory = shapes.get("lag", shapes.get("radius", np.zeros(len(places))))
+        self._remember(family.driver, family.memory, np.unique(memory))
         for value in np.unique(memory):
             which = np.flatnonzero(memory == value)
             series, low, high = self._series(family.driver, family.memory, float(value))
@@ -212,19 +219,27 @@ class Dictionary:
 
     def _series(self, driver: str, memory: str, value: float) -> tuple[list[Array], float, float]:
         """What is remembered on the fine rows of each run, and its range."""
-        key = (driver, memory, value)
-        if key not in self._remembered:
-            radius = value * self._half(driver) if memory == "play" else 0.0
-            series = [
-                remembered(values, pieces.time_s, memory, value, radius)
-                for values, pieces in zip(self._values[driver], self._pieces, strict=True)
-            ]
-            low = min(float(part.min()) for part in series)
-            high = max(float(part.max()) for part in series)
-            if not low < high:
-                high = low + 1.0
-            self._remembered[key] = series, low, high
-        return self._remembered[key]
+        self._remember(driver, memory, np.array([value]))
+        return self._remembered[driver, memory, value]
+
+    def _remember(self, driver: str, memory: str, values: Array) -> None:
+        """Fill in what is remembered for several lags or radii at once."""
+        fresh = [float(value) for value in values if (driver, memory, float(value)) not in self._remembered]
+        if not fresh:
+            return
+        series: list[list[Array]] = [[] for _ in fresh]
+        half = self._half(driver) if memory in RATE_INDEPENDENT else 0.0
+        for u, pieces in zip(self._values[driver], self._pieces, strict=True):
+            if memory in RATE_INDEPENDENT:
+                table = played(u, memory, [value * half for value in fresh])
+                parts = list(table.T)
+            else:
+                parts = [remembered(u, pieces.time_s, memory, value, 0.0) for value in fresh]
+            for one, part in zip(series, parts, strict=True):
+                one.append(part)
+        for value, one in zip(fresh, series, strict=True):
+            low, high = min(float(part.min()) for part in one), max(float(part.max()) for part in one)
+            self._remembered[driver, memory, value] = one, low, high if low < high else low + 1.0
 
     # --- the families ------------------------------------------------------------------------------------------------------
 
@@ -233,6 +248,7 @@ class Dictionary:
         longest_s = max(float(np.ptp(rows.time_s[part])) for part in rows.runs)
         lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.5 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
         radius = Axis("radius", *_RADII, 8, ratio=True)
+        coarse = dataclasses.replace(radius, points=4)
         single = math.log(ONE_DRIVER / max(1, len(self.drivers)))
         found: list[Family] = []
         for driver in self.drivers:
@@ -245,6 +261,8 @@ class Dictionary:
             ]
             slipping = [
                 Family(driver, "", "play", "power", 1, (radius,)),
+                Family(driver, "", "plays", "power", 1, (radius,)),
+                Family(driver, "", "plays", "saturation", 1, (coarse, Axis("at", 0.0, 1.0, 3), Axis("width", 0.2, 0.8, 2, ratio=True))),
                 Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
             ]
             for members in (static, dynamic, slipping):

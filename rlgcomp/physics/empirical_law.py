@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -15,10 +16,12 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, 
 from rlgcomp.recording import Recording
 from rlgcomp.units import column_unit
 
-SMOOTHING_S: Final = 60.0  # a law answers to the quantity, not to the noise of its reading
-MEMORIES: Final = ("static", "lag", "rate", "play")
+SMOOTHING_S: Final = 20.0  # a law answers to the quantity, not to the noise of its reading
+MEMORIES: Final = ("static", "lag", "rate", "play", "plays")
 FORMS: Final = ("power", "above", "below", "step", "saturation", "bump", "resonance", "dispersion", "periodic")
 NARROW: Final = ("saturation", "bump", "resonance", "dispersion", "periodic")  # forms that have a width
+RATE_INDEPENDENT: Final = ("play", "plays")
+_SHARES: Final = -np.log1p(-(np.arange(8) + 0.5) / 8)  # radii at equal steps of an exponential distribution of mean one
 _LARGEST: Final = 1e9
 
 
@@ -28,9 +31,11 @@ class EmpiricalLaw(Mechanism):
 
     .. math:: b = A \, f(m) \, \frac{u_2 - a_2}{h_2}, \qquad m = M[u]
 
-    u is a recorded column, its mean over a minute taken. The memory M is "static" (m = u), "lag"
-    (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute) or "play" (backlash of the given radius: rate independent). With
-    x = (m - at) / h, z = (m - at) / width and h half the range that m had where the law was found, the form f is
+    u is a recorded column, its mean over 20 s taken. The memory M is "static" (m = u), "lag"
+    (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the given radius: rate independent) or "plays"
+    (the mean of play operators whose radii are distributed as exp(-r / radius): a Prandtl-Ishlinskii operator, and what relays
+    that are the rarer the wider they are add up to). With x = (m - at) / h, z = (m - at) / width and h half the range that m had
+    where the law was found, the form f is
 
     =============  ==========================  ================================================
     power          x^exponent                  beyond the range it goes on straight
@@ -115,6 +120,7 @@ class EmpiricalLaw(Mechanism):
             "lag": f"lag({self.driver}, {self.lag_s:.4g} s)",
             "rate": f"d/dt {self.driver}",
             "play": f"play({self.driver}, {_with(self.radius, unit)})",
+            "plays": f"mean play({self.driver}, r ~ exp(-r / {_with(self.radius, unit)}))",
         }[self.memory]
         from_at = f"{m} - {_with(self.at, unit)}" if self.at >= 0.0 else f"{m} + {_with(-self.at, unit)}"
         x, z = f"({from_at}) / {_with(half, unit)}", f"({from_at}) / {_with(self.width, unit)}"
@@ -140,7 +146,7 @@ class EmpiricalLaw(Mechanism):
 
 
 def smoothed(recording: Recording, column: str) -> Array:
-    """A driver less the noise of its reading: its mean over a minute; an angle, which wraps, as it is."""
+    """A driver less the noise of its reading: its mean over 20 s; an angle, which wraps, as it is."""
     values = recording.column(column)
     return values if column_unit(column) == "deg" else running_mean(values, recording.time_s, SMOOTHING_S)
 
@@ -151,10 +157,17 @@ def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: 
         return lag(values, time_s, lag_s)
     if memory == "rate":
         return rate_per_min(values, time_s)
-    if memory == "play":
-        play = Play((radius,))
-        return play.run(play.init(float(values[0])), values)[0][:, 0]
+    if memory in RATE_INDEPENDENT:
+        return played(values, memory, (radius,))[:, 0]
     return values
+
+
+def played(values: Array, memory: str, radii: Sequence[float]) -> Array:
+    """What "play" or "plays" holds of a driver for each of several radii, shape (n, radii)."""
+    shares = _SHARES if memory == "plays" else np.ones(1)
+    play = Play(tuple(float(radius) for radius in np.multiply.outer(radii, shares).ravel()))
+    states, _ = play.run(play.init(float(values[0])), values)
+    return states.reshape(len(values), len(radii), len(shares)).mean(axis=2)
 
 
 def form_of(m: Array, form: str, exponent: int, span: tuple[float, float], at: float | Array, width: float | Array) -> Array:
