@@ -56,11 +56,8 @@ class Play:
         states = np.empty((len(u), len(self.radii)))
         inputs = u.tolist()
         if len(self.radii) >= _TOGETHER:
-            radii, now = np.array(self.radii), np.array(state, dtype=np.float64)
-            for k, x in enumerate(inputs):
-                now = np.maximum(x - radii, np.minimum(x + radii, now))
-                states[k] = now
-            return states, now
+            states = play_paths(u[:, None], np.array(self.radii), np.asarray(state))
+            return states, (states[-1].copy() if len(u) else state)
         for j, radius in enumerate(self.radii):
             w = float(state[j])
             path = []
@@ -72,6 +69,24 @@ class Play:
                 path.append(w)
             states[:, j] = path
         return states, (states[-1].copy() if len(u) else state)
+
+
+def play_paths(u: Array, radii: Array, start: Array) -> Array:
+    """States of many play operators after each input, shape (n, operators).
+
+    Parameters
+    ----------
+    u : ndarray, shape (n, operators) or (n, 1)
+        Input of each, or of all.
+    radii, start : ndarray, shape (operators,)
+        In the input's unit.
+    """
+    states = np.empty((len(u), len(radii)))
+    now = start
+    for k in range(len(u)):
+        now = np.maximum(u[k] - radii, np.minimum(u[k] + radii, now))
+        states[k] = now
+    return states
 
 
 @dataclasses.dataclass(frozen=True)

@@ -32,16 +32,18 @@ from scipy.special import logsumexp
 from rlgcomp.diagnosis.evidence import SIZES
 from rlgcomp.diagnosis.laws import MEMORY_CLASS, Dictionary, Family
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+from rlgcomp.diagnosis.whitening import NoiseShape, Whitener
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 
 Array = npt.NDArray[np.float64]
 SURE: Final = math.log(100.0)  # log Bayes factor from which a law is a discovery: one false one in a hundred at most
 _COLUMNS_AT_ONCE: Final = 2000
+_UNLIKELY: Final = 7.0  # log units behind the best from which a noise is left out
 _ABSORBED: Final = 1e-4  # of a column's norm: less than this left by the design is nothing
 _REFINED: Final = 16  # families
 _BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining
 _STEPS: Final = 9
+_TRIED: Final = 2  # steps before families are given up
 _FIRST_STEP: Final = 0.12
 _CURVATURE_STEP: Final = 0.004
 
@@ -107,15 +109,19 @@ class Background:
         Columns in the model already, with a flat prior.
     noises : sequence of NoiseShape
         Averaged over by their evidence.
+    nothing : float, optional
+        Log evidence of no law, where these noises are some of those that it was averaged over.
     """
 
-    def __init__(self, problem: Problem, design: Array, noises: Sequence[NoiseShape]) -> None:
+    def __init__(self, problem: Problem, design: Array, noises: Sequence[NoiseShape], nothing: float | None = None) -> None:
         self.problem, self.noises = problem, tuple(noises)
+        self._design = design
         scale = np.sqrt((design**2).mean(axis=0))
         self._orthogonal = np.linalg.qr(design / np.where(scale > 0.0, scale, 1.0))[0]
         self.freedom = len(design) - design.shape[1]
         table = np.column_stack([self._orthogonal, problem.target_deg_h])
-        whitened, log_determinant = whiten(problem.rows, table, self.noises)
+        self._whitener = Whitener(problem.rows, self.noises)
+        whitened, log_determinant = self._whitener(table), self._whitener.log_determinant
         self._designs, targets, constants = [], [], []
         for block, determinant in zip(whitened, log_determinant, strict=True):
             q, r = np.linalg.qr(block[:, :-1])
@@ -125,16 +131,26 @@ class Background:
         self._targets = np.array(targets)
         self._left = (self._targets**2).sum(axis=1)
         self.log_evidence = np.array(constants) - 0.5 * self.freedom * np.log(self._left)
+        self._nothing = float(logsumexp(self.log_evidence)) if nothing is None else nothing
 
     def log_bayes_factors(self, columns: Array) -> Array:
         """Log Bayes factor of each column, shape (m,), against none; -inf where the design leaves nothing of it."""
+        return np.asarray(logsumexp(self.by_noise(columns), axis=0))
+
+    def by_noise(self, columns: Array) -> Array:
+        """Each noise's share of that, shape (noises, m)."""
         squares, crosses, _ = self._products(columns)
         explained = crosses**2 / np.where(squares > 0.0, squares, 1.0) / self._left[:, None]
         ratio = squares[:, :, None] * SIZES**2
         share = np.minimum(explained[:, :, None] * ratio / (1.0 + ratio), 1.0 - 1e-12)
         gains = logsumexp(-0.5 * np.log1p(ratio) - 0.5 * self.freedom * np.log1p(-share), axis=2) - math.log(len(SIZES))
-        against = logsumexp(gains + self.log_evidence[:, None], axis=0) - logsumexp(self.log_evidence)
-        return np.where(squares[0] > 0.0, against, -np.inf)
+        return np.where(squares[0] > 0.0, gains + self.log_evidence[:, None] - self._nothing, -np.inf)
+
+    def calmer(self, column: Array) -> Background:
+        """The same with those noises alone that are likely once a column is in the model."""
+        likely = self.by_noise(column[:, None])[:, 0]
+        noises = [noise for noise, value in zip(self.noises, likely, strict=True) if value > likely.max() - _UNLIKELY]
+        return Background(self.problem, self._design, noises, self._nothing)
 
     def amplitude(self, column: Array) -> tuple[float, float]:
         """Generalised least squares estimate of one column's factor and its standard deviation, for the likeliest noise."""
@@ -156,8 +172,7 @@ class Background:
         crosses = np.empty_like(squares)
         for first in range(0, columns.shape[1], _COLUMNS_AT_ONCE):
             part = slice(first, first + _COLUMNS_AT_ONCE)
-            whitened, _ = whiten(self.problem.rows, left[:, part] / size[part], self.noises)
-            for k, table in enumerate(whitened):
+            for k, table in enumerate(self._whitener(left[:, part] / size[part])):
                 inside = self._designs[k].T @ table
                 squares[k, part] = np.einsum("nm,nm->m", table, table) - np.einsum("pm,pm->m", inside, inside)
                 crosses[k, part] = self._targets[k] @ table
@@ -187,7 +202,7 @@ def discover(
     design : ndarray, shape (n, p)
         Columns in the model already (baseline and named causes), with a flat prior.
     noises : NoiseShape or sequence of NoiseShape
-        To whiten with; several are averaged over by their evidence. The screening uses at most three of them.
+        To whiten with; several are averaged over by their evidence. The screening uses two of them.
     dictionary : Dictionary, optional
         Made from the problem unless given.
 
@@ -235,12 +250,10 @@ def screen(dictionary: Dictionary, background: Background) -> list[_Judged]:
     """Every family's evidence over its grid, best first; those without a grid of their own stand where their sibling does."""
     judged: list[_Judged] = []
     siblings: dict[str, tuple[float, Array]] = {}
-    families = [family for family in dictionary.families if family.screened]
-    grids = [family.grid() for family in families]
-    columns = [dictionary.columns(family, places) for family, (places, _) in zip(families, grids, strict=True)]
-    factors = background.log_bayes_factors(np.concatenate(columns, axis=1))
+    grids, columns = dictionary.screening
+    factors = background.log_bayes_factors(columns)
     start = 0
-    for family, (places, weights) in zip(families, grids, strict=True):
+    for family, places, weights in grids:
         values = factors[start : start + len(places)]
         start += len(places)
         best = int(np.argmax(values))
@@ -260,15 +273,18 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[_Jud
     chosen = [one for one in judged[:_REFINED] if one.log_evidence > least]
     others = [one for one in judged if one not in chosen and one.family.screened]
     places = [np.array(one.place, dtype=np.float64) for one in chosen]
+    background = background.calmer(dictionary.columns(chosen[0].family, places[0][None])[:, 0])
     steps = np.full(len(chosen), _FIRST_STEP)
-    best = _at(dictionary, background, chosen, [place[None] for place in places])
-    current = np.array([values[0] for values in best])
-    for _ in range(_STEPS):
-        trials = [_around(place, step) for place, step in zip(places, steps, strict=True)]
-        for k, values in enumerate(_at(dictionary, background, chosen, trials)):
-            if len(values) and values.max() > current[k]:
+    current = np.array([values[0] for values in _at(dictionary, background, chosen, [place[None] for place in places])])
+    for sweep in range(_STEPS):
+        kept = [k for k in range(len(chosen)) if len(places[k]) and (sweep < _TRIED or current[k] > current.max() - _BEHIND)]
+        if not kept:
+            break
+        trials = [_around(places[k], steps[k]) for k in kept]
+        for k, table, values in zip(kept, trials, _at(dictionary, background, [chosen[k] for k in kept], trials), strict=True):
+            if values.max() > current[k]:
                 current[k] = values.max()
-                places[k] = trials[k][int(np.argmax(values))]
+                places[k] = table[int(np.argmax(values))]
             else:
                 steps[k] *= 0.35
     widths = _log_widths(dictionary, background, chosen, places)
@@ -290,15 +306,14 @@ def _few(background: Background) -> tuple[NoiseShape, ...]:
 
 def _at(dictionary: Dictionary, background: Background, judged: Sequence[_Judged], places: Sequence[Array]) -> list[Array]:
     """Log Bayes factors of each family at each of its places, all in one batch."""
-    columns = [dictionary.columns(one.family, table) for one, table in zip(judged, places, strict=True)]
-    factors = background.log_bayes_factors(np.concatenate(columns, axis=1))
+    factors = background.log_bayes_factors(
+        dictionary.batch([(one.family, table) for one, table in zip(judged, places, strict=True)])
+    )
     return np.split(factors, np.cumsum([len(table) for table in places])[:-1])
 
 
 def _around(place: Array, step: float) -> Array:
     """Places one step away along each axis and along the diagonals, within the cube."""
-    if not len(place):
-        return np.empty((0, 0))
     directions = np.array(list(np.ndindex(*(3,) * len(place))), dtype=np.float64) - 1.0
     directions = directions[np.abs(directions).sum(axis=1) > 0.0]
     moved = place + np.concatenate([step * directions, 0.3 * step * directions])

@@ -10,6 +10,7 @@ Columns are computed on the recordings' fine rows and averaged over the windows,
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -160,6 +161,17 @@ class Dictionary:
         self._remembered: dict[tuple[str, str, float], tuple[list[Array], float, float]] = {}
         self.families = self._families()
 
+    @functools.cached_property
+    def screening(self) -> tuple[list[tuple[Family, Array, Array]], Array]:
+        """The families that are screened, with their grids' places and log weights, and all their columns, shape (n, m)."""
+        grids = [(family, *family.grid()) for family in self.families if family.screened]
+        return grids, self.batch([(family, places) for family, places, _ in grids])
+
+    def batch(self, wanted: Sequence[tuple[Family, Array]]) -> Array:
+        """Columns of several families, side by side."""
+        self._remember([key for family, places in wanted for key in _keys(family, places)])
+        return np.concatenate([self.columns(family, places) for family, places in wanted], axis=1)
+
     def columns(self, family: Family, places: Array) -> Array:
         """Window means of the laws at places of a family, shape (n, k).
 
@@ -172,7 +184,6 @@ class Dictionary:
         table = np.empty((len(self.problem.rows), len(places)))
         shapes = {axis.name: axis.value(places[:, j]) for j, axis in enumerate(family.axes)}
         memory = shapes.get("lag", shapes.get("radius", np.zeros(len(places))))
-        self._remember(family.driver, family.memory, np.unique(memory))
         for value in np.unique(memory):
             which = np.flatnonzero(memory == value)
             series, low, high = self._series(family.driver, family.memory, float(value))
@@ -219,27 +230,28 @@ class Dictionary:
 
     def _series(self, driver: str, memory: str, value: float) -> tuple[list[Array], float, float]:
         """What is remembered on the fine rows of each run, and its range."""
-        self._remember(driver, memory, np.array([value]))
+        self._remember([(driver, memory, value)])
         return self._remembered[driver, memory, value]
 
-    def _remember(self, driver: str, memory: str, values: Array) -> None:
-        """Fill in what is remembered for several lags or radii at once."""
-        fresh = [float(value) for value in values if (driver, memory, float(value)) not in self._remembered]
-        if not fresh:
-            return
-        series: list[list[Array]] = [[] for _ in fresh]
-        half = self._half(driver) if memory in RATE_INDEPENDENT else 0.0
-        for u, pieces in zip(self._values[driver], self._pieces, strict=True):
-            if memory in RATE_INDEPENDENT:
-                table = played(u, memory, [value * half for value in fresh])
-                parts = list(table.T)
-            else:
-                parts = [remembered(u, pieces.time_s, memory, value, 0.0) for value in fresh]
-            for one, part in zip(series, parts, strict=True):
-                one.append(part)
-        for value, one in zip(fresh, series, strict=True):
-            low, high = min(float(part.min()) for part in one), max(float(part.max()) for part in one)
-            self._remembered[driver, memory, value] = one, low, high if low < high else low + 1.0
+    def _remember(self, wanted: Sequence[tuple[str, str, float]]) -> None:
+        """Fill in what is remembered, for all (driver, memory, lag or radius) at once."""
+        fresh = [key for key in dict.fromkeys(wanted) if key not in self._remembered]
+        series: dict[tuple[str, str, float], list[Array]] = {key: [] for key in fresh}
+        for k, pieces in enumerate(self._pieces):
+            for memory in RATE_INDEPENDENT:
+                keys = [key for key in fresh if key[1] == memory]
+                if keys:
+                    inputs = np.column_stack([self._values[driver][k] for driver, _, _ in keys])
+                    radii = np.array([value * self._half(driver) for driver, _, value in keys])
+                    for key, column in zip(keys, played(inputs, memory, radii).T, strict=True):
+                        series[key].append(column)
+            for key in fresh:
+                driver, memory, value = key
+                if memory not in RATE_INDEPENDENT:
+                    series[key].append(remembered(self._values[driver][k], pieces.time_s, memory, value, 0.0))
+        for key, parts in series.items():
+            low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
+            self._remembered[key] = parts, low, high if low < high else low + 1.0
 
     # --- the families ------------------------------------------------------------------------------------------------------
 
@@ -248,7 +260,7 @@ class Dictionary:
         longest_s = max(float(np.ptp(rows.time_s[part])) for part in rows.runs)
         lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.5 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
         radius = Axis("radius", *_RADII, 8, ratio=True)
-        coarse = dataclasses.replace(radius, points=4)
+        wide = Axis("width", 0.2, 0.8, 2, ratio=True)
         single = math.log(ONE_DRIVER / max(1, len(self.drivers)))
         found: list[Family] = []
         for driver in self.drivers:
@@ -257,12 +269,12 @@ class Dictionary:
                 Family(driver, "", "rate", "power", 1, ()),
                 Family(driver, "", "rate", "power", 2, (Axis("at", 0.0, 1.0, 3),)),
                 Family(driver, "", "lag", "power", 1, (lag,)),
-                Family(driver, "", "lag", "power", 2, (dataclasses.replace(lag, points=6), Axis("at", 0.0, 1.0, 3))),
+                Family(driver, "", "lag", "power", 2, (lag, Axis("at", 0.0, 1.0, 3))),
             ]
             slipping = [
                 Family(driver, "", "play", "power", 1, (radius,)),
                 Family(driver, "", "plays", "power", 1, (radius,)),
-                Family(driver, "", "plays", "saturation", 1, (coarse, Axis("at", 0.0, 1.0, 3), Axis("width", 0.2, 0.8, 2, ratio=True))),
+                Family(driver, "", "plays", "saturation", 1, (radius, Axis("at", 0.0, 1.0, 3), wide)),
                 Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
             ]
             for members in (static, dynamic, slipping):
@@ -305,6 +317,14 @@ class Dictionary:
             width = Axis("width", finest, 0.25, steps, ratio=True)
             families.append(Family(driver, "", "static", form, 1, (at[1], width), screened=form == "bump"))
         return families
+
+
+def _keys(family: Family, places: Array) -> list[tuple[str, str, float]]:
+    """What is remembered at places of a family."""
+    for j, axis in enumerate(family.axes):
+        if axis.name in ("lag", "radius"):
+            return [(family.driver, family.memory, float(value)) for value in np.unique(axis.value(places[:, j]))]
+    return [(family.driver, family.memory, 0.0)]
 
 
 def _at_and_width(shapes: dict[str, Array], low: float, high: float) -> tuple[Array, Array]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.filters import lag, rate_per_min, running_mean
-from rlgcomp.hysteresis import Play
+from rlgcomp.hysteresis import play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 from rlgcomp.units import column_unit
@@ -158,16 +157,27 @@ def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: 
     if memory == "rate":
         return rate_per_min(values, time_s)
     if memory in RATE_INDEPENDENT:
-        return played(values, memory, (radius,))[:, 0]
+        return played(values[:, None], memory, np.array([radius]))[:, 0]
     return values
 
 
-def played(values: Array, memory: str, radii: Sequence[float]) -> Array:
-    """What "play" or "plays" holds of a driver for each of several radii, shape (n, radii)."""
+def played(values: Array, memory: str, radii: Array) -> Array:
+    """What "play" or "plays" holds of several drivers at once, each for one radius.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, k)
+    memory : {"play", "plays"}
+    radii : ndarray, shape (k,)
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+    """
     shares = _SHARES if memory == "plays" else np.ones(1)
-    play = Play(tuple(float(radius) for radius in np.multiply.outer(radii, shares).ravel()))
-    states, _ = play.run(play.init(float(values[0])), values)
-    return states.reshape(len(values), len(radii), len(shares)).mean(axis=2)
+    inputs = np.repeat(values, len(shares), axis=1)
+    states = play_paths(inputs, np.multiply.outer(radii, shares).ravel(), inputs[0])
+    return np.asarray(states.reshape(*values.shape, len(shares)).mean(axis=2))
 
 
 def form_of(m: Array, form: str, exponent: int, span: tuple[float, float], at: float | Array, width: float | Array) -> Array:
