@@ -258,7 +258,7 @@ class Dictionary:
     def _families(self) -> tuple[Family, ...]:
         rows = self.problem.rows
         longest_s = max(float(np.ptp(rows.time_s[part])) for part in rows.runs)
-        lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.5 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
+        lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.25 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
         radius = Axis("radius", *_RADII, 8, ratio=True)
         wide = Axis("width", 0.2, 0.8, 2, ratio=True)
         single = math.log(ONE_DRIVER / max(1, len(self.drivers)))
