@@ -6,8 +6,8 @@ r"""One gyro in a chamber, what is there and what its sensors record: four therm
     C_m \dot T_m &= G_{am}(T_a - T_m) + G_{sm}(T_s - T_m) + G_{mb}(T_b - T_m) \\
     C_b \dot T_b &= G_{sb}(T_s - T_b) + G_{mb}(T_m - T_b) + P_b
 
-The heavy mount stands in the chamber's air too and the electronics' heat wanders, so the block's rate of change and its difference to
-the shell are not one and the same.
+The heavy mount stands in the chamber's air too and the electronics' heat wanders, so the block's rate of change and its
+difference to the shell are not one and the same.
 """
 
 from __future__ import annotations
@@ -84,13 +84,13 @@ class Unit:
     def draw(cls, rng: np.random.Generator) -> Unit:
         """A unit."""
         return cls(
-            capacities_J_K=rng.uniform([1500.0, 20000.0, 1800.0], [3500.0, 60000.0, 3200.0]),
+            capacities_J_K=rng.uniform([1500.0, 35000.0, 1800.0], [3500.0, 80000.0, 3200.0]),
             conductances_W_K={
-                "as": rng.uniform(3.0, 6.0),
-                "am": rng.uniform(5.0, 14.0),
+                "as": rng.uniform(5.0, 10.0),
+                "am": rng.uniform(6.0, 12.0),
                 "sm": rng.uniform(0.1, 0.5),
-                "sb": rng.uniform(1.0, 2.5),
-                "mb": rng.uniform(1.5, 5.0),
+                "sb": rng.uniform(3.0, 6.0),
+                "mb": rng.uniform(1.5, 6.0),
             },
             heat_W=rng.uniform([2.0, 0.8], [8.0, 2.0]),
             heat_wander=rng.uniform(0.1, 0.4),
