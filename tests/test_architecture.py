@@ -37,7 +37,9 @@ ROWS = [
     ["compensation"],
     ["comparison"],
     ["evaluation"],
+    ["diagnosis"],
     ["report"],
+    ["diagnosis"],
     ["cli"],
 ]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))
