@@ -140,6 +140,10 @@ class Mechanism(abc.ABC):
         ]
         return tuple(cls(**dict(point)) for point in itertools.product(*axes))
 
+    def extensions(self) -> tuple[Self, ...]:
+        """Richer forms of the same cause, to be tried where the simulator has it in this form."""
+        return ()
+
     def covariance(self, lag_s: Array) -> Array | None:
         """Autocovariance in (deg/h)² at time lags of a cause that no two runs repeat; None where the monitors determine it."""
         del lag_s

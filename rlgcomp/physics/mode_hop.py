@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Final, Self
 
 import numpy as np
 
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
 from rlgcomp.recording import Recording
+
+_THRESHOLDS: Final = 40
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +35,14 @@ class ModeHop(Mechanism):
     step_deg_h: float = amplitude(0.01, "deg/h")
     threshold_degC: float = shape(30.0, "degC", -80.0, 120.0)
     dead_band_K: float = shape(2.0, "K", 0.0, 20.0)
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        warmest = max(float(recording.column(recording.temperature_column).max()) for recording in recordings)
+        coldest = min(float(recording.column(recording.temperature_column).min()) for recording in recordings)
+        bands = [band for band in (0.0, 1.0, 2.0, 4.0, 8.0) if band < 0.3 * (warmest - coldest)]
+        thresholds = np.linspace(coldest, warmest, _THRESHOLDS + 2)[1:-1]
+        return tuple(cls(threshold_degC=float(t), dead_band_K=band) for t in thresholds for band in bands)
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)

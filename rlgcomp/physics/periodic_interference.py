@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -28,6 +30,11 @@ class PeriodicInterference(Mechanism):
     cosine_deg_h: float = amplitude(0.003, "deg/h")
     sine_deg_h: float = amplitude(0.003, "deg/h")
     frequency_hz: float = shape(1.0 / 900.0, "Hz", 1e-5, 0.5)
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        del recordings
+        return ()
 
     def basis(self, recording: Recording) -> Array:
         time_s = recording.time_s

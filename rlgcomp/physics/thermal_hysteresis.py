@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -43,6 +45,17 @@ class ThermalHysteresis(Mechanism):
 
     def amplitude_parameters(self) -> tuple[Parameter, ...]:
         return super().amplitude_parameters()[: 3 if self.law == "play" else 1]
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        readings = [recording.column(recording.temperature_column) for recording in recordings]
+        coldest, warmest = min(float(r.min()) for r in readings), max(float(r.max()) for r in readings)
+        centre, span = 0.5 * (coldest + warmest), max(1.0, warmest - coldest)
+        radii = np.clip(np.geomspace(0.02, 0.5, 8) * span, 0.2, 80.0)
+        plays = [cls(law="play", radius_K=float(radius)) for radius in radii]
+        smooth = [cls(law="bouc_wen", radius_K=float(radius)) for radius in radii[::2]]
+        relays = [cls(law="preisach", centre_degC=centre, span_K=factor * span) for factor in (1.0, 1.5)]
+        return (*plays, *smooth, *relays)
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)

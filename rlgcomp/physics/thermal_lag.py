@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
 
 from rlgcomp.filters import lag
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
@@ -26,6 +30,11 @@ class ThermalLag(Mechanism):
 
     k_deg_h_K: float = amplitude(0.002, "deg/h/K")
     time_constant_s: float = shape(1800.0, "s", 60.0, 14400.0)
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        longest = min(14400.0, max(120.0, 0.5 * max(recording.duration_s for recording in recordings)))
+        return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(max(60.0, 0.005 * longest), longest, 14))
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Final, Self
 
 import numpy as np
 
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting
 from rlgcomp.recording import Recording
+
+HIGHEST_DEGREE: Final = 5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,11 +38,19 @@ class ThermalPolynomial(Mechanism):
     c3_deg_h_K3: float = amplitude(2e-8, "deg/h/K^3")
     c4_deg_h_K4: float = amplitude(0.0, "deg/h/K^4", limit=1e-6)
     c5_deg_h_K5: float = amplitude(0.0, "deg/h/K^5", limit=1e-8)
-    degree: int = setting(3, low=0, high=5)
+    degree: int = setting(3, low=0, high=HIGHEST_DEGREE)
     reference_degC: float = setting(20.0, "degC")
 
     def amplitude_parameters(self) -> tuple[Parameter, ...]:
         return super().amplitude_parameters()[: int(self.degree) + 1]
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        del recordings
+        return tuple(cls(degree=degree) for degree in (1, 2, 3))
+
+    def extensions(self) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, degree=degree) for degree in range(int(self.degree) + 1, HIGHEST_DEGREE + 1))
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -30,6 +32,11 @@ class WarmUp(Mechanism):
 
     initial_deg_h: float = amplitude(0.01, "deg/h")
     time_constant_s: float = shape(1800.0, "s", 60.0, 21600.0)
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        longest = min(21600.0, max(120.0, 0.4 * max(recording.duration_s for recording in recordings)))
+        return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(max(60.0, 0.01 * longest), longest, 10))
 
     def basis(self, recording: Recording) -> Array:
         time_s = recording.time_s

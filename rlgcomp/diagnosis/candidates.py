@@ -1,0 +1,68 @@
+"""The candidates of a diagnosis: every mechanism of a catalogue that the recordings can show, with the shapes to try."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.errors import InputError
+from rlgcomp.physics.mechanism import Mechanism
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One mechanism at one shape.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    columns : ndarray, shape (n, k)
+        Window means of its basis.
+    log_weight : float
+        Logarithm of its share of the mechanism's prior.
+    known : bool
+        The simulator has this mechanism, with numbers that are said to be known: no physics is missing, the numbers are wrong.
+    """
+
+    mechanism: Mechanism
+    columns: Array
+    log_weight: float
+    known: bool = False
+
+    @property
+    def name(self) -> str:
+        return self.mechanism.name
+
+
+def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tuple[list[Candidate], dict[str, str]]:
+    """Candidates, and by name the mechanisms that these recordings cannot show, with the reason."""
+    found: list[Candidate] = []
+    left_out: dict[str, str] = {}
+    inside = {mechanism.name: mechanism for mechanism in problem.simulator.mechanisms}
+    for name, kind in catalogue.items():
+        if kind.kind != problem.simulator.kind or kind.open_set:
+            continue
+        tried = [inside[name]] if name in inside else list(kind.grid(problem.runs))
+        try:
+            if name in inside:
+                tried += list(inside[name].extensions())
+            for mechanism in tried:
+                mechanism.driver_columns(problem.runs[0])
+            columns = [problem.columns(mechanism) for mechanism in tried]
+        except InputError as error:
+            left_out[name] = str(error)
+            continue
+        shown = [
+            (m, c) for m, c in zip(tried, columns, strict=True) if c.shape[1] and np.isfinite(c).all() and np.ptp(c, axis=0).any()
+        ]
+        for mechanism, block in shown:
+            known = name in inside and mechanism is inside[name]
+            found.append(Candidate(mechanism, block, -math.log(len(shown)), known))
+    return found, left_out

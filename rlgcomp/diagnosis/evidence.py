@@ -1,0 +1,226 @@
+r"""The evidence of sets of causes, in closed form, for many shapes and many noises at once.
+
+.. math:: y = X \beta + \sum_m \Phi_m(\theta_m) a_m + \epsilon, \qquad \epsilon \sim N(0, \sigma^2 \Sigma_\eta)
+
+The baseline's parameters :math:`\beta` have a flat prior and :math:`\sigma` the prior :math:`1/\sigma`. The columns of a cause are
+scaled so that :math:`a_m` is its size: the standard deviation of what the baseline cannot absorb, over that of the white noise of
+a window mean. Its prior is :math:`a_m \sim N(0, s^2 \sigma^2 / p_m)`, with the size s spread evenly in its logarithm over
+`SIZES`. Then, with :math:`\nu` rows less baseline columns,
+
+.. math::
+
+    \log p(y \mid S, \theta, s, \eta) = -\tfrac12 \log |\Sigma_\eta| - \tfrac12 \log |X^T \Sigma_\eta^{-1} X|
+        - \tfrac12 \log |I + \Lambda^{-1} G| - \tfrac{\nu}{2} \log Q
+
+where G is the Gram matrix of the whitened columns with the baseline projected out, :math:`\Lambda = \mathrm{diag}(p_m / s_m^2)`,
+and Q what is left of :math:`y^T y`. All that is needed is one Gram matrix a noise.
+
+References
+----------
+D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4, 415 (1992) (evidence of linear models).
+F. Liang et al., "Mixtures of g priors for Bayesian variable selection", J. Am. Stat. Assoc. 103, 410 (2008)
+(a prior over the size).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+SIZES: Final = np.geomspace(0.06, 40.0, 8)
+FLICKERS: Final = (0.0, 0.08, 0.16, 0.32, 0.64, 1.3)
+WALKS: Final = (0.0, 0.04, 0.1, 0.25, 0.6, 1.5)
+_SHAPES_AT_ONCE: Final = 9
+_ABSORBED: Final = 1e-5  # of a column's norm: less than this left by the baseline is nothing
+
+
+def ordinary_noise() -> tuple[NoiseShape, ...]:
+    """Noise that gyros have: white, flicker and random walk, each combination counting equally."""
+    return tuple(NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS))
+
+
+@dataclasses.dataclass(frozen=True)
+class Member:
+    """A candidate in a model, with the size that its prior has there."""
+
+    candidate: int
+    size: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Extension:
+    """Log evidences, relative to nothing, of a model and of the model with any one candidate more.
+
+    Parameters
+    ----------
+    point : ndarray, shape (noises,)
+        The model itself.
+    extended : ndarray, shape (noises, candidates)
+        With a candidate more, its size averaged over; the candidate's own weight is not in it.
+    best_size : ndarray, shape (candidates,)
+        Index into `SIZES` where that is largest over all noises.
+    at_best_size : ndarray, shape (noises, candidates)
+        At that size alone, the weight of the size included.
+    """
+
+    point: Array
+    extended: Array
+    best_size: IntArray
+    at_best_size: Array
+
+
+class Evidence:
+    """Gram matrices of the target and all candidates' columns, one a noise.
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : sequence of Candidate
+    noises : sequence of NoiseShape
+    """
+
+    def __init__(self, problem: Problem, candidates: Sequence[Candidate], noises: Sequence[NoiseShape]) -> None:
+        self.problem = problem
+        self.noises = tuple(noises)
+        self.candidates: list[Candidate] = []
+        self.scale_deg_h = float(np.std(problem.target_deg_h)) or 1.0
+        self.freedom = len(problem.rows) - problem.baseline.shape[1]
+        self._slices: list[slice] = []
+        self._table = np.empty((len(problem.rows), 0))
+        self._whitened_baseline: list[Array] = []
+        self._constant = np.empty(len(self.noises))
+        self._targets = np.empty((len(self.noises), len(problem.rows)))
+        baseline = problem.baseline / _norms(problem.baseline)
+        self._orthogonal = np.linalg.qr(baseline)[0]
+        whitened, log_determinant = whiten(
+            problem.rows, np.column_stack([self._orthogonal, problem.target_deg_h / self.scale_deg_h]), self.noises
+        )
+        for k, table in enumerate(whitened):
+            q, r = np.linalg.qr(table[:, :-1])
+            self._whitened_baseline.append(q)
+            self._constant[k] = -0.5 * log_determinant[k] - np.log(np.abs(np.diag(r))).sum()
+            self._targets[k] = table[:, -1] - q @ (q.T @ table[:, -1])
+        self._columns = np.empty((len(self.noises), len(problem.rows), 0))
+        self.gram = np.einsum("en,en->e", self._targets, self._targets)[:, None, None]
+        self.add(candidates)
+
+    def add(self, candidates: Sequence[Candidate]) -> None:
+        """More candidates, whose columns join the Gram matrices."""
+        blocks: list[Array] = []
+        for candidate in candidates:
+            block = self._prepared(candidate.columns)
+            if block.shape[1]:
+                start = self._table.shape[1] + sum(b.shape[1] for b in blocks)
+                self._slices.append(slice(start, start + block.shape[1]))
+                self.candidates.append(candidate)
+                blocks.append(block)
+        if not blocks:
+            return
+        fresh = np.column_stack(blocks)
+        self._table = np.column_stack([self._table, fresh])
+        grams = []
+        columns = np.empty((len(self.noises), len(fresh), self._table.shape[1]))
+        columns[:, :, : self._columns.shape[2]] = self._columns
+        for first in range(0, len(self.noises), _SHAPES_AT_ONCE):
+            part = slice(first, first + _SHAPES_AT_ONCE)
+            whitened, _ = whiten(self.problem.rows, fresh, self.noises[part])
+            for k, table in enumerate(whitened, start=first):
+                q = self._whitened_baseline[k]
+                columns[k, :, self._columns.shape[2] :] = table - q @ (q.T @ table)
+        for k, table in enumerate(columns):
+            everything = np.column_stack([table, self._targets[k]])
+            grams.append(everything.T @ everything)
+        self._columns = columns
+        self.gram = np.array(grams)
+        widths = np.array([part.stop - part.start for part in self._slices])
+        self._groups = [
+            (width, np.flatnonzero(widths == width), np.array([self._slices[c].start for c in np.flatnonzero(widths == width)]))
+            for width in sorted(set(widths.tolist()))
+        ]
+
+    def _prepared(self, columns: Array) -> Array:
+        """An orthogonal basis of what the baseline leaves of the columns, with unit mean square; empty where it leaves nothing."""
+        scaled = columns / _norms(columns)
+        left = scaled - self._orthogonal @ (self._orthogonal.T @ scaled)
+        left -= self._orthogonal @ (self._orthogonal.T @ left)
+        u, w, _ = np.linalg.svd(left, full_matrices=False)
+        return np.asarray(u[:, w > _ABSORBED] * math.sqrt(len(columns)))
+
+    def extensions(self, members: Sequence[Member]) -> Extension:
+        """The evidence of a model and of every model with one candidate more."""
+        precision = [self._precision(member) for member in members]
+        inside = np.concatenate(
+            [np.arange(*self._slices[member.candidate].indices(10**9)[:2]) for member in members] or [[]]
+        ).astype(int)
+        gram = self.gram
+        point = self._constant.copy()
+        if len(inside):
+            weights = np.concatenate(precision)
+            block = gram[:, inside[:, None], inside] + np.diag(weights)
+            factor = np.linalg.cholesky(block)
+            point -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1) - 0.5 * np.log(weights).sum()
+            half = np.linalg.solve(factor, gram[:, inside])
+            gram = gram - np.swapaxes(half, 1, 2) @ half
+        left = gram[:, -1, -1]
+        point = point - 0.5 * self.freedom * np.log(left)
+        extended = np.empty((len(self.noises), len(self.candidates)))
+        gains = np.empty((len(SIZES), len(self.noises), len(self.candidates)))
+        for width, which, starts in self._groups:
+            places = starts[:, None] + np.arange(width)
+            cross = gram[:, places, -1]
+            if width == 1:
+                values = gram[:, places[:, 0], places[:, 0]][:, :, None]
+                squares = cross**2
+            else:
+                values, vectors = np.linalg.eigh(gram[:, places[:, :, None], places[:, None, :]])
+                squares = np.einsum("ecji,ecj->eci", vectors, cross) ** 2
+            values = np.maximum(values, 0.0)
+            for k, size in enumerate(SIZES):
+                prior = width / size**2
+                explained = (squares / (values + prior)).sum(axis=2) / left[:, None]
+                occam = 0.5 * np.log1p(values / prior).sum(axis=2)
+                gains[k][:, which] = -occam - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12))
+        gains -= math.log(len(SIZES))
+        extended = logsumexp(gains, axis=0)
+        overall = logsumexp(gains + point[:, None], axis=1)
+        best = np.argmax(overall, axis=0)
+        at_best = gains[best, :, np.arange(len(self.candidates))].T
+        return Extension(point, extended + point[:, None], best, at_best + point[:, None])
+
+    def _places(self, members: Sequence[Member]) -> IntArray:
+        parts = [self._slices[member.candidate] for member in members]
+        return np.array([place for part in parts for place in range(part.start, part.stop)], dtype=np.intp)
+
+    def _precision(self, member: Member) -> Array:
+        part = self._slices[member.candidate]
+        width = part.stop - part.start
+        return np.full(width, width / SIZES[member.size] ** 2)
+
+    def residual(self, members: Sequence[Member], noise: int) -> Array:
+        """Whitened target less baseline and members, for one noise, shape (n,)."""
+        target = self._targets[noise]
+        if not members:
+            return target
+        inside = self._places(members)
+        gram = self.gram[noise]
+        weights = np.concatenate([self._precision(member) for member in members])
+        solution = np.linalg.solve(gram[np.ix_(inside, inside)] + np.diag(weights), gram[inside, -1])
+        return np.asarray(target - self._columns[noise][:, inside] @ solution)
+
+
+def _norms(columns: Array) -> Array:
+    norms = np.sqrt((columns**2).sum(axis=0))
+    return np.where(norms > 0.0, norms, 1.0)

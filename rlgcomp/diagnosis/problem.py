@@ -1,0 +1,344 @@
+"""What is to be explained: window means of recordings less what the simulator says for certain, and the columns it leaves free."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.diagnosis.whitening import IntArray, Rows
+from rlgcomp.errors import InputError
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
+from rlgcomp.simulation.simulator import Simulator
+
+Array = npt.NDArray[np.float64]
+FEWEST_WINDOWS: Final = 20
+_WINDOWS_A_RUN: Final = 200  # at least, where the window is not given
+_FINE_S: Final = 10.0  # slow causes are computed on means over this time
+_RELATIVE_STEP: Final = 1e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Windows:
+    """The averaging windows of one run, and its rows on which slow causes are computed."""
+
+    full: Recording
+    fine: Recording
+    starts: IntArray
+    counts: IntArray
+    kept: npt.NDArray[np.bool_]
+    first_s: float
+    window_s: float
+
+    @classmethod
+    def of(cls, run: Recording, window_s: float) -> Self:
+        scored_s = run.time_s[run.scored]
+        if not len(scored_s):
+            raise InputError(
+                f"{run.name}: nothing is left after its lead-in of {run.metadata.lead_in_s:g} s; give a longer interval"
+            )
+        first_s = float(scored_s[0])
+        starts, counts, kept = _windows(run.time_s, run.period_s, first_s, window_s)
+        if kept.sum() < FEWEST_WINDOWS:
+            raise InputError(
+                f"{run.name}: {run.duration_s:g} s fill {int(kept.sum())} windows of {window_s:g} s; at least {FEWEST_WINDOWS} are "
+                "needed; give a longer run or a smaller --averaging-s"
+            )
+        return cls(run, _decimated(run, window_s), starts, counts, kept, first_s, window_s)
+
+    def means(self, values: Array, *, of_fine: bool = False) -> Array:
+        """Window means of rows, shape (n,) or (n, k), of the run itself or of its fine version."""
+        starts, counts, kept = self.starts, self.counts, self.kept
+        if of_fine:
+            starts, counts, kept = _windows(self.fine.time_s, self.fine.period_s, self.first_s, self.window_s, like=self.kept)
+        table = values.reshape(len(values), -1)
+        begin = int(starts[0])
+        sums = np.add.reduceat(table[begin:], starts - begin, axis=0)
+        means = (sums / counts[:, None])[kept]
+        return means if values.ndim > 1 else means[:, 0]
+
+    @property
+    def middles_s(self) -> Array:
+        return self.means(self.full.time_s)
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """What is to be explained.
+
+    Parameters
+    ----------
+    windows : tuple of Windows
+        One a run.
+    rows : Rows
+        Time, run and white variance of each row; n rows.
+    target_deg_h : ndarray, shape (n,)
+        Window means of the gyro less the simulator's fixed part.
+    baseline : ndarray, shape (n, p)
+        Columns of what is free in the simulator: amplitudes, and derivatives by shapes at their calibrated values.
+    simulator : Simulator
+        With its free shapes calibrated.
+    channel : str
+        The gyro column.
+    """
+
+    windows: tuple[Windows, ...]
+    rows: Rows
+    target_deg_h: Array
+    baseline: Array
+    baseline_names: tuple[tuple[str, str], ...]
+    simulator: Simulator
+    channel: str
+
+    @classmethod
+    def of(
+        cls,
+        simulator: Simulator,
+        runs: Sequence[Recording],
+        *,
+        gyro: str | None = None,
+        window_s: float | None = None,
+        predicted: Callable[[Recording], Array] | None = None,
+    ) -> Self:
+        """The problem that runs pose to a simulator.
+
+        Parameters
+        ----------
+        simulator : Simulator
+        runs : sequence of Recording
+        gyro : str, optional
+            Column, where a run has several.
+        window_s : float, optional
+            Averaging time; 100 s, less for runs too short for it.
+        predicted : callable, optional
+            Further prediction in deg/h that is subtracted: the user's own simulator.
+
+        Raises
+        ------
+        InputError
+            A run is too short, or lacks a column that the simulator reads.
+        """
+        if not runs:
+            raise InputError("no training runs; give at least one with --train")
+        window_s = default_window_s(runs) if window_s is None else window_s
+        windows = tuple(Windows.of(run, window_s) for run in runs)
+        target = np.concatenate([part.means(_unexplained(simulator, part.full, gyro, predicted)) for part in windows])
+        rows = Rows(
+            np.concatenate([part.middles_s for part in windows]),
+            np.repeat(np.arange(len(windows)), [int(part.kept.sum()) for part in windows]),
+            np.concatenate([window_s / (part.counts[part.kept] * part.full.period_s) for part in windows]),
+            window_s,
+        )
+        bare = cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, runs[0].gyro_column(gyro))
+        return bare._with_free_part()
+
+    def columns(self, mechanism: Mechanism) -> Array:
+        """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
+        blocks = [self.run_columns(mechanism, part) for part in self.windows]
+        if not mechanism.each_run:
+            return np.concatenate(blocks)
+        width = blocks[0].shape[1]
+        table = np.zeros((len(self.rows), width * len(blocks)))
+        for k, (rows, block) in enumerate(zip(self.rows.runs, blocks, strict=True)):
+            table[rows, k * width : (k + 1) * width] = block
+        return table
+
+    @staticmethod
+    def run_columns(mechanism: Mechanism, part: Windows) -> Array:
+        """Window means of a mechanism's basis in one run."""
+        if mechanism.fast:
+            return part.means(mechanism.basis(part.full))
+        return part.means(mechanism.basis(part.fine), of_fine=True)
+
+    def driver(self, column: str) -> Array:
+        """Window means of a recorded column, shape (n,)."""
+        return np.concatenate([part.means(part.full.column(column)) for part in self.windows])
+
+    @property
+    def runs(self) -> tuple[Recording, ...]:
+        return tuple(part.full for part in self.windows)
+
+    @property
+    def fine(self) -> tuple[Recording, ...]:
+        return tuple(part.fine for part in self.windows)
+
+    def _with_free_part(self) -> Self:
+        """The problem with the simulator's free parameters as columns, free shapes calibrated first."""
+        simulator = self.simulator
+        for mechanism in simulator.mechanisms:
+            shapes = _free(simulator, mechanism, "shape")
+            if shapes and mechanism.amplitude_parameters():
+                simulator = simulator.with_mechanism(self._calibrated(simulator, mechanism, shapes))
+        columns, names = [], []
+        for mechanism in simulator.mechanisms:
+            free = _free(simulator, mechanism, "amplitude")
+            for parameter, column in zip(mechanism.amplitude_parameters(), self.columns(mechanism).T, strict=False):
+                if parameter.name in free:
+                    columns.append(column)
+                    names.append((mechanism.name, parameter.name))
+            if not mechanism.amplitude_parameters():
+                continue
+            amplitudes = self._amplitudes(simulator, mechanism)
+            for name in _free(simulator, mechanism, "shape"):
+                columns.append(self._derivative(mechanism, name, amplitudes))
+                names.append((mechanism.name, name))
+        if not columns or not _spans_constant(np.column_stack(columns)):
+            columns.append(np.ones(len(self.rows)))
+            names.append(("", "constant_deg_h"))
+        return dataclasses.replace(self, simulator=simulator, baseline=np.column_stack(columns), baseline_names=tuple(names))
+
+    def _others(self, simulator: Simulator, mechanism: Mechanism) -> Array:
+        others = [other for other in simulator.mechanisms if other.name != mechanism.name and _free(simulator, other, "amplitude")]
+        return np.column_stack([np.ones(len(self.rows)), *(self.columns(other) for other in others)])
+
+    def _calibrated(self, simulator: Simulator, mechanism: Mechanism, shapes: tuple[str, ...]) -> Mechanism:
+        """Shapes by separable least squares: the grid's best point, then ever smaller steps about it."""
+        others = self._others(simulator, mechanism)
+        free = _free(simulator, mechanism, "amplitude")
+        in_use = [parameter.name for parameter in mechanism.amplitude_parameters()]
+
+        def parts(candidate: Mechanism) -> tuple[Array, list[Array]]:
+            """What it says for certain, and its free columns."""
+            columns = dict(zip(in_use, self.columns(candidate).T, strict=False))
+            known = sum((getattr(mechanism, name) * columns[name] for name in in_use if name not in free), np.zeros(len(self.rows)))
+            return np.asarray(known), [columns[name] for name in free]
+
+        said, _ = parts(mechanism)
+
+        def misfit(candidate: Mechanism) -> float:
+            known, columns = parts(candidate)
+            left = _residual(np.column_stack([others, *columns]), self.target_deg_h + said - known)
+            return float(left @ left)
+
+        best = mechanism
+        lowest = misfit(best)
+        settings = {p.name: getattr(mechanism, p.name) for p in mechanism.parameters() if p.name not in shapes}
+        for point in type(mechanism).grid(self.runs):
+            trial = type(mechanism)(**(settings | {name: getattr(point, name) for name in shapes}))
+            found = misfit(trial)
+            if found < lowest:
+                best, lowest = trial, found
+        return refined(best, shapes, misfit)
+
+    def _amplitudes(self, simulator: Simulator, mechanism: Mechanism) -> Array:
+        columns = self.columns(mechanism)
+        others = self._others(simulator, mechanism)
+        design = np.column_stack([columns, others])
+        solution = np.linalg.lstsq(design / _norms(design), self.target_deg_h, rcond=None)[0] / _norms(design)
+        return solution[: columns.shape[1]]
+
+    def _derivative(self, mechanism: Mechanism, name: str, amplitudes: Array) -> Array:
+        low, high = neighbours(mechanism, name, _RELATIVE_STEP)
+        step = getattr(high, name) - getattr(low, name)
+        return np.asarray((self.columns(high) - self.columns(low)) @ amplitudes / step)
+
+
+def default_window_s(runs: Sequence[Recording]) -> float:
+    """100 s, or what gives the shortest run two hundred windows; never less than a sample."""
+    shortest = min(run.duration_s - run.metadata.lead_in_s for run in runs)
+    period = max(run.period_s for run in runs)
+    wanted = min(DEFAULT_AVERAGING_S, shortest / _WINDOWS_A_RUN)
+    return period * max(1, round(wanted / period))
+
+
+def refined(best: Mechanism, names: Sequence[str], misfit: Callable[[Mechanism], float], *, sweeps: int = 6) -> Mechanism:
+    """Shapes moved by ever smaller steps, one after the other, as long as the misfit falls."""
+    lowest = misfit(best)
+    step = 0.2
+    for _ in range(sweeps):
+        for name in names:
+            for _ in range(4):
+                trials = [(misfit(trial), trial) for trial in neighbours(best, name, step)]
+                found, trial = min(trials, key=lambda pair: pair[0])
+                if found >= lowest:
+                    break
+                best, lowest = trial, found
+        step *= 0.4
+    return best
+
+
+def neighbours(mechanism: Mechanism, name: str, relative: float) -> tuple[Mechanism, Mechanism]:
+    """The mechanism with one shape a little smaller and a little larger: by a ratio where its bounds are positive."""
+    parameter = next(parameter for parameter in mechanism.parameters() if parameter.name == name)
+    value = getattr(mechanism, name)
+    if parameter.low > 0.0:
+        values = (value * math.exp(-relative), value * math.exp(relative))
+    else:
+        width = relative * 0.25 * (parameter.high - parameter.low)
+        values = (value - width, value + width)
+    low, high = (min(max(v, parameter.low), parameter.high) for v in values)
+    return dataclasses.replace(mechanism, **{name: low}), dataclasses.replace(mechanism, **{name: high})  # type: ignore[type-var]
+
+
+def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None) -> Array:
+    rate = run.rate_deg_h(gyro)
+    if predicted is not None:
+        rate = rate - predicted(run)
+    for mechanism in simulator.mechanisms:
+        parameters = mechanism.amplitude_parameters()
+        free = simulator.free.get(mechanism.name, frozenset())
+        known = [(k, p.name) for k, p in enumerate(parameters) if p.name not in free]
+        if known:
+            basis = mechanism.basis(run)
+            rate = rate - sum(getattr(mechanism, name) * basis[:, k] for k, name in known)
+    return np.asarray(rate)
+
+
+def _free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, ...]:
+    free = simulator.free.get(mechanism.name, frozenset())
+    in_use = {parameter.name for parameter in mechanism.amplitude_parameters()}
+    return tuple(
+        parameter.name
+        for parameter in mechanism.parameters()
+        if parameter.role == role and parameter.name in free and (role != "amplitude" or parameter.name in in_use)
+    )
+
+
+def _spans_constant(columns: Array) -> bool:
+    left = _residual(columns, np.ones(len(columns)))
+    return float(left @ left) < 1e-6 * len(columns)
+
+
+def _residual(design: Array, target: Array) -> Array:
+    scaled = design / _norms(design)
+    return np.asarray(target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0])
+
+
+def _norms(columns: Array) -> Array:
+    norms = np.sqrt((columns**2).sum(axis=0))
+    return np.where(norms > 0.0, norms, 1.0)
+
+
+def _windows(
+    time_s: Array, period_s: float, first_s: float, window_s: float, like: npt.NDArray[np.bool_] | None = None
+) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
+    rounding_s = 1e-6 * period_s
+    begin = int(np.searchsorted(time_s, first_s - 0.5 * period_s - rounding_s))
+    window = np.floor((time_s[begin:] - first_s + rounding_s) / window_s).astype(np.int64)
+    starts = np.flatnonzero(np.r_[True, np.diff(window) > 0])
+    counts = np.diff(np.r_[starts, len(window)])
+    kept = counts >= LEAST_COVERAGE * window_s / period_s if like is None else like
+    return starts + begin, counts, kept
+
+
+def _decimated(run: Recording, window_s: float) -> Recording:
+    """Means over 10 s, lead-in included, windows being made of whole ones; the run itself where it is not finer."""
+    pieces = max(1, math.floor(window_s / max(_FINE_S, run.period_s)))
+    fine_s = window_s / pieces
+    if fine_s < 2.0 * run.period_s:
+        return run
+    time_s = run.time_s
+    first_s = float(time_s[run.scored][0])
+    index = np.floor((time_s - first_s + 1e-6 * run.period_s) / fine_s).astype(np.int64)
+    starts = np.flatnonzero(np.r_[True, np.diff(index) > 0])
+    counts = np.diff(np.r_[starts, len(index)])
+    table = run.table
+    means = np.add.reduceat(table.to_numpy(), starts, axis=0) / counts[:, None]
+    frame = pd.DataFrame(means, columns=table.columns)
+    return Recording(frame, run.metadata, name=run.name)

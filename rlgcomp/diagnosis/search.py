@@ -1,0 +1,199 @@
+"""Which causes, and how sure: posterior probabilities over sets of mechanisms, by a beam search that averages shapes and sizes.
+
+A set's evidence is an average over its members' shapes and sizes and over noises. Noises are summed in full. Shapes and sizes are
+averaged one member at a time, the others held at their best, as if members were independent about the best point:
+
+.. math:: \\log Z(S) \\approx \\sum_m \\log Z_m - (|S| - 1) \\log p^*
+
+Every step that averages one member with the others held also scores every other mechanism in its place, so swaps cost nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import gammaln, logsumexp
+
+from rlgcomp.diagnosis.evidence import SIZES, Evidence, Extension, Member
+
+Array = npt.NDArray[np.float64]
+# Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
+MISSING: Final = (0.5, 0.3, 0.12, 0.05, 0.03)
+KNOWN_WRONG: Final = 0.2  # that a number said to be known is wrong
+BEAM: Final = 8
+SWEEPS: Final = 3
+Label = tuple[str, bool]
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """A set of causes at its best point, and its log evidence with shapes, sizes and noises averaged over.
+
+    Parameters
+    ----------
+    members : tuple of Member
+    log_evidence : float
+    log_prior : float
+    noise_log : ndarray, shape (noises,)
+        Log evidence at the best point, by noise.
+    """
+
+    members: tuple[Member, ...]
+    labels: frozenset[Label]
+    log_evidence: float
+    log_prior: float
+    noise_log: Array
+
+    @property
+    def log_posterior(self) -> float:
+        return self.log_evidence + self.log_prior
+
+
+class Search:
+    """A beam search over sets.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    noise_log_prior : ndarray, shape (noises,), optional
+        Even unless given.
+    """
+
+    def __init__(self, evidence: Evidence, noise_log_prior: Array | None = None, *, largest: int = len(MISSING) - 1) -> None:
+        self.evidence = evidence
+        noises = len(evidence.noises)
+        self.noise_log_prior = np.full(noises, -math.log(noises)) if noise_log_prior is None else noise_log_prior
+        self.largest = largest
+        self.models: dict[frozenset[Label], Model] = {}
+        self._nodes: dict[tuple[Member, ...], Extension] = {}
+        self._refresh()
+
+    def _refresh(self) -> None:
+        self._labels = [(candidate.name, candidate.known) for candidate in self.evidence.candidates]
+        self._weights = np.array([candidate.log_weight for candidate in self.evidence.candidates])
+        self._by_label: dict[Label, npt.NDArray[np.intp]] = {
+            label: np.array([k for k, other in enumerate(self._labels) if other == label]) for label in dict.fromkeys(self._labels)
+        }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Mechanisms that can be missing."""
+        return tuple(dict.fromkeys(name for name, known in self._labels if not known))
+
+    def run(self) -> list[Model]:
+        """Models by falling posterior; the empty one is always among them."""
+        nothing = self._nothing()
+        self.models = {frozenset(): nothing}
+        level = [nothing]
+        for _ in range(self.largest + 1):
+            proposals: dict[frozenset[Label], tuple[float, tuple[Member, ...]]] = {}
+            for model in level:
+                self._propose(model.members, proposals)
+            level = self._settle(proposals)
+            if not level:
+                break
+        return sorted(self.models.values(), key=lambda model: -model.log_posterior)
+
+    def log_prior(self, labels: frozenset[Label]) -> float:
+        """Log prior probability of a set."""
+        missing = sum(not known for _, known in labels)
+        wrong = len(labels) - missing
+        if missing >= len(MISSING):
+            return -math.inf
+        count = len(self.names)
+        ways = gammaln(count + 1) - gammaln(missing + 1) - gammaln(count - missing + 1) if missing <= count else math.inf
+        return float(math.log(MISSING[missing]) - ways + wrong * math.log(KNOWN_WRONG / (1.0 - KNOWN_WRONG)))
+
+    # --- steps -------------------------------------------------------------------------------------------------------------
+
+    def _nothing(self) -> Model:
+        noise_log = self._node(()).point + self.noise_log_prior
+        return Model((), frozenset(), float(logsumexp(noise_log)), self.log_prior(frozenset()), noise_log)
+
+    def _node(self, members: tuple[Member, ...]) -> Extension:
+        if members not in self._nodes:
+            self._nodes[members] = self.evidence.extensions(members)
+        return self._nodes[members]
+
+    def _given(self, members: Sequence[Member]) -> float:
+        """Log prior weight of the points at which members are held."""
+        return float(sum(self._weights[m.candidate] for m in members)) - len(members) * math.log(len(SIZES))
+
+    def _labels_of(self, members: Sequence[Member]) -> frozenset[Label]:
+        return frozenset(self._labels[m.candidate] for m in members)
+
+    def _propose(
+        self, members: tuple[Member, ...], proposals: dict[frozenset[Label], tuple[float, tuple[Member, ...]]]
+    ) -> dict[Label, tuple[float, Member, float, Array]]:
+        """Each label in addition to the members: log evidence averaged, its best point, log evidence there, and that by noise."""
+        node = self._node(members)
+        given = self._given(members)
+        here = self._labels_of(members)
+        averaged = logsumexp(node.extended + self.noise_log_prior[:, None], axis=0) + self._weights + given
+        at_best = logsumexp(node.at_best_size + self.noise_log_prior[:, None], axis=0) + self._weights + given
+        scores = {}
+        for label, which in self._by_label.items():
+            if label in here:
+                continue
+            best = which[int(np.argmax(at_best[which]))]
+            member = Member(int(best), int(node.best_size[best]))
+            log_evidence = float(logsumexp(averaged[which]))
+            noise_log = node.at_best_size[:, best] + self.noise_log_prior + self._weights[best] + given
+            scores[label] = (log_evidence, member, float(at_best[best]), noise_log)
+            labels = here | {label}
+            found = log_evidence + self.log_prior(labels)
+            if labels not in self.models and found > proposals.get(labels, (-math.inf, ()))[0]:
+                proposals[labels] = (found, (*members, member))
+        return scores
+
+    def _settle(self, proposals: dict[frozenset[Label], tuple[float, tuple[Member, ...]]]) -> list[Model]:
+        """The best proposals at their best points; swaps that these find are taken in."""
+        settled: list[Model] = []
+        for _ in range(2):
+            best = sorted(proposals.items(), key=lambda item: -item[1][0])[:BEAM]
+            fresh = [(labels, members) for labels, (score, members) in best if labels not in self.models and math.isfinite(score)]
+            if not fresh:
+                break
+            size = len(fresh[0][0])
+            swaps: dict[frozenset[Label], tuple[float, tuple[Member, ...]]] = {}
+            for labels, members in fresh:
+                model = self._refined(labels, members, swaps)
+                self.models[labels] = model
+                settled.append(model)
+            for labels, proposal in swaps.items():
+                if len(labels) == size and proposal[0] > proposals.get(labels, (-math.inf, ()))[0]:
+                    proposals[labels] = proposal
+        return sorted(settled, key=lambda model: -model.log_posterior)[:BEAM]
+
+    def _refined(
+        self,
+        labels: frozenset[Label],
+        members: tuple[Member, ...],
+        swaps: dict[frozenset[Label], tuple[float, tuple[Member, ...]]],
+    ) -> Model:
+        """Members moved to their best shapes in turn, until none moves."""
+        point = -math.inf
+        for _ in range(SWEEPS):
+            before = members
+            averages = []
+            for k in range(len(members)):
+                others = members[:k] + members[k + 1 :]
+                label = self._labels[members[k].candidate]
+                log_evidence, member, point, noise_log = self._propose(others, swaps)[label]
+                members = (*members[:k], member, *members[k + 1 :])
+                averages.append(log_evidence)
+            if members == before or len(members) == 1:
+                break
+        log_evidence = sum(averages) - (len(members) - 1) * point
+        return Model(members, labels, log_evidence, self.log_prior(labels), noise_log)
+
+
+def posterior(models: Sequence[Model]) -> Array:
+    """Probabilities of models."""
+    logs = np.array([model.log_posterior for model in models])
+    return np.asarray(np.exp(logs - logsumexp(logs)))

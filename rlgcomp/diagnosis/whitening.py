@@ -1,0 +1,176 @@
+r"""Correlated noise made white, in time proportional to the number of rows.
+
+The noise of window means is white noise, flicker noise, a random walk and, where something unrecorded wanders, an
+Ornstein–Uhlenbeck process. Each but the first is a sum of first-order processes (flicker: a bank with time constants in equal
+ratios and equal variances, whose spectra add up to 1/f), so a Kalman filter with a diagonal transition gives the innovations
+
+.. math:: e_k = \frac{y_k - \hat y_{k|k-1}}{\sqrt{S_k}}, \qquad \log \det \Sigma = \sum_k \log S_k
+
+of any column. The gains do not depend on the data: all columns and all noise shapes go through one loop.
+
+References
+----------
+A. C. Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter*, Cambridge, 1989, ch. 3 (prediction errors).
+M. S. Keshner, "1/f noise", Proc. IEEE 70, 212 (1982) (flicker as a sum of relaxations).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+from rlgcomp.units import SECONDS_PER_HOUR
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+_FLICKER_RATIO: Final = 5.0  # between the time constants of the bank
+_FLICKER_MEMBERS: Final = 5
+_ROWS_A_PIECE: Final = 4_000_000  # numbers that a step may touch
+
+
+@dataclasses.dataclass(frozen=True)
+class NoiseShape:
+    """Noise of window means, relative to their white part.
+
+    Parameters
+    ----------
+    flicker : float
+        Bias instability B over the standard deviation of the white part of a window mean.
+    walk : float
+        Rate random walk: standard deviation gathered in an hour, over the same.
+    wander : float
+        Standard deviation of an Ornstein–Uhlenbeck process, over the same.
+    wander_s : float
+        Its correlation time.
+    """
+
+    flicker: float = 0.0
+    walk: float = 0.0
+    wander: float = 0.0
+    wander_s: float = 3600.0
+
+    def processes(self, window_s: float) -> tuple[Array, Array, Array]:
+        """Time constants in s (infinite: a walk), stationary variances, and variance per second of the walk."""
+        bank = window_s * _FLICKER_RATIO ** np.arange(_FLICKER_MEMBERS)
+        time_constants = np.r_[bank, self.wander_s, math.inf]
+        each = self.flicker**2 * math.log(_FLICKER_RATIO) / math.pi
+        stationary = np.r_[np.full(_FLICKER_MEMBERS, each), self.wander**2, 0.0]
+        diffusion = np.r_[np.zeros(_FLICKER_MEMBERS + 1), self.walk**2 / SECONDS_PER_HOUR]
+        return time_constants, stationary, diffusion
+
+
+@dataclasses.dataclass(frozen=True)
+class Rows:
+    """Rows of several runs: where each run begins, the time of each row and the variance of its white noise (1: a full window)."""
+
+    time_s: Array
+    run: IntArray
+    white: Array
+    window_s: float
+
+    @property
+    def runs(self) -> list[slice]:
+        """The rows of each run."""
+        edges = np.r_[0, np.flatnonzero(np.diff(self.run)) + 1, len(self.run)]
+        return [slice(int(start), int(stop)) for start, stop in itertools.pairwise(edges)]
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+def whiten(rows: Rows, columns: Array, shapes: Sequence[NoiseShape]) -> tuple[Array, Array]:
+    """Innovations of columns for each noise shape, runs being independent.
+
+    Parameters
+    ----------
+    rows : Rows
+        n rows.
+    columns : ndarray, shape (n, m)
+    shapes : sequence of NoiseShape
+
+    Returns
+    -------
+    whitened : ndarray, shape (shapes, n, m)
+        With unit variance where the column is noise of that shape whose white part is one.
+    log_determinant : ndarray, shape (shapes,)
+        Of the noise's covariance.
+    """
+    whitened = np.empty((len(shapes), *columns.shape))
+    log_determinant = np.zeros(len(shapes))
+    for part in rows.runs:
+        gains, scale, decay = _gains(rows.time_s[part], rows.white[part], rows.window_s, shapes)
+        log_determinant += 2.0 * np.log(scale).sum(axis=1)
+        if not np.any(gains):
+            whitened[:, part] = columns[part] / scale[:, :, None]
+            continue
+        width = max(1, _ROWS_A_PIECE // max(1, gains.shape[0] * gains.shape[2]))
+        for first in range(0, columns.shape[1], width):
+            piece = slice(first, first + width)
+            _innovations(columns[part, piece], gains, scale, decay, whitened[:, part, piece])
+    return whitened, log_determinant
+
+
+def _gains(time_s: Array, white: Array, window_s: float, shapes: Sequence[NoiseShape]) -> tuple[Array, Array, Array]:
+    """Kalman gains (shapes, n, states), innovation standard deviations (shapes, n) and decays (shapes, n, states)."""
+    processes = [shape.processes(window_s) for shape in shapes]
+    time_constants, stationary, diffusion = (np.array(part) for part in zip(*processes, strict=True))
+    used = (stationary > 0.0).any(axis=0) | (diffusion > 0.0).any(axis=0)
+    time_constants, stationary, diffusion = time_constants[:, used], stationary[:, used], diffusion[:, used]
+    states = int(used.sum())
+    steps = np.r_[0.0, np.diff(time_s)]
+    decay = np.exp(-steps[None, :, None] / time_constants[:, None, :])
+    covariance = np.zeros((len(shapes), states, states))
+    diagonal = np.arange(states)
+    covariance[:, diagonal, diagonal] = stationary + diffusion * window_s
+    gains = np.empty((len(shapes), len(time_s), states))
+    scale = np.empty((len(shapes), len(time_s)))
+    for k, step in enumerate(steps):
+        if k:
+            keep = decay[:, k]
+            covariance *= keep[:, :, None] * keep[:, None, :]
+            covariance[:, diagonal, diagonal] += stationary * (1.0 - keep**2) + diffusion * step
+        shared = covariance.sum(axis=2)
+        variance = shared.sum(axis=1) + white[k]
+        gain = shared / variance[:, None]
+        covariance -= gain[:, :, None] * shared[:, None, :]
+        gains[:, k] = gain
+        scale[:, k] = np.sqrt(variance)
+    return gains, scale, decay
+
+
+def _innovations(columns: Array, gains: Array, scale: Array, decay: Array, out: Array) -> None:
+    state = np.zeros((gains.shape[0], gains.shape[2], columns.shape[1]))
+    for k in range(len(columns)):
+        state *= decay[:, k, :, None]
+        innovation = columns[k] - state.sum(axis=1)
+        state += gains[:, k, :, None] * innovation[:, None, :]
+        out[:, k] = innovation / scale[:, k, None]
+
+
+def simulate(rows: Rows, shape: NoiseShape, draws: int, rng: np.random.Generator) -> Array:
+    """Noise of that shape whose white part is one, shape (n, draws)."""
+    noise = np.sqrt(rows.white)[:, None] * rng.standard_normal((len(rows), draws))
+    for part in rows.runs:
+        steps = np.diff(rows.time_s[part])
+        uniform = len(steps) > 0 and np.ptp(steps) <= 1e-6 * steps[0]
+        for time_constant, stationary, diffusion in zip(*shape.processes(rows.window_s), strict=True):
+            if stationary == 0.0 and diffusion == 0.0:
+                continue
+            keep = np.exp(-steps / time_constant)
+            kicks = rng.standard_normal((part.stop - part.start, draws))
+            kicks[0] *= math.sqrt(stationary + diffusion * rows.window_s)
+            kicks[1:] *= np.sqrt(stationary * (1.0 - keep**2) + diffusion * steps)[:, None]
+            if uniform:
+                noise[part] += signal.lfilter([1.0], [1.0, -keep[0]], kicks, axis=0)
+                continue
+            for k in range(1, len(kicks)):
+                kicks[k] += keep[k - 1] * kicks[k - 1]
+            noise[part] += kicks
+    return noise
