@@ -10,6 +10,7 @@ exactly, whatever happens in between. Recordings made elsewhere may mean the sam
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -24,6 +25,8 @@ Array = npt.NDArray[np.float64]
 RATE: Final = "table_rate_deg_s"
 ANGLES: Final = ("table_angle_deg", "angle_inner_deg")
 CLEARLY_BETTER: Final = 0.5  # of the residual: what another reading of the table's motion must bring to replace the first
+TAKEN: Final = ("before", "at", "after")
+_SAME_RAD: Final = 0.2
 _WINDOWS: Final = 50  # in which readings of the motion are compared, of at most so many seconds each:
 _LONGEST_WINDOW_S: Final = 100.0
 
@@ -63,9 +66,9 @@ def rate_deg_s(recording: Recording) -> Array:
 
 
 def angle_deg(recording: Recording) -> Array:
-    """Angle of the table in deg at each row's time, running on past a turn; counted from the first row where only the rate is known.
+    """Angle of the table in deg at each row's time, running on past a turn.
 
-    With both, the rate tells how many turns lie between two rows, so that no speed is too high for the encoder's wrap.
+    Where only the rate is known, it counts from the first row. With both, the rate tells how many turns lie between two rows, so that no speed is too high for the encoder's wrap.
 
     Raises
     ------
@@ -89,6 +92,39 @@ def acceleration_deg_s2(recording: Recording) -> Array:
         The recording has neither rate nor angle.
     """
     return np.asarray(np.gradient(rate_deg_s(recording), recording.time_s))
+
+
+def harmonic(recording: Recording, order: int, taken: str = "before") -> tuple[Array, Array]:
+    r"""Cosine and sine of `order` times the table's angle, each of shape (n,).
+
+    Parameters
+    ----------
+    recording : Recording
+    order : int
+    taken : {"before", "at", "after"}
+        Mean over the sample that ends at a row, value at its time, or mean over the sample that begins there. A mean over a turn of
+        :math:`\Delta` is the value in the middle times :math:`\sin(k \Delta / 2) / (k \Delta / 2)`.
+
+    Raises
+    ------
+    InputError
+        The recording has neither angle nor rate.
+    """
+    middle, turned = _middle_deg(recording, taken)
+    phase = order * RAD_PER_DEG * middle
+    kept = np.sinc(order * turned / DEG_PER_TURN)
+    return kept * np.cos(phase), kept * np.sin(phase)
+
+
+def taken_at_deg(recording: Recording, taken: str) -> Array:
+    """The angle in deg that :func:`harmonic` refers to, shape (n,)."""
+    return _middle_deg(recording, taken)[0]
+
+
+def worth_trying(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
+    """Ways to take a harmonic that differ: one where the table turns little within a sample, else the three of :func:`harmonic`."""
+    largest = max(float(np.abs(rate_deg_s(run)).max()) * run.period_s for run in recordings)
+    return TAKEN[:1] if order * largest * RAD_PER_DEG < _SAME_RAD else TAKEN
 
 
 def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:
@@ -170,6 +206,14 @@ def _first(recording: Recording, columns: tuple[str, ...]) -> str:
     )
 
 
+def _middle_deg(recording: Recording, taken: str) -> tuple[Array, Array]:
+    """Angle in the middle of what is averaged over, and how far the table turned meanwhile, in deg."""
+    angle = angle_deg(recording)
+    steps = np.diff(angle)
+    turned = {"before": np.r_[steps[0], steps], "at": np.zeros(len(angle)), "after": -np.r_[steps, steps[-1]]}[taken]
+    return angle - 0.5 * turned, turned
+
+
 def _steps_deg(recording: Recording) -> Array:
     """Angle turned in the sample before each row, from the encoder; the first row's is the second's."""
     rate = recording.column(RATE) if RATE in recording else None
@@ -189,6 +233,7 @@ def _unlike(recording: Recording, rate: Array, gyro_deg_h: Array) -> float:
     window = np.floor(since_s / min(_LONGEST_WINDOW_S, since_s[-1] / _WINDOWS)).astype(np.int64)
     starts = np.flatnonzero(np.diff(window, prepend=-1))
     counts = np.diff(np.r_[starts, len(window)])
-    design = np.column_stack([np.ones(len(starts)), np.add.reduceat(rate, starts) / counts])
-    means = np.add.reduceat(gyro_deg_h, starts) / counts
+    full = counts > 0.5 * counts.max()
+    design = np.column_stack([np.ones(len(starts)), np.add.reduceat(rate, starts) / counts])[full]
+    means = (np.add.reduceat(gyro_deg_h, starts) / counts)[full]
     return float(np.std(means - design @ np.linalg.lstsq(design, means, rcond=None)[0]))
