@@ -68,7 +68,8 @@ def rate_deg_s(recording: Recording) -> Array:
 def angle_deg(recording: Recording) -> Array:
     """Angle of the table in deg at each row's time, running on past a turn.
 
-    Where only the rate is known, it counts from the first row. With both, the rate tells how many turns lie between two rows, so that no speed is too high for the encoder's wrap.
+    Where only the rate is known, it counts from the first row. With both, the rate tells how many turns lie between two rows, so
+    that no speed is too high for the encoder's wrap.
 
     Raises
     ------
@@ -122,9 +123,9 @@ def taken_at_deg(recording: Recording, taken: str) -> Array:
 
 
 def worth_trying(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
-    """Ways to take a harmonic that differ: one where the table turns little within a sample, else the three of :func:`harmonic`."""
+    """Ways to take a harmonic that differ: one where the table turns little within a sample, else that and the value at its end."""
     largest = max(float(np.abs(rate_deg_s(run)).max()) * run.period_s for run in recordings)
-    return TAKEN[:1] if order * largest * RAD_PER_DEG < _SAME_RAD else TAKEN
+    return TAKEN[:1] if order * largest * RAD_PER_DEG < _SAME_RAD else TAKEN[:2]
 
 
 def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:

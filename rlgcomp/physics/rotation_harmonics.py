@@ -13,12 +13,13 @@ from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, Array, Mechanism,
 from rlgcomp.recording import Recording
 from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR
 
+LOWER: Final = 12  # orders that are tried one by one; there are too many of the others to try in vain
 HIGHEST: Final = 80
 MOST: Final = 4  # orders at once
 _BINS: Final = 2048  # of a turn
 _STEADY: Final = 0.01  # of the highest rate: above, the table turns
 _SLOWEST_SHARE: Final = 0.2  # of the turning rows: an order must be sampled twice a cycle in so many
-_PLAIN: Final = 60.0  # power over that of noise from which an order is beyond doubt
+_PLAIN: Final = 40.0  # power over that of noise from which an order is beyond doubt
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,15 +67,16 @@ class RotationHarmonics(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Every order that the angle's sampling shows, alone; and together the orders that stand out beyond doubt."""
+        """The lower orders that the angle's sampling shows, one by one; of the higher ones, those beyond doubt, alone and together."""
+        highest = _highest_order(recordings)
         points = []
         for scaling in ("constant", "rate"):
-            orders = range(2, _highest_order(recordings) + 1)
-            points += [
-                cls(order_1=order, scaling=scaling, taken=taken) for order in orders for taken in worth_trying(recordings, order)
-            ]
-            for taken in worth_trying(recordings, orders.stop - 1):
-                plain = _plain_orders(recordings, [cls(order_1=order, scaling=scaling, taken=taken) for order in orders])
+            for order in range(2, min(highest, LOWER) + 1):
+                points += [cls(order_1=order, scaling=scaling, taken=taken) for taken in worth_trying(recordings, order)]
+            for taken in worth_trying(recordings, highest):
+                alone = [cls(order_1=order, scaling=scaling, taken=taken) for order in range(2, highest + 1)]
+                plain = _plain_orders(recordings, alone)
+                points += [cls(order_1=order, scaling=scaling, taken=taken) for order in plain if order > LOWER]
                 if len(plain) > 1:
                     points.append(cls(**{f"order_{j}": k for j, k in enumerate(plain, 1)}, scaling=scaling, taken=taken))
         return tuple(points)
