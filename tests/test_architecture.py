@@ -39,6 +39,7 @@ ROWS = [
     ["evaluation"],
     ["diagnosis"],
     ["report"],
+    ["diagnosis"],
     ["cli"],
 ]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))

@@ -162,9 +162,7 @@ class Evidence:
     def extensions(self, members: Sequence[Member]) -> Extension:
         """The evidence of a model and of every model with one candidate more."""
         precision = [self._precision(member) for member in members]
-        inside = np.concatenate(
-            [np.arange(*self._slices[member.candidate].indices(10**9)[:2]) for member in members] or [[]]
-        ).astype(int)
+        inside = self._places(members)
         gram = self.gram
         point = self._constant.copy()
         if len(inside):

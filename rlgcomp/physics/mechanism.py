@@ -149,6 +149,18 @@ class Mechanism(abc.ABC):
         ]
         return tuple(cls(**dict(point)) for point in itertools.product(*axes))
 
+    @classmethod
+    def proposals(cls, time_s: Sequence[Array], left: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
+        """Shapes that a residual suggests, where there are too many to try all, and how many there are.
+
+        Parameters
+        ----------
+        time_s, left : sequence of ndarray
+            Times from the beginning of each run, and what is left of each run's gyro, whitened.
+        """
+        del time_s, left
+        return (), 1.0
+
     def extensions(self) -> tuple[Self, ...]:
         """Richer forms of the same cause, to be tried where the simulator has it in this form."""
         return ()

@@ -1,0 +1,203 @@
+r"""One gyro in a chamber: what is there, and what its sensors record. Four thermal nodes, wandering supplies, two beams on a detector.
+
+.. math::
+
+    C_s \dot T_s &= G_{as}(T_a - T_s) + G_{sm}(T_m - T_s) + G_{sb}(T_b - T_s) + P_s \\
+    C_m \dot T_m &= G_{am}(T_a - T_m) + G_{sm}(T_s - T_m) + G_{mb}(T_b - T_m) \\
+    C_b \dot T_b &= G_{sb}(T_s - T_b) + G_{mb}(T_m - T_b) + P_b
+
+The mount stands in the chamber's air too, so the block's rate of change and its difference to the shell are not one and the same.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy import interpolate, linalg, signal, special
+
+from experiments.concealed.operators import first_order
+from experiments.concealed.programmes import random_programme
+from rlgcomp.recording import Metadata, Recording
+
+Array = npt.NDArray[np.float64]
+PLANT_STEP_S = 5.0
+NOMINAL_DEG_C = 20.0
+
+# mean, wander, correlation time in s, noise of one reading
+SUPPLIES = {
+    "supply_voltage_V": (15.0, 0.02, 3600.0, 0.001),
+    "discharge_current_a_mA": (0.65, 0.003, 5400.0, 0.0003),
+    "discharge_current_b_mA": (0.65, 0.003, 5400.0, 0.0003),
+    "magnetic_field_uT": (48.0, 3.0, 4000.0, 0.03),
+    "pressure_hPa": (1010.0, 2.5, 14400.0, 0.04),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Chamber:
+    """What is there in one run, at 1 Hz."""
+
+    time_s: Array
+    rate_K_min: Array
+    monitors: dict[str, Array]
+
+    def __getitem__(self, column: str) -> Array:
+        return self.monitors[column]
+
+    @property
+    def block(self) -> Array:
+        return self.monitors["temperature_block_degC"]
+
+    def with_monitor(self, column: str, values: Array) -> Chamber:
+        """The same run with one monitor changed."""
+        return dataclasses.replace(self, monitors={**self.monitors, column: values})
+
+    def recording(self) -> Recording:
+        """The true monitors as a recording, its gyro zero: for mechanisms that read recordings."""
+        return Recording(pd.DataFrame({"time_s": self.time_s, "gyro_deg_h": 0.0 * self.time_s, **self.monitors}), name="truth")
+
+
+@dataclasses.dataclass(frozen=True)
+class Unit:
+    """A gyro unit in its chamber, all sizes drawn about typical ones; runs differ by their generators."""
+
+    capacities_J_K: Array  # shell, mount, block
+    conductances_W_K: dict[str, float]
+    heat_W: Array  # into the shell and the block
+    air_time_constant_s: float
+    beam_um_K: float
+    intensity_per_K: float
+    intensity_per_K2: float
+    warmth: dict[str, float]  # wander of a supply per 100 K of the block
+    thermometer_lag_s: float
+    thermometer_noise_K: float
+    thermometer_offset_K: float
+    mount_thermometer: bool
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Unit:
+        """A unit."""
+        return cls(
+            capacities_J_K=rng.uniform([2500.0, 4000.0, 1800.0], [4500.0, 9000.0, 3200.0]),
+            conductances_W_K={
+                "as": rng.uniform(2.5, 5.0),
+                "am": rng.uniform(1.5, 6.0),
+                "sm": rng.uniform(0.1, 0.6),
+                "sb": rng.uniform(0.6, 1.6),
+                "mb": rng.uniform(0.6, 2.4),
+            },
+            heat_W=rng.uniform([2.0, 0.8], [8.0, 2.0]),
+            air_time_constant_s=rng.uniform(100.0, 300.0),
+            beam_um_K=rng.normal(0.0, 0.08),
+            intensity_per_K=rng.normal(0.0, 5e-4),
+            intensity_per_K2=rng.normal(0.0, 6e-6),
+            warmth={
+                name: rng.normal(0.0, 0.5) for name in ("supply_voltage_V", "discharge_current_a_mA", "discharge_current_b_mA")
+            },
+            thermometer_lag_s=rng.uniform(3.0, 25.0),
+            thermometer_noise_K=rng.uniform(0.002, 0.005),
+            thermometer_offset_K=rng.normal(0.0, 0.1),
+            mount_thermometer=bool(rng.random() < 0.3),
+        )
+
+    def run(self, rng: np.random.Generator) -> Chamber:
+        """One run on a random programme."""
+        corners_s, corners_degC = random_programme(rng)
+        time_s: Array = np.arange(0.0, math.floor(corners_s[-1]), 1.0)
+        coarse_s = np.arange(0.0, time_s[-1] + PLANT_STEP_S, PLANT_STEP_S)
+        shell, mount, block = self._temperatures(np.interp(coarse_s, corners_s, corners_degC))
+        path = interpolate.CubicSpline(coarse_s, block)
+        temperatures = {
+            "temperature_block_degC": np.asarray(path(time_s)),
+            "temperature_shell_degC": np.interp(time_s, coarse_s, shell),
+            "temperature_mount_degC": np.interp(time_s, coarse_s, mount),
+        }
+        warm = temperatures["temperature_block_degC"] - NOMINAL_DEG_C
+        supplies = {}
+        for name, (mean, sd, correlation_s, _) in SUPPLIES.items():
+            supplies[name] = mean + sd * (wander(time_s, correlation_s, rng) + self.warmth.get(name, 0.0) * warm / 100.0)
+        beam_um = self.beam_um_K * warm + 0.7 * wander(time_s, 3000.0, rng) + creeping_jumps(time_s, 2.5, rng)
+        intensity = 1.0 + self.intensity_per_K * warm + self.intensity_per_K2 * warm**2 + 0.003 * beam_um
+        intensity += 0.002 * wander(time_s, 2400.0, rng)
+        a, b = two_halves(beam_um)
+        optics = {"light_intensity_V": intensity, "readout_a_V": a * intensity, "readout_b_V": b * intensity}
+        return Chamber(time_s, 60.0 * np.asarray(path(time_s, 1)), {**temperatures, **optics, **supplies})
+
+    def record(
+        self, chamber: Chamber, gyro_deg_h: Array, rng: np.random.Generator, *, without: tuple[str, ...], name: str
+    ) -> Recording:
+        """What the sensors make of it."""
+        columns = {"time_s": chamber.time_s, "gyro_deg_h": gyro_deg_h}
+        for column, values in chamber.monitors.items():
+            noise = rng.standard_normal(len(values))
+            if column.startswith("temperature"):
+                seen = (
+                    first_order(values, 1.0, self.thermometer_lag_s) + self.thermometer_offset_K + self.thermometer_noise_K * noise
+                )
+                columns[column] = np.round(seen, 3)
+            else:
+                columns[column] = values + (SUPPLIES[column][3] if column in SUPPLIES else 2e-4) * noise
+        hidden = set(without) | (set() if self.mount_thermometer else {"temperature_mount_degC"})
+        table = pd.DataFrame({column: values for column, values in columns.items() if column not in hidden})
+        return Recording(table, Metadata(kind="chamber", unit="bench"), name=name)
+
+    def _temperatures(self, set_point_degC: Array) -> tuple[Array, Array, Array]:
+        g = self.conductances_W_K
+        a = np.array(
+            [
+                [-1.0 / self.air_time_constant_s, 0.0, 0.0, 0.0],
+                [g["as"], -g["as"] - g["sm"] - g["sb"], g["sm"], g["sb"]],
+                [g["am"], g["sm"], -g["am"] - g["sm"] - g["mb"], g["mb"]],
+                [0.0, g["sb"], g["mb"], -g["sb"] - g["mb"]],
+            ]
+        )
+        a[1:] /= self.capacities_J_K[:, None]
+        b = np.zeros((4, 2))
+        b[0, 0] = 1.0 / self.air_time_constant_s
+        b[1, 1], b[3, 1] = self.heat_W / self.capacities_J_K[[0, 2]]
+        grown = linalg.expm(np.block([[a, b], [np.zeros((2, 6))]]) * PLANT_STEP_S)
+        phi, gamma = grown[:4, :4], grown[:4, 4:]
+        state = np.full(4, set_point_degC[0])
+        states = np.empty((len(set_point_degC), 4))
+        states[0] = state
+        midway = 0.5 * (set_point_degC[1:] + set_point_degC[:-1])
+        for k, goal in enumerate(midway, start=1):
+            state = phi @ state + gamma[:, 0] * goal + gamma[:, 1]
+            states[k] = state
+        return states[:, 1], states[:, 2], states[:, 3]
+
+
+def wander(time_s: Array, correlation_s: float, rng: np.random.Generator) -> Array:
+    """Slow wander of about unit size: an Ornstein–Uhlenbeck process, a sine of some hours, and up to three steps."""
+    keep = math.exp(-1.0 / correlation_s)
+    kicks = rng.standard_normal(len(time_s)) * math.sqrt(1.0 - keep**2)
+    kicks[0] = rng.standard_normal()
+    total = 0.8 * signal.lfilter([1.0], [1.0, -keep], kicks)
+    total += rng.uniform(0.0, 0.7) * np.sin(2.0 * math.pi * time_s / rng.uniform(3600.0, 21600.0) + rng.uniform(0.0, 2.0 * math.pi))
+    for _ in range(int(rng.integers(0, 4))):
+        total += rng.normal(0.0, 0.6) * (time_s > rng.uniform(0.0, time_s[-1]))
+    return np.asarray(total)
+
+
+def creeping_jumps(time_s: Array, size: float, rng: np.random.Generator) -> Array:
+    """Up to three jumps that creep back to half their size."""
+    total = np.zeros(len(time_s))
+    for _ in range(int(rng.integers(0, 4))):
+        since_s = time_s - rng.uniform(0.0, time_s[-1])
+        total += np.where(since_s >= 0.0, rng.normal(0.0, size) * 0.5 * (1.0 + np.exp(-np.maximum(since_s, 0.0) / 1800.0)), 0.0)
+    return total
+
+
+def two_halves(beam_um: Array, radius_um: float = 500.0, inner_um: float = 40.0, outer_um: float = 540.0) -> tuple[Array, Array]:
+    """Share of a Gaussian beam on each half of a split detector, 1 for a centred beam."""
+
+    def share(side: float) -> Array:
+        edges = [math.sqrt(2.0) * (edge - side * beam_um) / radius_um for edge in (inner_um, outer_um)]
+        return np.asarray(special.erf(edges[1]) - special.erf(edges[0]))
+
+    centred = special.erf(math.sqrt(2.0) * outer_um / radius_um) - special.erf(math.sqrt(2.0) * inner_um / radius_um)
+    return share(1.0) / centred, share(-1.0) / centred

@@ -1,0 +1,58 @@
+"""The noise of the independent gyro: white, flicker as a sum of relaxations, random walk."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+Array = npt.NDArray[np.float64]
+RELAXATIONS_S = np.geomspace(3.0, 3e5, 11)
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """Strengths: N in deg/sqrt(h), B in deg/h, K in deg/h/sqrt(h)."""
+
+    white: float
+    flicker: float = 0.0
+    walk: float = 0.0
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Noise:
+        """For half of the units nothing but angle random walk."""
+        white = float(np.exp(rng.uniform(math.log(2e-4), math.log(1e-3))))
+        if rng.random() < 0.5:
+            return cls(white)
+        return cls(white, float(np.exp(rng.uniform(math.log(1e-4), math.log(1e-3)))), float(rng.uniform(0.0, 5e-4)))
+
+    @property
+    def white_100_s_deg_h(self) -> float:
+        """Standard deviation of the white noise of a mean over 100 s."""
+        return 6.0 * self.white
+
+    def to_mapping(self) -> dict[str, float]:
+        """The `noise:` section of a simulator file."""
+        names = ("angle_random_walk_deg_sqrt_h", "bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h")
+        return dict(zip(names, (self.white, self.flicker, self.walk), strict=True))
+
+    def simulate(self, samples: int, rng: np.random.Generator) -> Array:
+        r"""Rate noise in deg/h at 1 Hz.
+
+        Lorentzians whose time constants are spaced evenly in ln tau, each of variance :math:`(B^2/\pi)\,\Delta\ln\tau`, add up to
+        the flicker whose Allan variance is (2 ln 2 / pi) B² (van der Ziel, Physica 16, 359 (1950)).
+        """
+        total = 60.0 * self.white * rng.standard_normal(samples)
+        total += self.walk / 60.0 * np.cumsum(rng.standard_normal(samples))
+        if self.flicker:
+            apart = math.log(RELAXATIONS_S[1] / RELAXATIONS_S[0])
+            size = self.flicker * math.sqrt(apart / math.pi)
+            for relaxation_s in RELAXATIONS_S:
+                keep = math.exp(-1.0 / relaxation_s)
+                kicks = size * math.sqrt(1.0 - keep**2) * rng.standard_normal(samples)
+                kicks[0] = size * rng.standard_normal()
+                total += signal.lfilter([1.0], [1.0, -keep], kicks)
+        return np.asarray(total)

@@ -1,0 +1,186 @@
+"""A diagnosis in words: the verdict in a sentence, and everything as text for a terminal or a notebook."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+from rlgcomp.units import SECONDS_PER_HOUR
+
+if TYPE_CHECKING:
+    from rlgcomp.diagnosis.result import Cause, Diagnosis, Fit, Place, RunFit
+
+SHOWN_PLACES: Final = 6
+SHOWN_ALTERNATIVES: Final = 5
+BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
+EVIDENCE: Final = "R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90, 773 (1995) (comparison of explanations by their evidence)."
+BLACK_BOX: Final = (
+    "J. A. K. Suykens et al., Least Squares Support Vector Machines, World Scientific, 2002 (the black box of the comparison)."
+)
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The verdict, the causes with their probability, and what they gain held out."""
+    if diagnosis.verdict == "none":
+        return (
+            f"{_opening(diagnosis)} lacks nothing that these runs show: what it leaves is noise ({p_text(diagnosis.p_value)}) "
+            "once its free parameters are calibrated."
+        )
+    named = listing([_named(cause) for cause in diagnosis.causes])
+    if diagnosis.verdict == "unknown":
+        left = diagnosis.unexplained
+        driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
+        memory = f" ({left.memory})" if left.drivers and left.memory != "none" else ""
+        start = f"{_opening(diagnosis)} lacks {named}, and something else" if named else f"{_opening(diagnosis)} lacks something"
+        return f"{start} that no known mechanism explains; it {driven}{memory}.{_gain(diagnosis.test)}"
+    if diagnosis.verdict == "ambiguous":
+        rivals = listing(
+            list(dict.fromkeys(name for cause in diagnosis.causes for name in (cause.name, *cause.indistinguishable_from)))
+        )
+        return f"{_opening(diagnosis)} lacks {named}; these runs cannot tell between {rivals}.{_gain(diagnosis.test)}"
+    return f"{_opening(diagnosis)} lacks {named}.{_gain(diagnosis.test)}"
+
+
+def methods(diagnosis: Diagnosis) -> list[str]:
+    """Sources of the methods that this diagnosis used."""
+    used = [EVIDENCE] if diagnosis.alternatives else []
+    if diagnosis.test is not None:
+        used.append(BOOTSTRAP)
+        if diagnosis.test.compensation_rms is not None:
+            used.append(BLACK_BOX)
+    return used
+
+
+def as_text(diagnosis: Diagnosis) -> str:
+    """The whole diagnosis for a terminal: verdict first."""
+    parts = [diagnosis.sentence]
+    if diagnosis.where:
+        rows = [
+            [place_text(place), f"{100 * place.share:.0f} %", p_text(place.p_value)] for place in diagnosis.where[:SHOWN_PLACES]
+        ]
+        parts.append(_table(f"Where ({p_text(diagnosis.p_value)} that nothing is missing)", ["place", "share", "p"], rows))
+    if diagnosis.causes:
+        rows = []
+        for cause in diagnosis.causes:
+            values = [f"{name} = {estimate}" for name, estimate in cause.parameters.items()] or [""]
+            rows.append([cause.name, f"{cause.probability:.3f}", f"{cause.rms_deg_h:.3g} deg/h", values[0]])
+            rows += [["", "", "", value] for value in values[1:]]
+        parts.append(_table("What", ["mechanism", "probability", "rms", "parameters"], rows))
+    if diagnosis.alternatives:
+        rows = [[set_text(item.mechanisms), f"{item.probability:.3g}"] for item in diagnosis.alternatives[:SHOWN_ALTERNATIVES]]
+        parts.append(_table("Alternatives", ["mechanisms", "probability"], rows))
+    left = diagnosis.unexplained
+    if diagnosis.verdict == "unknown":
+        law = left.equation or "no law found"
+        parts.append(f"Unexplained ({p_text(left.p_value)}): {law}; drivers {', '.join(left.drivers) or 'none recorded'}")
+    rows = fit_rows("training", diagnosis.train) + ([] if diagnosis.test is None else fit_rows("held out", diagnosis.test))
+    header = ["runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval"]
+    parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", header, rows))
+    parts += [
+        f"{shift.run}: the simulation's clock is off by {quantity(shift.offset_s, shift.offset_sd_s, 's')} and drifts by "
+        f"{quantity(shift.drift_ppm, shift.drift_ppm_sd, 'ppm')} ({p_text(shift.p_value)}); taken out"
+        for shift in diagnosis.alignment
+    ]
+    if diagnosis.next_experiment is not None:
+        nxt = diagnosis.next_experiment
+        parts.append(
+            f"Next experiment, to tell between {listing(list(nxt.separates), 'and')}: {nxt.profile}\n"
+            f"  expected probability of the true one afterwards: {nxt.expected_probability_after:.3f}"
+        )
+    parts += [f"- {remark}" for remark in diagnosis.remarks]
+    return "\n\n".join(parts)
+
+
+def fit_rows(name: str, fit: Fit) -> list[list[str]]:
+    """Cells of a table of rms before and after: all runs together, then each."""
+    return [_fit_row(name, fit), *(_fit_row(f"  {run.run}", run) for run in fit.per_run)]
+
+
+def place_text(place: Place) -> str:
+    """A place as a reader would say it."""
+    said = [f"{place.run} {place.channel}"]
+    if place.start_s is not None and place.end_s is not None:
+        said.append(f"{place.start_s / SECONDS_PER_HOUR:.2f} to {place.end_s / SECONDS_PER_HOUR:.2f} h")
+    if place.regime:
+        said.append(place.regime)
+    if place.frequency_hz is not None:
+        said.append(f"at {place.frequency_hz:.4g} Hz")
+    if place.angle_harmonic is not None:
+        said.append(f"harmonic {place.angle_harmonic:g} of the angle")
+    return ", ".join(said)
+
+
+def set_text(names: Sequence[str]) -> str:
+    """A set of mechanisms; the empty one is said."""
+    return " + ".join(names) or "nothing missing"
+
+
+def interval_text(interval: tuple[float, float]) -> str:
+    """A 95 % interval of a relative improvement."""
+    return f"{100 * interval[0]:.1f} to {100 * interval[1]:.1f} %"
+
+
+def p_text(p_value: float) -> str:
+    """A p-value as it is printed."""
+    return f"p < {1e-12:g}" if p_value < 1e-12 else f"p = {p_value:.2g}"
+
+
+def quantity(value: float, sd: float, unit: str) -> str:
+    """A number with its standard deviation, both to two digits of the latter.
+
+    >>> quantity(0.0012345, 0.000056, "deg/h/K"), quantity(1834.2, 41.0, "s"), quantity(3.0, 0.0, "")
+    ('0.001234 ± 0.000056 deg/h/K', '1834 ± 41 s', '3')
+    """
+    if not (math.isfinite(sd) and sd > 0.0):
+        return f"{value:.6g} {unit}".rstrip()
+    digits = max(0, 1 - math.floor(math.log10(sd)))
+    if digits > 8:
+        return f"{value:.4g} ± {sd:.2g} {unit}".rstrip()
+    return f"{value:.{digits}f} ± {sd:.{digits}f} {unit}".rstrip()
+
+
+def listing(items: Sequence[str], joined: str = "and") -> str:
+    """Items in a sentence.
+
+    >>> listing(["a", "b", "c"], "or")
+    'a, b or c'
+    """
+    return f" {joined} ".join(part for part in (", ".join(items[:-1]), *items[-1:]) if part)
+
+
+def _opening(diagnosis: Diagnosis) -> str:
+    return f"The {diagnosis.simulator}" if diagnosis.simulator == "simulator" else diagnosis.simulator
+
+
+def _named(cause: Cause) -> str:
+    return f"{cause.name} (probability {cause.probability:.3f})"
+
+
+def _gain(fit: Fit | None) -> str:
+    if fit is None:
+        return ""
+    low, _ = fit.improvement_ci95
+    numbers = f"from {fit.baseline_rms:.5f} to {fit.augmented_rms:.5f} {fit.unit}"
+    share = f"({100 * fit.improvement:.0f} %, 95 % interval {interval_text(fit.improvement_ci95)})"
+    if low > 0.0:
+        return f" On runs held out its error falls {numbers} {share}; the noise floor is {fit.noise_floor_rms:.5f}."
+    return f" On runs held out no gain can be claimed: {numbers} {share}."
+
+
+def _fit_row(name: str, fit: Fit | RunFit) -> list[str]:
+    return [
+        name,
+        f"{fit.baseline_rms:.5f}",
+        f"{fit.augmented_rms:.5f}",
+        f"{fit.noise_floor_rms:.5f}",
+        "" if fit.compensation_rms is None else f"{fit.compensation_rms:.5f}",
+        f"{100 * fit.improvement:.1f} %",
+        interval_text(fit.improvement_ci95),
+    ]
+
+
+def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in (header, *rows)]
+    return "\n".join([title, *(f"  {line}" for line in lines)])

@@ -1,0 +1,153 @@
+"""The diagnosis as data and as text."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.result import (
+    Alignment,
+    Alternative,
+    Cause,
+    Diagnosis,
+    Estimate,
+    Fit,
+    NextExperiment,
+    Place,
+    RunFit,
+    Unexplained,
+)
+
+
+def fit(baseline: float, augmented: float, low: float, high: float) -> Fit:
+    gain = 1.0 - augmented / baseline
+    run = RunFit("warm", baseline, augmented, 0.0018, baseline, augmented, gain, (low, high), 0.0031)
+    return Fit(baseline, augmented, 0.0018, "deg/h", 100.0, gain, (low, high), (run,), compensation_rms=0.0031)
+
+
+@pytest.fixture
+def diagnosis() -> Diagnosis:
+    lag = rlg.CATALOGUE["thermal_lag"](k_deg_h_K=0.003, time_constant_s=1500.0)
+    calibrated = rlg.Simulator((rlg.CATALOGUE["thermal_polynomial"](),))
+    return Diagnosis(
+        verdict="ambiguous",
+        p_value=1e-30,
+        where=(Place("cold", "gyro_deg_h", 3600.0, 7200.0, "temperature_block_degC > 31, cooling", share=0.7, p_value=1e-9),),
+        causes=(
+            Cause(
+                lag,
+                0.81,
+                {"k_deg_h_K": Estimate(0.003, 0.0001, "deg/h/K"), "time_constant_s": Estimate(1500.0, 60.0, "s")},
+                0.004,
+                ("thermal_gradient",),
+                ("temperature_block_degC",),
+            ),
+        ),
+        alternatives=(Alternative(("thermal_gradient",), 0.18), Alternative((), 0.0)),
+        unexplained=Unexplained(0.4),
+        train=fit(0.0043, 0.0019, 0.5, 0.6),
+        test=fit(0.0045, 0.002, 0.48, 0.62),
+        next_experiment=NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60, ramp 50 0.5", 0.99),
+        calibrated=calibrated,
+        augmented=calibrated.with_mechanism(lag),
+        noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003),
+        calibration={"thermal_polynomial": {"c1_deg_h_K": Estimate(0.001, 0.0001, "deg/h/K")}},
+        alignment=(Alignment("cold", 0.4, 0.1, 12.0, 5.0, 0.001, "temperature_block_degC"),),
+        remarks=("Two runs only.",),
+    )
+
+
+def test_its_mapping_is_the_contract(diagnosis: Diagnosis) -> None:
+    content = diagnosis.to_mapping()
+    assert content["schema"] == "rlgcomp.diagnosis/1"
+    assert content["verdict"] == "ambiguous"
+    assert set(content["mismatch"]) >= {"p_value", "where"}
+    place = {"run", "channel", "start_s", "end_s", "regime", "frequency_hz", "angle_harmonic", "share", "p_value"}
+    assert set(content["mismatch"]["where"][0]) >= place
+    finding = content["findings"][0]
+    assert finding["mechanism"] == "thermal_lag"
+    assert finding["parameters"]["time_constant_s"] == {"value": 1500.0, "sd": 60.0, "unit": "s"}
+    assert finding["equation"] == rlg.CATALOGUE["thermal_lag"].equation
+    assert finding["drivers"] == ["temperature_block_degC"]
+    assert finding["rms"] == {"value": 0.004, "unit": "deg/h"}
+    assert finding["indistinguishable_from"] == ["thermal_gradient"]
+    assert content["alternatives"] == [
+        {"mechanisms": ["thermal_gradient"], "probability": 0.18},
+        {"mechanisms": [], "probability": 0.0},
+    ]
+    assert content["unexplained"] == {"p_value": 0.4, "drivers": [], "memory": "none", "equation": None}
+    train = {"baseline_rms", "augmented_rms", "noise_floor_rms", "unit", "averaging_s"}
+    assert set(content["fit"]["train"]) >= train
+    assert set(content["fit"]["test"]) >= train | {"improvement", "improvement_ci95", "per_run"}
+    assert content["fit"]["test"]["improvement_ci95"] == [0.48, 0.62]
+    assert content["next_experiment"] == {
+        "separates": ["thermal_lag", "thermal_gradient"],
+        "profile": "start 20, hold 60, ramp 50 0.5",
+        "expected_probability_after": 0.99,
+    }
+
+
+def test_it_is_json_even_where_a_number_is_not_finite(diagnosis: Diagnosis) -> None:
+    broken = dataclasses.replace(diagnosis, p_value=math.nan, train=dataclasses.replace(diagnosis.train, baseline_rms=math.inf))
+    content = json.loads(json.dumps(broken.to_mapping(), allow_nan=False))
+    assert content["mismatch"]["p_value"] is None
+    assert content["fit"]["train"]["baseline_rms"] is None
+
+
+def test_files_read_back(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    diagnosis.save(tmp_path)
+    assert json.loads((tmp_path / "diagnosis.json").read_text()) == diagnosis.to_mapping()
+    assert rlg.Simulator.from_yaml(tmp_path / "augmented.yaml").mechanisms == diagnosis.augmented.mechanisms
+
+
+def test_its_text_begins_with_the_verdict(diagnosis: Diagnosis) -> None:
+    lines = str(diagnosis).splitlines()
+    assert lines[0] == diagnosis.sentence
+    assert "cannot tell between thermal_lag and thermal_gradient" in lines[0]
+    for needed in (
+        "1500 ± 60 s",
+        "0.00450",
+        "0.00200",
+        "ramp 50 0.5",
+        "0.990",
+        "Two runs only.",
+        "12.0 ± 5.0 ppm",
+        "1.00 to 2.00 h",
+    ):
+        assert needed in str(diagnosis)
+    assert max(map(len, lines[1:])) <= 140
+
+
+def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
+    none = dataclasses.replace(diagnosis, verdict="none", causes=(), p_value=0.3)
+    assert none.sentence.startswith("The simulator lacks nothing")
+    unknown = dataclasses.replace(
+        diagnosis, verdict="unknown", causes=(), unexplained=Unexplained(1e-9, ("light_intensity_V",), "static", "b = ...")
+    )
+    assert "follows light_intensity_V (static)" in unknown.sentence
+    lost = dataclasses.replace(unknown, unexplained=Unexplained(1e-9))
+    assert "follows no channel that was recorded" in lost.sentence
+    unproven = dataclasses.replace(diagnosis, verdict="explained", test=fit(0.0045, 0.0044, -0.02, 0.06))
+    assert "no gain can be claimed" in unproven.sentence
+    with pytest.raises(rlg.InputError, match="verdict is 'maybe'"):
+        dataclasses.replace(diagnosis, verdict="maybe")
+
+
+def test_only_what_was_used_is_cited(diagnosis: Diagnosis) -> None:
+    cited = diagnosis.citations
+    assert rlg.CATALOGUE["thermal_lag"].reference in cited
+    assert rlg.CATALOGUE["mode_hop"].reference not in cited
+    assert len(set(cited)) == len(cited)
+    untested = dataclasses.replace(diagnosis, test=None)
+    assert not any("bootstrap" in citation for citation in untested.citations)
+
+
+def test_its_frame_has_a_row_a_parameter(diagnosis: Diagnosis) -> None:
+    frame = diagnosis.to_frame()
+    assert list(frame["parameter"]) == ["k_deg_h_K", "time_constant_s"]
+    assert dataclasses.replace(diagnosis, verdict="none", causes=()).to_frame().empty
