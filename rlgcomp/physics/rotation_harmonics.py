@@ -67,7 +67,7 @@ class RotationHarmonics(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The lower orders that the angle's sampling shows, one by one; of the higher ones, those beyond doubt, alone and together."""
+        """The lower orders that the sampling shows, one by one; of the higher ones, those beyond doubt, alone and together."""
         highest = _highest_order(recordings)
         points = []
         for scaling in ("constant", "rate"):

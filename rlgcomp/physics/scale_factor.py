@@ -29,6 +29,7 @@ class ScaleFactor(Mechanism):
         "of section 4 (scale-factor error and bias of a ring laser gyro on a rate table)."
     )
     drivers = (TABLE_RATE,)
+    fast = True
 
     k_ppm: float = amplitude(10.0, "ppm", limit=1e6)
     bias_deg_h: float = amplitude(0.01, "deg/h", limit=1e5)

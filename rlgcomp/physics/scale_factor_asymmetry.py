@@ -28,6 +28,7 @@ class ScaleFactorAsymmetry(Mechanism):
         "IEEE Std 528-2001, Inertial Sensor Terminology (asymmetry error of the scale factor); IEEE Std 647-2006 (its test)."
     )
     drivers = (TABLE_RATE,)
+    fast = True
 
     k_ppm: float = amplitude(2.0, "ppm", limit=1e6)
 

@@ -31,6 +31,7 @@ class ScaleFactorNonlinearity(Mechanism):
         "4754 (2019), table 3 (scale-factor error against rate)."
     )
     drivers = (TABLE_RATE,)
+    fast = True
 
     k_ppm: float = amplitude(2.0, "ppm", limit=1e6)
     order: int = setting(2, low=2, high=5)

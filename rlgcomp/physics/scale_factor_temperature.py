@@ -25,6 +25,7 @@ class ScaleFactorTemperature(Mechanism):
         "647-2006, Single-Axis Laser Gyros (scale-factor temperature sensitivity)."
     )
     drivers = (TABLE_RATE, TEMPERATURE)
+    fast = True
 
     k_ppm_K: float = amplitude(0.5, "ppm/K", limit=1e5)
     reference_degC: float = setting(20.0, "degC")
