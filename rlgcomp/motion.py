@@ -10,6 +10,7 @@ exactly, whatever happens in between. Recordings made elsewhere may mean the sam
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -216,11 +217,11 @@ def _middle_deg(recording: Recording, taken: str) -> tuple[Array, Array]:
 
 
 def _steps_deg(recording: Recording) -> Array:
-    """Angle turned in the sample before each row, from the encoder; the first row's is the second's."""
+    """Angle turned in the sample before each row, from the encoder; the first row's by the rate, or else as the second's."""
     rate = recording.column(RATE) if RATE in recording else None
     column = _first(recording, ANGLES)
     turned = np.diff(unwrapped_deg(recording.column(column), recording.time_s, recording.period_s, rate))
-    return np.r_[turned[0], turned]
+    return np.r_[turned[0] if rate is None else rate[0] * recording.period_s, turned]
 
 
 def _spans_s(recording: Recording) -> Array:
@@ -230,7 +231,11 @@ def _spans_s(recording: Recording) -> Array:
 
 def _unlike(recording: Recording, rate: Array, gyro_deg_h: Array) -> float:
     """Standard deviation of window means of the gyro less what a scale factor and a bias make of a rate."""
-    since_s = recording.time_s - recording.time_s[0]
+    inner = slice(1, -1)  # how far the table turned before the first row, or after the last, is not known from its angle
+    since_s = (recording.time_s - recording.time_s[0])[inner]
+    rate, gyro_deg_h = rate[inner], gyro_deg_h[inner]
+    if len(rate) < _WINDOWS:
+        return math.inf
     window = np.floor(since_s / min(_LONGEST_WINDOW_S, since_s[-1] / _WINDOWS)).astype(np.int64)
     starts = np.flatnonzero(np.diff(window, prepend=-1))
     counts = np.diff(np.r_[starts, len(window)])
