@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate, candidates
-from rlgcomp.diagnosis.evidence import Evidence, Member
+from rlgcomp.diagnosis.evidence import Evidence, Member, log_sum_exp
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Model, Search, posterior
 from rlgcomp.diagnosis.whitening import NoiseShape
@@ -22,6 +22,8 @@ _ZOOMS: Final = 3
 _ZOOM: Final = 3  # a spacing becomes so many
 _LIKELY: Final = 0.02  # models less probable are not refined
 _REFINED: Final = 4  # models at most, a round
+_WATCHED: Final = 12  # models whose noises are kept
+_NEGLIGIBLE: Final = 1e-3  # share of a noise that is dropped
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +64,12 @@ def explain(
     tried, left_out = candidates(problem, catalogue)
     evidence = Evidence(problem, tried, noises)
     kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
+    search = Search(evidence, noise_log_prior)
+    models = search.run()
+    shares = [np.exp(model.noise_log - log_sum_exp(model.noise_log)) for model in models[:_WATCHED]]
+    kept = np.flatnonzero(np.max(shares, axis=0) > _NEGLIGIBLE)
+    evidence.keep(kept)
+    noise_log_prior = noise_log_prior[kept]
     search = Search(evidence, noise_log_prior)
     models = search.run()
     for _ in range(_ZOOMS):
