@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from rlgcomp.motion import rate_deg_s, reference_rate_deg_s
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
@@ -18,6 +19,7 @@ _RATIO: Final = 1.3  # between the lock-in rates that diagnosis tries
 _LOWEST_DEG_S: Final = 1e-4
 _SLOW: Final = 0.05  # of the highest rate: below, a table is near enough to rest for its gyro to lock
 _OFTEN: Final = 0.01  # of the rows
+_MOST_ROWS: Final = 200_000  # that the best lock-in rate is sought in
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,13 +54,21 @@ class LockIn(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Lock-in rates in equal ratios up to the highest rate; where a table rests, with and without the bias locked too."""
+        """Lock-in rates in equal ratios up to the highest rate, and the best one; where a table rests, with the bias locked too.
+
+        The best is found by least squares, because lock-in near the rates of a programme stands out a hundred times above the
+        noise, and then no ratio is fine enough.
+        """
         top = max(float(np.abs(rate_deg_s(run)).max()) for run in recordings)
         highest = min(max(0.9 * top, 2.0 * _LOWEST_DEG_S), 10.0)
         points = max(2, round(math.log(highest / _LOWEST_DEG_S) / math.log(_RATIO)))
         rates = np.geomspace(_LOWEST_DEG_S, highest, points).tolist()
+        shown = _shown(recordings)
+        offsets = (0.0,) if shown is None else (0.0, *_locked_offset(*shown, top))
         return tuple(
-            cls(lock_in_deg_s=rate, acts_on="table", offset_deg_h=offset) for offset in _offsets(recordings, top) for rate in rates
+            cls(lock_in_deg_s=rate, acts_on="table", offset_deg_h=offset)
+            for offset in offsets
+            for rate in (rates if shown is None else sorted((*rates, _best(*shown, rates, offset))))
         )
 
     def settled(self) -> Self:
@@ -73,26 +83,49 @@ class LockIn(Mechanism):
             rate = recording.column(FELT_RATE_DEG_S)
         else:
             rate = rate_deg_s(recording) + self.offset_deg_h / SECONDS_PER_HOUR
-        passed = np.maximum(rate**2 - self.lock_in_deg_s**2, 0.0)
-        # the difference of root and rate loses no digits when written as a quotient
-        lost = np.minimum(rate**2, self.lock_in_deg_s**2)
-        return (-SECONDS_PER_HOUR * np.sign(rate) * lost / np.maximum(np.sqrt(passed) + np.abs(rate), 1e-300))[:, None]
+        return _error_deg_h(rate, self.lock_in_deg_s)[:, None]
 
 
-def _offsets(recordings: Sequence[Recording], top: float) -> tuple[float, ...]:
-    """What the light may feel beside the table: nothing, or what the gyro shows beyond the rate while the table turns."""
-    turning, beyond, slow = [], [], False
+def _error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
+    """sgn(W) sqrt(W² - W_L²) - W, written as a quotient that loses no digits."""
+    square = rate**2
+    both = np.sqrt(np.maximum(square - lock_in_deg_s**2, 0.0)) + np.abs(rate)
+    return np.asarray(-SECONDS_PER_HOUR * np.sign(rate) * np.minimum(square, lock_in_deg_s**2) / np.maximum(both, 1e-300))
+
+
+def _shown(recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
+    """Rates in deg/s, and in deg/h what the gyros show beyond them; None where they cannot be read, or the table does not turn."""
+    rates, beyond = [], []
     for run in recordings:
         if len(run.gyro_columns) != 1 or (run.gyro_columns[0].endswith("_pulses") and run.metadata.pulse_arcsec is None):
-            return (0.0,)
+            return None
         gyro = run.rate_deg_h()
         rate = reference_rate_deg_s(run, gyro)
-        fast = np.abs(rate) > _SLOW * top
-        slow |= bool(np.mean(~fast) > _OFTEN)
-        turning.append(rate[fast])
-        beyond.append((gyro - SECONDS_PER_HOUR * rate)[fast])
-    rates = np.concatenate(turning)
-    if not slow or np.ptp(rates) == 0.0:
-        return (0.0,)
-    slope_and_offset = np.polyfit(rates / top, np.concatenate(beyond), 1)
-    return 0.0, float(slope_and_offset[1])
+        rates.append(rate)
+        beyond.append(gyro - SECONDS_PER_HOUR * rate)
+    every = max(1, sum(len(part) for part in rates) // _MOST_ROWS)
+    rate = np.concatenate(rates)[::every]
+    return None if np.ptp(rate) == 0.0 else (rate, np.concatenate(beyond)[::every])
+
+
+def _locked_offset(rate: Array, beyond: Array, top: float) -> tuple[float, ...]:
+    """What the light feels beside the table: the bias shown while the table turns; none where it never rests."""
+    fast = np.abs(rate) > _SLOW * top
+    if np.mean(~fast) < _OFTEN or np.ptp(rate[fast]) == 0.0:
+        return ()
+    return (float(np.polyfit(rate[fast] / top, beyond[fast], 1)[1]),)
+
+
+def _best(rate: Array, beyond: Array, tried: Sequence[float], offset_deg_h: float) -> float:
+    """The lock-in rate that leaves least of what is shown beyond the rate, a scale factor and a bias taken out."""
+    felt = rate + offset_deg_h / SECONDS_PER_HOUR
+    plain = np.linalg.qr(np.column_stack([np.ones(len(rate)), rate]))[0]
+
+    def left(logarithm: float) -> float:
+        rest = beyond - _error_deg_h(felt, math.exp(logarithm))
+        rest = rest - plain @ (plain.T @ rest)
+        return float(rest @ rest)
+
+    nearest = min((math.log(value) for value in tried), key=left)
+    step = math.log(_RATIO)
+    return math.exp(minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7}).x)
