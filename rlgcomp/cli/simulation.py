@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, command, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Map, MechanismsFile, command, read_runs, say
 from rlgcomp.cli.show import show_json
 
 SimulatorFile = Annotated[Path, typer.Argument(metavar="SIM.yaml", help="Simulator file.")]
@@ -26,16 +26,20 @@ def simulate(
     ] = "paper",
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
     step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
+    mechanisms: MechanismsFile = None,
     as_json: AsJson = False,
 ) -> None:
     """Make a recording, with each mechanism's contribution kept as truth (columns truth_...).
 
     Example: `rlgcomp simulate gyro.yaml --profile 'start 20, hold 60, ramp -40 1, hold 120' --seed 1 --out cold.parquet`
     """
+    from rlgcomp.diagnosis.user_mechanisms import with_user_mechanisms
     from rlgcomp.formats import write
     from rlgcomp.simulation.simulator import Simulator
 
-    recording = Simulator.from_yaml(simulator).simulate(profile, seed=seed, step_s=step_s, name=out.stem)
+    recording = Simulator.from_yaml(simulator, with_user_mechanisms(mechanisms)).simulate(
+        profile, seed=seed, step_s=step_s, name=out.stem
+    )
     write(recording, out)
     truth = recording.truth
     if as_json:
@@ -47,15 +51,21 @@ def simulate(
 
 @command("predict")
 def predict(
-    simulator: SimulatorFile, run: Annotated[str, typer.Argument(metavar="RUN")], out: Out, mapping: Map = None, drop: Drop = None
+    simulator: SimulatorFile,
+    run: Annotated[str, typer.Argument(metavar="RUN")],
+    out: Out,
+    mechanisms: MechanismsFile = None,
+    mapping: Map = None,
+    drop: Drop = None,
 ) -> None:
     """The gyro that a simulator expects, given a recording's own monitors: the same rows, without noise.
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
+    from rlgcomp.diagnosis.user_mechanisms import with_user_mechanisms
     from rlgcomp.formats import write
     from rlgcomp.simulation.simulator import Simulator
 
     (recording,) = read_runs([run], mapping, drop)
-    write(Simulator.from_yaml(simulator).predict(recording), out)
+    write(Simulator.from_yaml(simulator, with_user_mechanisms(mechanisms)).predict(recording), out)
     say(f"{out}: {len(recording)} rows")

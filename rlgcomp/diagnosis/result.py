@@ -443,3 +443,9 @@ class Diagnosis:
         """Write `diagnosis.json` and `augmented.yaml` into a folder, which must exist."""
         write_json(Path(folder) / "diagnosis.json", self.to_mapping())
         self.augmented.to_yaml(Path(folder) / "augmented.yaml")
+
+    def report(self, path: str | Path) -> None:
+        """Write the page that shows it: one self-contained HTML file."""
+        from rlgcomp.diagnosis.page import write_diagnosis_report
+
+        write_diagnosis_report(path, self)
