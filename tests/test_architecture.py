@@ -24,7 +24,7 @@ ROWS = [
     ["recording"],
     ["repair"],
     ["formats"],
-    ["filters", "hysteresis", "frames", "triad"],
+    ["filters", "hysteresis", "frames", "triad", "motion"],
     ["noise"],
     ["allan"],
     ["rotation"],
@@ -76,7 +76,7 @@ def _names_in(folder: str) -> set[str]:
 
 
 def test_every_mechanism_file_is_in_the_catalogue() -> None:
-    assert _names_in("physics") - {"mechanism"} == set(CATALOGUE)
+    assert _names_in("physics") - {"mechanism", "user"} == set(CATALOGUE)
 
 
 def test_every_format_file_is_in_the_list() -> None:

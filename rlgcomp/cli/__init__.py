@@ -16,6 +16,7 @@ COMMANDS = (
     "simulation",
     "diagnosis",
     "compensation",
+    "conceal",
 )  # the order in which --help lists them
 
 

@@ -25,14 +25,12 @@ F. Liang et al., "Mixtures of g priors for Bayesian variable selection", J. Am. 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.problem import Problem
@@ -41,18 +39,11 @@ from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 SIZES: Final = np.geomspace(0.06, 40.0, 8)
-FLICKERS: Final = (0.0, 0.08, 0.16, 0.32, 0.64, 1.3)
-WALKS: Final = (0.0, 0.04, 0.1, 0.25, 0.6, 1.5)
 _SHAPES_AT_ONCE: Final = 9
 _ABSORBED: Final = 1e-5  # of a column's norm: less than this left by the baseline is nothing
 
 
-def ordinary_noise() -> tuple[NoiseShape, ...]:
-    """Noise that gyros have: white, flicker and random walk, each combination counting equally."""
-    return tuple(NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS))
-
-
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, order=True)
 class Member:
     """A candidate in a model, with the size that its prior has there."""
 
@@ -150,6 +141,22 @@ class Evidence:
             (width, np.flatnonzero(widths == width), np.array([self._slices[c].start for c in np.flatnonzero(widths == width)]))
             for width in sorted(set(widths.tolist()))
         ]
+        self._set_blocks()
+
+    def _set_blocks(self) -> None:
+        """The candidates' own blocks of the Gram matrices, by width."""
+        self._blocks = {}
+        for width, _, starts in self._groups:
+            places = starts[:, None] + np.arange(width)
+            self._blocks[width] = self.gram[:, places[:, :, None], places[:, None, :]]
+
+    def keep(self, noises: IntArray) -> None:
+        """Go on with some of the noises: those that no likely model gives any weight are dropped."""
+        self.noises = tuple(self.noises[k] for k in noises)
+        self._whitened_baseline = [self._whitened_baseline[k] for k in noises]
+        self._constant, self._targets = self._constant[noises], self._targets[noises]
+        self._columns, self.gram = self._columns[noises], self.gram[noises]
+        self._set_blocks()
 
     def _prepared(self, columns: Array) -> Array:
         """An orthogonal basis of what the baseline leaves of the columns, with unit mean square; empty where it leaves nothing."""
@@ -163,28 +170,30 @@ class Evidence:
         """The evidence of a model and of every model with one candidate more."""
         precision = [self._precision(member) for member in members]
         inside = self._places(members)
-        gram = self.gram
         point = self._constant.copy()
+        cross, left = self.gram[:, :-1, -1], self.gram[:, -1, -1]
+        half = np.zeros((len(self.noises), 0, self.gram.shape[2]))
         if len(inside):
             weights = np.concatenate(precision)
-            block = gram[:, inside[:, None], inside] + np.diag(weights)
+            block = self.gram[:, inside[:, None], inside] + np.diag(weights)
             factor = np.linalg.cholesky(block)
             point -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1) - 0.5 * np.log(weights).sum()
-            half = np.linalg.solve(factor, gram[:, inside])
-            gram = gram - np.swapaxes(half, 1, 2) @ half
-        left = gram[:, -1, -1]
+            half = np.linalg.solve(factor, self.gram[:, inside])
+            cross = cross - (np.swapaxes(half[:, :, -1:], 1, 2) @ half)[:, 0, :-1]
+            left = left - (half[:, :, -1] ** 2).sum(axis=1)
         point = point - 0.5 * self.freedom * np.log(left)
         extended = np.empty((len(self.noises), len(self.candidates)))
         gains = np.empty((len(SIZES), len(self.noises), len(self.candidates)))
         for width, which, starts in self._groups:
             places = starts[:, None] + np.arange(width)
-            cross = gram[:, places, -1]
+            reached = half[:, :, places]  # (noises, inside, candidates, width)
             if width == 1:
-                values = gram[:, places[:, 0], places[:, 0]][:, :, None]
-                squares = cross**2
+                values = self._blocks[width][:, :, :, 0] - (reached**2).sum(axis=1)
+                squares = cross[:, places] ** 2
             else:
-                values, vectors = np.linalg.eigh(gram[:, places[:, :, None], places[:, None, :]])
-                squares = np.einsum("ecji,ecj->eci", vectors, cross) ** 2
+                block = self._blocks[width] - np.einsum("epcj,epck->ecjk", reached, reached)
+                values, vectors = np.linalg.eigh(block)
+                squares = np.einsum("ecji,ecj->eci", vectors, cross[:, places]) ** 2
             values = np.maximum(values, 0.0)
             for k, size in enumerate(SIZES):
                 prior = width / size**2
@@ -192,8 +201,8 @@ class Evidence:
                 occam = 0.5 * np.log1p(values / prior).sum(axis=2)
                 gains[k][:, which] = -occam - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12))
         gains -= math.log(len(SIZES))
-        extended = logsumexp(gains, axis=0)
-        overall = logsumexp(gains + point[:, None], axis=1)
+        extended = log_sum_exp(gains, axis=0)
+        overall = log_sum_exp(gains + point[:, None], axis=1)
         best = np.argmax(overall, axis=0)
         at_best = gains[best, :, np.arange(len(self.candidates))].T
         return Extension(point, extended + point[:, None], best, at_best + point[:, None])
@@ -207,6 +216,37 @@ class Evidence:
         width = part.stop - part.start
         return np.full(width, width / SIZES[member.size] ** 2)
 
+    def gains(self, noise: int, whitened: Array, count: int) -> tuple[Array, Array]:
+        """For other targets, whitened with one noise, shape (n, targets): what the baseline leaves of each one's square, and the
+        log evidence that each of the first `count` candidates adds at each size, shape (sizes, count, targets)."""
+        q = self._whitened_baseline[noise]
+        targets = whitened - q @ (q.T @ whitened)
+        left = np.einsum("nt,nt->t", targets, targets)
+        last = self._slices[count - 1].stop
+        cross = self._columns[noise][:, :last].T @ targets
+        gains = np.empty((len(SIZES), count, targets.shape[1]))
+        for width, which, starts in self._groups:
+            here = which < count
+            places = starts[here][:, None] + np.arange(width)
+            values, vectors = np.linalg.eigh(self._blocks[width][noise][here])
+            squares = np.einsum("cji,cjt->cit", vectors, cross[places]) ** 2
+            values = np.maximum(values, 0.0)
+            for k, size in enumerate(SIZES):
+                prior = width / size**2
+                explained = np.einsum("cit,ci->ct", squares, 1.0 / (values + prior)) / left
+                occam = 0.5 * np.log1p(values / prior).sum(axis=1)
+                gains[k][which[here]] = -occam[:, None] - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12))
+        return left, gains - math.log(len(SIZES))
+
+    def constant(self, noise: int) -> float:
+        """The part of the log evidence that does not depend on the target."""
+        return float(self._constant[noise])
+
+    def unexplained(self, members: Sequence[Member]) -> tuple[Array, Array]:
+        """The target in units of `scale_deg_h`, shape (n,), and an orthonormal basis of baseline and members, shape (n, p)."""
+        design = np.column_stack([self._orthogonal, self._table[:, self._places(members)]])
+        return self.problem.target_deg_h / self.scale_deg_h, np.linalg.qr(design)[0]
+
     def residual(self, members: Sequence[Member], noise: int) -> Array:
         """Whitened target less baseline and members, for one noise, shape (n,)."""
         target = self._targets[noise]
@@ -217,6 +257,14 @@ class Evidence:
         weights = np.concatenate([self._precision(member) for member in members])
         solution = np.linalg.solve(gram[np.ix_(inside, inside)] + np.diag(weights), gram[inside, -1])
         return np.asarray(target - self._columns[noise][:, inside] @ solution)
+
+
+def log_sum_exp(values: Array, axis: int = -1) -> Array:
+    """Logarithm of a sum of exponentials."""
+    largest = values.max(axis=axis, keepdims=True)
+    largest = np.where(np.isfinite(largest), largest, 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(np.exp(values - largest).sum(axis=axis)) + np.squeeze(largest, axis=axis))
 
 
 def _norms(columns: Array) -> Array:

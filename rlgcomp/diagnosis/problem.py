@@ -64,6 +64,11 @@ class Windows:
         return means if values.ndim > 1 else means[:, 0]
 
     @property
+    def fine_starts(self) -> IntArray:
+        """First fine row of each window, of those not kept too."""
+        return _windows(self.fine.time_s, self.fine.period_s, self.first_s, self.window_s, like=self.kept)[0]
+
+    @property
     def middles_s(self) -> Array:
         return self.means(self.full.time_s)
 
@@ -277,7 +282,7 @@ def neighbours(mechanism: Mechanism, name: str, relative: float) -> tuple[Mechan
 
 
 def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None) -> Array:
-    rate = run.rate_deg_h(gyro)
+    rate = run.rate_deg_h(gyro) - simulator.nominal_deg_h(run, gyro)
     if predicted is not None:
         rate = rate - predicted(run)
     for mechanism in simulator.mechanisms:

@@ -17,9 +17,9 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
-from rlgcomp.diagnosis.evidence import SIZES, Evidence, Extension, Member
+from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member, log_sum_exp
 
 Array = npt.NDArray[np.float64]
 # Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
@@ -70,20 +70,13 @@ class Search:
         self.noise_log_prior = np.full(noises, -math.log(noises)) if noise_log_prior is None else noise_log_prior
         self.largest = largest
         self.models: dict[frozenset[Label], Model] = {}
-        self._nodes: dict[tuple[Member, ...], Extension] = {}
-        self._refresh()
-
-    def _refresh(self) -> None:
+        self._scored: dict[tuple[Member, ...], dict[Label, tuple[float, Member, float, Array]]] = {}
         self._labels = [(candidate.name, candidate.known) for candidate in self.evidence.candidates]
         self._weights = np.array([candidate.log_weight for candidate in self.evidence.candidates])
         self._by_label: dict[Label, npt.NDArray[np.intp]] = {
             label: np.array([k for k, other in enumerate(self._labels) if other == label]) for label in dict.fromkeys(self._labels)
         }
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Mechanisms that can be missing."""
-        return tuple(dict.fromkeys(name for name, known in self._labels if not known))
+        self.names = tuple(dict.fromkeys(name for name, known in self._labels if not known))
 
     def run(self) -> list[Model]:
         """Models by falling posterior; the empty one is always among them."""
@@ -112,43 +105,46 @@ class Search:
     # --- steps -------------------------------------------------------------------------------------------------------------
 
     def _nothing(self) -> Model:
-        noise_log = self._node(()).point + self.noise_log_prior
-        return Model((), frozenset(), float(logsumexp(noise_log)), self.log_prior(frozenset()), noise_log)
-
-    def _node(self, members: tuple[Member, ...]) -> Extension:
-        if members not in self._nodes:
-            self._nodes[members] = self.evidence.extensions(members)
-        return self._nodes[members]
+        noise_log = self.evidence.extensions(()).point + self.noise_log_prior
+        return Model((), frozenset(), float(log_sum_exp(noise_log)), self.log_prior(frozenset()), noise_log)
 
     def _given(self, members: Sequence[Member]) -> float:
         """Log prior weight of the points at which members are held."""
         return float(sum(self._weights[m.candidate] for m in members)) - len(members) * math.log(len(SIZES))
 
-    def _labels_of(self, members: Sequence[Member]) -> frozenset[Label]:
-        return frozenset(self._labels[m.candidate] for m in members)
-
     def _propose(
         self, members: tuple[Member, ...], proposals: dict[frozenset[Label], tuple[float, tuple[Member, ...]]]
     ) -> dict[Label, tuple[float, Member, float, Array]]:
+        """Each label in addition to the members, and what that proposes."""
+        here = frozenset(self._labels[member.candidate] for member in members)
+        scores = self._scores(members)
+        for label, (log_evidence, member, _, _) in scores.items():
+            labels = here | {label}
+            found = log_evidence + self.log_prior(labels)
+            if labels not in self.models and found > proposals.get(labels, (-math.inf, ()))[0]:
+                proposals[labels] = (found, (*members, member))
+        return scores
+
+    def _scores(self, members: tuple[Member, ...]) -> dict[Label, tuple[float, Member, float, Array]]:
         """Each label in addition to the members: log evidence averaged, its best point, log evidence there, and that by noise."""
-        node = self._node(members)
+        key = tuple(sorted(members))
+        if key in self._scored:
+            return self._scored[key]
+        node = self.evidence.extensions(members)
         given = self._given(members)
-        here = self._labels_of(members)
-        averaged = logsumexp(node.extended + self.noise_log_prior[:, None], axis=0) + self._weights + given
-        at_best = logsumexp(node.at_best_size + self.noise_log_prior[:, None], axis=0) + self._weights + given
+        here = frozenset(self._labels[member.candidate] for member in members)
+        averaged = log_sum_exp(node.extended + self.noise_log_prior[:, None], axis=0) + self._weights + given
+        at_best = log_sum_exp(node.at_best_size + self.noise_log_prior[:, None], axis=0) + self._weights + given
         scores = {}
         for label, which in self._by_label.items():
             if label in here:
                 continue
             best = which[int(np.argmax(at_best[which]))]
             member = Member(int(best), int(node.best_size[best]))
-            log_evidence = float(logsumexp(averaged[which]))
+            log_evidence = float(log_sum_exp(averaged[which]))
             noise_log = node.at_best_size[:, best] + self.noise_log_prior + self._weights[best] + given
             scores[label] = (log_evidence, member, float(at_best[best]), noise_log)
-            labels = here | {label}
-            found = log_evidence + self.log_prior(labels)
-            if labels not in self.models and found > proposals.get(labels, (-math.inf, ()))[0]:
-                proposals[labels] = (found, (*members, member))
+        self._scored[key] = scores
         return scores
 
     def _settle(self, proposals: dict[frozenset[Label], tuple[float, tuple[Member, ...]]]) -> list[Model]:
@@ -196,4 +192,4 @@ class Search:
 def posterior(models: Sequence[Model]) -> Array:
     """Probabilities of models."""
     logs = np.array([model.log_posterior for model in models])
-    return np.asarray(np.exp(logs - logsumexp(logs)))
+    return np.asarray(np.exp(logs - log_sum_exp(logs)))

@@ -12,18 +12,23 @@ import abc
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
+from rlgcomp.motion import angle_column, rate_column
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 Role = Literal["amplitude", "shape", "setting"]
-TEMPERATURE = "temperature"  # a driver that stands for the recording's own choice of thermometer
+# Drivers that stand for the recording's own choice of column.
+TEMPERATURE = "temperature"
+TABLE_RATE = "table_rate"
+TABLE_ANGLE = "table_angle"
+FELT_RATE_DEG_S = "felt_rate_deg_s"  # what the simulator adds for mechanisms of stage "lock_in": all that turns the light
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,13 +74,16 @@ class Mechanism(abc.ABC):
     ----------------
     name : str
         As in simulator files and in a diagnosis.
-    kind : {"chamber", "turntable"}
+    kind : {"chamber", "turntable", "any"}
     equation : str
         In the parameters' own names.
     reference : str
         Where the physics is written down.
     drivers : tuple of str
-        Columns it needs; "temperature" stands for the recording's own choice of thermometer.
+        Columns it needs; "temperature", "table_rate" and "table_angle" stand for the recording's own choice of thermometer and of
+        the column that says how the table turned.
+    stage : {"light", "lock_in", "readout"}
+        Where it acts. What adds to the rate that the light feels ("light") is felt by those that act on the total ("lock_in").
     fast : bool
         Its columns vary within an averaging window, so they are computed at the full rate.
     each_run : bool
@@ -85,10 +93,11 @@ class Mechanism(abc.ABC):
     """
 
     name: ClassVar[str]
-    kind: ClassVar[Literal["chamber", "turntable"]]
+    kind: ClassVar[Literal["chamber", "turntable", "any"]]
     equation: ClassVar[str]
     reference: ClassVar[str]
     drivers: ClassVar[tuple[str, ...]]
+    stage: ClassVar[Literal["light", "lock_in", "readout"]] = "light"
     fast: ClassVar[bool] = False
     each_run: ClassVar[bool] = False
     open_set: ClassVar[bool] = False
@@ -101,6 +110,10 @@ class Mechanism(abc.ABC):
                     raise InputError(
                         f"{self.name}: {parameter.name} is {value!r}; it must be one of {', '.join(parameter.choices)}"
                     )
+                continue
+            if isinstance(parameter.typical, str):
+                if not isinstance(value, str):
+                    raise InputError(f"{self.name}: {parameter.name} is {value!r}; it must be a text, as {parameter.typical!r}")
                 continue
             if isinstance(value, bool) or not isinstance(value, int | float) or not parameter.low <= value <= parameter.high:
                 raise InputError(
@@ -140,6 +153,24 @@ class Mechanism(abc.ABC):
         ]
         return tuple(cls(**dict(point)) for point in itertools.product(*axes))
 
+    @classmethod
+    def proposals(cls, time_s: Sequence[Array], left: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
+        """Shapes that a residual suggests, where there are too many to try all, and how many there are.
+
+        Parameters
+        ----------
+        time_s, left : sequence of ndarray
+            Times from the beginning of each run, and what is left of each run's gyro, whitened.
+        """
+        del time_s, left
+        return (), 1.0
+
+    @classmethod
+    def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
+        """The mechanism that jumps between two values at random times; None for one that does not jump."""
+        del half_step_deg_h, dwell_s
+        return None
+
     def extensions(self) -> tuple[Self, ...]:
         """Richer forms of the same cause, to be tried where the simulator has it in this form."""
         return ()
@@ -148,6 +179,18 @@ class Mechanism(abc.ABC):
         """Autocovariance in (deg/h)² at time lags of a cause that no two runs repeat; None where the monitors determine it."""
         del lag_s
         return None
+
+    def stated(self) -> str:
+        """Its equation; with its numbers, drivers and units where the class cannot say them."""
+        return self.equation
+
+    def driver_names(self) -> tuple[str, ...]:
+        """What this instance reads: the class's `drivers`, unless they are a setting."""
+        return self.drivers
+
+    def settled(self) -> Self:
+        """The same error in the numbers that people use, where two parameters trade against each other when fitted."""
+        return self
 
     # --- what follows from it ----------------------------------------------------------------------------------------------
 
@@ -200,7 +243,7 @@ class Mechanism(abc.ABC):
         InputError
             One of them is not there.
         """
-        columns = tuple(recording.temperature_column if driver == TEMPERATURE else driver for driver in self.drivers)
+        columns = tuple(_OWN_CHOICE[driver](recording) if driver in _OWN_CHOICE else driver for driver in self.driver_names())
         missing = [column for column in columns if column not in recording]
         if missing:
             raise InputError(
@@ -212,3 +255,10 @@ class Mechanism(abc.ABC):
     def read(self, recording: Recording) -> tuple[Array, ...]:
         """The driver columns as arrays, in the order of `drivers`."""
         return tuple(recording.column(column) for column in self.driver_columns(recording))
+
+
+_OWN_CHOICE: dict[str, Callable[[Recording], str]] = {
+    TEMPERATURE: lambda recording: recording.temperature_column,
+    TABLE_RATE: rate_column,
+    TABLE_ANGLE: angle_column,
+}

@@ -1,0 +1,190 @@
+"""Naming: candidates tried on a coarse grid of shapes, the grid made finer where the evidence is, and tried again."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.candidates import Candidate, candidates
+from rlgcomp.diagnosis.evidence import Evidence, Member, log_sum_exp
+from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, unrecorded_cause
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.search import Model, Search, posterior
+from rlgcomp.diagnosis.telegraph import best_path
+from rlgcomp.physics.mechanism import Mechanism
+
+Array = npt.NDArray[np.float64]
+UNRECORDED: Final = 0.02  # before the data are seen: that something wanders which no recorded column follows
+_ZOOMS: Final = 3
+_ZOOM: Final = 3  # a spacing becomes so many
+_LIKELY: Final = 0.02  # models less probable are not refined
+_REFINED: Final = 4  # models at most, a round
+_FIRST_LOOK: Final = 2  # causes at most, while all noises are kept
+_WATCHED: Final = 12  # models whose noises are kept
+_NEGLIGIBLE: Final = 1e-3  # share of a noise that is dropped
+
+
+@dataclasses.dataclass(frozen=True)
+class Explanations:
+    """Sets of mechanisms by falling probability.
+
+    Parameters
+    ----------
+    models : tuple of Model
+    probabilities : ndarray
+    search : Search
+    ordinary : ndarray of bool, shape (noises,)
+        Noises that gyros have; the others hold a wander of something unrecorded.
+    coarse : int
+        Candidates that were there before the data were looked at.
+    left_out : mapping
+        Mechanisms that the recordings cannot show, with the reason.
+    """
+
+    models: tuple[Model, ...]
+    probabilities: Array
+    search: Search
+    ordinary: npt.NDArray[np.bool_]
+    coarse: int
+    left_out: Mapping[str, str]
+
+    @property
+    def evidence(self) -> Evidence:
+        return self.search.evidence
+
+    def unrecorded(self, model: Model) -> float:
+        """Probability, given a model, that something wanders which no recorded column follows."""
+        return (
+            float(np.exp(log_sum_exp(model.noise_log[~self.ordinary]) - log_sum_exp(model.noise_log)))
+            if (~self.ordinary).any()
+            else 0.0
+        )
+
+
+def explain(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> Explanations:
+    """Posterior probabilities over sets of mechanisms.
+
+    Parameters
+    ----------
+    problem : Problem
+    catalogue : mapping of str to type
+    """
+    tried, left_out = candidates(problem, catalogue)
+    usual, unusual = ordinary_noise(), unrecorded_cause()
+    ordinary = np.r_[np.ones(len(usual), bool), np.zeros(len(unusual), bool)]
+    noise_log_prior = np.r_[
+        log_prior(usual, problem.simulator.noise, problem.rows.window_s) + math.log(1.0 - UNRECORDED),
+        np.full(len(unusual), math.log(UNRECORDED / len(unusual))),
+    ]
+    evidence = Evidence(problem, tried, (*usual, *unusual))
+    coarse = len(evidence.candidates)
+    kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
+    search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
+    likely = _likely(search.run())
+    evidence.add([*_proposed(search, likely, kinds), *_jumping(search, likely, kinds)])
+    search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
+    models = search.run()
+    shares = [np.exp(model.noise_log - log_sum_exp(model.noise_log)) for model in models[:_WATCHED]]
+    kept = np.flatnonzero(np.max(shares, axis=0) > _NEGLIGIBLE)
+    evidence.keep(kept)
+    noise_log_prior, ordinary = noise_log_prior[kept], ordinary[kept]
+    search = Search(evidence, noise_log_prior)
+    models = search.run()
+    for _ in range(_ZOOMS):
+        likely = _likely(models)
+        finer = [*_proposed(search, likely, kinds), *_zoomed(search, likely), *_jumping(search, likely, kinds)]
+        if not finer:
+            break
+        evidence.add(finer)
+        search = Search(evidence, noise_log_prior)
+        models = search.run()
+    return Explanations(tuple(models), posterior(models), search, ordinary, coarse, left_out)
+
+
+def _likely(models: Sequence[Model]) -> list[Model]:
+    return [model for model, p in zip(models[:_REFINED], posterior(models), strict=False) if p > _LIKELY]
+
+
+def _zoomed(search: Search, models: Sequence[Model]) -> list[Candidate]:
+    """Candidates between the best shapes and their neighbours on the grid."""
+    evidence = search.evidence
+    known = {(candidate.mechanism, candidate.known) for candidate in evidence.candidates}
+    found: list[Candidate] = []
+    for member in dict.fromkeys(m for model in models for m in model.members):
+        best = evidence.candidates[member.candidate]
+        for parameter in best.mechanism.parameters():
+            if parameter.role != "shape" or best.known:
+                continue
+            for value, weight in _between(evidence.candidates, best, parameter.name):
+                mechanism = dataclasses.replace(best.mechanism, **{parameter.name: value})  # type: ignore[type-var]
+                if (mechanism, False) not in known:
+                    known.add((mechanism, False))
+                    found.append(Candidate(mechanism, evidence.problem.columns(mechanism), best.log_weight + weight))
+    return found
+
+
+def _between(tried: Sequence[Candidate], best: Candidate, name: str) -> list[tuple[float, float]]:
+    """Values of one shape between a candidate and its neighbours, each with the logarithm of its share of the weight."""
+    value = getattr(best.mechanism, name)
+    others = {
+        getattr(candidate.mechanism, name)
+        for candidate in tried
+        if candidate.name == best.name and _same_but(candidate.mechanism, best.mechanism, name)
+    }
+    below = max((v for v in others if v < value), default=None)
+    above = min((v for v in others if v > value), default=None)
+    steps = [k / _ZOOM for k in range(1, _ZOOM)]
+    return [(value + (edge - value) * step, -math.log(_ZOOM)) for edge in (below, above) if edge is not None for step in steps]
+
+
+def _same_but(one: Mechanism, other: Mechanism, name: str) -> bool:
+    return all(
+        getattr(one, parameter.name) == getattr(other, parameter.name)
+        for parameter in one.parameters()
+        if parameter.name != name and parameter.role != "amplitude"
+    )
+
+
+def _proposed(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechanism]]) -> list[Candidate]:
+    """Candidates that a mechanism reads off what models leave."""
+    evidence = search.evidence
+    rows = evidence.problem.rows
+    known = {candidate.mechanism for candidate in evidence.candidates}
+    found: list[Candidate] = []
+    for model in models:
+        left = evidence.residual(model.members, int(np.argmax(model.noise_log)))
+        times = [rows.time_s[part] - run.time_s[0] for part, run in zip(rows.runs, evidence.problem.runs, strict=True)]
+        for kind in kinds:
+            proposed, among = kind.proposals(times, [left[part] for part in rows.runs])
+            for mechanism in proposed:
+                if mechanism not in known:
+                    known.add(mechanism)
+                    found.append(Candidate(mechanism, evidence.problem.columns(mechanism), -math.log(among)))
+    return found
+
+
+def _jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechanism]]) -> list[Candidate]:
+    """Candidates whose column is the likeliest path of jumps in what models leave, but for the jumps they have."""
+    evidence = search.evidence
+    found: list[Candidate] = []
+    for kind in kinds:
+        if kind.jumping(1.0, 3600.0) is None:
+            continue
+        for members in dict.fromkeys(
+            tuple(m for m in model.members if evidence.candidates[m.candidate].name != kind.name) for model in models
+        ):
+            path = best_path(evidence.problem.rows, *evidence.unexplained(members))
+            mechanism = kind.jumping(path.half_step * evidence.scale_deg_h, path.dwell_s)
+            if mechanism is not None and path.flips:
+                found.append(Candidate(mechanism, path.signs[:, None], path.log_weight))
+    return found
+
+
+def fitted(evidence: Evidence, members: Sequence[Member]) -> tuple[Mechanism, ...]:
+    """The members' mechanisms, shapes as found."""
+    return tuple(evidence.candidates[member.candidate].mechanism for member in members)
