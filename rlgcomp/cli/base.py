@@ -45,8 +45,8 @@ CalibrationFile = Annotated[
     Path | None,
     typer.Option("--calibration", metavar="CAL.json", help="Calibration to apply to the raw gyros, which then end in _deg_h."),
 ]
-MechanismsFile = Annotated[
-    Path | None, typer.Option("--mechanisms", metavar="my_physics.py", help="Python file with mechanisms of your own.")
+MechanismFiles = Annotated[
+    list[Path] | None, typer.Option("--mechanisms", metavar="my_physics.py", help="Python file with mechanisms of your own.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ from rlgcomp.cli.base import (
     Drop,
     Gyro,
     Map,
-    MechanismsFile,
+    MechanismFiles,
     PulseArcsec,
     command,
     progress,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 RUNS = "RUN..."
 
 
-@command("diagnose", several=("--train", "--test", "--simulated"))
+@command("diagnose", several=("--train", "--test", "--simulated", "--mechanisms"))
 def diagnose(
     train: Annotated[list[str], typer.Option("--train", metavar=RUNS, help="Recordings to explain, or parts RUN@START:STOP.")],
     out: Annotated[
@@ -48,7 +48,7 @@ def diagnose(
         list[str] | None,
         typer.Option("--simulated", metavar=RUNS, help="Output of your own simulator: a file a run, in the order of the runs."),
     ] = None,
-    mechanisms: MechanismsFile = None,
+    mechanisms: MechanismFiles = None,
     gyro: Gyro = None,
     averaging_s: Annotated[
         float | None, typer.Option("--averaging-s", help="Averaging time; 100 s, less for short runs.", show_default=False)
@@ -67,20 +67,18 @@ def diagnose(
     Example: `rlgcomp diagnose --simulator gyro.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
     """
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
-    from rlgcomp.diagnosis.user_mechanisms import check_on, with_user_mechanisms
     from rlgcomp.diagnosis.user_simulator import SimulatedRuns
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.physics.user import user_catalogue
 
     require_writable(out)
     if averaging_s is not None and not averaging_s > 0.0:
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive")
-    catalogue = with_user_mechanisms(mechanisms)
+    catalogue = user_catalogue(mechanisms or [])
     chosen, own = _simulator(simulator, simulated, catalogue)
     runs = told_apart([*train, *(test or [])], read_runs([*train, *(test or [])], mapping, drop, pulse_arcsec, calibration))
     require_held_out(runs[: len(train)], runs[len(train) :])
-    if mechanisms is not None:
-        check_on(catalogue, runs, mechanisms)
     if simulated:
         own = SimulatedRuns.of(runs, read_runs(simulated, mapping, drop, pulse_arcsec), gyro=gyro)
     with progress("diagnosing") as advance:
@@ -141,7 +139,7 @@ def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> N
 
 
 def _simulator(
-    given: str | None, simulated: Sequence[str] | None, catalogue: dict[str, type[Mechanism]]
+    given: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]]
 ) -> tuple[Simulator | None, Any]:
     """Our simulator and the user's own, as far as they were given."""
     from rlgcomp.diagnosis.user_simulator import PythonSimulator

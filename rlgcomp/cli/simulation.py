@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, MechanismsFile, command, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, command, read_runs, say
 from rlgcomp.cli.show import show_json
 
 SimulatorFile = Annotated[Path, typer.Argument(metavar="SIM.yaml", help="Simulator file.")]
@@ -28,7 +28,7 @@ def simulate(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
     step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
-    mechanisms: MechanismsFile = None,
+    mechanisms: MechanismFiles = None,
     as_json: AsJson = False,
 ) -> None:
     """Make a recording, with each mechanism's contribution kept as truth (columns truth_...).
@@ -37,11 +37,11 @@ def simulate(
 
     On a table: `rlgcomp simulate table.yaml --profile 'rate 10 600, rate -10 600, rest 120, sweep -1 1 1800' --out table.parquet`
     """
-    from rlgcomp.diagnosis.user_mechanisms import with_user_mechanisms
     from rlgcomp.formats import write
+    from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
-    recording = Simulator.from_yaml(simulator, with_user_mechanisms(mechanisms)).simulate(
+    recording = Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).simulate(
         profile, seed=seed, step_s=step_s, name=out.stem
     )
     write(recording, out)
@@ -58,7 +58,7 @@ def predict(
     simulator: SimulatorFile,
     run: Annotated[str, typer.Argument(metavar="RUN")],
     out: Out,
-    mechanisms: MechanismsFile = None,
+    mechanisms: MechanismFiles = None,
     mapping: Map = None,
     drop: Drop = None,
 ) -> None:
@@ -66,10 +66,10 @@ def predict(
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
-    from rlgcomp.diagnosis.user_mechanisms import with_user_mechanisms
     from rlgcomp.formats import write
+    from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
     (recording,) = read_runs([run], mapping, drop)
-    write(Simulator.from_yaml(simulator, with_user_mechanisms(mechanisms)).predict(recording), out)
+    write(Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).predict(recording), out)
     say(f"{out}: {len(recording)} rows")

@@ -75,7 +75,7 @@ def _causes(diagnosis: Diagnosis) -> pd.DataFrame:
                 "mechanism": cause.name,
                 "probability": f"{cause.probability:.3f}",
                 "rms (deg/h)": f"{cause.rms_deg_h:.3g}",
-                "driven by": ", ".join(cause.drivers or cause.mechanism.drivers),
+                "driven by": ", ".join(cause.drivers or cause.mechanism.driver_names()),
                 "cannot be told from": ", ".join(cause.indistinguishable_from),
             }
             for cause in diagnosis.causes

@@ -87,7 +87,7 @@ class Cause:
     indistinguishable_from : tuple of str
         Mechanisms that these data cannot tell from it.
     drivers : tuple of str
-        Columns that it read; by default those that its class names.
+        Columns that it read; by default those that it names itself.
     """
 
     mechanism: Mechanism
@@ -107,8 +107,8 @@ class Cause:
             "mechanism": self.name,
             "probability": self.probability,
             "parameters": {name: dataclasses.asdict(estimate) for name, estimate in self.parameters.items()},
-            "equation": self.mechanism.equation,
-            "drivers": list(self.drivers or self.mechanism.drivers),
+            "equation": self.mechanism.stated(),
+            "drivers": list(self.drivers or self.mechanism.driver_names()),
             "rms": {"value": self.rms_deg_h, "unit": "deg/h"},
             "indistinguishable_from": list(self.indistinguishable_from),
             "reference": self.mechanism.reference,
