@@ -15,7 +15,7 @@ from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app, spread
 from rlgcomp.diagnosis.proof import prove
 from rlgcomp.diagnosis.result import Diagnosis, Unexplained
-from rlgcomp.diagnosis.user_simulator import baseline_prediction
+from rlgcomp.diagnosis.user_simulator import SimulatedRuns, baseline_prediction
 from rlgcomp.diagnosis.whitening import NoiseShape
 
 register_commands()
@@ -59,8 +59,13 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict:
 
     def diagnose(simulator, train, test, **options) -> Diagnosis:
         seen.update(options, simulator=simulator, train=train, test=test)
-        own = options["simulated"]
-        predicted = None if own is None else own.predict_deg_h
+        options["progress"](0.5)
+        own = simulator
+        if options["simulated"]:
+            own = SimulatedRuns.of([*train, *test], options["simulated"])
+            seen["alignment"] = own.alignment
+        predicted = None if isinstance(own, rlg.Simulator) else own.predict_deg_h
+        simulator = rlg.Simulator() if predicted else simulator
         proof = prove(
             simulator,
             simulator,
@@ -118,11 +123,12 @@ def test_the_users_own_simulator(files: Path, engine: dict, tmp_path: Path) -> N
     common = ["--train", runs[0], "--test", runs[1], "--out", tmp_path / "out"]
     done = run("diagnose", "--simulated", files / "sim0.parquet", files / "sim1.parquet", *common)
     assert done.exit_code == 0, done.output
-    assert len(engine["simulated"].alignment) == 2
-    assert engine["simulator"].mechanisms == ()
+    assert [run.name for run in engine["simulated"]] == ["sim0", "sim1"]
+    assert len(engine["alignment"]) == 2
+    assert engine["simulator"] is None
     done = run("diagnose", "--simulator", f"{files / 'my_sim.py'}:gyro", *common)
     assert done.exit_code == 0, done.output
-    rate = baseline_prediction(engine["simulated"], engine["train"][0])
+    rate = baseline_prediction(engine["simulator"], engine["train"][0])
     assert rate == pytest.approx(0.001 * engine["train"][0].column("temperature_block_degC"))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +24,7 @@ from rlgcomp.cli.base import (
 from rlgcomp.cli.show import show_json
 
 if TYPE_CHECKING:
+    from rlgcomp.diagnosis.user_simulator import UserSimulator
     from rlgcomp.physics.mechanism import Mechanism
     from rlgcomp.recording import Recording
     from rlgcomp.simulation.simulator import Simulator
@@ -67,7 +68,6 @@ def diagnose(
     Example: `rlgcomp diagnose --simulator gyro.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
     """
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
-    from rlgcomp.diagnosis.user_simulator import SimulatedRuns
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.physics.user import user_catalogue
@@ -76,14 +76,14 @@ def diagnose(
     if averaging_s is not None and not averaging_s > 0.0:
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive")
     catalogue = user_catalogue(mechanisms or [])
-    chosen, own = _simulator(simulator, simulated, catalogue)
-    runs = told_apart([*train, *(test or [])], read_runs([*train, *(test or [])], mapping, drop, pulse_arcsec, calibration))
+    chosen = _simulator(simulator, simulated, catalogue)
+    specs = [*train, *(test or [])]
+    runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration))
     require_held_out(runs[: len(train)], runs[len(train) :])
-    if simulated:
-        own = SimulatedRuns.of(runs, read_runs(simulated, mapping, drop, pulse_arcsec), gyro=gyro)
-    with progress("diagnosing") as advance:
+    own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec)) if simulated else None
+    with progress("diagnosing", 100) as advance:
         found = diagnose_runs(
-            chosen or _nothing_for(runs),
+            chosen,
             runs[: len(train)],
             runs[len(train) :],
             simulated=own,
@@ -91,7 +91,7 @@ def diagnose(
             gyro=gyro,
             window_s=averaging_s,
             seed=seed,
-            progress=advance,
+            progress=lambda fraction: advance(round(100 * fraction), 100),
         )
     with whole_folder(out, ours="diagnosis.json") as folder:
         found.save(folder)
@@ -140,27 +140,18 @@ def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> N
 
 def _simulator(
     given: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]]
-) -> tuple[Simulator | None, Any]:
-    """Our simulator and the user's own, as far as they were given."""
+) -> Simulator | UserSimulator | None:
+    """The simulator that was given; None where its output stands for it."""
     from rlgcomp.diagnosis.user_simulator import PythonSimulator
     from rlgcomp.errors import InputError
     from rlgcomp.simulation.simulator import Simulator
 
+    if given is not None and simulated:
+        raise InputError("--simulator and --simulated were given; give one of them: a simulator, or its output")
     if given is None:
         if not simulated:
-            raise InputError(
-                "no simulator: give --simulator SIM.yaml, --simulator my_sim.py:function, or its output with --simulated"
-            )
-        return None, None
+            raise InputError("no simulator: give --simulator SIM.yaml or my_sim.py:function, or its output with --simulated RUN...")
+        return None
     if ".py:" in given or given.endswith(".py"):
-        if simulated:
-            raise InputError("--simulated and a Python simulator were given; give one of them")
-        return None, PythonSimulator.load(given if ".py:" in given else f"{given}:")
-    return Simulator.from_yaml(given, catalogue), None
-
-
-def _nothing_for(runs: Sequence[Recording]) -> Simulator:
-    """A simulator that adds nothing to the user's own."""
-    from rlgcomp.simulation.simulator import Simulator
-
-    return Simulator(kind="turntable" if runs[0].metadata.kind == "turntable" else "chamber")
+        return PythonSimulator.load(given if ".py:" in given else f"{given}:")
+    return Simulator.from_yaml(given, catalogue)
