@@ -109,13 +109,22 @@ class Background:
         Columns in the model already, with a flat prior.
     noises : sequence of NoiseShape
         Averaged over by their evidence.
+    log_prior : ndarray, shape (noises,), optional
+        Even unless given.
     nothing : float, optional
         Log evidence of no law, where these noises are some of those that it was averaged over.
     """
 
-    def __init__(self, problem: Problem, design: Array, noises: Sequence[NoiseShape], nothing: float | None = None) -> None:
-        self.problem, self.noises = problem, tuple(noises)
-        self._design = design
+    def __init__(
+        self,
+        problem: Problem,
+        design: Array,
+        noises: Sequence[NoiseShape],
+        log_prior: Array | None = None,
+        nothing: float | None = None,
+    ) -> None:
+        self.problem, self.noises, self._design = problem, tuple(noises), design
+        self._log_prior = np.full(len(self.noises), -math.log(len(self.noises))) if log_prior is None else log_prior
         scale = np.sqrt((design**2).mean(axis=0))
         self._orthogonal = np.linalg.qr(design / np.where(scale > 0.0, scale, 1.0))[0]
         self.freedom = len(design) - design.shape[1]
@@ -130,7 +139,7 @@ class Background:
             constants.append(-0.5 * determinant - float(np.log(np.abs(np.diag(r))).sum()))
         self._targets = np.array(targets)
         self._left = (self._targets**2).sum(axis=1)
-        self.log_evidence = np.array(constants) - 0.5 * self.freedom * np.log(self._left)
+        self.log_evidence = np.array(constants) - 0.5 * self.freedom * np.log(self._left) + self._log_prior
         self._nothing = float(logsumexp(self.log_evidence)) if nothing is None else nothing
 
     def log_bayes_factors(self, columns: Array) -> Array:
@@ -149,8 +158,19 @@ class Background:
     def calmer(self, column: Array) -> Background:
         """The same with those noises alone that are likely once a column is in the model."""
         likely = self.by_noise(column[:, None])[:, 0]
-        noises = [noise for noise, value in zip(self.noises, likely, strict=True) if value > likely.max() - _UNLIKELY]
-        return Background(self.problem, self._design, noises, self._nothing)
+        return self.some(np.flatnonzero(likely > likely.max() - _UNLIKELY), self._nothing)
+
+    def few(self) -> Background:
+        """The same with two noises, to screen with: the likeliest without a law, and the nearest to white.
+
+        Where there is a law, noise is calmer than it seemed.
+        """
+        whitest = min(range(len(self.noises)), key=lambda k: sum(dataclasses.astuple(self.noises[k])[:3]))
+        return self.some(np.unique([int(np.argmax(self.log_evidence)), whitest]), None)
+
+    def some(self, which: npt.NDArray[np.intp], nothing: float | None) -> Background:
+        """The same with some of the noises."""
+        return Background(self.problem, self._design, [self.noises[k] for k in which], self._log_prior[which], nothing)
 
     def amplitude(self, column: Array) -> tuple[float, float]:
         """Generalised least squares estimate of one column's factor and its standard deviation, for the likeliest noise."""
@@ -192,7 +212,12 @@ class _Judged:
 
 
 def discover(
-    problem: Problem, design: Array, noises: NoiseShape | Sequence[NoiseShape], *, dictionary: Dictionary | None = None
+    problem: Problem,
+    design: Array,
+    noises: NoiseShape | Sequence[NoiseShape],
+    noise_log_prior: Array | None = None,
+    *,
+    dictionary: Dictionary | None = None,
 ) -> Discovery | None:
     """The law that best explains what a design leaves, or None where the data do not ask for one.
 
@@ -202,7 +227,10 @@ def discover(
     design : ndarray, shape (n, p)
         Columns in the model already (baseline and named causes), with a flat prior.
     noises : NoiseShape or sequence of NoiseShape
-        To whiten with; several are averaged over by their evidence. The screening uses two of them.
+        To whiten with; several are averaged over by their evidence. Give also those in which something unrecorded wanders, or
+        such a wander will be taken for a law in what was recorded.
+    noise_log_prior : ndarray, shape (noises,), optional
+        Even unless given.
     dictionary : Dictionary, optional
         Made from the problem unless given.
 
@@ -215,8 +243,8 @@ def discover(
     dictionary = Dictionary(problem) if dictionary is None else dictionary
     if not dictionary.families:
         return None
-    background = Background(problem, design, shapes)
-    judged = screen(dictionary, Background(problem, design, _few(background)))
+    background = Background(problem, design, shapes, noise_log_prior)
+    judged = screen(dictionary, background.few())
     if logsumexp([one.log_evidence for one in judged]) < -2.0:
         return None
     judged = refine(dictionary, background, judged)
@@ -293,15 +321,6 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[_Jud
         evidence = one.family.log_prior + float(value) + width
         refined.append(_Judged(one.family, evidence, float(value), place, refined=True))
     return sorted([*refined, *others], key=lambda one: -one.log_evidence)
-
-
-def _few(background: Background) -> tuple[NoiseShape, ...]:
-    """The likeliest noise without a law, the nearest to white, and the likeliest of those without wander or walk."""
-    noises = background.noises
-    order = np.argsort(-background.log_evidence)
-    whitest = min(noises, key=lambda noise: noise.walk + noise.wander + noise.flicker)
-    calm = [noises[k] for k in order if noises[k].walk == 0.0 and noises[k].wander == 0.0]
-    return tuple(dict.fromkeys([noises[int(order[0])], whitest, *calm[:1]]))
 
 
 def _at(dictionary: Dictionary, background: Background, judged: Sequence[_Judged], places: Sequence[Array]) -> list[Array]:
