@@ -38,7 +38,7 @@ from rlgcomp.physics.empirical_law import EmpiricalLaw
 Array = npt.NDArray[np.float64]
 SURE: Final = math.log(100.0)  # log Bayes factor from which a law is a discovery: one false one in a hundred at most
 _COLUMNS_AT_ONCE: Final = 2000
-_UNLIKELY: Final = 7.0  # log units behind the best from which a noise is left out
+_UNLIKELY: Final = 4.0  # log units behind the best from which a noise is left out
 _ABSORBED: Final = 1e-4  # of a column's norm: less than this left by the design is nothing
 _REFINED: Final = 16  # families
 _BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining
