@@ -65,13 +65,8 @@ def runs(which: tuple[tuple[int, tuple[float, ...]], ...], effect: Effect, size:
     made = []
     for seed, corners in which:
         table = monitors(seed, corners)
-        noise = np.random.default_rng(seed + 100).standard_normal(len(table)) * WHITE_DEG_H * math.sqrt(100.0 / STEP_S)
-        walk = (
-            0.1
-            * WHITE_DEG_H
-            * math.sqrt(STEP_S / 3600.0)
-            * np.cumsum(np.random.default_rng(seed + 200).standard_normal(len(table)))
-        )
+        white, kicks = np.random.default_rng(seed + 100).standard_normal((2, len(table)))
+        noise = WHITE_DEG_H * (math.sqrt(100.0 / STEP_S) * white + 0.1 * math.sqrt(STEP_S / 3600.0) * np.cumsum(kicks))
         t = (table["temperature_block_degC"].to_numpy() - 20.0) / 40.0
         gyro = 0.004 + 0.005 * t - 0.002 * t**3 + size * effect(table) + noisy * noise
         reading = np.random.default_rng(seed + 300).standard_normal(len(table))

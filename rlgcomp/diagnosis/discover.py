@@ -45,6 +45,7 @@ _BEHIND: Final = 30.0  # log units behind the best from which a family is not wo
 _STEPS: Final = 9
 _TRIED: Final = 2  # steps before families are given up
 _FIRST_STEP: Final = 0.12
+_ROUNDING: Final = 1.0  # log units that a round number may cost
 _CURVATURE_STEP: Final = 0.004
 
 
@@ -218,6 +219,7 @@ def discover(
     noise_log_prior: Array | None = None,
     *,
     dictionary: Dictionary | None = None,
+    least: float = SURE,
 ) -> Discovery | None:
     """The law that best explains what a design leaves, or None where the data do not ask for one.
 
@@ -232,12 +234,14 @@ def discover(
     noise_log_prior : ndarray, shape (noises,), optional
         Even unless given.
     dictionary : Dictionary, optional
-        Made from the problem unless given.
+        Made from the problem unless given; it may be used again with another design.
+    least : float
+        Log Bayes factor from which a law is a discovery.
 
     Returns
     -------
     Discovery or None
-        None where the Bayes factor in favour of some law is less than 100.
+        None where the Bayes factor in favour of some law is less than asked for: 100, unless given.
     """
     shapes = (noises,) if isinstance(noises, NoiseShape) else tuple(noises)
     dictionary = Dictionary(problem) if dictionary is None else dictionary
@@ -245,11 +249,11 @@ def discover(
         return None
     background = Background(problem, design, shapes, noise_log_prior)
     judged = screen(dictionary, background.few())
-    if logsumexp([one.log_evidence for one in judged]) < -2.0:
+    if logsumexp([one.log_evidence for one in judged]) < min(-2.0, least):
         return None
     judged = refine(dictionary, background, judged)
     log_bayes_factor = float(logsumexp([one.log_evidence for one in judged]))
-    if log_bayes_factor < SURE:
+    if log_bayes_factor < least:
         return None
     by_drivers = _posterior({one.family.drivers: [] for one in judged}, judged, lambda one: one.family.drivers)
     drivers = max(by_drivers, key=by_drivers.__getitem__)
@@ -258,7 +262,7 @@ def discover(
     within = _posterior({}, of_drivers, lambda one: MEMORY_CLASS[one.family.memory])
     memory = max(within, key=within.__getitem__)
     chosen = max((one for one in of_drivers if MEMORY_CLASS[one.family.memory] == memory), key=lambda one: one.log_evidence)
-    law = dictionary.law(chosen.family, chosen.place)
+    law = dictionary.law(chosen.family, _with_round_references(dictionary, background, chosen))
     column = problem.columns(law)[:, 0]
     value, sd = background.amplitude(column)
     return Discovery(
@@ -272,6 +276,56 @@ def discover(
         amplitude_sd_deg_h=sd,
         rms_deg_h=float(np.std(value * column)),
     )
+
+
+def discover_laws(
+    problem: Problem,
+    design: Array,
+    noises: Sequence[NoiseShape],
+    noise_log_prior: Array | None = None,
+    *,
+    dictionary: Dictionary | None = None,
+    largest: int = 2,
+    least: float = SURE,
+) -> tuple[Discovery, ...]:
+    """Laws one after the other, each on top of those before it; their amplitudes estimated together.
+
+    Parameters
+    ----------
+    problem, design, noises, noise_log_prior, dictionary, least
+        As in :func:`discover`.
+    largest : int
+        At most so many.
+    """
+    dictionary = Dictionary(problem) if dictionary is None else dictionary
+    found: list[Discovery] = []
+    while len(found) < largest:
+        held = np.column_stack([design, *(_tangents(problem, one.mechanism) for one in found)])
+        one = discover(problem, held, noises, noise_log_prior, dictionary=dictionary, least=least)
+        if one is None:
+            break
+        found.append(one)
+    columns = [problem.columns(one.mechanism) for one in found]
+    together = []
+    for k, one in enumerate(found):
+        others = np.column_stack([design, *columns[:k], *columns[k + 1 :]])
+        value, sd = Background(problem, others, noises, noise_log_prior).amplitude(columns[k][:, 0])
+        law = dataclasses.replace(one.mechanism, amplitude_deg_h=value)
+        rms = float(np.std(value * columns[k]))
+        together.append(dataclasses.replace(one, mechanism=law, amplitude_sd_deg_h=sd, rms_deg_h=rms))
+    return tuple(together)
+
+
+def _tangents(problem: Problem, law: EmpiricalLaw) -> Array:
+    """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
+    columns = [problem.columns(law)]
+    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width")}
+    steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
+    for name, step in steps.items():
+        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]  # type: ignore[arg-type]
+        if np.ptp(change) > 1e-9 * np.ptp(columns[0]):
+            columns.append(change)
+    return np.column_stack(columns)
 
 
 def screen(dictionary: Dictionary, background: Background) -> list[_Judged]:
@@ -321,6 +375,27 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[_Jud
         evidence = one.family.log_prior + float(value) + width
         refined.append(_Judged(one.family, evidence, float(value), place, refined=True))
     return sorted([*refined, *others], key=lambda one: -one.log_evidence)
+
+
+def _with_round_references(dictionary: Dictionary, background: Background, one: _Judged) -> Array:
+    """Its place, the references of a product moved to the roundest numbers that fit as well: nominal values are round.
+
+    What a reference is off by is a straight line in the other driver, which a run elsewhere may show more of.
+    """
+    place = one.place.copy()
+    if not one.family.driver_2:
+        return place
+    for axis, (low, high) in enumerate(dictionary.spans(one.family)):
+        value = low + (high - low) * place[axis]
+        largest = math.floor(math.log10(high - low))
+        steps = [digit * 10.0**power for power in range(largest, largest - 4, -1) for digit in (5.0, 2.0, 1.0)]
+        trials = np.repeat(place[None], len(steps) + 1, axis=0)
+        trials[1:, axis] = [(step * round(value / step) - low) / (high - low) for step in steps]
+        values = _at(dictionary, background, [one], [trials])[0]
+        near = np.flatnonzero(values[1:] > values[0] - _ROUNDING)
+        if len(near):
+            place = trials[1 + near[0]]
+    return place
 
 
 def _at(dictionary: Dictionary, background: Background, judged: Sequence[_Judged], places: Sequence[Array]) -> list[Array]:

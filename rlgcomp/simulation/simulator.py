@@ -32,7 +32,7 @@ class Simulator:
     Parameters
     ----------
     mechanisms : tuple of Mechanism
-        Within a chamber run their errors add, so their order does not matter.
+        Within a chamber run their errors add, so their order does not matter. Each occurs once, but for empirical laws.
     free : mapping of str to frozenset of str
         By mechanism, the parameters that are to be calibrated from data; the others are known.
     noise : NoiseModel, optional
@@ -59,7 +59,7 @@ class Simulator:
     def __post_init__(self) -> None:
         if self.kind != "chamber":
             raise InputError(f"simulator: kind is {self.kind!r}; this version simulates kind 'chamber'")
-        names = [mechanism.name for mechanism in self.mechanisms]
+        names = [mechanism.name for mechanism in self.mechanisms if not mechanism.open_set]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"simulator: {', '.join(twice)} listed twice; list each mechanism once")
@@ -96,7 +96,8 @@ class Simulator:
         actual, recorded = self.monitors.simulate(programme, step_s, seed)
         there = Recording(actual.assign(gyro_deg_h=0.0), name=name)
         contributions = {
-            mechanism.name: mechanism.contribution(there, stream(seed, mechanism.name)) for mechanism in self.mechanisms
+            name: mechanism.contribution(there, stream(seed, name))
+            for name, mechanism in zip(self._labels(), self.mechanisms, strict=True)
         }
         noise = TYPICAL_NOISE if self.noise is None else self.noise
         contributions |= noise.simulate(len(there), step_s, seed)
@@ -130,9 +131,14 @@ class Simulator:
         return dataclasses.replace(self, mechanisms=tuple(mechanism for mechanism in self.mechanisms if mechanism.name != name))
 
     def with_mechanism(self, mechanism: Mechanism) -> Self:
-        """The same simulator with one mechanism more, or with that one's parameters changed."""
-        others = tuple(other for other in self.mechanisms if other.name != mechanism.name)
+        """The same simulator with one mechanism more, or with that one's parameters changed; a law is always one more."""
+        others = tuple(other for other in self.mechanisms if other.name != mechanism.name or mechanism.open_set)
         return dataclasses.replace(self, mechanisms=(*others, mechanism))
+
+    def _labels(self) -> list[str]:
+        """Names of the mechanisms, numbered from the second of its name on: only laws occur more than once."""
+        names = [mechanism.name for mechanism in self.mechanisms]
+        return [name if (k := names[:place].count(name)) == 0 else f"{name}_{k + 1}" for place, name in enumerate(names)]
 
     # --- its file ----------------------------------------------------------------------------------------------------------
 
