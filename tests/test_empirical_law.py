@@ -182,6 +182,20 @@ def test_it_goes_through_a_simulator_file(tmp_path: Path) -> None:
     assert after.predict(recording()).column("gyro_deg_h") == pytest.approx(0.0123 * found.basis(recording())[:, 0], abs=1e-15)
 
 
+def test_two_laws_in_one_simulator(tmp_path: Path) -> None:
+    one, two = law(amplitude_deg_h=0.01), law(driver="magnetic_field_uT", low=44.0, high=52.0, at=48.0, amplitude_deg_h=0.02)
+    simulator = (
+        rlg.Simulator().with_mechanism(one).with_mechanism(two).with_mechanism(dataclasses.replace(one, amplitude_deg_h=0.03))
+    )
+    assert [mechanism.amplitude_deg_h for mechanism in simulator.mechanisms] == [0.02, 0.03]
+    simulator.to_yaml(tmp_path / "two.yaml")
+    again = rlg.Simulator.from_yaml(tmp_path / "two.yaml")
+    assert again.mechanisms == simulator.mechanisms
+    run = again.simulate("short", step_s=20.0)
+    assert {"empirical_law", "empirical_law_2"} <= set(run.truth.columns)
+    assert run.truth.to_numpy().sum(axis=1) == pytest.approx(run.column("gyro_deg_h"))
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

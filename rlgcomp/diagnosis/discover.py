@@ -322,7 +322,7 @@ def _tangents(problem: Problem, law: EmpiricalLaw) -> Array:
     steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width")}
     steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
     for name, step in steps.items():
-        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]  # type: ignore[arg-type]
+        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]
         if np.ptp(change) > 1e-9 * np.ptp(columns[0]):
             columns.append(change)
     return np.column_stack(columns)
