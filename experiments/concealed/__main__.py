@@ -1,25 +1,66 @@
-"""Make the cases."""
+"""Effects concealed in recordings by another implementation of the physics, diagnosed and scored."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import shlex
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.concealed.cases import KINDS, dump, make_case, plan
+import joblib
+
+from experiments.concealed import tables
+from experiments.concealed.cases import KINDS, Kind, dump, make_case, plan
+from experiments.concealed.score import key_of, run_case
+from rlgcomp.files import to_json
+
+CASES: dict[Kind, int] = {"single": 102, "pair": 40, "triple": 20, "null": 200, "open": 30, "driverless": 18}
+QUICK: dict[Kind, int] = {"single": 17, "pair": 4, "triple": 2, "null": 8, "open": 5, "driverless": 3}
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Command line of the experiment."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=5, help="cases of each kind")
+    parser.add_argument("--quick", action="store_true", help="a few cases of each kind")
+    parser.add_argument("--cases", type=int, help="cases of each kind, instead of the usual numbers")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case: others than those tuned on")
     parser.add_argument("--only", choices=KINDS, action="append", help="only this kind; may be given again")
-    parser.add_argument("--dump", type=Path, metavar="DIR", help="write the cases as files instead of scoring them")
-    options = parser.parse_args()
-    for kind in options.only or KINDS:
-        for arguments in plan(kind, options.cases):
+    parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
+    parser.add_argument("--rows", type=Path, default=Path("build/concealed.jsonl"), help="where each case is kept as it finishes")
+    parser.add_argument("--resume", action="store_true", help="keep the cases that are there already and make the others")
+    parser.add_argument("--dump", type=Path, metavar="DIR", help="write the cases as files for the command line; score nothing")
+    options = parser.parse_args(argv)
+    numbers = QUICK if options.quick else CASES
+    wanted = [
+        arguments for kind in options.only or KINDS for arguments in plan(kind, options.cases or numbers[kind], options.first)
+    ]
+    if options.dump:
+        for arguments in wanted:
             case = make_case(*arguments)
             dump(case, options.dump / case.name)
-            print(case.name)
+            print(options.dump / case.name)
+        return
+    kept = _kept(options.rows) if options.resume else {}
+    options.rows.parent.mkdir(parents=True, exist_ok=True)
+    options.rows.write_text("".join(to_json(row, indent=None) + "\n" for row in kept.values()), encoding="utf-8")
+    missing = [arguments for arguments in wanted if key_of(arguments) not in kept]
+    work = joblib.Parallel(n_jobs=options.jobs, return_as="generator_unordered")(joblib.delayed(run_case)(each) for each in missing)
+    for done, row in enumerate(work, start=1):
+        kept[row["key"]] = row
+        with options.rows.open("a", encoding="utf-8") as lines:
+            lines.write(to_json(row, indent=None) + "\n")
+        print(f"{done}/{len(missing)} {tables.mark(row)}", file=sys.stderr, flush=True)
+    print(f"# Concealed physics: `python -m experiments.concealed {shlex.join(sys.argv[1:] if argv is None else argv)}`\n")
+    tables.show([kept[key_of(arguments)] for arguments in wanted])
+
+
+def _kept(path: Path) -> dict[str, dict[str, object]]:
+    if not path.exists():
+        return {}
+    rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {row["key"]: row for row in rows if "failure" not in row}
 
 
 if __name__ == "__main__":

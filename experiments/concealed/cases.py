@@ -299,10 +299,10 @@ STRENGTHS: Mapping[Kind, tuple[float, ...]] = {
 }
 
 
-def plan(kind: Kind, cases: int) -> list[tuple[Kind, tuple[str, ...], float, int, bool]]:
-    """Arguments of the first so many cases of a kind: every effect at every strength in turn, half of them independent."""
+def plan(kind: Kind, cases: int, first: int = 0) -> list[tuple[Kind, tuple[str, ...], float, int, bool]]:
+    """Arguments of so many cases of a kind: every effect at every strength in turn, half of them independent."""
     chosen = []
-    for number in range(cases):
+    for number in range(first, first + cases):
         rng = stream(number, f"plan:{kind}")
         names: tuple[str, ...]
         independent = bool(number // len(INDEPENDENT) % 2 == 0)
@@ -320,5 +320,5 @@ def plan(kind: Kind, cases: int) -> list[tuple[Kind, tuple[str, ...], float, int
             possible = [name for name in INDEPENDENT if name != "thermal_polynomial"]
             names = tuple(str(name) for name in rng.choice(possible, 2 if kind == "pair" else 3, replace=False))
             independent = number // 2 % 2 == 0
-        chosen.append((kind, names, strength, 1000 * (KINDS.index(kind) + 1) + number, independent))
+        chosen.append((kind, names, strength, 100_000 * (KINDS.index(kind) + 1) + number, independent))
     return chosen

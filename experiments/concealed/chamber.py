@@ -1,4 +1,4 @@
-r"""One gyro in a chamber: what is there, and what its sensors record. Four thermal nodes, wandering supplies, two beams on a detector.
+r"""One gyro in a chamber, what is there and what its sensors record: four thermal nodes, wandering supplies, two beams.
 
 .. math::
 
@@ -6,7 +6,8 @@ r"""One gyro in a chamber: what is there, and what its sensors record. Four ther
     C_m \dot T_m &= G_{am}(T_a - T_m) + G_{sm}(T_s - T_m) + G_{mb}(T_b - T_m) \\
     C_b \dot T_b &= G_{sb}(T_s - T_b) + G_{mb}(T_m - T_b) + P_b
 
-The mount stands in the chamber's air too, so the block's rate of change and its difference to the shell are not one and the same.
+The heavy mount stands in the chamber's air too and the electronics' heat wanders, so the block's rate of change and its
+difference to the shell are not one and the same.
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ class Unit:
     capacities_J_K: Array  # shell, mount, block
     conductances_W_K: dict[str, float]
     heat_W: Array  # into the shell and the block
+    heat_wander: float  # of the electronics' heat into the shell, relative
     air_time_constant_s: float
     beam_um_K: float
     intensity_per_K: float
@@ -82,15 +84,16 @@ class Unit:
     def draw(cls, rng: np.random.Generator) -> Unit:
         """A unit."""
         return cls(
-            capacities_J_K=rng.uniform([2500.0, 4000.0, 1800.0], [4500.0, 9000.0, 3200.0]),
+            capacities_J_K=rng.uniform([1500.0, 35000.0, 1800.0], [3500.0, 80000.0, 3200.0]),
             conductances_W_K={
-                "as": rng.uniform(2.5, 5.0),
-                "am": rng.uniform(1.5, 6.0),
-                "sm": rng.uniform(0.1, 0.6),
-                "sb": rng.uniform(0.6, 1.6),
-                "mb": rng.uniform(0.6, 2.4),
+                "as": rng.uniform(5.0, 10.0),
+                "am": rng.uniform(6.0, 12.0),
+                "sm": rng.uniform(0.1, 0.5),
+                "sb": rng.uniform(3.0, 6.0),
+                "mb": rng.uniform(1.5, 6.0),
             },
             heat_W=rng.uniform([2.0, 0.8], [8.0, 2.0]),
+            heat_wander=rng.uniform(0.1, 0.4),
             air_time_constant_s=rng.uniform(100.0, 300.0),
             beam_um_K=rng.normal(0.0, 0.08),
             intensity_per_K=rng.normal(0.0, 5e-4),
@@ -109,7 +112,8 @@ class Unit:
         corners_s, corners_degC = random_programme(rng)
         time_s: Array = np.arange(0.0, math.floor(corners_s[-1]), 1.0)
         coarse_s = np.arange(0.0, time_s[-1] + PLANT_STEP_S, PLANT_STEP_S)
-        shell, mount, block = self._temperatures(np.interp(coarse_s, corners_s, corners_degC))
+        shell_W = self.heat_W[0] * (1.0 + self.heat_wander * wander(coarse_s, 5400.0, rng))
+        shell, mount, block = self._temperatures(np.interp(coarse_s, corners_s, corners_degC), shell_W)
         path = interpolate.CubicSpline(coarse_s, block)
         temperatures = {
             "temperature_block_degC": np.asarray(path(time_s)),
@@ -145,7 +149,7 @@ class Unit:
         table = pd.DataFrame({column: values for column, values in columns.items() if column not in hidden})
         return Recording(table, Metadata(kind="chamber", unit="bench"), name=name)
 
-    def _temperatures(self, set_point_degC: Array) -> tuple[Array, Array, Array]:
+    def _temperatures(self, set_point_degC: Array, shell_W: Array) -> tuple[Array, Array, Array]:
         g = self.conductances_W_K
         a = np.array(
             [
@@ -156,24 +160,23 @@ class Unit:
             ]
         )
         a[1:] /= self.capacities_J_K[:, None]
-        b = np.zeros((4, 2))
-        b[0, 0] = 1.0 / self.air_time_constant_s
-        b[1, 1], b[3, 1] = self.heat_W / self.capacities_J_K[[0, 2]]
-        grown = linalg.expm(np.block([[a, b], [np.zeros((2, 6))]]) * PLANT_STEP_S)
+        b = np.diag([1.0 / self.air_time_constant_s, *1.0 / self.capacities_J_K])[:, [0, 1, 3]]
+        grown = linalg.expm(np.block([[a, b], [np.zeros((3, 7))]]) * PLANT_STEP_S)
         phi, gamma = grown[:4, :4], grown[:4, 4:]
         state = np.full(4, set_point_degC[0])
         states = np.empty((len(set_point_degC), 4))
         states[0] = state
-        midway = 0.5 * (set_point_degC[1:] + set_point_degC[:-1])
-        for k, goal in enumerate(midway, start=1):
-            state = phi @ state + gamma[:, 0] * goal + gamma[:, 1]
+        inputs = np.column_stack([set_point_degC, shell_W, np.full(len(shell_W), self.heat_W[1])])
+        drive = 0.5 * (inputs[1:] + inputs[:-1]) @ gamma.T
+        for k, push in enumerate(drive, start=1):
+            state = phi @ state + push
             states[k] = state
         return states[:, 1], states[:, 2], states[:, 3]
 
 
 def wander(time_s: Array, correlation_s: float, rng: np.random.Generator) -> Array:
     """Slow wander of about unit size: an Ornstein–Uhlenbeck process, a sine of some hours, and up to three steps."""
-    keep = math.exp(-1.0 / correlation_s)
+    keep = math.exp(-(time_s[1] - time_s[0]) / correlation_s)
     kicks = rng.standard_normal(len(time_s)) * math.sqrt(1.0 - keep**2)
     kicks[0] = rng.standard_normal()
     total = 0.8 * signal.lfilter([1.0], [1.0, -keep], kicks)

@@ -78,11 +78,11 @@ def thermal_polynomial(rng: np.random.Generator) -> Effect:
     return Effect("thermal_polynomial", steady(lambda c: np.polynomial.chebyshev.chebval((c.block - 10.0) / 60.0, [0.0, *weights])))
 
 
-def temperature_rate(rng: np.random.Generator) -> Effect:
+def temperature_rate(_: np.random.Generator) -> Effect:
     return Effect("temperature_rate", steady(lambda c: c.rate_K_min), size="k_deg_h_min_K", where=moving)
 
 
-def rate_asymmetry(rng: np.random.Generator) -> Effect:
+def rate_asymmetry(_: np.random.Generator) -> Effect:
     return Effect("rate_asymmetry", steady(lambda c: np.abs(c.rate_K_min)), size="k_deg_h_min_K", where=moving)
 
 
@@ -91,7 +91,7 @@ def thermal_lag(rng: np.random.Generator) -> Effect:
     return Effect("thermal_lag", steady(lambda c: coarsely(lambda t: slab(t, COARSE, slowest_s, at=at) - t, c.block)), where=moving)
 
 
-def thermal_gradient(rng: np.random.Generator) -> Effect:
+def thermal_gradient(_: np.random.Generator) -> Effect:
     return Effect("thermal_gradient", steady(lambda c: c.block - c["temperature_shell_degC"]), size="k_deg_h_K", where=moving)
 
 
@@ -147,7 +147,7 @@ def warm_up(rng: np.random.Generator) -> Effect:
     )
 
 
-def ageing(rng: np.random.Generator) -> Effect:
+def ageing(_: np.random.Generator) -> Effect:
     return Effect("ageing", steady(lambda c: c.time_s / 86400.0), size="k_deg_h_day")
 
 
@@ -166,7 +166,7 @@ def readout_incoherence(rng: np.random.Generator) -> Effect:
     return Effect("readout_incoherence", steady(difference), size="k_deg_h" if relative else "")
 
 
-def discharge_imbalance(rng: np.random.Generator) -> Effect:
+def discharge_imbalance(_: np.random.Generator) -> Effect:
     return Effect(
         "discharge_imbalance", steady(lambda c: c["discharge_current_a_mA"] - c["discharge_current_b_mA"]), size="k_deg_h_mA"
     )

@@ -15,6 +15,7 @@ COMMANDS = (
     "calibration",
     "simulation",
     "compensation",
+    "conceal",
 )  # the order in which --help lists them
 
 

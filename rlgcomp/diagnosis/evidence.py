@@ -25,7 +25,6 @@ F. Liang et al., "Mixtures of g priors for Bayesian variable selection", J. Am. 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -40,15 +39,8 @@ from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 SIZES: Final = np.geomspace(0.06, 40.0, 8)
-FLICKERS: Final = (0.0, 0.08, 0.16, 0.32, 0.64, 1.3)
-WALKS: Final = (0.0, 0.04, 0.1, 0.25, 0.6, 1.5)
 _SHAPES_AT_ONCE: Final = 9
 _ABSORBED: Final = 1e-5  # of a column's norm: less than this left by the baseline is nothing
-
-
-def ordinary_noise() -> tuple[NoiseShape, ...]:
-    """Noise that gyros have: white, flicker and random walk, each combination counting equally."""
-    return tuple(NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS))
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -223,6 +215,37 @@ class Evidence:
         part = self._slices[member.candidate]
         width = part.stop - part.start
         return np.full(width, width / SIZES[member.size] ** 2)
+
+    def gains(self, noise: int, whitened: Array, count: int) -> tuple[Array, Array]:
+        """For other targets, whitened with one noise, shape (n, targets): what the baseline leaves of each one's square, and the
+        log evidence that each of the first `count` candidates adds at each size, shape (sizes, count, targets)."""
+        q = self._whitened_baseline[noise]
+        targets = whitened - q @ (q.T @ whitened)
+        left = np.einsum("nt,nt->t", targets, targets)
+        last = self._slices[count - 1].stop
+        cross = self._columns[noise][:, :last].T @ targets
+        gains = np.empty((len(SIZES), count, targets.shape[1]))
+        for width, which, starts in self._groups:
+            here = which < count
+            places = starts[here][:, None] + np.arange(width)
+            values, vectors = np.linalg.eigh(self._blocks[width][noise][here])
+            squares = np.einsum("cji,cjt->cit", vectors, cross[places]) ** 2
+            values = np.maximum(values, 0.0)
+            for k, size in enumerate(SIZES):
+                prior = width / size**2
+                explained = np.einsum("cit,ci->ct", squares, 1.0 / (values + prior)) / left
+                occam = 0.5 * np.log1p(values / prior).sum(axis=1)
+                gains[k][which[here]] = -occam[:, None] - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12))
+        return left, gains - math.log(len(SIZES))
+
+    def constant(self, noise: int) -> float:
+        """The part of the log evidence that does not depend on the target."""
+        return float(self._constant[noise])
+
+    def unexplained(self, members: Sequence[Member]) -> tuple[Array, Array]:
+        """The target in units of `scale_deg_h`, shape (n,), and an orthonormal basis of baseline and members, shape (n, p)."""
+        design = np.column_stack([self._orthogonal, self._table[:, self._places(members)]])
+        return self.problem.target_deg_h / self.scale_deg_h, np.linalg.qr(design)[0]
 
     def residual(self, members: Sequence[Member], noise: int) -> Array:
         """Whitened target less baseline and members, for one noise, shape (n,)."""

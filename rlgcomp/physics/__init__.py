@@ -13,6 +13,7 @@ from rlgcomp.physics.ageing import Ageing
 from rlgcomp.physics.ambient_pressure import AmbientPressure
 from rlgcomp.physics.discharge_imbalance import DischargeImbalance
 from rlgcomp.physics.earth_rate_leak import EarthRateLeak
+from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.encoder_delay import EncoderDelay
 from rlgcomp.physics.light_intensity import LightIntensity
 from rlgcomp.physics.lock_in import LockIn
@@ -67,6 +68,7 @@ CATALOGUE: Final[MappingProxyType[str, type[Mechanism]]] = MappingProxyType(
             EarthRateLeak,
             RotationHarmonics,
             EncoderDelay,
+            EmpiricalLaw,
         )
     }
 )

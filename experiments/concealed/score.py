@@ -1,0 +1,83 @@
+"""One case diagnosed and scored, as one line of JSON."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from experiments.concealed.cases import Case, make_case, means
+from rlgcomp.diagnosis.score import Hidden, Score
+from rlgcomp.simulation.simulator import Simulator
+
+Array = npt.NDArray[np.float64]
+Arguments = tuple[Any, tuple[str, ...], float, int, bool]
+
+
+def run_case(arguments: Arguments) -> dict[str, Any]:
+    """Make a case, diagnose it, score it. A failure is an answer too: it is scored as such and the rest goes on."""
+    kind, effects, strength, seed, independent = arguments
+    row: dict[str, Any] = {
+        "key": key_of(arguments),
+        "kind": kind,
+        "hidden": list(effects),
+        "strength": strength,
+        "seed": seed,
+        "independent": independent,
+    }
+    try:
+        return row | diagnosed(make_case(*arguments))
+    except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
+        return row | {"failure": f"{type(error).__name__}: {error}"}
+
+
+def key_of(arguments: Arguments) -> str:
+    """What a case is known by among the lines of a file."""
+    return repr(arguments)
+
+
+def diagnosed(case: Case) -> dict[str, Any]:
+    """Score of one case."""
+    from rlgcomp.diagnosis.diagnose import diagnose
+
+    simulator = Simulator.from_mapping(case.simulator_mapping)
+    begun = time.perf_counter()
+    diagnosis = diagnose(simulator, train=case.train, test=case.test)
+    seconds = time.perf_counter() - begun
+    content = diagnosis.to_mapping()
+    named = case.hidden if case.kind in ("single", "pair", "triple") else ()
+    intervals: dict[str, list[tuple[float, float]]] = {}
+    for by_run in case.intervals.values():
+        for run, spans in zip(case.train, by_run, strict=True):
+            intervals.setdefault(run.name, []).extend(spans)
+    score = Score.of(Hidden(named, case.sizes, intervals), content)
+    ours = [diagnosis.augmented.predict(recording).column("gyro_deg_h") for recording in case.test]
+    error, oracle = held_out_error(ours, case.truth_held_out), held_out_error(case.oracle, case.truth_held_out)
+    unexplained = content["unexplained"]
+    return score.to_mapping() | {
+        "name": case.name,
+        "p_value": content["mismatch"]["p_value"],
+        "findings": [finding["mechanism"] for finding in content["findings"]],
+        "probabilities": [finding["probability"] for finding in content["findings"]],
+        "classes": [finding["indistinguishable_from"] for finding in content["findings"]],
+        "frequencies_hz": [place["frequency_hz"] for place in content["mismatch"]["where"] if place["frequency_hz"]],
+        "drivers": sorted(unexplained["drivers"]),
+        "memory": unexplained["memory"],
+        "equation": unexplained["equation"],
+        "true_drivers": sorted(case.drivers),
+        "true_memory": case.memory,
+        "repeats": case.repeats,
+        "promised": None if diagnosis.test is None else diagnosis.test.improvement,
+        "error_to_oracle": error / oracle,
+        "error_to_white": error / case.white_100_s_deg_h,
+        "seconds": seconds,
+    }
+
+
+def held_out_error(predictions: Sequence[Array], truths: Sequence[Array]) -> float:
+    """Root mean square of the 100 s means of prediction less noise-free truth, over the held-out runs."""
+    left = np.concatenate([means(prediction - truth) for prediction, truth in zip(predictions, truths, strict=True)])
+    return float(np.sqrt(np.mean(left**2)))

@@ -1,0 +1,259 @@
+"""The rows of all cases as markdown: goals beside what was reached, then every table behind them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from experiments.concealed.effects import INDEPENDENT
+from experiments.tables import show_list, show_table
+
+Row = Mapping[str, Any]
+NAMED = ("single", "pair", "triple")
+
+
+def show(rows: Sequence[Row]) -> None:
+    """Print everything."""
+    failed = [row for row in rows if "failure" in row]
+    done = [row for row in rows if "failure" not in row]
+    show_table("Goals", goals(rows))
+    for kind, title in (("single", "One effect"), ("pair", "Two at once"), ("triple", "Three at once")):
+        if chosen := [row for row in rows if row["kind"] == kind]:
+            show_table(f"{title}, by strength and maker", by_strength(chosen))
+    if singles := [row for row in rows if row["kind"] == "single"]:
+        show_table("One effect, by effect", by_effect(singles))
+        show_table("Injected (rows) against named (columns), one effect", confusion(singles))
+    if healthy := [row for row in done if row["kind"] == "null"]:
+        show_table("Healthy gyros", null(healthy))
+    if outside := [row for row in rows if row["kind"] == "open"]:
+        show_table("Outside the catalogue", by_law(outside))
+    if driverless := [row for row in rows if row["kind"] == "driverless"]:
+        show_table("Driver not recorded", without_driver(driverless))
+    if parameters := by_parameter([row for row in done if row["kind"] in NAMED]):
+        show_table("Parameters: (estimate - truth) / sd, where the mechanism was named", parameters)
+    if misses := [miss(row) for row in rows if not right(row)]:
+        show_list(f"Cases not answered as wished ({len(misses)} of {len(rows)})", misses)
+    if failed:
+        show_list("Failures", [f"{row['key']}: {row['failure']}" for row in failed])
+
+
+# --- what counts ---------------------------------------------------------------------------------------------------------------
+
+
+def right(row: Row) -> bool:
+    """Whether a case was answered as the goals ask."""
+    if "failure" in row:
+        return False
+    if row["kind"] == "null":
+        return bool(row["verdict"] == "none")
+    if row["kind"] == "driverless":
+        return bool(row["verdict"] == "unknown" and not row["findings"])
+    if row["kind"] == "open":
+        return all(test(row) for test in OPEN.values())
+    return bool(row["exact"])
+
+
+OPEN: Mapping[str, Callable[[Row], bool]] = {
+    "unknown": lambda row: row["verdict"] == "unknown",
+    "drivers right": lambda row: row["drivers"] == row["true_drivers"],
+    "memory right": lambda row: row["memory"] == row["true_memory"],
+    "held out ≤ 2 × oracle": lambda row: row["error_to_oracle"] <= 2.0,
+}
+
+
+def share(rows: Sequence[Row], test: Callable[[Row], bool]) -> str:
+    """Share of rows that pass, failures failing, with a 95 % interval (Clopper–Pearson)."""
+    if not rows:
+        return "–"
+    passed = sum("failure" not in row and test(row) for row in rows)
+    low, high = stats.binomtest(passed, len(rows)).proportion_ci(0.95)
+    return f"{100 * passed / len(rows):.0f} % ({passed}/{len(rows)}; {100 * low:.0f}–{100 * high:.0f})"
+
+
+def median(rows: Sequence[Row], key: str) -> str:
+    """Median of a number, where there is one."""
+    values = [row[key] for row in rows if row.get(key) is not None]
+    return f"{np.median(values):.2f}" if values else "–"
+
+
+def exact(row: Row) -> bool:
+    return bool(row["exact"])
+
+
+def in_class(row: Row) -> bool:
+    return bool(row["in_class"])
+
+
+# --- tables --------------------------------------------------------------------------------------------------------------------
+
+
+def goals(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """The issue's table of goals."""
+
+    def some(kind: str, *strengths: float) -> list[Row]:
+        return [row for row in rows if row["kind"] == kind and (not strengths or row["strength"] in strengths)]
+
+    healthy = [row for row in some("null") if "failure" not in row]
+    uniform = f"KS p = {stats.kstest([row['p_value'] for row in healthy], 'uniform').pvalue:.3f}" if healthy else "–"
+    repeated = [row for row in rows if row.get("repeats") and row["kind"] in NAMED]
+    seconds = [row["seconds"] for row in rows if "seconds" in row]
+    lines = [
+        ("one effect, strength 1 and 0.5: exact set", "≥ 97 %", share(some("single", 1.0, 0.5), exact)),
+        ("one effect, strength 0.25: exact set", "≥ 85 %", share(some("single", 0.25), exact)),
+        ("one effect, strength 0.25: in class", "≥ 92 %", share(some("single", 0.25), in_class)),
+        ("two, strength 1: exact set", "≥ 92 %", share(some("pair", 1.0), exact)),
+        ("two, strength 0.5: exact set", "≥ 85 %", share(some("pair", 0.5), exact)),
+        ("three, strength 1: exact set", "≥ 75 %", share(some("triple", 1.0), exact)),
+        ("healthy: verdict none", "≥ 98 %", share(some("null"), right)),
+        ("healthy: p-values uniform", "KS p > 0.05", uniform),
+        ("outside the catalogue: unknown, right drivers", "≥ 80 %", share(some("open"), lambda r: all(t(r) for t in _FIRST))),
+        ("outside: memory, held out ≤ 2 × oracle as well", "≥ 80 %", share(some("open"), right)),
+        ("driver not recorded: unknown, no name", "≥ 80 %", share(some("driverless"), right)),
+        ("held-out error / oracle, median", "≤ 1.3", median(repeated, "error_to_oracle")),
+        ("seconds a case, median / longest", "< 20", f"{np.median(seconds):.1f} / {max(seconds):.1f}" if seconds else "–"),
+    ]
+    return [{"": name, "goal": goal, "reached": reached} for name, goal, reached in lines]
+
+
+_FIRST = (OPEN["unknown"], OPEN["drivers right"])
+
+
+def by_strength(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Detection and naming by strength, and by whose physics made the case."""
+    lines = []
+    for strength in sorted({row["strength"] for row in rows}, reverse=True):
+        for independent in (True, False):
+            chosen = [row for row in rows if row["strength"] == strength and row["independent"] == independent]
+            lines.append(
+                {
+                    "strength": f"{strength:g}",
+                    "physics": "independent" if independent else "rlgcomp's",
+                    "detected": share(chosen, lambda row: row["detected"]),
+                    "first is right": share(chosen, lambda row: row["named"]),
+                    "exact set": share(chosen, exact),
+                    "in class": share(chosen, in_class),
+                    "error / oracle": median([row for row in chosen if row.get("repeats")], "error_to_oracle"),
+                    "overlap": median(chosen, "overlap"),
+                }
+            )
+    return lines
+
+
+def by_effect(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """The same effect by effect."""
+    lines = []
+    for name in INDEPENDENT:
+        chosen = [row for row in rows if row["hidden"] == [name]]
+        if chosen:
+            strengths = sorted({row["strength"] for row in chosen}, reverse=True)
+            shares = {
+                f"exact at {s:g}": f"{sum('failure' not in r and r['exact'] for r in chosen if r['strength'] == s)}"
+                f"/{sum(r['strength'] == s for r in chosen)}"
+                for s in strengths
+            }
+            lines.append(
+                {
+                    "effect": name,
+                    **shares,
+                    "in class": share(chosen, in_class),
+                    "error / oracle": median([row for row in chosen if row.get("repeats")], "error_to_oracle"),
+                    "overlap": median(chosen, "overlap"),
+                }
+            )
+    return lines
+
+
+def confusion(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """How often each set was the answer to each effect."""
+    answers = {
+        name: Counter(_answer(row) for row in rows if row["hidden"] == [name])
+        for name in INDEPENDENT
+        if any(r["hidden"] == [name] for r in rows)
+    }
+    columns = [name for name in (*INDEPENDENT, "none", "unknown", "several", "failed") if any(a[name] for a in answers.values())]
+    return [{"": name, **{column: str(counted[column] or "·") for column in columns}} for name, counted in answers.items()]
+
+
+def _answer(row: Row) -> str:
+    if "failure" in row:
+        return "failed"
+    if row["verdict"] in ("none", "unknown") and not row["findings"]:
+        return str(row["verdict"])
+    return str(row["findings"][0]) if len(row["findings"]) == 1 else "several"
+
+
+def null(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Calibration of the null."""
+    p_values = np.array([row["p_value"] for row in rows])
+    below = {f"p < {level:g}": f"{100 * np.mean(p_values < level):.1f} %" for level in (0.5, 0.1, 0.05, 0.01)}
+    verdicts = Counter(row["verdict"] for row in rows)
+    answers = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
+    return [{"cases": str(len(rows)), **below, "KS p": f"{stats.kstest(p_values, 'uniform').pvalue:.3f}", "verdicts": answers}]
+
+
+def by_law(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Laws outside the catalogue."""
+    return [
+        {
+            "law": law,
+            "strength": f"{strength:g}",
+            **{name: share(chosen, test) for name, test in OPEN.items()},
+            "error / oracle": median(chosen, "error_to_oracle"),
+        }
+        for law in dict.fromkeys(row["hidden"][0] for row in rows)
+        for strength in sorted({row["strength"] for row in rows})
+        if (chosen := [row for row in rows if row["hidden"] == [law] and row["strength"] == strength])
+    ]
+
+
+def without_driver(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Effects whose driver was not recorded."""
+    return [
+        {
+            "driver": name,
+            "detected": share(chosen, lambda row: row["detected"]),
+            "unknown": share(chosen, lambda row: row["verdict"] == "unknown"),
+            "no false name": share(chosen, lambda row: not row["findings"]),
+            "says that no driver was recorded": share(chosen, lambda row: not row["drivers"]),
+        }
+        for name in dict.fromkeys(row["hidden"][0] for row in rows)
+        if (chosen := [row for row in rows if row["hidden"] == [name]])
+    ]
+
+
+def by_parameter(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Errors over standard deviations: one, if the standard deviations are honest."""
+    errors: dict[str, list[float]] = {}
+    for row in rows:
+        for name, error in row["errors_sd"].items():
+            errors.setdefault(name, []).append(error)
+    return [
+        {
+            "parameter": name,
+            "cases": str(len(found)),
+            "rms": f"{np.sqrt(np.mean(np.square(found))):.2f}",
+            "median of the absolute (0.67 is right)": f"{np.median(np.abs(found)):.2f}",
+            "within 2 sd": f"{100 * np.mean(np.abs(found) < 2.0):.0f} %",
+        }
+        for name, found in sorted(errors.items())
+    ]
+
+
+def mark(row: Row) -> str:
+    """One line as a case finishes."""
+    if "failure" in row:
+        return f"failed {row['key']}: {row['failure']}"
+    return f"{'right' if right(row) else 'WRONG'} {row['seconds']:5.1f} s  {miss(row)}"
+
+
+def miss(row: Row) -> str:
+    """One line on a case that was not answered as wished."""
+    if "failure" in row:
+        return f"{row['key']}: failed"
+    said = ", ".join(f"{name} {p:.2f}" for name, p in zip(row["findings"], row["probabilities"], strict=True)) or "nothing"
+    law = f"; drivers {row['drivers']} for {row['true_drivers']}, {row['memory']} for {row['true_memory']}"
+    return f"{row['name']}: {row['verdict']}, {said}, p = {row['p_value']:.2g}" + (law if row["kind"] == "open" else "")

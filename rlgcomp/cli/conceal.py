@@ -1,0 +1,98 @@
+"""Commands on sealed challenges: conceal, reveal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rlgcomp.cli.base import AsJson, command, progress, say
+from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.simulation import SimulatorFile
+
+
+@command("conceal")
+def conceal(
+    simulator: SimulatorFile,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the challenge.")],
+    hide: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|random",
+            help="What to hide: mechanisms of the simulator (taken out of its file) or of the catalogue (put into the recordings), "
+            "joined by commas; 'random' hides nothing, one or two.",
+        ),
+    ] = "random",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the choice and of all runs.")] = 0,
+    strength: Annotated[
+        float | None,
+        typer.Option(help="What the simulator cannot absorb over the white noise of 100 s; default 1, or the size in the file."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Seal a challenge: recordings, a simulator that lacks something, and the SHA-256 of the truth, which stays in truth.json.
+
+    Hand over everything but truth.json, or leave it unread until there is a diagnosis.
+
+    Example: `rlgcomp conceal gyro.yaml --hide random --seed 7 --out challenge`
+    """
+    from rlgcomp.diagnosis.conceal import conceal as make
+    from rlgcomp.diagnosis.seal import CHALLENGE, SIMULATOR, TRUTH, seal
+    from rlgcomp.files import require_writable, sha256
+    from rlgcomp.simulation.simulator import Simulator
+
+    require_writable(out)
+    with progress("simulating"):
+        seal(make(Simulator.from_yaml(simulator), hide, seed=seed, strength=strength), out)
+    if as_json:
+        show_json({"challenge": out / CHALLENGE, "truth_sha256": sha256(out / TRUTH)})
+        return
+    say(f"{out}: sealed; SHA-256 of the truth {sha256(out / TRUTH)}")
+    runs = f"--train {out}/train*.parquet --test {out}/test*.parquet"
+    say(f"next: rlgcomp diagnose --simulator {out / SIMULATOR} {runs} --out DIAGNOSIS")
+    say(f"then: rlgcomp reveal {out} DIAGNOSIS")
+
+
+@command("reveal")
+def reveal(
+    challenge: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the challenge.")],
+    diagnosis: Annotated[Path, typer.Argument(metavar="DIAGNOSIS", help="A diagnosis.json, or the folder that diagnose wrote.")],
+    truth: Annotated[Path | None, typer.Option(metavar="FILE", help="The truth, where it was kept elsewhere.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Open a challenge and score a diagnosis of it; a truth that is not the sealed one is refused.
+
+    Example: `rlgcomp reveal challenge diagnosis`
+    """
+    from rlgcomp.diagnosis.seal import reveal as opened
+
+    revealed = opened(challenge, diagnosis, truth=truth)
+    if as_json:
+        show_json(revealed.to_mapping())
+        return
+    score = revealed.score
+    hidden = [f"{name} (strength {revealed.strengths[name]:.2g})" for name in revealed.hidden]
+    answers = {
+        "hidden": ", ".join(hidden) or "nothing",
+        "found": ", ".join(revealed.found) or "nothing",
+        "verdict": f"{score.verdict} ({'right' if score.verdict_right else 'wrong'})",
+        "first finding is hidden": _yes(score.named),
+        "exactly the hidden set": _yes(score.exact),
+        "right up to what cannot be told apart": _yes(score.in_class),
+        "overlap of places in time": "–" if score.overlap is None else f"{100 * score.overlap:.0f} %",
+        "held-out improvement": _share(revealed.improvement),
+        "of possible": _share(revealed.possible_improvement),
+    }
+    show_table("Revealed", [{"": question, "answer": answer} for question, answer in answers.items()])
+    if score.errors_sd:
+        rows = [{"parameter": name, "(estimate - truth) / sd": error} for name, error in score.errors_sd.items()]
+        show_table("Parameters", rows)
+
+
+def _yes(answer: bool) -> str:
+    return "yes" if answer else "no"
+
+
+def _share(value: float | None) -> str:
+    return "no run was held out" if value is None else f"{100 * value:.1f} %"

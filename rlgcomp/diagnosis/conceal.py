@@ -1,0 +1,227 @@
+"""Challenges: recordings of a gyro that has something its simulator file lacks. :mod:`rlgcomp.diagnosis.seal` writes them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Self
+
+import numpy as np
+import pandas as pd
+
+from rlgcomp.diagnosis.injection import Array, busiest, drawn, scaled, unabsorbed
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.score import Hidden
+from rlgcomp.errors import InputError
+from rlgcomp.noise import NOISES, NoiseModel, stream
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import TYPICAL_NOISE, Simulator
+
+RANDOM: Final = "random"
+USUAL_STRENGTH: Final = 1.0
+RUNS: Final = ("train0", "train1", "test0", "test1")
+TRAINING: Final = 2
+PROGRAMMES: Final = {"chamber": ("paper", "reversed", "minor-loops", "slow")}
+_SPREAD: Final = 0.3  # logarithm of what the file leaves free, about its value
+_HOW_MANY: Final = (0.2, 0.55, 0.25)  # chances that "random" hides nothing, one, two
+_DRAWS: Final = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class Challenge:
+    """A challenge and its answer.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Without the hidden causes.
+    train, test : tuple of Recording
+        Held-out runs follow other programmes.
+    hidden : Hidden
+    mechanisms : tuple of Mechanism
+        The hidden causes as they acted.
+    strengths : mapping of str to float
+        Of each: what the simulator cannot absorb over the white noise of a window mean.
+    possible_rms_deg_h : float
+        What the true law leaves in window means of the held-out runs: noise, and what no two runs repeat.
+    """
+
+    simulator: Simulator
+    train: tuple[Recording, ...]
+    test: tuple[Recording, ...]
+    hidden: Hidden
+    mechanisms: tuple[Mechanism, ...]
+    strengths: Mapping[str, float]
+    possible_rms_deg_h: float
+
+
+def conceal(simulator: Simulator, hide: str = RANDOM, *, seed: int = 0, strength: float | None = None) -> Challenge:
+    """Make a challenge.
+
+    What the simulator leaves free is drawn anew, about 30 % from its value, so that its numbers are wrong as well.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    hide : str
+        A mechanism, or several joined by commas. One that the simulator has is taken out of it; one that it lacks acts in the
+        recordings. "random": nothing, one or two of them.
+    seed : int
+    strength : float, optional
+        Of each hidden cause. By default 1 for those that the simulator lacks, and for the others the size that they have there.
+
+    Raises
+    ------
+    InputError
+        The name is not in the catalogue or of the other kind, or the effect cannot be made that strong.
+    """
+    if strength is not None and not 0.0 < strength < math.inf:
+        raise InputError(f"strength is {strength}; it must be positive")
+    rng = stream(seed, "conceal")
+    names = _chosen(simulator, hide, rng)
+    own = {mechanism.name: mechanism for mechanism in simulator.mechanisms}
+    lacking = functools.reduce(Simulator.without, [name for name in names if name in own], simulator)
+    bench = _Bench.of(lacking, _moved(simulator, rng), rng)
+    for name in names:
+        if name not in own or strength is not None:
+            known = next((mechanism for mechanism in bench.gyro.mechanisms if mechanism.name == name), None)
+            sized = _sized(known, CATALOGUE[name], bench, strength or USUAL_STRENGTH)
+            bench = dataclasses.replace(bench, gyro=bench.gyro.with_mechanism(sized))
+    mechanisms = tuple(mechanism for mechanism in bench.gyro.mechanisms if mechanism.name in names)
+    left = {mechanism.name: bench.left(mechanism) for mechanism in mechanisms}
+    runs = bench.record(RUNS)
+    return Challenge(
+        simulator=lacking,
+        train=tuple(_bare(run) for run in runs[:TRAINING]),
+        test=tuple(_bare(run) for run in runs[TRAINING:]),
+        hidden=Hidden(
+            tuple(mechanism.name for mechanism in mechanisms),
+            {f"{m.name}.{key}": float(value) for m in mechanisms for key, value in _estimable(m).items()},
+            busiest(bench.problem, np.sum(list(left.values()), axis=0)) if mechanisms else {},
+        ),
+        mechanisms=mechanisms,
+        strengths={name: float(np.std(values)) / bench.white_deg_h for name, values in left.items()},
+        possible_rms_deg_h=_possible_rms_deg_h(runs[TRAINING:], mechanisms, bench.problem.rows.window_s),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Bench:
+    """The gyro as it is, its programmes and seeds, and the problem that its training runs pose to what the simulator lacks."""
+
+    gyro: Simulator
+    programmes: tuple[str, ...]
+    seeds: tuple[int, ...]
+    problem: Problem
+    rng: np.random.Generator
+
+    @classmethod
+    def of(cls, lacking: Simulator, gyro: Simulator, rng: np.random.Generator) -> Self:
+        programmes = tuple(str(name) for name in rng.permutation(PROGRAMMES[gyro.kind]))
+        seeds = tuple(int(number) for number in rng.integers(0, 2**31, len(RUNS)))
+        runs = _record(gyro, programmes, seeds, RUNS[:TRAINING])
+        return cls(gyro, programmes, seeds, Problem.of(lacking, runs), rng)
+
+    def record(self, names: Sequence[str]) -> list[Recording]:
+        return _record(self.gyro, self.programmes, self.seeds, names)
+
+    def left(self, mechanism: Mechanism) -> Array:
+        """What of a mechanism's error the simulator cannot absorb, in window means of the training runs."""
+        runs = dataclasses.replace(self, gyro=self.gyro.with_mechanism(mechanism)).record(RUNS[:TRAINING])
+        return unabsorbed(self.problem, [_acting(run, mechanism.name) for run in runs])
+
+    @property
+    def white_deg_h(self) -> float:
+        return _white_deg_h(self.gyro.noise or TYPICAL_NOISE, self.problem.rows.window_s)
+
+
+def _record(gyro: Simulator, programmes: Sequence[str], seeds: Sequence[int], names: Sequence[str]) -> list[Recording]:
+    return [gyro.simulate(programme, seed=seed, name=name) for programme, seed, name in zip(programmes, seeds, names, strict=False)]
+
+
+# --- what is hidden ------------------------------------------------------------------------------------------------------------
+
+
+def _chosen(simulator: Simulator, hide: str, rng: np.random.Generator) -> list[str]:
+    allowed = [name for name, form in CATALOGUE.items() if form.kind == simulator.kind and not form.open_set]
+    if hide == RANDOM:
+        taken = [name for name in allowed if len(simulator.mechanisms) > 1 or name not in _names(simulator)]
+        count = int(rng.choice(len(_HOW_MANY), p=_HOW_MANY))
+        return sorted(str(name) for name in rng.choice(taken, count, replace=False))
+    names = [name.strip() for name in hide.split(",")]
+    unknown = [name for name in names if name not in allowed]
+    if unknown or len(set(names)) < len(names):
+        raise InputError(
+            f"cannot hide {hide!r}: give 'random', or names from the catalogue of kind {simulator.kind!r}, each once: "
+            f"{', '.join(allowed)}"
+        )
+    return sorted(names)
+
+
+def _names(simulator: Simulator) -> list[str]:
+    return [mechanism.name for mechanism in simulator.mechanisms]
+
+
+def _moved(simulator: Simulator, rng: np.random.Generator) -> Simulator:
+    for mechanism in simulator.mechanisms:
+        free = simulator.free.get(mechanism.name, frozenset())
+        values = {
+            p.name: min(max(getattr(mechanism, p.name) * math.exp(_SPREAD * rng.standard_normal()), p.low), p.high)
+            for p in mechanism.parameters()
+            if p.name in free
+        }
+        simulator = simulator.with_mechanism(dataclasses.replace(mechanism, **values))  # type: ignore[type-var]
+    return simulator
+
+
+def _sized(known: Mechanism | None, form: type[Mechanism], bench: _Bench, strength: float) -> Mechanism:
+    """A mechanism of the wanted strength: as the simulator has it, or of random shape."""
+    why = ""
+    for _ in range(1 if known else _DRAWS):
+        mechanism = known or drawn(form, bench.problem.runs, bench.rng, bench.problem.rows.window_s)
+        left = float(np.std(bench.left(mechanism)))
+        try:
+            return scaled(mechanism, strength * bench.white_deg_h / max(left, np.finfo(float).tiny))
+        except InputError as error:
+            why = str(error)
+    raise InputError(f"{form.name} cannot be hidden with strength {strength:g}: {why}; choose a smaller strength or another cause")
+
+
+def _acting(run: Recording, name: str) -> Array:
+    truth = run.truth
+    return np.zeros(len(run)) if truth is None or name not in truth else truth[name].to_numpy(dtype=np.float64)
+
+
+def _possible_rms_deg_h(runs: Sequence[Recording], mechanisms: Sequence[Mechanism], window_s: float) -> float:
+    kept = [*NOISES, *(mechanism.name for mechanism in mechanisms if _unrepeatable(mechanism))]
+    left = [sum((_acting(run, name) for name in kept), np.zeros(len(run))) for run in runs]
+    means = [
+        run.averaged(window_s, extra=pd.DataFrame({"left": values})).column("left") for run, values in zip(runs, left, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(means) ** 2)))
+
+
+def _bare(run: Recording) -> Recording:
+    """What is handed over: no truth, no seed, no programme."""
+    metadata = dataclasses.replace(run.metadata, notes={})
+    return run.replace(truth=None, metadata=metadata)
+
+
+def _estimable(mechanism: Mechanism) -> dict[str, Any]:
+    used = {parameter.name for parameter in mechanism.amplitude_parameters()}
+    return {p.name: getattr(mechanism, p.name) for p in mechanism.parameters() if p.role == "shape" or p.name in used}
+
+
+def _unrepeatable(mechanism: Mechanism) -> bool:
+    return mechanism.each_run or mechanism.covariance(np.zeros(1)) is not None
+
+
+def _white_deg_h(noise: NoiseModel, window_s: float) -> float:
+    white = 60.0 * noise.angle_random_walk_deg_sqrt_h / math.sqrt(window_s)
+    if white <= 0.0:
+        raise InputError("the simulator's noise has no angle_random_walk_deg_sqrt_h, and a strength is a ratio to it; give it one")
+    return white

@@ -1,0 +1,102 @@
+r"""Is there anything beyond noise: a p-value from replicates of noise to which all is done that was done to the data.
+
+The statistic is the log of the evidence of "one cause more, or something unrecorded, or a line" against none, averaged over shapes,
+sizes and noises. Under the null its distribution is that of replicates
+
+.. math:: y^* = \sigma \, \epsilon^*, \qquad \epsilon^* \sim N(0, \Sigma_\eta), \qquad \eta \sim p(\eta \mid y, \text{no cause})
+
+(the baseline's parameters do not matter, for it is projected out). Beyond the largest replicates the tail is exponential, as that
+of a log evidence is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.evidence import Evidence, log_sum_exp
+from rlgcomp.diagnosis.whitening import simulate, whiten
+
+Array = npt.NDArray[np.float64]
+REPLICATES: Final = 400
+_TAIL: Final = 0.1  # of the replicates give the tail's slope
+
+
+@dataclasses.dataclass(frozen=True)
+class Detection:
+    """Whether there is a mismatch.
+
+    Parameters
+    ----------
+    p_value : float
+    statistic : float
+        Log evidence for something against nothing.
+    replicates : ndarray
+        The statistic of noise.
+    """
+
+    p_value: float
+    statistic: float
+    replicates: Array
+
+
+def detect(
+    evidence: Evidence, noise_log_prior: Array, ordinary: npt.NDArray[np.bool_], count: int, rng: np.random.Generator
+) -> Detection:
+    """Test the null hypothesis that the calibrated simulator lacks nothing.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    noise_log_prior : ndarray, shape (noises,)
+    ordinary : ndarray of bool, shape (noises,)
+        Noises that the null hypothesis allows.
+    count : int
+        Candidates that were there before the data were looked at.
+    rng : numpy.random.Generator
+    """
+    nothing = (evidence.extensions(()).point + noise_log_prior)[ordinary]
+    share = np.exp(nothing - log_sum_exp(nothing))
+    drawn = np.flatnonzero(ordinary)[rng.choice(len(share), size=REPLICATES, p=share / share.sum())]
+    rows = evidence.problem.rows
+    targets = np.empty((len(rows), REPLICATES + 1))
+    targets[:, 0] = evidence.problem.target_deg_h / evidence.scale_deg_h
+    for k in np.unique(drawn):
+        chosen = np.flatnonzero(drawn == k)
+        targets[:, chosen + 1] = simulate(rows, evidence.noises[k], len(chosen), rng)
+    found = _statistics(evidence, noise_log_prior, ordinary, count, targets)
+    return Detection(tail_probability(found[0], found[1:]), float(found[0]), found[1:])
+
+
+def tail_probability(value: float, replicates: Array) -> float:
+    """Probability of at least this value, by rank among replicates, and by an exponential tail beyond the largest tenth."""
+    above = int((replicates >= value).sum())
+    ordered = np.sort(replicates)
+    count = max(5, int(_TAIL * len(ordered)))
+    threshold = ordered[-count]
+    if above >= count // 2:
+        return (above + 1.0) / (len(ordered) + 1.0)
+    slope = float(np.mean(ordered[-count:] - threshold))
+    return float(count / len(ordered) * math.exp(-max(value - threshold, 0.0) / max(slope, 1e-12)))
+
+
+def _statistics(evidence: Evidence, noise_log_prior: Array, ordinary: npt.NDArray[np.bool_], count: int, targets: Array) -> Array:
+    """The statistic of every column of targets."""
+    weights = np.array([candidate.log_weight for candidate in evidence.candidates[:count]])
+    per_name = -math.log(len({candidate.name for candidate in evidence.candidates[:count]}))
+    nothing, something = [], []
+    for k, noise in enumerate(evidence.noises):
+        whitened = whiten(evidence.problem.rows, targets, (noise,))[0][0]
+        left, gains = evidence.gains(k, whitened, count)
+        point = evidence.constant(k) + noise_log_prior[k] - 0.5 * evidence.freedom * np.log(left)
+        if not ordinary[k]:
+            something.append(point)
+            continue
+        nothing.append(point)
+        averaged = log_sum_exp(gains, axis=0) + (weights + per_name)[:, None]
+        something.append(point + log_sum_exp(averaged, axis=0))
+    return np.asarray(log_sum_exp(np.array(something), axis=0) - log_sum_exp(np.array(nothing), axis=0))

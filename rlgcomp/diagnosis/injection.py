@@ -1,0 +1,145 @@
+r"""Effects of a chosen size put into recordings.
+
+The strength of an effect e is how much of it the simulator cannot absorb, in units of the white noise of a window mean,
+
+.. math:: s = \frac{\mathrm{std}\big(\bar e - P\,\bar e\big)}{\sigma}, \qquad P = B (B^\top B)^{-1} B^\top,
+
+with the bar for window means over the training runs and B the columns of the simulator's free parameters.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp import units
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.errors import InputError
+from rlgcomp.physics.mechanism import Mechanism, Parameter
+from rlgcomp.recording import Recording
+
+Array = npt.NDArray[np.float64]
+M = TypeVar("M", bound=Mechanism)
+_JITTER: Final = 0.1  # of a shape about its place in the grid, so that no truth lies on it
+_ENERGY: Final = 0.8  # share of an effect's square that its intervals hold
+_EVERYWHERE: Final = 0.6  # intervals that cover more than this say nothing of a place
+_NORMAL_MAD: Final = 1.4826
+
+
+def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, window_s: float) -> M:
+    """A mechanism of random shape and signs, such as these runs can show; sizes are about the usual ones.
+
+    Times and frequencies are drawn in equal ratios from what the runs resolve, other shapes about a point of the mechanism's grid.
+    """
+    grid = kind.grid(runs)
+    point = grid[int(rng.integers(len(grid)))] if grid else None
+    shortest_s = min(run.duration_s for run in runs)
+    values: dict[str, float | str] = {}
+    for parameter in kind.parameters():
+        if parameter.role == "amplitude":
+            values[parameter.name] = float(parameter.typical * rng.uniform(0.5, 1.5) * rng.choice([-1.0, 1.0]))
+        elif parameter.choices and point is None:
+            values[parameter.name] = str(rng.choice(parameter.choices))
+        elif parameter.role == "setting" and point is not None:
+            values[parameter.name] = getattr(point, parameter.name)
+        elif parameter.role == "shape":
+            value = parameter.typical if point is None else getattr(point, parameter.name)
+            values[parameter.name] = _shape(parameter, value, shortest_s, window_s, rng)
+    return kind.from_mapping(values)
+
+
+def _shape(parameter: Parameter, value: float, shortest_s: float, window_s: float, rng: np.random.Generator) -> float:
+    seen = {"s": (3.0 * window_s, 0.3 * shortest_s), "Hz": (3.0 / shortest_s, 0.25 / window_s)}
+    if parameter.unit in seen:
+        low, high = (min(max(edge, parameter.low), parameter.high) for edge in seen[parameter.unit])
+        return float(math.exp(rng.uniform(math.log(low), math.log(max(low, high)))))
+    moved = value * math.exp(_JITTER * rng.standard_normal()) if value > 0.0 else value + _JITTER * rng.standard_normal()
+    return float(min(max(moved, parameter.low), parameter.high))
+
+
+def scaled(mechanism: M, factor: float) -> M:
+    """The mechanism with its error multiplied.
+
+    Raises
+    ------
+    InputError
+        Its amplitudes would leave their bounds, or nothing in it is a size.
+    """
+    names = [parameter.name for parameter in mechanism.amplitude_parameters()]
+    if not names:
+        names = [p.name for p in mechanism.parameters() if p.role == "shape" and p.unit.startswith("deg/h")]
+        factor = abs(factor)
+    if not names:
+        raise InputError(f"{mechanism.name}: none of its parameters is a size that could be made larger or smaller")
+    return dataclasses.replace(mechanism, **{name: factor * getattr(mechanism, name) for name in names})  # type: ignore[type-var]
+
+
+def unabsorbed(problem: Problem, errors_deg_h: Sequence[Array]) -> Array:
+    """What the simulator's free parameters cannot absorb of an error: window means over the training runs, shape (n,).
+
+    Parameters
+    ----------
+    problem : Problem
+    errors_deg_h : sequence of ndarray
+        The error at the full rate, one array a run.
+    """
+    return _left(problem, np.concatenate([part.means(error) for part, error in zip(problem.windows, errors_deg_h, strict=True)]))
+
+
+def _left(problem: Problem, means: Array) -> Array:
+    norms = np.linalg.norm(problem.baseline, axis=0)
+    columns = problem.baseline / np.where(norms > 0.0, norms, 1.0)
+    return np.asarray(means - columns @ np.linalg.lstsq(columns, means, rcond=1e-10)[0])
+
+
+def white_deg_h(problem: Problem) -> float:
+    """Standard deviation of the white noise of a window mean, from neighbouring windows: slow signals and outliers drop out."""
+    left = _left(problem, problem.target_deg_h)
+    steps = np.concatenate([np.diff(left[rows]) for rows in problem.rows.runs])
+    return float(_NORMAL_MAD * np.median(np.abs(steps - np.median(steps))) / math.sqrt(2.0))
+
+
+def busiest(problem: Problem, left_deg_h: Array) -> Mapping[str, tuple[tuple[float, float], ...]]:
+    """By run, the intervals that hold four fifths of an effect's square; none where these are most of the time.
+
+    Parameters
+    ----------
+    problem : Problem
+    left_deg_h : ndarray, shape (n,)
+        As :func:`unabsorbed` gives it.
+    """
+    smooth = np.concatenate([np.convolve(left_deg_h[rows] ** 2, np.ones(5) / 5.0, mode="same") for rows in problem.rows.runs])
+    order = np.argsort(smooth)[::-1]
+    enough = int(np.searchsorted(np.cumsum(smooth[order]), _ENERGY * smooth.sum())) + 1
+    inside = np.zeros(len(smooth), dtype=bool)
+    inside[order[:enough]] = True
+    if inside.mean() > _EVERYWHERE:
+        return {}
+    half_s = 0.5 * problem.rows.window_s
+    spans: dict[str, tuple[tuple[float, float], ...]] = {}
+    for run, rows in zip(problem.runs, problem.rows.runs, strict=True):
+        edges = np.flatnonzero(np.diff(np.r_[False, inside[rows], False].astype(np.int8)))
+        time_s = problem.rows.time_s[rows]
+        spans[run.name] = tuple(
+            (float(time_s[a] - half_s), float(time_s[b - 1] + half_s)) for a, b in zip(edges[::2], edges[1::2], strict=True)
+        )
+    return spans
+
+
+def injected(run: Recording, error_deg_h: Array, gyro: str | None = None) -> Recording:
+    """The recording with an error added to its gyro, in whatever unit it was recorded; pulses stay whole."""
+    column = run.gyro_column(gyro)
+    if column.endswith("_pulses"):
+        run.rate_deg_h(column)  # says what is missing where pulse_arcsec is
+        angle = np.cumsum(units.convert(error_deg_h, "deg/h", "arcsec/s")) * run.period_s / float(run.metadata.pulse_arcsec or 1.0)
+        added = np.diff(np.rint(angle), prepend=0.0)
+    else:
+        added = units.convert(error_deg_h, "deg/h", units.column_unit(column) or "deg/h")
+    table = run.table
+    table[column] = run.column(column) + added
+    return run.replace(table=table, truth=None)

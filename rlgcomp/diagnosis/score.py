@@ -1,0 +1,142 @@
+r"""The score of a diagnosis against what was hidden, from `diagnosis.json` alone.
+
+Overlap of places is intersection over union of time,
+
+.. math:: \mathrm{IoU} = \frac{\sum_r |W_r \cap H_r|}{\sum_r |W_r \cup H_r|}
+
+over the training runs r, W the intervals that the diagnosis names and H those in which the hidden causes acted.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from rlgcomp.errors import InputError
+
+Spans = Sequence[tuple[float, float]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Hidden:
+    """What was hidden.
+
+    Parameters
+    ----------
+    mechanisms : tuple of str
+        Names; empty for a healthy gyro.
+    parameters : mapping
+        True values by "mechanism.parameter".
+    intervals : mapping
+        By run, the (start_s, end_s) in which the causes acted most; empty where they act throughout.
+    """
+
+    mechanisms: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    intervals: Mapping[str, Spans] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """How well a diagnosis answers.
+
+    Parameters
+    ----------
+    verdict : str
+    detected : bool
+        Whether it says that something is missing.
+    verdict_right : bool
+        `none` for a healthy gyro; `explained` or `ambiguous` otherwise.
+    named : bool
+        The first finding is one of the hidden (no finding at all, for a healthy gyro).
+    exact : bool
+        The set of findings is the hidden set.
+    in_class : bool
+        The hidden ones can be matched one to one with findings, each by its name or by what it is indistinguishable from.
+    overlap : float, optional
+        Intersection over union of time; None where nothing hidden acts in part of a run only.
+    errors_sd : mapping
+        By "mechanism.parameter": (estimate - truth) / sd, of hidden mechanisms that were named.
+    """
+
+    verdict: str
+    detected: bool
+    verdict_right: bool
+    named: bool
+    exact: bool
+    in_class: bool
+    overlap: float | None
+    errors_sd: Mapping[str, float]
+
+    @classmethod
+    def of(cls, hidden: Hidden, diagnosis: Mapping[str, Any]) -> Self:
+        """Score a diagnosis, given as the content of its `diagnosis.json`.
+
+        Raises
+        ------
+        InputError
+            It is no diagnosis: a key of the contract is missing.
+        """
+        try:
+            verdict = str(diagnosis["verdict"])
+            findings = [str(finding["mechanism"]) for finding in diagnosis["findings"]]
+            classes = [{str(finding["mechanism"]), *finding["indistinguishable_from"]} for finding in diagnosis["findings"]]
+            places = [(str(place["run"]), place["start_s"], place["end_s"]) for place in diagnosis["mismatch"]["where"]]
+            parameters = {
+                f"{finding['mechanism']}.{name}": (float(estimate["value"]), float(estimate["sd"] or math.nan))
+                for finding in diagnosis["findings"]
+                for name, estimate in finding["parameters"].items()
+                if isinstance(estimate["value"], int | float)
+            }
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"this is no diagnosis: {type(error).__name__} {error}; give the diagnosis.json that `rlgcomp diagnose` wrote"
+            ) from None
+        wanted = hidden.mechanisms
+        return cls(
+            verdict=verdict,
+            detected=verdict != "none",
+            verdict_right=verdict in (("explained", "ambiguous") if wanted else ("none",)),
+            named=bool(findings) and findings[0] in wanted if wanted else not findings,
+            exact=sorted(findings) == sorted(wanted),
+            in_class=len(classes) == len(wanted)
+            and any(
+                all(name in members for name, members in zip(wanted, order, strict=True))
+                for order in itertools.permutations(classes)
+            ),
+            overlap=_overlap(hidden.intervals, places) if hidden.intervals else None,
+            errors_sd={
+                name: (parameters[name][0] - truth) / parameters[name][1]
+                for name, truth in hidden.parameters.items()
+                if name in parameters and parameters[name][1] > 0.0
+            },
+        )
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain data."""
+        return dataclasses.asdict(self) | {"errors_sd": dict(self.errors_sd)}
+
+
+def _all_in(names: Sequence[str], classes: Sequence[set[str]]) -> bool:
+    return all(name in members for name, members in zip(names, classes, strict=True))
+
+
+def _overlap(intervals: Mapping[str, Spans], places: Iterable[tuple[str, Any, Any]]) -> float:
+    told: dict[str, list[tuple[float, float]]] = {}
+    for run, start, end in places:
+        if start is not None and end is not None:
+            told.setdefault(run, []).append((float(start), float(end)))
+    both = either = 0.0
+    for run in {*intervals, *told}:
+        truth, said = intervals.get(run, ()), told.get(run, ())
+        edges = np.unique([edge for span in (*truth, *said) for edge in span])
+        for a, b in itertools.pairwise(edges.tolist()):
+            hit = [any(start <= a and b <= end for start, end in spans) for spans in (truth, said)]
+            both += (b - a) * all(hit)
+            either += (b - a) * any(hit)
+    return both / either if either > 0.0 else 0.0

@@ -1,0 +1,155 @@
+"""The folder of a challenge: sealed before a diagnosis, opened and scored after it.
+
+`challenge.json`, `simulator.yaml` and the recordings are for whoever diagnoses; `truth.json` is kept back, or left unread, until
+there is a diagnosis. The challenge holds the SHA-256 of the truth, and the truth holds a random salt: it cannot be changed
+afterwards, nor found by hashing every answer that the catalogue allows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from rlgcomp.diagnosis.conceal import RUNS, TRAINING, Challenge
+from rlgcomp.diagnosis.score import Hidden, Score
+from rlgcomp.errors import InputError
+from rlgcomp.files import sha256, whole_folder, write_json
+from rlgcomp.formats import write
+
+CHALLENGE: Final = "challenge.json"
+TRUTH: Final = "truth.json"
+SIMULATOR: Final = "simulator.yaml"
+CHALLENGE_SCHEMA: Final = "rlgcomp.challenge/1"
+TRUTH_SCHEMA: Final = "rlgcomp.truth/1"
+_SALT_BYTES: Final = 32
+
+
+@dataclasses.dataclass(frozen=True)
+class Revealed:
+    """A challenge opened and a diagnosis scored.
+
+    Parameters
+    ----------
+    hidden : mapping
+        By mechanism, its parameters as they acted.
+    strengths : mapping of str to float
+    found : tuple of str
+        The diagnosis's findings.
+    score : Score
+    improvement, possible_improvement : float, optional
+        On the held-out runs: reached, and what the true law would give; None where the diagnosis held no run out.
+    """
+
+    hidden: Mapping[str, Mapping[str, Any]]
+    strengths: Mapping[str, float]
+    found: tuple[str, ...]
+    score: Score
+    improvement: float | None
+    possible_improvement: float | None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain data."""
+        return dataclasses.asdict(self) | {"score": self.score.to_mapping()}
+
+
+def seal(challenge: Challenge, folder: str | Path) -> None:
+    """Write a challenge as a folder, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        The folder exists and is no challenge, or cannot be written.
+    """
+    with whole_folder(folder, ours=CHALLENGE) as scratch:
+        challenge.simulator.to_yaml(scratch / SIMULATOR)
+        for recording in (*challenge.train, *challenge.test):
+            write(recording, scratch / f"{recording.name}.parquet")
+        runs = [f"{name}.parquet" for name in RUNS]
+        truth = {
+            "schema": TRUTH_SCHEMA,
+            "salt": secrets.token_hex(_SALT_BYTES),
+            "hidden": {mechanism.name: mechanism.to_mapping() for mechanism in challenge.mechanisms},
+            "strengths": dict(challenge.strengths),
+            "parameters": dict(challenge.hidden.parameters),
+            "intervals": dict(challenge.hidden.intervals),
+            "possible_rms_deg_h": challenge.possible_rms_deg_h,
+            "files": {name: sha256(scratch / name) for name in (SIMULATOR, *runs)},
+        }
+        write_json(scratch / TRUTH, truth)
+        content = {
+            "schema": CHALLENGE_SCHEMA,
+            "kind": challenge.simulator.kind,
+            "simulator": SIMULATOR,
+            "train": runs[:TRAINING],
+            "test": runs[TRAINING:],
+            "truth": TRUTH,
+            "truth_sha256": sha256(scratch / TRUTH),
+        }
+        write_json(scratch / CHALLENGE, content)
+
+
+def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | None = None) -> Revealed:
+    """Open a challenge and score a diagnosis of it.
+
+    Parameters
+    ----------
+    folder : path
+    diagnosis : path
+        A diagnosis.json, or the folder it lies in.
+    truth : path, optional
+        The truth, where it was kept elsewhere.
+
+    Raises
+    ------
+    InputError
+        The truth is not the one that was sealed, a file of the challenge was changed, or one of the two is no such thing.
+    """
+    folder, diagnosis = Path(folder), Path(diagnosis)
+    challenge = _content(folder / CHALLENGE, CHALLENGE_SCHEMA)
+    kept = folder / str(challenge.get("truth", TRUTH)) if truth is None else Path(truth)
+    if not kept.is_file():
+        raise InputError(f"{kept} does not exist: the truth of the challenge; give it with --truth where it was kept elsewhere")
+    if sha256(kept) != challenge.get("truth_sha256"):
+        raise InputError(
+            f"{kept} is not the truth that was sealed: its SHA-256 is {sha256(kept)}, the challenge's is "
+            f"{challenge.get('truth_sha256')}; nothing is scored against it"
+        )
+    known = _content(kept, TRUTH_SCHEMA)
+    changed = [name for name, digest in known["files"].items() if not (folder / name).is_file() or sha256(folder / name) != digest]
+    if changed:
+        raise InputError(f"{folder}: {', '.join(changed)} changed or gone since the challenge was sealed; nothing is scored")
+    answer = _content(diagnosis / "diagnosis.json" if diagnosis.is_dir() else diagnosis, "rlgcomp.diagnosis/1")
+    intervals = {run: [(float(a), float(b)) for a, b in spans] for run, spans in known["intervals"].items()}
+    score = Score.of(Hidden(tuple(known["hidden"]), known["parameters"], intervals), answer)
+    improvement, possible = _improvements(answer, float(known["possible_rms_deg_h"]))
+    found = tuple(str(finding["mechanism"]) for finding in answer["findings"])
+    return Revealed(known["hidden"], known["strengths"], found, score, improvement, possible)
+
+
+def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple[float | None, float | None]:
+    held_out: Mapping[str, Any] = (answer.get("fit") or {}).get("test") or {}
+    try:
+        before, after = float(held_out["baseline_rms"]), float(held_out["augmented_rms"])
+    except (KeyError, TypeError, ValueError):
+        return None, None
+    if not before > 0.0:
+        return None, None
+    return 1.0 - after / before, 1.0 - possible_rms_deg_h / before
+
+
+def _content(path: Path, schema: str) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(
+            f"{path} does not exist; a challenge is what `rlgcomp conceal` wrote, a diagnosis what diagnose wrote"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is not readable as JSON: {error}") from None
+    if not isinstance(content, dict) or content.get("schema") != schema:
+        raise InputError(f"{path} is no {schema}: its schema is {content.get('schema') if isinstance(content, dict) else None!r}")
+    return content

@@ -1,0 +1,249 @@
+"""The concealed benchmark: its independent physics by identities and closed forms, its cases by their definitions, its tables."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rlgcomp as rlg
+from experiments.concealed import tables
+from experiments.concealed.__main__ import main
+from experiments.concealed.cases import KINDS, STRENGTHS, dump, make_case, means, plan, stream
+from experiments.concealed.chamber import Unit, two_halves
+from experiments.concealed.effects import INDEPENDENT, OUTSIDE, catalogued
+from experiments.concealed.noise import Noise
+from experiments.concealed.operators import Relays, first_order, slab
+from experiments.concealed.programmes import COLDEST_DEG_C, HOTTEST_DEG_C, random_programme
+from rlgcomp.physics import CATALOGUE
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Any]:
+    return [Unit.draw(stream(seed, "unit")).run(stream(seed, "run")) for seed in range(4)]
+
+
+class TestOperators:
+    def test_a_slab_follows_its_series(self) -> None:
+        """A front that rises by a unit within a sample: 1 - sum 8 / (pi² m²) exp(-m² t / tau), m odd (Carslaw and Jaeger, 3.4)."""
+        step_s, slowest_s = 5.0, 1000.0
+        front = np.r_[0.0, np.ones(600)]
+        time_s = step_s * (np.arange(601) - 0.5)
+        odd = np.arange(1, 400, 2)[:, None]
+        mean = 1.0 - (8.0 / (np.pi**2 * odd**2) * np.exp(-(odd**2) * time_s / slowest_s)).sum(axis=0)
+        back = 1.0 - (4.0 / (np.pi * odd) * (-1.0) ** ((odd - 1) / 2) * np.exp(-(odd**2) * time_s / slowest_s)).sum(axis=0)
+        assert slab(front, step_s, slowest_s)[5:] == pytest.approx(mean[5:], abs=2e-3)
+        assert slab(front, step_s, slowest_s, at="back")[5:] == pytest.approx(back[5:], abs=2e-3)
+
+    def test_a_lag_settles_with_its_time_constant(self) -> None:
+        response = first_order(np.r_[0.0, np.ones(5000)], 1.0, 500.0)
+        assert response[500] == pytest.approx(1.0 - np.exp(-499.5 / 500.0), abs=1e-4)
+        assert first_order(np.full(50, 7.0), 1.0, 20.0) == pytest.approx(np.full(50, 7.0))
+
+    @given(st.lists(st.floats(0.0, 39.0), max_size=12))
+    def test_relays_wipe_out_smaller_swings(self, swings: list[float]) -> None:
+        relays = Relays(-70.0, 95.0, 40, 12.0)
+        _, straight = relays.run(np.array([0.0, 40.0]), relays.start(0.0))
+        _, wandered = relays.run(np.array([0.0, *swings, 40.0]), relays.start(0.0))
+        assert np.array_equal(straight, wandered)
+
+    @given(st.floats(-60.0, 80.0), st.booleans())
+    def test_minor_loops_between_the_same_ends_are_congruent(self, history: float, from_below: bool) -> None:
+        """Whatever came before, a loop from 10 to 30 and back gains and loses the same."""
+        relays = Relays(-70.0, 95.0, 40, 12.0)
+        loop = np.r_[np.linspace(10.0, 30.0, 21), np.linspace(29.0, 10.0, 20)]
+        _, state = relays.run(np.array([history, 10.0]), relays.start(history, from_below=from_below))
+        _, virgin = relays.run(np.array([10.0, 30.0, 10.0]), relays.start(10.0))
+        first, _ = relays.run(loop, relays.run(np.array([30.0, 10.0]), state)[1])
+        second, _ = relays.run(loop, virgin)
+        assert np.diff(first) == pytest.approx(np.diff(second), abs=1e-12)
+        assert first[-1] == pytest.approx(first[0], abs=1e-12)
+        assert np.ptp(first) > 0.01
+
+
+class TestChamber:
+    @given(st.integers(0, 2**32))
+    def test_a_programme_lasts_8_to_12_h_within_its_span(self, seed: int) -> None:
+        times, temperatures = random_programme(np.random.default_rng(seed))
+        assert 8.0 * 3600.0 <= times[-1] <= 12.0 * 3600.0
+        assert (np.diff(times) > 0.0).all()
+        assert temperatures.min() >= COLDEST_DEG_C
+        assert temperatures.max() <= HOTTEST_DEG_C
+        assert (np.abs(np.diff(temperatures) / np.diff(times)) * 60.0 <= 1.81).all()
+
+    def test_rate_is_the_derivative_of_the_block(self, runs: list[Any]) -> None:
+        for run in runs:
+            assert np.gradient(run.block) * 60.0 == pytest.approx(run.rate_K_min, abs=2e-3)
+
+    def test_rate_and_gradient_are_two_things(self, runs: list[Any]) -> None:
+        """In the plant of rlgcomp the correlation is one, so no diagnosis could tell them apart."""
+        for run in runs:
+            columns = np.column_stack([means(run.rate_K_min), means(run.block - run["temperature_shell_degC"])])
+            design = np.vander((means(run.block) - 10.0) / 50.0, 4)
+            left = columns - design @ np.linalg.lstsq(design, columns, rcond=None)[0]
+            assert 0.5 < abs(np.corrcoef(left.T)[0, 1]) < 0.995
+
+    def test_a_beam_off_centre_shifts_the_halves_against_each_other(self) -> None:
+        a, b = two_halves(np.array([-20.0, 0.0, 20.0]))
+        assert a[1] == b[1] == pytest.approx(1.0)
+        assert a[2] == pytest.approx(b[0])
+        assert a[2] > 1.0 > b[2]
+
+
+class TestNoise:
+    def test_flicker_has_the_allan_floor_of_its_strength(self) -> None:
+        """AVAR = (2 ln 2 / pi) B² between the relaxation times, and what white noise there is besides."""
+        noise = Noise(1e-12, flicker=1e-3)
+        tau = 300
+        variances = []
+        for seed in range(30):
+            blocks = noise.simulate(30_000, np.random.default_rng(seed)).reshape(-1, tau).mean(axis=1)
+            variances.append(0.5 * np.mean(np.diff(blocks) ** 2))
+        assert np.mean(variances) == pytest.approx(2.0 * np.log(2.0) / np.pi * 1e-6, rel=0.1)
+
+    def test_white_noise_and_random_walk_have_their_sizes(self) -> None:
+        white = Noise(5e-4).simulate(100_000, np.random.default_rng(0))
+        assert means(white).std() == pytest.approx(Noise(5e-4).white_100_s_deg_h, rel=0.05)
+        ends = [Noise(1e-12, walk=2e-4).simulate(3600, np.random.default_rng(seed))[-1] for seed in range(300)]
+        assert np.std(ends) == pytest.approx(2e-4, rel=0.15)
+
+
+class TestCases:
+    @pytest.mark.parametrize("independent", [True, False])
+    @pytest.mark.parametrize("name", ["warm_up", "light_intensity", "thermal_hysteresis", "mode_hop", "random_telegraph"])
+    def test_strength_is_what_it_is_defined_to_be(self, name: str, independent: bool) -> None:
+        """The same case with next to nothing of the effect: the difference, projected, has the size that was asked for."""
+        with_it, without = (make_case("single", (name,), strength, 11, independent) for strength in (0.5, 1e-9))
+        design, effect = [], []
+        for a, b in zip(with_it.train, without.train, strict=True):
+            effect.append(means(a.column("gyro_deg_h") - b.column("gyro_deg_h")))
+            design.append(np.vander(means(a.column("temperature_block_degC")) / 50.0, 4))
+            if len(with_it.simulator_mapping["mechanisms"]) > 1:
+                design[-1] = np.column_stack([design[-1], _known(with_it, a)])
+        columns, target = np.vstack(design), np.concatenate(effect)
+        left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+        assert left.std() / with_it.white_100_s_deg_h == pytest.approx(0.5, rel=0.05)
+
+    def test_the_same_seed_makes_the_same_case_and_another_seed_another(self) -> None:
+        first, again, other = (make_case("pair", ("ageing", "warm_up"), 1.0, seed, True) for seed in (3, 3, 4))
+        assert first.train[0].table.equals(again.train[0].table)
+        assert first.sizes == again.sizes
+        assert not np.array_equal(first.train[0].column("gyro_deg_h")[:100], other.train[0].column("gyro_deg_h")[:100])
+
+    def test_what_is_hidden_is_not_in_the_simulator_and_the_driver_not_in_the_recording(self) -> None:
+        for arguments in (plan(kind, 4)[k] for kind in KINDS for k in range(4)):
+            case = make_case(*arguments)
+            simulator = rlg.Simulator.from_mapping(case.simulator_mapping)
+            assert not {mechanism.name for mechanism in simulator.mechanisms} & set(case.hidden)
+            assert all(simulator.free[mechanism.name] for mechanism in simulator.mechanisms)
+            columns = set(case.train[0].columns)
+            if case.kind == "driverless":
+                assert not columns & set(CATALOGUE[case.hidden[0]].drivers)
+            else:
+                assert {"supply_voltage_V", "pressure_hPa", "magnetic_field_uT"} <= columns
+            assert set(case.drivers) <= columns
+            assert len(case.truth_held_out) == len(case.oracle) == len(case.test) == 2
+            assert all(len(t) == len(o) == len(r) for t, o, r in zip(case.truth_held_out, case.oracle, case.test, strict=True))
+
+    def test_an_oracle_that_knows_the_law_comes_close_to_the_truth(self) -> None:
+        """White noise only: the error is that of a handful of fitted numbers among several hundred means."""
+        for arguments in plan("single", 17):
+            case = make_case(*arguments)
+            noise = case.simulator_mapping.get("noise", {"bias_instability_deg_h": 1.0})
+            if case.repeats and not noise["bias_instability_deg_h"]:
+                left = np.concatenate([means(o - t) for o, t in zip(case.oracle, case.truth_held_out, strict=True)])
+                assert left.std() < 0.35 * case.white_100_s_deg_h
+
+    def test_the_plan_has_every_effect_at_every_strength_by_both_makers(self) -> None:
+        made = {(names[0], strength, independent) for _, names, strength, _, independent in plan("single", 102)}
+        assert made == set(itertools.product(INDEPENDENT, STRENGTHS["single"], (True, False)))
+        assert {names[0] for _, names, *_ in plan("open", 10)} == set(OUTSIDE)
+        assert {(s, i) for _, _, s, _, i in plan("pair", 8)} == set(itertools.product(STRENGTHS["pair"], (True, False)))
+
+    def test_the_catalogue_is_covered_and_shapes_carry_its_names(self) -> None:
+        chamber = {name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.open_set}
+        assert set(INDEPENDENT) == chamber
+        for name in INDEPENDENT:
+            names = {parameter.name for parameter in CATALOGUE[name].parameters()}
+            for effect in (INDEPENDENT[name](np.random.default_rng(0)), catalogued(name, np.random.default_rng(0))):
+                assert ({effect.size} - {""}) | set(effect.shapes) <= names
+
+    def test_a_dumped_case_is_read_by_the_command_line(self, tmp_path: Path) -> None:
+        case = make_case("open", ("resonance",), 1.0, 5, True)
+        dump(case, tmp_path)
+        assert rlg.Simulator.from_yaml(tmp_path / "sim.yaml") == rlg.Simulator.from_mapping(case.simulator_mapping)
+        assert rlg.read(tmp_path / "run0.parquet").table.equals(case.train[0].table)
+        truth = json.loads((tmp_path / "truth.json").read_text())
+        assert truth["hidden"] == ["resonance"]
+        assert truth["drivers"] == ["temperature_block_degC"]
+
+
+def _known(case: Any, run: rlg.Recording) -> np.ndarray:
+    mapping = {"kind": "chamber", "mechanisms": case.simulator_mapping["mechanisms"][1:]}
+    (mechanism,) = rlg.Simulator.from_mapping(mapping).mechanisms
+    return means(mechanism.basis(run))
+
+
+class TestTables:
+    ROW: dict[str, Any] = {  # noqa: RUF012
+        "independent": True,
+        "seed": 1,
+        "verdict": "explained",
+        "detected": True,
+        "verdict_right": True,
+        "named": True,
+        "exact": True,
+        "in_class": True,
+        "overlap": 0.5,
+        "errors_sd": {"ageing.k_deg_h_day": 1.0},
+        "p_value": 1e-5,
+        "findings": ["ageing"],
+        "probabilities": [0.9],
+        "drivers": [],
+        "memory": "none",
+        "true_drivers": [],
+        "true_memory": "none",
+        "repeats": True,
+        "error_to_oracle": 1.1,
+        "seconds": 2.0,
+    }
+
+    def row(self, kind: str, hidden: str, **changes: Any) -> dict[str, Any]:
+        return self.ROW | {"key": kind + hidden, "name": kind + hidden, "kind": kind, "hidden": [hidden], "strength": 1.0} | changes
+
+    def test_a_failure_counts_as_a_wrong_answer(self, capsys: pytest.CaptureFixture[str]) -> None:
+        failed = {"key": "x", "kind": "single", "hidden": ["ageing"], "strength": 1.0, "independent": True, "failure": "Boom: x"}
+        tables.show([self.row("single", "ageing"), failed])
+        text = capsys.readouterr().out
+        assert "50 % (1/2" in text
+        assert "Boom" in text
+
+    def test_what_counts_as_right(self) -> None:
+        assert tables.right(self.row("null", "", verdict="none"))
+        assert not tables.right(self.row("null", "", verdict="unknown"))
+        assert tables.right(self.row("driverless", "magnetic_field", verdict="unknown", findings=[]))
+        assert not tables.right(self.row("driverless", "magnetic_field", verdict="unknown", findings=["ageing"]))
+        outside = self.row("open", "product", verdict="unknown", drivers=["a", "b"], true_drivers=["a", "b"])
+        assert tables.right(outside)
+        assert not tables.right(outside | {"drivers": ["a"]})
+        assert not tables.right(outside | {"memory": "dynamic"})
+        assert not tables.right(outside | {"error_to_oracle": 2.1})
+
+    def test_every_kind_is_shown(self, capsys: pytest.CaptureFixture[str]) -> None:
+        tables.show([self.row(kind, name) for kind, name in zip(KINDS, (*INDEPENDENT,), strict=False)])
+        text = capsys.readouterr().out
+        assert all(
+            title in text for title in ("Goals", "One effect", "Healthy gyros", "Outside the catalogue", "Driver not recorded")
+        )
+
+    def test_dumping_needs_no_diagnosis(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        main(["--only", "null", "--cases", "1", "--dump", str(tmp_path / "made")])
+        (folder,) = (tmp_path / "made").iterdir()
+        assert str(folder) in capsys.readouterr().out
+        assert (folder / "sim.yaml").is_file()
