@@ -59,6 +59,7 @@ CATALOGUE: Final[MappingProxyType[str, type[Mechanism]]] = MappingProxyType(
             AmbientPressure,
             PeriodicInterference,
             RandomTelegraph,
+            EmpiricalLaw,
             ScaleFactor,
             ScaleFactorTemperature,
             ScaleFactorAsymmetry,
@@ -68,7 +69,6 @@ CATALOGUE: Final[MappingProxyType[str, type[Mechanism]]] = MappingProxyType(
             EarthRateLeak,
             RotationHarmonics,
             EncoderDelay,
-            EmpiricalLaw,
         )
     }
 )

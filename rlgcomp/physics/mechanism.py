@@ -180,10 +180,6 @@ class Mechanism(abc.ABC):
         del lag_s
         return None
 
-    def settled(self) -> Self:
-        """The same error in the numbers that people use, where two parameters trade against each other when fitted."""
-        return self
-
     def stated(self) -> str:
         """Its equation; with its numbers, drivers and units where the class cannot say them."""
         return self.equation
@@ -191,6 +187,10 @@ class Mechanism(abc.ABC):
     def driver_names(self) -> tuple[str, ...]:
         """What this instance reads: the class's `drivers`, unless they are a setting."""
         return self.drivers
+
+    def settled(self) -> Self:
+        """The same error in the numbers that people use, where two parameters trade against each other when fitted."""
+        return self
 
     # --- what follows from it ----------------------------------------------------------------------------------------------
 
