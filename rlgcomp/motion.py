@@ -82,8 +82,8 @@ def angle_deg(recording: Recording) -> Array:
         steps = recording.column(RATE) * _spans_s(recording)
         if np.abs(steps).max() >= 0.5 * DEG_PER_TURN:
             raise InputError(
-                f"{recording.name} has no encoder, and the table turns up to {np.abs(steps).max():.4g} degrees from row to row: too "
-                f"far to tell the angle; map an encoder with --map {ANGLES[0]}='NAME [deg]'"
+                f"{recording.name} has no encoder, and the table turns up to {np.abs(steps).max():.4g} deg from row to row, too "
+                f"far to tell its angle; map an encoder with --map {ANGLES[0]}='NAME [deg]'"
             )
         return np.asarray(np.cumsum(steps) - steps[0])
     steps = _steps_deg(recording)

@@ -57,8 +57,8 @@ class LockIn(Mechanism):
         """A rate far below all others, and the lock-in rates that make about as much as is seen; at rest also with the bias locked.
 
         Error and lock-in rate go together: a lock-in rate in the midst of a programme's rates with a thousandth of its error is no
-        lock-in. What is seen is what the gyros show beyond the table's rate, a scale factor and a bias. The best rate is among those
-        tried: lock-in can stand out a hundred times above the noise, and then no ratio between them is fine enough.
+        lock-in. Seen is what the gyros show beyond the table's rate, a scale factor and a bias. The best rate is among those tried:
+        lock-in can stand out a hundred times above the noise, and then no ratio between them is fine enough.
         """
         top = max(float(np.abs(rate_deg_s(run)).max()) for run in recordings)
         highest = min(max(0.9 * top, 2.0 * _LOWEST_DEG_S), 10.0)
