@@ -6,50 +6,20 @@ import argparse
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from experiments.lock_in_in_published_data import study
 from experiments.lock_in_in_published_data.recordings import table_3
 from experiments.tables import show_list, show_table
-from rlgcomp.physics.lock_in import LockIn
-from rlgcomp.physics.scale_factor_nonlinearity import ScaleFactorNonlinearity
 from rlgcomp.units import SECONDS_PER_HOUR
-
-SETS = {
-    "lock_in": (LockIn(),),
-    "lock_in, scale_factor_nonlinearity (quadratic)": (LockIn(), ScaleFactorNonlinearity(order=2)),
-    "lock_in, scale_factor_nonlinearity (cubic)": (LockIn(), ScaleFactorNonlinearity(order=3)),
-}
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line of the experiment."""
     argparse.ArgumentParser(description=__doc__).parse_args(argv)
-    table = table_3()
+    table, found, models = table_3(), study.diagnosis(), study.lock_in_rates()
     print("# A linear scale factor against Sensors 19, 4754 (2019), table 3\n")
-    _, found = study.named()
+    print(f"## What the diagnosis says\n\n```\n{found}\n```\n")
     show_table(
-        f"Diagnosis of power-ups {', '.join(str(k + 1) for k in study.TRAINED)}: what the simulator lacks",
-        [
-            {
-                "missing": ", ".join(sorted(name for name, _ in model.labels)) or "nothing",
-                "probability": f"{found.probabilities[place]:.3f}",
-                "held-out rms, deg/h": f"{study.held_out_rms_deg_h(study.members_of(found, place)):.3f}",
-            }
-            for place, model in enumerate(found.models[:5])
-        ]
-        + [
-            {
-                "missing": "nothing",
-                "probability": f"{_nothing(found):.1e}",
-                "held-out rms, deg/h": f"{study.held_out_rms_deg_h(()):.3f}",
-            }
-        ],
-    )
-    fits = {name: study.fit_each(table, members) for name, members in SETS.items()}
-    models = {f"{name}, rates alike in deg/h": fit.rate_deg_s for name, fit in fits.items()} | study.other_models(table)
-    show_table(
-        "The lock-in rate, each power-up by itself",
+        "The lock-in rate",
         [
             {
                 "model": name,
@@ -59,47 +29,43 @@ def main(argv: Sequence[str] | None = None) -> None:
             for name, (rate, sd) in models.items()
         ],
     )
-    left = {name: fit.left for name, fit in fits.items()}
+    alone, error = study.fit_each().left
+    parts = study.contributions_ppm(found.augmented)
+    beyond = table.mean_ppm - parts["scale_factor"].to_numpy() - parts["lock_in"].to_numpy()
     show_table(
-        "What is left, ppm (mean over the five power-ups ± its standard error)",
+        "Scale-factor error, ppm",
         [
             {
                 "rate, deg/s": f"{rate:g}",
-                "published, mean of 5": f"{mean:+.2f}",
-                **{f"left by {name}": f"{means[k]:+.1f} ± {sds[k]:.1f}" for name, (means, sds) in left.items()},
+                "mean of 5": f"{mean:+.2f}",
+                "left by k0 and lock-in alone (± standard error over power-ups)": f"{left:+.1f} ± {sd:.1f}",
+                "left by the diagnosis's k0 and lock-in": f"{more:+.1f}",
+                "left by all it found": f"{mean - whole:+.1f}",
             }
-            for k, (rate, mean) in enumerate(zip(table.rate_deg_s, table.mean_ppm, strict=True))
+            for rate, mean, left, sd, more, whole in zip(
+                table.rate_deg_s, table.mean_ppm, alone, error, beyond, parts.sum(axis=1), strict=True
+            )
         ],
     )
-    rates = np.array([rate for rate, _ in models.values()])
-    repeat = max(sd for _, sd in models.values())
+    (rate, sd), values = models["the diagnosis"], [value for value, _ in models.values()]
+    power_up = study.fit_each().lock_in_deg_s.std(ddof=1)
+    gain = 0.0 if found.test is None else found.test.improvement
+    law = f": {found.unexplained.equation}" if found.unexplained.equation else ""
     show_list(
         "What this supports",
         [
-            f"Lock-in is missing from a linear scale factor: the probability that it is not is {_without_lock_in(found):.0e}. Held out, it "
-            f"lowers the rms from {study.held_out_rms_deg_h(()):.2f} to {study.held_out_rms_deg_h(SETS['lock_in']):.2f} deg/h.",
-            f"Its rate along Z is {0.5 * (rates.min() + rates.max()):.4f} ± {0.5 * np.ptp(rates):.4f} deg/s, from the lowest to the highest "
-            f"of {len(rates)} models; power-ups make it ± {repeat:.4f} deg/s (standard error of five, each fitted by itself, because one "
-            "power-up shifts all rates at once).",
-            study.hump(table, fits["lock_in"]),
-            "A scale factor that falls with the rate takes part of the hump: it is the likeliest second cause in the catalogue, but "
-            "thirteen rates between 1 and 60 deg/s leave its form open, and what it leaves is still many times the repeats' scatter.",
+            f"Lock-in is missing from a linear scale factor (probability {_probability(found):.4f}, p = {found.p_value:.0e}). "
+            f"What three power-ups show lowers the error of the other two by {gain:.0%}.",
+            f"Its rate along Z is {rate:.4f} ± {sd:.4f} deg/s. The models above put it between {min(values):.4f} and "
+            f"{max(values):.4f} deg/s; a power-up shifts it by {power_up:.4f} deg/s (standard deviation), at all rates at once.",
+            study.hump(alone),
+            f"Of what is left the verdict is '{found.verdict}'{law}. Thirteen rates cannot say which physics that is.",
         ],
     )
 
 
-def _nothing(found: study.Explanations) -> float:
-    return float(sum(p for model, p in zip(found.models, found.probabilities, strict=True) if not model.labels))
-
-
-def _without_lock_in(found: study.Explanations) -> float:
-    return float(
-        sum(
-            p
-            for model, p in zip(found.models, found.probabilities, strict=True)
-            if "lock_in" not in {name for name, _ in model.labels}
-        )
-    )
+def _probability(found: study.Diagnosis) -> float:
+    return max((cause.probability for cause in found.causes if cause.mechanism.name == "lock_in"), default=0.0)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Naming what the linear scale factor lacks, the lock-in rate power-up by power-up, and what lock-in leaves."""
+"""What a linear scale factor lacks, the lock-in rate by several models, and what lock-in leaves at each rate."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 
@@ -12,35 +13,53 @@ import pandas as pd
 
 import rlgcomp as rlg
 from experiments.lock_in_in_published_data.recordings import recording, table_3
-from rlgcomp.calibration.rate_dependence import RateTable, fit_lock_in
+from rlgcomp.calibration.rate_dependence import fit_lock_in
 from rlgcomp.calibration.scale_factor import sd_of_mean
-from rlgcomp.diagnosis.explain import Explanations, explain, fitted
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.noise import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.scale_factor import ScaleFactor
+from rlgcomp.physics.scale_factor_nonlinearity import ScaleFactorNonlinearity
 from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 TRAINED, HELD_OUT = (0, 1, 2), (3, 4)
 SIMULATOR = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
 HUMP_DEG_S = (3.0, 12.0)
-_OWN = len(ScaleFactor().amplitude_parameters())
+PLATEAU_DEG_S = 40.0
+
+
+@functools.cache
+def diagnosis() -> Diagnosis:
+    """What the simulator lacks in the training power-ups, proved on the others."""
+    train, test = (
+        recording(table_3(), runs, name) for runs, name in ((TRAINED, "power-ups 1 to 3"), (HELD_OUT, "power-ups 4 and 5"))
+    )
+    return diagnose(SIMULATOR, [train], [test], black_box=False)
+
+
+def contributions_ppm(simulator: rlg.Simulator) -> pd.DataFrame:
+    """What each mechanism of a simulator adds to the scale-factor error at the rates of the table."""
+    run = recording(table_3(), (0,), "one power-up")
+    nominal = PPM * SECONDS_PER_HOUR * run.column("table_rate_deg_s")
+    return pd.DataFrame(
+        {m.name: m.contribution(run, stream(0, m.name)) / nominal for m in simulator.mechanisms},
+        index=table_3().rate_deg_s,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """One set of mechanisms fitted to each power-up by itself, every value alike in deg/h.
+    """A set of mechanisms fitted to each power-up by itself, every value alike in deg/h.
 
     Parameters
     ----------
-    members : tuple of Mechanism
-        Beside the scale factor; lock-in among them.
     lock_in_deg_s : ndarray, shape (runs,)
     left_ppm : ndarray, shape (rates, runs)
     """
 
-    members: tuple[Mechanism, ...]
     lock_in_deg_s: Array
     left_ppm: Array
 
@@ -52,71 +71,58 @@ class Fit:
     @property
     def left(self) -> tuple[Array, Array]:
         """Mean over the power-ups at each rate and its standard error, ppm."""
-        runs = self.left_ppm.shape[1]
-        return self.left_ppm.mean(axis=1), self.left_ppm.std(axis=1, ddof=1) / math.sqrt(runs)
+        return self.left_ppm.mean(axis=1), self.left_ppm.std(axis=1, ddof=1) / math.sqrt(self.left_ppm.shape[1])
 
 
-def named(power_ups: Sequence[int] = TRAINED) -> tuple[Problem, Explanations]:
-    """What the simulator with a linear scale factor lacks in these power-ups."""
-    problem = Problem.of(SIMULATOR, [recording(table_3(), power_ups, "training power-ups")])
-    return problem, explain(problem, rlg.CATALOGUE)
-
-
-def members_of(explanations: Explanations, place: int) -> tuple[Mechanism, ...]:
-    """The mechanisms of one of the sets."""
-    return fitted(explanations.evidence, explanations.models[place].members)
-
-
-def held_out_rms_deg_h(members: Sequence[Mechanism]) -> float:
-    """Rms of the held-out power-ups less what was fitted to the training ones."""
-    design, target = zip(*(_system(recording(table_3(), runs, "runs"), members) for runs in (TRAINED, HELD_OUT)), strict=True)
-    found = np.linalg.lstsq(design[0], target[0], rcond=None)[0]
-    return float(np.sqrt(np.mean((target[1] - design[1] @ found) ** 2)))
-
-
-def fit_each(table: RateTable, members: Sequence[Mechanism]) -> Fit:
-    """Fit a set of mechanisms to every power-up by itself."""
-    rates, left = [], []
+def fit_each(others: Sequence[Mechanism] = ()) -> Fit:
+    """Fit lock-in, and other mechanisms beside it, to every power-up by itself."""
+    table, rates, left = table_3(), [], []
     for power_up in range(table.error_ppm.shape[1]):
         run = recording(table, [power_up], f"power-up {power_up + 1}")
-        design, target = _system(run, members)
+        design = np.column_stack([mechanism.basis(run) for mechanism in (LockIn(), ScaleFactor(), *others)])
+        target = run.rate_deg_h() - SIMULATOR.nominal_deg_h(run)
         found = np.linalg.lstsq(design, target, rcond=None)[0]
-        for place, member in enumerate(members):
-            if isinstance(member, LockIn):
-                settled = dataclasses.replace(member, fraction=float(found[_OWN + place])).settled()
-                rates.append(settled.lock_in_deg_s if settled.fraction == 1.0 else math.nan)
+        rates.append(LockIn(fraction=float(found[0])).settled().lock_in_deg_s)
         left.append((target - design @ found) / (PPM * SECONDS_PER_HOUR * run.column("table_rate_deg_s")))
-    return Fit(tuple(members), np.array(rates), np.array(left).T)
+    return Fit(np.array(rates), np.array(left).T)
 
 
-def other_models(table: RateTable) -> dict[str, tuple[float, float]]:
-    """The lock-in rate, deg/s, by models that weigh the rates otherwise or add a bias."""
+def lock_in_rates() -> dict[str, tuple[float, float]]:
+    """The lock-in rate and its standard deviation, deg/s, by model."""
+    table = table_3()
+    said = next(cause for cause in diagnosis().causes if cause.mechanism.name == "lock_in").parameters["lock_in_deg_s"]
     fits = {
         "k0, by the scatter of the repeats in ppm": fit_lock_in(table),
         "k0, rates alike in ppm": fit_lock_in(table, weighted=False),
-        "k0 and a bias, by the scatter": fit_lock_in(table, with_bias=True),
-        "k0 and a bias, rates alike": fit_lock_in(table, with_bias=True, weighted=False),
+        "k0 and a bias, by the scatter in ppm": fit_lock_in(table, with_bias=True),
+        "k0 and a bias, rates alike in ppm": fit_lock_in(table, with_bias=True, weighted=False),
     }
-    return {name: (fit.lock_in_deg_s, fit.lock_in_sd_deg_s) for name, fit in fits.items()}
+    return {
+        "the diagnosis": (said.value, said.sd),
+        "k0, rates alike in deg/h": fit_each().rate_deg_s,
+        "k0 and k ∝ rate, rates alike in deg/h": fit_each([ScaleFactorNonlinearity()]).rate_deg_s,
+        **{name: (fit.lock_in_deg_s, fit.lock_in_sd_deg_s) for name, fit in fits.items()},
+    }
 
 
-def hump(table: RateTable, fit: Fit) -> str:
-    """What lies above all that lock-in can do, in a sentence."""
-    rate, mean = table.rate_deg_s, table.mean_ppm
+def hump(left_ppm: Array) -> str:
+    """What lies above all that lock-in can do, in a sentence.
+
+    Parameters
+    ----------
+    left_ppm : ndarray, shape (rates,)
+        Means less lock-in.
+    """
+    table = table_3()
+    rate, mean, error = table.rate_deg_s, table.mean_ppm, table.std_ppm / math.sqrt(table.error_ppm.shape[1])
     inside = (rate >= HUMP_DEG_S[0]) & (rate <= HUMP_DEG_S[1])
-    plateau = mean[-3:].mean()
-    above = mean - plateau
-    sure = inside & (above > 3.0 * table.std_ppm / math.sqrt(table.error_ppm.shape[1]))
-    left, sd = fit.left
+    plateau = mean[rate >= PLATEAU_DEG_S].mean()
+    sure = inside & (mean - plateau > 3.0 * error)
+    above, left = (mean - plateau)[sure], left_ppm[inside]
     return (
-        f"From {rate[-3]:g} deg/s on the scale-factor error is level at {plateau:+.1f} ppm. At {rate[sure].min():g} to "
-        f"{rate[sure].max():g} deg/s the means lie {above[sure].min():+.1f} to {above[sure].max():+.1f} ppm above that level; lock-in "
-        f"only ever lowers the output, so all of this is left, and with lock-in taken out {left[inside].min():+.0f} to "
-        f"{left[inside].max():+.0f} ppm at {rate[inside].min():g} to {rate[inside].max():g} deg/s (standard errors "
-        f"{sd[inside].min():.1f} to {sd[inside].max():.1f} ppm): a hump that lock-in does not explain."
+        f"From {PLATEAU_DEG_S:g} deg/s on the scale-factor error is level at {plateau:+.1f} ppm; at {rate[sure].min():g} to "
+        f"{rate[sure].max():g} deg/s the means lie {above.min():+.1f} to {above.max():+.1f} ppm above that (standard errors up to "
+        f"{error[sure].max():.1f} ppm). Lock-in lowers every output, so at least that much of a hump is left which it does not "
+        f"explain; with its own part taken out, {left.min():+.0f} to {left.max():+.0f} ppm at {HUMP_DEG_S[0]:g} to "
+        f"{HUMP_DEG_S[1]:g} deg/s."
     )
-
-
-def _system(run: rlg.Recording, members: Sequence[Mechanism]) -> tuple[Array, Array]:
-    design = np.column_stack([mechanism.basis(run) for mechanism in (ScaleFactor(), *members)])
-    return design, run.rate_deg_h() - SIMULATOR.nominal_deg_h(run)
