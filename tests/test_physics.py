@@ -59,7 +59,7 @@ def runs() -> dict[str, rlg.Recording]:
 def run(request: pytest.FixtureRequest, runs: dict[str, rlg.Recording]) -> rlg.Recording:
     """A run of the mechanism's own kind."""
     mechanism = request.node.callspec.params["mechanism"] if hasattr(request.node, "callspec") else None
-    return runs[mechanism.kind if mechanism else "chamber"]
+    return runs[mechanism.kind if mechanism and mechanism.kind != "any" else "chamber"]
 
 
 def amplitudes(mechanism: Mechanism) -> dict[str, float]:

@@ -47,6 +47,7 @@ _TRIED: Final = 2  # steps before families are given up
 _FIRST_STEP: Final = 0.12
 _ROUNDING: Final = 1.0  # log units that a round number may cost
 _CURVATURE_STEP: Final = 0.004
+_SHARPEST: Final = 1e8  # curvature at most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -442,6 +443,7 @@ def _log_widths(dictionary: Dictionary, background: Background, judged: Sequence
                     curvature[i, i] = -(pp - 2.0 * values[0] + mm) / h**2
                 else:
                     curvature[i, j] = curvature[j, i] = -(pp - pm - mp + mm) / (4.0 * h**2)
+        curvature = np.nan_to_num(curvature, posinf=_SHARPEST, neginf=-_SHARPEST)  # a shape beside it may be impossible
         eigenvalues = np.maximum(np.linalg.eigvalsh(curvature), 2.0 * math.pi) if d else np.empty(0)
         found.append(float(0.5 * np.log(2.0 * math.pi / eigenvalues).sum()))
     return found
