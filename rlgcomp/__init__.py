@@ -25,7 +25,7 @@ Results
     Frozen objects that print well and become DataFrames; everything that can go wrong with input is an `InputError`.
 
 Modules, each importing only from those before it:
-    errors units files          the one exception, units and constants, whole-or-nothing writing
+    errors units files plugins  the one exception, units and constants, whole-or-nothing writing, a user's own Python file
     recording repair formats    the data type, what is mended in files, one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state
     frames triad                frames of a triad on a table, and its errors as parameters
@@ -38,8 +38,9 @@ Modules, each importing only from those before it:
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit
     compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
     comparison evaluation       which input helps with which model; held-out results
+    report                      pages that show them
     diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
-    report cli                  the page that shows them, the command line
+    cli                         the command line
 """
 
 from __future__ import annotations

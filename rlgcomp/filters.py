@@ -75,6 +75,20 @@ def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
     return output
 
 
+def running_mean(values: Array, time_s: Array, window_s: float) -> Array:
+    """Mean over the samples of a centred window of that width; at the ends, over those that are there.
+
+    It looks ahead, so it serves physics and diagnosis, not features.
+    """
+    half = round(0.5 * window_s / float(np.median(np.diff(time_s))))
+    if half < 1:
+        return values
+    ahead = np.minimum(np.arange(len(values)) + half + 1, len(values))
+    behind = np.maximum(np.arange(len(values)) - half, 0)
+    total = np.r_[0.0, np.cumsum(values - values[0])]
+    return np.asarray(values[0] + (total[ahead] - total[behind]) / (ahead - behind))
+
+
 def rate_per_min(values: Array, time_s: Array, window_s: float = 120.0) -> Array:
     """Derivative per minute: slope of the straight line fitted to the samples within a centred window.
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ import numpy.typing as npt
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
+_TOGETHER: Final = 5  # radii from which one array a sample is faster than one number a sample and radius
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +55,9 @@ class Play:
         """States after each input, shape (n, radii), and the last of them."""
         states = np.empty((len(u), len(self.radii)))
         inputs = u.tolist()
+        if len(self.radii) >= _TOGETHER:
+            states = play_paths(u[:, None], np.array(self.radii), np.asarray(state))
+            return states, (states[-1].copy() if len(u) else state)
         for j, radius in enumerate(self.radii):
             w = float(state[j])
             path = []
@@ -64,6 +69,24 @@ class Play:
                 path.append(w)
             states[:, j] = path
         return states, (states[-1].copy() if len(u) else state)
+
+
+def play_paths(u: Array, radii: Array, start: Array) -> Array:
+    """States of many play operators after each input, shape (n, operators).
+
+    Parameters
+    ----------
+    u : ndarray, shape (n, operators) or (n, 1)
+        Input of each, or of all.
+    radii, start : ndarray, shape (operators,)
+        In the input's unit.
+    """
+    states = np.empty((len(u), len(radii)))
+    now = start
+    for k in range(len(u)):
+        now = np.maximum(u[k] - radii, np.minimum(u[k] + radii, now))
+        states[k] = now
+    return states
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,8 +5,8 @@ sizes and noises. Under the null its distribution is that of replicates
 
 .. math:: y^* = \sigma \, \epsilon^*, \qquad \epsilon^* \sim N(0, \Sigma_\eta), \qquad \eta \sim p(\eta \mid y, \text{no cause})
 
-(the baseline's parameters do not matter, for it is projected out). Beyond the largest replicates the tail is exponential, as that of a
-log evidence is.
+(the baseline's parameters do not matter, for it is projected out). Beyond the largest replicates the tail is exponential, as that
+of a log evidence is.
 """
 
 from __future__ import annotations

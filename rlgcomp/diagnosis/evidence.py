@@ -242,6 +242,11 @@ class Evidence:
         """The part of the log evidence that does not depend on the target."""
         return float(self._constant[noise])
 
+    def unexplained(self, members: Sequence[Member]) -> tuple[Array, Array]:
+        """The target in units of `scale_deg_h`, shape (n,), and an orthonormal basis of baseline and members, shape (n, p)."""
+        design = np.column_stack([self._orthogonal, self._table[:, self._places(members)]])
+        return self.problem.target_deg_h / self.scale_deg_h, np.linalg.qr(design)[0]
+
     def residual(self, members: Sequence[Member], noise: int) -> Array:
         """Whitened target less baseline and members, for one noise, shape (n,)."""
         target = self._targets[noise]

@@ -15,14 +15,16 @@ from rlgcomp.diagnosis.evidence import Evidence, Member, log_sum_exp
 from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, unrecorded_cause
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Model, Search, posterior
+from rlgcomp.diagnosis.telegraph import best_path
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
-UNRECORDED: Final = 0.05  # before the data are seen: that something wanders which no recorded column follows
+UNRECORDED: Final = 0.02  # before the data are seen: that something wanders which no recorded column follows
 _ZOOMS: Final = 3
 _ZOOM: Final = 3  # a spacing becomes so many
 _LIKELY: Final = 0.02  # models less probable are not refined
 _REFINED: Final = 4  # models at most, a round
+_FIRST_LOOK: Final = 2  # causes at most, while all noises are kept
 _WATCHED: Final = 12  # models whose noises are kept
 _NEGLIGIBLE: Final = 1e-3  # share of a noise that is dropped
 
@@ -82,7 +84,10 @@ def explain(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> Expla
     evidence = Evidence(problem, tried, (*usual, *unusual))
     coarse = len(evidence.candidates)
     kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
-    search = Search(evidence, noise_log_prior)
+    search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
+    likely = _likely(search.run())
+    evidence.add([*_proposed(search, likely, kinds), *_jumping(search, likely, kinds)])
+    search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
     models = search.run()
     shares = [np.exp(model.noise_log - log_sum_exp(model.noise_log)) for model in models[:_WATCHED]]
     kept = np.flatnonzero(np.max(shares, axis=0) > _NEGLIGIBLE)
@@ -91,14 +96,18 @@ def explain(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> Expla
     search = Search(evidence, noise_log_prior)
     models = search.run()
     for _ in range(_ZOOMS):
-        likely = [model for model, p in zip(models[:_REFINED], posterior(models), strict=False) if p > _LIKELY]
-        finer = [*_proposed(search, likely, kinds), *_zoomed(search, likely)]
+        likely = _likely(models)
+        finer = [*_proposed(search, likely, kinds), *_zoomed(search, likely), *_jumping(search, likely, kinds)]
         if not finer:
             break
         evidence.add(finer)
         search = Search(evidence, noise_log_prior)
         models = search.run()
     return Explanations(tuple(models), posterior(models), search, ordinary, coarse, left_out)
+
+
+def _likely(models: Sequence[Model]) -> list[Model]:
+    return [model for model, p in zip(models[:_REFINED], posterior(models), strict=False) if p > _LIKELY]
 
 
 def _zoomed(search: Search, models: Sequence[Model]) -> list[Candidate]:
@@ -156,6 +165,23 @@ def _proposed(search: Search, models: Sequence[Model], kinds: Sequence[type[Mech
                 if mechanism not in known:
                     known.add(mechanism)
                     found.append(Candidate(mechanism, evidence.problem.columns(mechanism), -math.log(among)))
+    return found
+
+
+def _jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechanism]]) -> list[Candidate]:
+    """Candidates whose column is the likeliest path of jumps in what models leave, but for the jumps they have."""
+    evidence = search.evidence
+    found: list[Candidate] = []
+    for kind in kinds:
+        if kind.jumping(1.0, 3600.0) is None:
+            continue
+        for members in dict.fromkeys(
+            tuple(m for m in model.members if evidence.candidates[m.candidate].name != kind.name) for model in models
+        ):
+            path = best_path(evidence.problem.rows, *evidence.unexplained(members))
+            mechanism = kind.jumping(path.half_step * evidence.scale_deg_h, path.dwell_s)
+            if mechanism is not None and path.flips:
+                found.append(Candidate(mechanism, path.signs[:, None], path.log_weight))
     return found
 
 

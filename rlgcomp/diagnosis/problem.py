@@ -64,6 +64,11 @@ class Windows:
         return means if values.ndim > 1 else means[:, 0]
 
     @property
+    def fine_starts(self) -> IntArray:
+        """First fine row of each window, of those not kept too."""
+        return _windows(self.fine.time_s, self.fine.period_s, self.first_s, self.window_s, like=self.kept)[0]
+
+    @property
     def middles_s(self) -> Array:
         return self.means(self.full.time_s)
 

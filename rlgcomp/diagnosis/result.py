@@ -262,12 +262,16 @@ class Alignment:
     ----------
     run : str
     offset_s, offset_sd_s : float
-        The recording shows at time t what the simulation shows at t - offset - drift · (t - start).
+        The recording shows at time t what the simulation shows at t - epoch - offset - drift · (t - start).
     drift_ppm, drift_ppm_sd : float
     p_value : float
         That there is neither offset nor drift.
     compared : str
         The column both were compared in.
+    epoch_s : float
+        What was added to the simulation's time beforehand, because the two did not count from one epoch.
+    taken_out : bool
+        Offset and drift were taken out: they are significant, and nothing else explains them.
     """
 
     run: str
@@ -277,6 +281,8 @@ class Alignment:
     drift_ppm_sd: float
     p_value: float
     compared: str
+    epoch_s: float = 0.0
+    taken_out: bool = True
 
 
 @dataclasses.dataclass(frozen=True)

@@ -102,19 +102,37 @@ def whiten(rows: Rows, columns: Array, shapes: Sequence[NoiseShape]) -> tuple[Ar
     log_determinant : ndarray, shape (shapes,)
         Of the noise's covariance.
     """
-    whitened = np.empty((len(shapes), *columns.shape))
-    log_determinant = np.zeros(len(shapes))
-    for part in rows.runs:
-        gains, scale, decay = _gains(rows.time_s[part], rows.white[part], rows.window_s, shapes)
-        log_determinant += 2.0 * np.log(scale).sum(axis=1)
-        if not np.any(gains):
-            whitened[:, part] = columns[part] / scale[:, :, None]
-            continue
-        width = max(1, _ROWS_A_PIECE // max(1, gains.shape[0] * gains.shape[2]))
-        for first in range(0, columns.shape[1], width):
-            piece = slice(first, first + width)
-            _innovations(columns[part, piece], gains, scale, decay, whitened[:, part, piece])
-    return whitened, log_determinant
+    whitener = Whitener(rows, shapes)
+    return whitener(columns), whitener.log_determinant
+
+
+class Whitener:
+    """The gains of :func:`whiten`, computed once for many tables of columns.
+
+    Parameters
+    ----------
+    rows : Rows
+    shapes : sequence of NoiseShape
+    """
+
+    def __init__(self, rows: Rows, shapes: Sequence[NoiseShape]) -> None:
+        self._runs = rows.runs
+        self._filters = [_gains(rows.time_s[part], rows.white[part], rows.window_s, shapes) for part in self._runs]
+        self._shapes = len(shapes)
+        self.log_determinant = sum((2.0 * np.log(scale).sum(axis=1) for _, scale, _ in self._filters), np.zeros(len(shapes)))
+
+    def __call__(self, columns: Array) -> Array:
+        """Innovations, shape (shapes, n, m)."""
+        whitened = np.empty((self._shapes, *columns.shape))
+        for part, (gains, scale, decay) in zip(self._runs, self._filters, strict=True):
+            if not np.any(gains):
+                whitened[:, part] = columns[part] / scale[:, :, None]
+                continue
+            width = max(1, _ROWS_A_PIECE // max(1, gains.shape[0] * gains.shape[2]))
+            for first in range(0, columns.shape[1], width):
+                piece = slice(first, first + width)
+                _innovations(columns[part, piece], gains, scale, decay, whitened[:, part, piece])
+        return whitened
 
 
 def _gains(time_s: Array, white: Array, window_s: float, shapes: Sequence[NoiseShape]) -> tuple[Array, Array, Array]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from rlgcomp.units import SECONDS_PER_HOUR
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.result import Cause, Diagnosis, Fit, Place, RunFit
+    from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, Place, RunFit
 
 SHOWN_PLACES: Final = 6
 SHOWN_ALTERNATIVES: Final = 5
@@ -77,11 +77,7 @@ def as_text(diagnosis: Diagnosis) -> str:
     rows = fit_rows("training", diagnosis.train) + ([] if diagnosis.test is None else fit_rows("held out", diagnosis.test))
     header = ["runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval"]
     parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", header, rows))
-    parts += [
-        f"{shift.run}: the simulation's clock is off by {quantity(shift.offset_s, shift.offset_sd_s, 's')} and drifts by "
-        f"{quantity(shift.drift_ppm, shift.drift_ppm_sd, 'ppm')} ({p_text(shift.p_value)}); taken out"
-        for shift in diagnosis.alignment
-    ]
+    parts += [f"{shift.run}: {clock_text(shift)}" for shift in diagnosis.alignment]
     if diagnosis.next_experiment is not None:
         nxt = diagnosis.next_experiment
         parts.append(
@@ -114,6 +110,17 @@ def place_text(place: Place) -> str:
 def set_text(names: Sequence[str]) -> str:
     """A set of mechanisms; the empty one is said."""
     return " + ".join(names) or "nothing missing"
+
+
+def clock_text(shift: Alignment) -> str:
+    """How the clock of a simulation stands, and what was done about it."""
+    if not math.isfinite(shift.offset_sd_s):
+        return f"the simulation's clock cannot be judged by {shift.compared}; give its own monitors to compare"
+    found = (
+        f"the simulation's clock is {quantity(shift.offset_s, shift.offset_sd_s, 's')} late and drifts by "
+        f"{quantity(shift.drift_ppm, shift.drift_ppm_sd, 'ppm')}, judged by {shift.compared} ({p_text(shift.p_value)})"
+    )
+    return f"{found}; {'taken out' if shift.taken_out else 'left as it is'}"
 
 
 def interval_text(interval: tuple[float, float]) -> str:

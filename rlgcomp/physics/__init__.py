@@ -12,6 +12,7 @@ from typing import Final
 from rlgcomp.physics.ageing import Ageing
 from rlgcomp.physics.ambient_pressure import AmbientPressure
 from rlgcomp.physics.discharge_imbalance import DischargeImbalance
+from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.light_intensity import LightIntensity
 from rlgcomp.physics.magnetic_field import MagneticField
 from rlgcomp.physics.mechanism import Mechanism
@@ -49,6 +50,7 @@ CATALOGUE: Final[MappingProxyType[str, type[Mechanism]]] = MappingProxyType(
             AmbientPressure,
             PeriodicInterference,
             RandomTelegraph,
+            EmpiricalLaw,
         )
     }
 )

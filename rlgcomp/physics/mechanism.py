@@ -69,7 +69,7 @@ class Mechanism(abc.ABC):
     ----------------
     name : str
         As in simulator files and in a diagnosis.
-    kind : {"chamber", "turntable"}
+    kind : {"chamber", "turntable", "any"}
     equation : str
         In the parameters' own names.
     reference : str
@@ -85,7 +85,7 @@ class Mechanism(abc.ABC):
     """
 
     name: ClassVar[str]
-    kind: ClassVar[Literal["chamber", "turntable"]]
+    kind: ClassVar[Literal["chamber", "turntable", "any"]]
     equation: ClassVar[str]
     reference: ClassVar[str]
     drivers: ClassVar[tuple[str, ...]]
@@ -101,6 +101,10 @@ class Mechanism(abc.ABC):
                     raise InputError(
                         f"{self.name}: {parameter.name} is {value!r}; it must be one of {', '.join(parameter.choices)}"
                     )
+                continue
+            if isinstance(parameter.typical, str):
+                if not isinstance(value, str):
+                    raise InputError(f"{self.name}: {parameter.name} is {value!r}; it must be a text, as {parameter.typical!r}")
                 continue
             if isinstance(value, bool) or not isinstance(value, int | float) or not parameter.low <= value <= parameter.high:
                 raise InputError(
@@ -152,6 +156,12 @@ class Mechanism(abc.ABC):
         del time_s, left
         return (), 1.0
 
+    @classmethod
+    def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
+        """The mechanism that jumps between two values at random times; None for one that does not jump."""
+        del half_step_deg_h, dwell_s
+        return None
+
     def extensions(self) -> tuple[Self, ...]:
         """Richer forms of the same cause, to be tried where the simulator has it in this form."""
         return ()
@@ -160,6 +170,14 @@ class Mechanism(abc.ABC):
         """Autocovariance in (deg/h)² at time lags of a cause that no two runs repeat; None where the monitors determine it."""
         del lag_s
         return None
+
+    def stated(self) -> str:
+        """Its equation; with its numbers, drivers and units where the class cannot say them."""
+        return self.equation
+
+    def driver_names(self) -> tuple[str, ...]:
+        """What this instance reads: the class's `drivers`, unless they are a setting."""
+        return self.drivers
 
     # --- what follows from it ----------------------------------------------------------------------------------------------
 
@@ -212,7 +230,7 @@ class Mechanism(abc.ABC):
         InputError
             One of them is not there.
         """
-        columns = tuple(recording.temperature_column if driver == TEMPERATURE else driver for driver in self.drivers)
+        columns = tuple(recording.temperature_column if driver == TEMPERATURE else driver for driver in self.driver_names())
         missing = [column for column in columns if column not in recording]
         if missing:
             raise InputError(

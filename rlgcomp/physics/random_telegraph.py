@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Self
 
 import numpy as np
 
@@ -30,6 +31,10 @@ class RandomTelegraph(Mechanism):
 
     def basis(self, recording: Recording) -> Array:
         return np.empty((len(recording), 0))
+
+    @classmethod
+    def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self:
+        return cls(half_step_deg_h=min(half_step_deg_h, 10.0), dwell_s=float(np.clip(dwell_s, 10.0, 86400.0)))
 
     def covariance(self, lag_s: Array) -> Array:
         return np.asarray(self.half_step_deg_h**2 * np.exp(-2.0 * np.abs(lag_s) / self.dwell_s))

@@ -63,7 +63,7 @@ class Simulator:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"simulator: {', '.join(twice)} listed twice; list each mechanism once")
-        foreign = [mechanism.name for mechanism in self.mechanisms if mechanism.kind != self.kind]
+        foreign = [mechanism.name for mechanism in self.mechanisms if mechanism.kind not in (self.kind, "any")]
         if foreign:
             raise InputError(f"simulator of kind {self.kind!r}: {', '.join(foreign)} belong to another kind of run")
 

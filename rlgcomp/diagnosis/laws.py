@@ -1,0 +1,346 @@
+r"""The dictionary of laws: drivers × memory × form, with the shapes to try and the prior that pays for trying them.
+
+Before the data are seen, a law is in one driver or in the product of two (three to one), every driver counts equally, then every
+memory (static, dynamic, rate-independent), every form, every point of the form's grid. A straight line in a monitor is so not
+swamped by thousands of bumps.
+
+Columns are computed on the recordings' fine rows and averaged over the windows, many at once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.problem import Problem, Windows
+from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, form_of, played, remembered, smoothed
+from rlgcomp.recording import TIME, Recording, is_gyro
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+ONE_DRIVER: Final = 0.75
+MEMORY_CLASS: Final = {
+    "static": "static",
+    "lag": "dynamic",
+    "rate": "dynamic",
+    "play": "rate-independent",
+    "plays": "rate-independent",
+}
+_SHORTEST_LAG_WINDOWS: Final = 2.0
+_SPACING: Final = 1.3  # of bumps, in widths
+_PIECES_A_WINDOW: Final = 5
+_RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis:
+    """A shape that a family leaves open, from 0 to 1 between two bounds, in equal ratios where `ratio`."""
+
+    name: str
+    low: float
+    high: float
+    points: int
+    ratio: bool = False
+
+    def value(self, place: Array) -> Array:
+        """Bounds to bounds as the place goes from 0 to 1."""
+        if self.ratio:
+            return np.asarray(self.low * (self.high / self.low) ** place)
+        return np.asarray(self.low + (self.high - self.low) * place)
+
+    @property
+    def places(self) -> Array:
+        """Middles of equal intervals."""
+        return (np.arange(self.points) + 0.5) / self.points
+
+
+@dataclasses.dataclass(frozen=True)
+class Family:
+    """Laws that differ in their shapes alone.
+
+    Parameters
+    ----------
+    driver, driver_2, memory, form, exponent
+        As in :class:`rlgcomp.physics.empirical_law.EmpiricalLaw`.
+    axes : tuple of Axis
+        "lag" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of half a
+        period.
+    screened : bool
+        Whether its grid is tried from the start; if not, it is tried where its sibling (bump) did well.
+    log_prior : float
+    """
+
+    driver: str
+    driver_2: str
+    memory: str
+    form: str
+    exponent: int
+    axes: tuple[Axis, ...]
+    screened: bool = True
+    log_prior: float = 0.0
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.driver, self.driver_2) if self.driver_2 else (self.driver,)
+
+    def grid(self) -> tuple[Array, Array]:
+        """Places of its grid's points, shape (points, axes), and the logarithms of their weights.
+
+        Where a width is open, the narrower it is the closer the points along "at".
+        """
+        if [axis.name for axis in self.axes] != ["at", "width"]:
+            points = list(itertools.product(*(axis.places for axis in self.axes)))
+            places = np.array(points, dtype=np.float64).reshape(len(points), len(self.axes))
+            return places, np.full(len(places), -math.log(len(places)))
+        width = self.axes[1]
+        blocks, weights = [], []
+        for place in width.places:
+            count = max(4, math.ceil(1.0 / (_SPACING * float(width.value(np.array(place))))))
+            blocks.append(np.column_stack([(np.arange(count) + 0.5) / count, np.full(count, place)]))
+            weights.append(np.full(count, -math.log(count * width.points)))
+        return np.concatenate(blocks), np.concatenate(weights)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Pieces:
+    """One run's fine rows joined so that a window is a handful of them: fine enough for a law, and several times faster."""
+
+    time_s: Array
+    starts: IntArray
+    counts: IntArray
+    first: IntArray
+    weights: Array
+    kept: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, part: Windows) -> Self:
+        windows = np.r_[0, part.fine_starts, len(part.fine)]
+        longest = max(1, int(np.diff(part.fine_starts).max(initial=1)) // _PIECES_A_WINDOW)
+        starts = np.concatenate([np.arange(a, b, longest) for a, b in itertools.pairwise(windows)])
+        counts = np.diff(np.r_[starts, len(part.fine)])
+        time_s = np.add.reduceat(part.fine.time_s, starts) / counts
+        first = np.searchsorted(starts, part.fine_starts)
+        share = counts[first[0] :] / np.repeat(np.add.reduceat(counts, first), np.diff(np.r_[first, len(starts)]))
+        return cls(time_s, starts, counts, first, share, part.kept)
+
+    def means(self, values: Array) -> Array:
+        """Means over the pieces."""
+        return np.asarray(np.add.reduceat(values, self.starts) / self.counts)
+
+    def window_means(self, table: Array) -> Array:
+        """Means over the windows, shape (windows, k), of a table with a row a piece."""
+        begin = int(self.first[0])
+        return np.asarray(np.add.reduceat(table[begin:] * self.weights[:, None], self.first - begin, axis=0)[self.kept])
+
+
+class Dictionary:
+    """All families that recordings allow, and their columns.
+
+    Parameters
+    ----------
+    problem : Problem
+    drivers : sequence of str, optional
+        Columns to try; every recorded column that moves, unless given.
+    """
+
+    def __init__(self, problem: Problem, drivers: Sequence[str] | None = None) -> None:
+        self.problem = problem
+        self.drivers = recorded_drivers(problem.runs) if drivers is None else tuple(drivers)
+        self._pieces = [_Pieces.of(part) for part in problem.windows]
+        self._values = {
+            name: [piece.means(smoothed(part.fine, name)) for piece, part in zip(self._pieces, problem.windows, strict=True)]
+            for name in self.drivers
+        }
+        self._remembered: dict[tuple[str, str, float], tuple[list[Array], float, float]] = {}
+        self.families = self._families()
+
+    @functools.cached_property
+    def screening(self) -> tuple[list[tuple[Family, Array, Array]], Array]:
+        """The families that are screened, with their grids' places and log weights, and all their columns, shape (n, m)."""
+        grids = [(family, *family.grid()) for family in self.families if family.screened]
+        return grids, self.batch([(family, places) for family, places, _ in grids])
+
+    def batch(self, wanted: Sequence[tuple[Family, Array]]) -> Array:
+        """Columns of several families, side by side."""
+        self._remember([key for family, places in wanted for key in _keys(family, places)])
+        return np.concatenate([self.columns(family, places) for family, places in wanted], axis=1)
+
+    def columns(self, family: Family, places: Array) -> Array:
+        """Window means of the laws at places of a family, shape (n, k).
+
+        Parameters
+        ----------
+        family : Family
+        places : ndarray, shape (k, axes)
+            Between 0 and 1.
+        """
+        table = np.empty((len(self.problem.rows), len(places)))
+        shapes = {axis.name: axis.value(places[:, j]) for j, axis in enumerate(family.axes)}
+        memory = shapes.get("lag", shapes.get("radius", np.zeros(len(places))))
+        for value in np.unique(memory):
+            which = np.flatnonzero(memory == value)
+            series, low, high = self._series(family.driver, family.memory, float(value))
+            at, width = _at_and_width({name: values[which] for name, values in shapes.items()}, low, high)
+            blocks = []
+            for k, pieces in enumerate(self._pieces):
+                block = form_of(series[k][:, None], family.form, family.exponent, (low, high), at, width)
+                if family.driver_2:
+                    second, low_2, high_2 = self._series(family.driver_2, "static", 0.0)
+                    at_2 = low_2 + (high_2 - low_2) * shapes["at_2"][which]
+                    block = block * (second[k][:, None] - at_2) / (0.5 * (high_2 - low_2))
+                blocks.append(pieces.window_means(block))
+            table[:, which] = np.concatenate(blocks)
+        return table
+
+    def law(self, family: Family, place: Array) -> EmpiricalLaw:
+        """The law at one place of a family, with amplitude one."""
+        shapes = {axis.name: float(axis.value(place[j])) for j, axis in enumerate(family.axes)}
+        _, low, high = self._series(family.driver, family.memory, shapes.get("lag", shapes.get("radius", 0.0)))
+        at, width = _at_and_width({name: np.array([value]) for name, value in shapes.items()}, low, high)
+        given: dict[str, float] = {"at": float(at[0]), "width": float(width[0])}
+        if "lag" in shapes:
+            given["lag_s"] = shapes["lag"]
+        if "radius" in shapes:
+            given["radius"] = shapes["radius"] * self._half(family.driver)
+        if family.driver_2:
+            _, low_2, high_2 = self._series(family.driver_2, "static", 0.0)
+            given |= {"low_2": low_2, "high_2": high_2, "at_2": low_2 + (high_2 - low_2) * shapes["at_2"]}
+        return EmpiricalLaw(
+            amplitude_deg_h=1.0,
+            driver=family.driver,
+            driver_2=family.driver_2,
+            memory=family.memory,
+            form=family.form,
+            exponent=family.exponent,
+            low=low,
+            high=high,
+            **given,
+        )
+
+    def _half(self, driver: str) -> float:
+        _, low, high = self._series(driver, "static", 0.0)
+        return 0.5 * (high - low)
+
+    def _series(self, driver: str, memory: str, value: float) -> tuple[list[Array], float, float]:
+        """What is remembered on the fine rows of each run, and its range."""
+        self._remember([(driver, memory, value)])
+        return self._remembered[driver, memory, value]
+
+    def _remember(self, wanted: Sequence[tuple[str, str, float]]) -> None:
+        """Fill in what is remembered, for all (driver, memory, lag or radius) at once."""
+        fresh = [key for key in dict.fromkeys(wanted) if key not in self._remembered]
+        series: dict[tuple[str, str, float], list[Array]] = {key: [] for key in fresh}
+        for k, pieces in enumerate(self._pieces):
+            for memory in RATE_INDEPENDENT:
+                keys = [key for key in fresh if key[1] == memory]
+                if keys:
+                    inputs = np.column_stack([self._values[driver][k] for driver, _, _ in keys])
+                    radii = np.array([value * self._half(driver) for driver, _, value in keys])
+                    for key, column in zip(keys, played(inputs, memory, radii).T, strict=True):
+                        series[key].append(column)
+            for key in fresh:
+                driver, memory, value = key
+                if memory not in RATE_INDEPENDENT:
+                    series[key].append(remembered(self._values[driver][k], pieces.time_s, memory, value, 0.0))
+        for key, parts in series.items():
+            low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
+            self._remembered[key] = parts, low, high if low < high else low + 1.0
+
+    # --- the families ------------------------------------------------------------------------------------------------------
+
+    def _families(self) -> tuple[Family, ...]:
+        rows = self.problem.rows
+        longest_s = max(float(np.ptp(rows.time_s[part])) for part in rows.runs)
+        lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.25 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
+        radius = Axis("radius", *_RADII, 8, ratio=True)
+        wide = Axis("width", 0.2, 0.8, 2, ratio=True)
+        single = math.log(ONE_DRIVER / max(1, len(self.drivers)))
+        found: list[Family] = []
+        for driver in self.drivers:
+            static = self._static(driver)
+            dynamic = [
+                Family(driver, "", "rate", "power", 1, ()),
+                Family(driver, "", "rate", "power", 2, (Axis("at", 0.0, 1.0, 3),)),
+                Family(driver, "", "lag", "power", 1, (lag,)),
+                Family(driver, "", "lag", "power", 2, (lag, Axis("at", 0.0, 1.0, 3))),
+            ]
+            slipping = [
+                Family(driver, "", "play", "power", 1, (radius,)),
+                Family(driver, "", "plays", "power", 1, (radius,)),
+                Family(driver, "", "plays", "saturation", 1, (radius, Axis("at", 0.0, 1.0, 3), wide)),
+                Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
+            ]
+            for members in (static, dynamic, slipping):
+                weight = single - math.log(3 * len(members))
+                found += [dataclasses.replace(family, log_prior=weight) for family in members]
+        pairs = list(itertools.permutations(self.drivers, 2))
+        for one, two in pairs:
+            ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))
+            weight = math.log((1.0 - ONE_DRIVER) / len(pairs))
+            if one < two:
+                found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight))
+            if one.startswith("temperature_"):
+                _, low, high = self._series(one, "rate", 0.0)
+                zero = -low / (high - low)
+                found.append(
+                    Family(one, two, "rate", "power", 1, (Axis("at", zero - 0.1, zero + 0.1, 1), ats[1]), log_prior=weight)
+                )
+        return tuple(found)
+
+    def _static(self, driver: str) -> list[Family]:
+        _, low, high = self._series(driver, "static", 0.0)
+        moves = np.concatenate(
+            [np.abs(np.diff(v)) / np.diff(pieces.time_s) for v, pieces in zip(self._values[driver], self._pieces, strict=True)]
+        )
+        step = float(np.quantile(moves, 0.75)) * self.problem.rows.window_s / (high - low)
+        finest = min(max(0.4 * step, 0.005), 0.06)
+        steps = max(2, math.ceil(math.log2(0.25 / finest)))
+        at = [Axis("at", 0.0, 1.0, points) for points in range(21)]
+        families = [
+            Family(driver, "", "static", "power", 1, ()),
+            Family(driver, "", "static", "power", 2, (at[3],)),
+            Family(driver, "", "static", "power", 3, (at[3],)),
+            Family(driver, "", "static", "above", 1, (at[10],)),
+            Family(driver, "", "static", "below", 1, (at[10],)),
+            Family(driver, "", "static", "step", 1, (at[20],)),
+            Family(driver, "", "static", "saturation", 1, (at[8], Axis("width", 0.03, 0.5, 3, ratio=True))),
+            Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 0.12, 1.0, 8, ratio=True))),
+        ]
+        for form in ("bump", "resonance", "dispersion"):
+            width = Axis("width", finest, 0.25, steps, ratio=True)
+            families.append(Family(driver, "", "static", form, 1, (at[1], width), screened=form == "bump"))
+        return families
+
+
+def _keys(family: Family, places: Array) -> list[tuple[str, str, float]]:
+    """What is remembered at places of a family."""
+    for j, axis in enumerate(family.axes):
+        if axis.name in ("lag", "radius"):
+            return [(family.driver, family.memory, float(value)) for value in np.unique(axis.value(places[:, j]))]
+    return [(family.driver, family.memory, 0.0)]
+
+
+def _at_and_width(shapes: dict[str, Array], low: float, high: float) -> tuple[Array, Array]:
+    """Place and width of a form in the unit of what is remembered; a phase counts within half a period."""
+    count = len(next(iter(shapes.values()))) if shapes else 1
+    width = (high - low) * shapes.get("width", np.full(count, 0.5))
+    if "phase" in shapes:
+        return low + 0.5 * shapes["phase"] * width, width
+    return low + (high - low) * shapes.get("at", np.full(count, 0.5)), width
+
+
+def recorded_drivers(runs: Sequence[Recording]) -> tuple[str, ...]:
+    """Columns that every run has, that move in some run, and that are neither time nor a gyro."""
+    common = [column for column in runs[0].columns if all(column in run for run in runs)]
+    return tuple(
+        column
+        for column in common
+        if column != TIME and not is_gyro(column) and any(np.ptp(run.column(column)) > 0.0 for run in runs)
+    )

@@ -1,0 +1,148 @@
+r"""Jumps between two values at random times, which no two runs repeat: a hidden Markov model finds the path.
+
+.. math:: y_k = X_k \beta + a s_k + \sigma \epsilon_k, \qquad s_k = \pm 1, \qquad P(s_{k+1} \ne s_k) = \tfrac12 (1 - e^{-2 \Delta t / \tau})
+
+Expectation and maximisation in turn (forward–backward for s, least squares for beta and a) from several starts; then Viterbi's path.
+The path is taken as a column whose prior is that of the path itself, so it competes with all other causes under all noises. Paths
+near the best one count as well: their part of the evidence is the ratio of the sum over paths to the largest.
+
+References
+----------
+L. R. Rabiner, "A tutorial on hidden Markov models", Proc. IEEE 77, 257 (1989).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.whitening import Rows
+
+Array = npt.NDArray[np.float64]
+_DWELLS: Final = (400.0, 1200.0, 3600.0, 10800.0)
+_STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation
+_ITERATIONS: Final = 12
+
+
+@dataclasses.dataclass(frozen=True)
+class Path:
+    """A path of signs, and the logarithm of its prior with that of the paths about it.
+
+    Parameters
+    ----------
+    signs : ndarray, shape (n,)
+    log_weight : float
+    half_step : float
+        In units of the target.
+    dwell_s : float
+        Mean time between flips.
+    flips : int
+    """
+
+    signs: Array
+    log_weight: float
+    half_step: float
+    dwell_s: float
+    flips: int
+
+
+def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
+    """The likeliest path in a target whose smooth part lies in the span of orthonormal columns, shape (n, p)."""
+    left = target - orthonormal @ (orthonormal.T @ target)
+    spread = float(np.std(left))
+    dwell, step = (grid.ravel() for grid in np.meshgrid(_DWELLS, _STEPS, indexing="ij"))
+    half_step, noise = spread * step, np.full(len(dwell), 0.7 * spread)
+    smooth = np.zeros((len(target), len(dwell)))
+    flip = _flip_probability(rows, dwell)
+    for _ in range(_ITERATIONS):
+        mean, _ = _smoothed(target[:, None] - smooth, half_step, noise, flip)
+        residual = target[:, None] - half_step * mean
+        smooth = orthonormal @ (orthonormal.T @ residual)
+        centred = target[:, None] - smooth
+        half_step = np.maximum((centred * mean).mean(axis=0), 1e-3 * spread)
+        noise = np.sqrt(
+            np.maximum((centred**2 - 2.0 * centred * half_step * mean + half_step**2).mean(axis=0), (0.05 * spread) ** 2)
+        )
+    _, log_likelihood = _smoothed(target[:, None] - smooth, half_step, noise, flip)
+    best = int(np.argmax(log_likelihood))
+    signs, log_joint = _viterbi(target - smooth[:, best], float(half_step[best]), float(noise[best]), flip[:, best])
+    log_emission = _log_emission(target - smooth[:, best], float(half_step[best]) * signs, float(noise[best]))
+    log_path = log_joint - log_emission
+    flips = sum(int((np.diff(signs[part]) != 0.0).sum()) for part in rows.runs)
+    covered_s = sum(float(rows.time_s[part][-1] - rows.time_s[part][0]) for part in rows.runs)
+    return Path(
+        signs,
+        log_path + float(log_likelihood[best]) - log_joint - math.log(len(_DWELLS)),
+        float(half_step[best]),
+        covered_s / max(flips, 1),
+        flips,
+    )
+
+
+def _flip_probability(rows: Rows, dwell_s: Array) -> Array:
+    """Probability that the sign changes before each row, shape (n, models); even where a run begins."""
+    flip = np.full((len(rows), len(dwell_s)), 0.5)
+    for part in rows.runs:
+        steps = np.diff(rows.time_s[part])
+        flip[part.start + 1 : part.stop] = 0.5 * -np.expm1(-2.0 * steps[:, None] / dwell_s)
+    return flip
+
+
+def _log_emission(values: Array, level: Array, noise: float) -> float:
+    return float(-0.5 * (((values - level) / noise) ** 2).sum() - len(values) * math.log(noise * math.sqrt(2.0 * math.pi)))
+
+
+def _smoothed(values: Array, half_step: Array, noise: Array, flip: Array) -> tuple[Array, Array]:
+    """Expected sign of each row and log likelihood, for models side by side: values of shape (n, models)."""
+    log_odds = 2.0 * half_step * values / noise**2  # of plus against minus
+    likely = np.exp(-np.abs(log_odds))
+    plus = np.where(log_odds >= 0.0, 1.0, likely)
+    minus = np.where(log_odds >= 0.0, likely, 1.0)
+    scale = -0.5 * ((np.abs(values) - half_step) / noise) ** 2 - np.log(noise * math.sqrt(2.0 * math.pi))
+    n, models = values.shape
+    ahead = np.empty((n, models))  # probability of plus given the rows so far
+    log_likelihood = scale.sum(axis=0)
+    before = np.full(models, 0.5)
+    for k in range(n):
+        prior = before + flip[k] * (1.0 - 2.0 * before)
+        up, down = prior * plus[k], (1.0 - prior) * minus[k]
+        total = up + down
+        log_likelihood += np.log(total)
+        before = ahead[k] = up / total
+    mean = np.empty((n, models))
+    back_up = np.ones(models)
+    back_down = np.ones(models)
+    for k in range(n - 1, -1, -1):
+        up, down = ahead[k] * back_up, (1.0 - ahead[k]) * back_down
+        mean[k] = (up - down) / (up + down)
+        from_up, from_down = plus[k] * back_up, minus[k] * back_down
+        back_up = (1.0 - flip[k]) * from_up + flip[k] * from_down
+        back_down = (1.0 - flip[k]) * from_down + flip[k] * from_up
+        largest = np.maximum(back_up, back_down)
+        back_up, back_down = back_up / largest, back_down / largest
+    return mean, log_likelihood
+
+
+def _viterbi(values: Array, half_step: float, noise: float, flip: Array) -> tuple[Array, float]:
+    """The likeliest path of signs and the log of its joint probability with the values."""
+    constant = -math.log(noise * math.sqrt(2.0 * math.pi))
+    up = (constant - 0.5 * ((values - half_step) / noise) ** 2).tolist()
+    down = (constant - 0.5 * ((values + half_step) / noise) ** 2).tolist()
+    stay, change = np.log1p(-flip).tolist(), np.log(flip).tolist()
+    best_up, best_down = math.log(0.5) + up[0], math.log(0.5) + down[0]
+    from_up = np.zeros((len(values), 2), dtype=np.bool_)
+    for k in range(1, len(values)):
+        a, b = best_up + stay[k], best_down + change[k]
+        c, d = best_up + change[k], best_down + stay[k]
+        from_up[k] = a >= b, c >= d
+        best_up, best_down = max(a, b) + up[k], max(c, d) + down[k]
+    signs = np.empty(len(values))
+    plus = best_up >= best_down
+    for k in range(len(values) - 1, -1, -1):
+        signs[k] = 1.0 if plus else -1.0
+        plus = bool(from_up[k, 0 if plus else 1])
+    return signs, max(best_up, best_down)

@@ -1,0 +1,189 @@
+"""The user's own simulator, of any kind: its output, one file a run, or a Python function from monitors to the predicted gyro.
+
+Both answer `predict_deg_h(recording)`, so that the engine subtracts them from the gyro without knowing what they are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.diagnosis.align import align
+from rlgcomp.diagnosis.result import Alignment
+from rlgcomp.errors import InputError
+from rlgcomp.plugins import load_python, said_line
+from rlgcomp.recording import TIME, Recording, is_gyro
+from rlgcomp.simulation.simulator import Simulator
+from rlgcomp.units import column_unit, convert
+
+Array = npt.NDArray[np.float64]
+_PLAIN_NAMES: Final = ("gyro", "rate", "prediction", "predicted")
+
+
+class UserSimulator(Protocol):
+    """Whatever predicts a recording's gyro."""
+
+    def predict_deg_h(self, recording: Recording) -> Array:
+        """The gyro in deg/h, one value a row."""
+
+
+def baseline_prediction(simulator: Simulator | UserSimulator, recording: Recording) -> Array:
+    """Gyro in deg/h that a simulator, ours or the user's, expects for a recording's monitors, shape (n,).
+
+    Raises
+    ------
+    InputError
+        It lacks a monitor, or the user's function fails.
+    """
+    if isinstance(simulator, Simulator):
+        return simulator.predict(recording).rate_deg_h()
+    return simulator.predict_deg_h(recording)
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulatedRuns:
+    """The output of the user's simulator, aligned with the runs that it simulates.
+
+    Parameters
+    ----------
+    runs : tuple of Recording
+    rates_deg_h : tuple of ndarray
+        Simulated gyro at each run's rows.
+    alignment : tuple of Alignment
+        How its clock stood, one entry a run.
+    """
+
+    runs: tuple[Recording, ...]
+    rates_deg_h: tuple[Array, ...]
+    alignment: tuple[Alignment, ...]
+
+    @classmethod
+    def of(cls, runs: Sequence[Recording], simulated: Sequence[Recording], *, gyro: str | None = None) -> Self:
+        """Align simulations with runs, in order.
+
+        Raises
+        ------
+        InputError
+            Not one simulation a run, or one does not cover its run.
+        """
+        if len(runs) != len(simulated):
+            raise InputError(
+                f"{len(simulated)} simulated runs for {len(runs)} recordings; give one for every run, training runs first, then "
+                f"those held out: {', '.join(run.name for run in runs)}"
+            )
+        aligned = [align(run, simulation, gyro=gyro) for run, simulation in zip(runs, simulated, strict=True)]
+        return cls(tuple(runs), tuple(rate for rate, _ in aligned), tuple(alignment for _, alignment in aligned))
+
+    def predict_deg_h(self, recording: Recording) -> Array:
+        """The simulated gyro at a run's rows; of a part of a run, or of means over its rows, at their times."""
+        for run, rate in zip(self.runs, self.rates_deg_h, strict=True):
+            if run is recording:
+                return rate
+        same = [k for k, run in enumerate(self.runs) if run.name == recording.name]
+        if len(same) != 1:
+            raise InputError(
+                f"{recording.name}: no simulation of it was given; simulated are {', '.join(run.name for run in self.runs)}"
+            )
+        return np.interp(recording.time_s, self.runs[same[0]].time_s, self.rates_deg_h[same[0]])
+
+
+@dataclasses.dataclass(frozen=True)
+class PythonSimulator:
+    """A function of the user's that maps a recording's monitors to the predicted gyro.
+
+    It gets a :class:`~rlgcomp.Recording` whose gyro columns are zero, and returns one value a row: an array or Series in deg/h, or
+    a DataFrame or Recording with a gyro column, whose unit its name tells.
+
+    Parameters
+    ----------
+    function : callable
+    name : str
+        As it was given: `my_sim.py:function`.
+    """
+
+    function: Callable[[Recording], Any]
+    name: str
+    _said: list[tuple[Recording, Array]] = dataclasses.field(default_factory=list, repr=False, compare=False)
+
+    @classmethod
+    def load(cls, text: str) -> Self:
+        """From `my_sim.py:function`.
+
+        Raises
+        ------
+        InputError
+            The file cannot be run, or holds no such function.
+        """
+        path, _, name = text.rpartition(":")
+        module = load_python(path)
+        function = getattr(module, name, None)
+        if not callable(function):
+            offered = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
+            raise InputError(f"{path} has no function {name!r}; it has {', '.join(offered) or 'none'}")
+        return cls(function, text)
+
+    def predict_deg_h(self, recording: Recording) -> Array:
+        """What the function says of a recording.
+
+        Raises
+        ------
+        InputError
+            It raises, or returns something that is no gyro of that recording.
+        """
+        for known, rate in self._said:
+            if known is recording:
+                return rate
+        table = recording.table
+        blind = recording.replace(table=table.assign(**dict.fromkeys(recording.gyro_columns, 0.0)), truth=None)
+        try:
+            answer = self.function(blind)
+        except Exception as error:  # noqa: BLE001 - whatever the user's code raises is the input's fault
+            place = said_line(error, self.name.rpartition(":")[0])
+            raise InputError(
+                f"{self.name} failed on {recording.name}{place}: {type(error).__name__}: {error}; correct it, or try it by itself "
+                "on rlgcomp.read(RUN)"
+            ) from None
+        rate = self._understood(answer, recording)
+        self._said.append((recording, rate))
+        return rate
+
+    def _understood(self, answer: Any, recording: Recording) -> Array:
+        if isinstance(answer, Recording):
+            answer = pd.DataFrame({TIME: answer.time_s, "gyro_deg_h": answer.rate_deg_h()})
+        at_s, unit = None, "deg/h"
+        if isinstance(answer, pd.DataFrame):
+            column = self._gyro_of(answer)
+            unit = column_unit(column) or "deg/h"
+            at_s = None if TIME not in answer else answer[TIME].to_numpy(dtype=np.float64)
+            answer = answer[column]
+        try:
+            values = convert(np.asarray(answer, dtype=np.float64), unit, "deg/h")
+        except (TypeError, ValueError):
+            raise InputError(f"{self.name}: returned {type(answer).__name__}; return one number a row, in deg/h") from None
+        if values.ndim == 1 and at_s is not None and len(at_s) == len(values) != len(recording):
+            values = np.interp(recording.time_s, at_s, values)
+        if values.shape != (len(recording),):
+            raise InputError(
+                f"{self.name}: returned shape {values.shape} for {recording.name}, which has {len(recording)} rows; return one "
+                "number a row, in deg/h"
+            )
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise InputError(f"{self.name}: returned {values[row]} at row {row} of {recording.name}; every value must be finite")
+        return values
+
+    def _gyro_of(self, answer: pd.DataFrame) -> str:
+        others = [str(column) for column in answer.columns if column != TIME]
+        found = [column for column in others if is_gyro(column)] or [column for column in others if column in _PLAIN_NAMES]
+        found = found or (others if len(others) == 1 else [])
+        if len(found) != 1 or found[0].endswith("_pulses"):
+            raise InputError(
+                f"{self.name}: returned the columns {', '.join(map(str, answer.columns))}; return one gyro column, gyro_deg_h or "
+                "gyro_deg_s"
+            )
+        return found[0]

@@ -1,0 +1,226 @@
+"""A law that was found in recordings and not in a book: one term in one or two recorded columns."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from rlgcomp.errors import InputError
+from rlgcomp.filters import lag, rate_per_min, running_mean
+from rlgcomp.hysteresis import play_paths
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting, shape
+from rlgcomp.recording import Recording
+from rlgcomp.units import column_unit
+
+SMOOTHING_S: Final = 20.0  # a law answers to the quantity, not to the noise of its reading
+MEMORIES: Final = ("static", "lag", "rate", "play", "plays")
+FORMS: Final = ("power", "above", "below", "step", "saturation", "bump", "resonance", "dispersion", "periodic")
+NARROW: Final = ("saturation", "bump", "resonance", "dispersion", "periodic")  # forms that have a width
+RATE_INDEPENDENT: Final = ("play", "plays")
+_SHARES: Final = -np.log1p(-(np.arange(8) + 0.5) / 8)  # radii at equal steps of an exponential distribution of mean one
+_LARGEST: Final = 1e9
+
+
+@dataclasses.dataclass(frozen=True)
+class EmpiricalLaw(Mechanism):
+    r"""One term: an amplitude times a form of what is remembered of a driver, times a second driver where there is one.
+
+    .. math:: b = A \, f(m) \, \frac{u_2 - a_2}{h_2}, \qquad m = M[u]
+
+    u is a recorded column, its mean over 20 s taken. The memory M is "static" (m = u), "lag"
+    (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the given radius: rate independent) or "plays"
+    (the mean of play operators whose radii are distributed as exp(-r / radius): a Prandtl-Ishlinskii operator, and what relays
+    that are the rarer the wider they are add up to). With x = (m - at) / h, z = (m - at) / width and h half the range that m had
+    where the law was found, the form f is
+
+    =============  ==========================  ================================================
+    power          x^exponent                  beyond the range it goes on straight
+    above, below   max(0, x), max(0, -x)       a threshold from which on it acts
+    step           1 where m > at, else 0      a threshold that switches; with play, a relay
+    saturation     tanh z
+    bump           exp(-z²/2)                  0 far from `at`
+    resonance      1 / (1 + z²)                likewise
+    dispersion     2 z / (1 + z²)              likewise
+    periodic       cos(2 pi z)                 beyond the range it stays as at the edge
+    =============  ==========================  ================================================
+
+    Nothing is known of a law outside the range in which it was found, so nothing grows there faster than straight: a straight
+    line is what most causes are over a little more range, and a square or a cosine continued would be a guess.
+    """
+
+    name = "empirical_law"
+    kind = "any"
+    equation = "b = amplitude_deg_h * form(memory(driver)) * (driver_2 - at_2) / half range of driver_2"
+    reference = (
+        "S. L. Brunton, J. L. Proctor, J. N. Kutz, Discovering governing equations from data by sparse identification, PNAS 113, "
+        "3932 (2016) (laws from a dictionary); A. Visintin, Differential Models of Hysteresis, Springer, 1994 (play)."
+    )
+    drivers = (TEMPERATURE,)
+    open_set = True
+
+    amplitude_deg_h: float = amplitude(0.005, "deg/h", limit=1e6)
+    driver: str = setting(TEMPERATURE)
+    driver_2: str = setting("")
+    memory: str = setting("static", choices=MEMORIES)
+    form: str = setting("power", choices=FORMS)
+    exponent: int = setting(1, low=1, high=5)
+    low: float = setting(-40.0, "unit of m", low=-_LARGEST, high=_LARGEST)
+    high: float = setting(60.0, "unit of m", low=-_LARGEST, high=_LARGEST)
+    low_2: float = setting(0.0, "unit of driver_2", low=-_LARGEST, high=_LARGEST)
+    high_2: float = setting(1.0, "unit of driver_2", low=-_LARGEST, high=_LARGEST)
+    lag_s: float = shape(1800.0, "s", 1.0, 1e6)
+    radius: float = shape(1.0, "unit of driver", 0.0, _LARGEST)
+    at: float = shape(10.0, "unit of m", -_LARGEST, _LARGEST)
+    width: float = shape(10.0, "unit of m", 1.0 / _LARGEST, _LARGEST)
+    at_2: float = shape(0.5, "unit of driver_2", -_LARGEST, _LARGEST)
+
+    def __post_init__(self) -> None:
+        Mechanism.__post_init__(self)
+        if not self.driver:
+            raise InputError("empirical_law: driver is ''; give the name of a recorded column")
+        for low, high, names in ((self.low, self.high, "low and high"), (self.low_2, self.high_2, "low_2 and high_2")):
+            if not low < high:
+                raise InputError(f"empirical_law: {names} are {low:g} and {high:g}; the first must be less than the second")
+
+    @classmethod
+    def grid(cls, recordings: Any) -> tuple[EmpiricalLaw, ...]:
+        """None: laws are found by :mod:`rlgcomp.diagnosis.discover`."""
+        del recordings
+        return ()
+
+    def driver_names(self) -> tuple[str, ...]:
+        return (self.driver, self.driver_2) if self.driver_2 else (self.driver,)
+
+    def basis(self, recording: Recording) -> Array:
+        columns = self.driver_columns(recording)
+        first, *second = (smoothed(recording, column) for column in columns)
+        column = self.shaped(remembered(first, recording.time_s, self.memory, self.lag_s, self.radius))
+        for other in second:
+            column = column * self.factor(other)
+        return column[:, None]
+
+    def shaped(self, m: Array) -> Array:
+        """The form of what is remembered, dimensionless."""
+        return form_of(m, self.form, self.exponent, (self.low, self.high), self.at, self.width)
+
+    def factor(self, second: Array) -> Array:
+        """What the second driver multiplies with, dimensionless."""
+        return np.asarray((second - self.at_2) / (0.5 * (self.high_2 - self.low_2)))
+
+    def stated(self) -> str:
+        """The equation with its numbers, drivers and units."""
+        unit = self._unit(self.driver) + ("/min" if self.memory == "rate" else "")
+        half = 0.5 * (self.high - self.low)
+        m = {
+            "static": self.driver,
+            "lag": f"lag({self.driver}, {self.lag_s:.4g} s)",
+            "rate": f"d/dt {self.driver}",
+            "play": f"play({self.driver}, {_with(self.radius, unit)})",
+            "plays": f"mean play({self.driver}, r ~ exp(-r / {_with(self.radius, unit)}))",
+        }[self.memory]
+        from_at = f"{m} - {_with(self.at, unit)}" if self.at >= 0.0 else f"{m} + {_with(-self.at, unit)}"
+        x, z = f"({from_at}) / {_with(half, unit)}", f"({from_at}) / {_with(self.width, unit)}"
+        text = {
+            "power": x if self.exponent == 1 else f"({x})^{self.exponent}",
+            "above": f"max(0, {x})",
+            "below": f"max(0, -{x})",
+            "step": f"({m} > {_with(self.at, unit)})",
+            "saturation": f"tanh({z})",
+            "bump": f"exp(-({z})^2 / 2)",
+            "resonance": f"1 / (1 + ({z})^2)",
+            "dispersion": f"2 z / (1 + z^2) with z = {z}",
+            "periodic": f"cos(2 pi {z})",
+        }[self.form]
+        if self.driver_2:
+            other = self._unit(self.driver_2)
+            text += f" * ({self.driver_2} - {_with(self.at_2, other)}) / {_with(0.5 * (self.high_2 - self.low_2), other)}"
+        return f"b = {self.amplitude_deg_h:.4g} deg/h * {text}"
+
+    @staticmethod
+    def _unit(driver: str) -> str:
+        return "degC" if driver == TEMPERATURE else column_unit(driver) or ""
+
+
+def smoothed(recording: Recording, column: str) -> Array:
+    """A driver less the noise of its reading: its mean over 20 s; an angle, which wraps, as it is."""
+    values = recording.column(column)
+    return values if column_unit(column) == "deg" else running_mean(values, recording.time_s, SMOOTHING_S)
+
+
+def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: float) -> Array:
+    """What a memory holds of a driver, in the driver's unit; per minute for "rate"."""
+    if memory == "lag":
+        return lag(values, time_s, lag_s)
+    if memory == "rate":
+        return rate_per_min(values, time_s)
+    if memory in RATE_INDEPENDENT:
+        return played(values[:, None], memory, np.array([radius]))[:, 0]
+    return values
+
+
+def played(values: Array, memory: str, radii: Array) -> Array:
+    """What "play" or "plays" holds of several drivers at once, each for one radius.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, k)
+    memory : {"play", "plays"}
+    radii : ndarray, shape (k,)
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+    """
+    shares = _SHARES if memory == "plays" else np.ones(1)
+    inputs = np.repeat(values, len(shares), axis=1)
+    states = play_paths(inputs, np.multiply.outer(radii, shares).ravel(), inputs[0])
+    return np.asarray(states.reshape(*values.shape, len(shares)).mean(axis=2))
+
+
+def form_of(m: Array, form: str, exponent: int, span: tuple[float, float], at: float | Array, width: float | Array) -> Array:
+    """A form of what is remembered; `at` and `width` may be arrays that broadcast against it.
+
+    Parameters
+    ----------
+    m : ndarray
+    form : str
+        One of `FORMS`.
+    exponent : int
+        Of "power".
+    span : tuple of float
+        Range of m where the law was found.
+    at, width : float or ndarray
+        In the unit of m.
+    """
+    low, high = span
+    z = (m - at) / (width if form in NARROW else 0.5 * (high - low))
+    match form:
+        case "above":
+            return np.maximum(z, 0.0)
+        case "below":
+            return np.maximum(-z, 0.0)
+        case "step":
+            return np.asarray(z > 0.0, dtype=np.float64)
+        case "saturation":
+            return np.tanh(z)
+        case "bump":
+            return np.exp(-0.5 * np.minimum(z**2, 1400.0))
+        case "resonance":
+            return np.asarray(1.0 / (1.0 + z**2))
+        case "dispersion":
+            return np.asarray(2.0 * z / (1.0 + z**2))
+        case "periodic":
+            return np.cos(2.0 * math.pi * (np.clip(m, low, high) - at) / width)
+    if exponent == 1:
+        return np.asarray(z)
+    held = np.clip(m, low, high)
+    beyond = (m - held) / (0.5 * (high - low))
+    inside = z - beyond
+    return np.asarray(inside**exponent + exponent * inside ** (exponent - 1) * beyond)
+
+
+def _with(value: float, unit: str) -> str:
+    return f"{value:.5g} {unit}".rstrip()

@@ -1,0 +1,205 @@
+"""The user's own simulator: clocks that are found, causes that are not taken for clocks, functions that may do anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.align import align
+from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, baseline_prediction
+
+CATALOGUE = rlg.CATALOGUE
+BASE = rlg.Simulator(
+    (CATALOGUE["thermal_polynomial"](), CATALOGUE["temperature_rate"]()), noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
+)
+LACKING = BASE.with_mechanism(CATALOGUE["thermal_lag"]())
+GYRO_ALONE = ["time_s", "gyro_deg_h"]
+
+
+@pytest.fixture(scope="module")
+def run() -> rlg.Recording:
+    return LACKING.simulate("short", seed=1, step_s=2.0, name="warm")
+
+
+@pytest.fixture(scope="module")
+def simulated(run: rlg.Recording) -> rlg.Recording:
+    return BASE.predict(run).replace(name="simulated")
+
+
+def moved(
+    simulated: rlg.Recording, offset_s: float = 0.0, drift_ppm: float = 0.0, *, every: int = 1, epoch_s: float = 0.0
+) -> rlg.Recording:
+    """A simulation whose clock is late by an offset and runs slow by a drift."""
+    table = simulated.table.iloc[::every]
+    time_s = table["time_s"].to_numpy()
+    return simulated.replace(table=table.assign(time_s=time_s - offset_s - 1e-6 * drift_ppm * time_s + epoch_s))
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "drift_ppm", "every", "epoch_s"),
+    [(0.0, 0.0, 1, 0.0), (31.7, 60.0, 1, 0.0), (-140.0, 0.0, 7, 0.0), (2.0, -80.0, 1, 1.7e9), (7.3, 0.0, 30, 0.0)],
+)
+def test_a_clock_is_found_and_taken_out(
+    run: rlg.Recording, simulated: rlg.Recording, offset_s: float, drift_ppm: float, every: int, epoch_s: float
+) -> None:
+    rate, found = align(run, moved(simulated, offset_s, drift_ppm, every=every, epoch_s=epoch_s))
+    # epochs apart: the starts are put together, which takes the offset out already
+    assert found.offset_s == pytest.approx(0.0 if epoch_s else offset_s, abs=0.01 + 5.0 * found.offset_sd_s)
+    assert found.drift_ppm == pytest.approx(drift_ppm, abs=1.0 + 5.0 * found.drift_ppm_sd)
+    assert (found.p_value < 0.01) == (offset_s != 0.0)
+    assert found.compared != "gyro_deg_h"
+    expected = simulated.column("gyro_deg_h")
+    assert np.sqrt(np.mean((rate - expected)[300:-300] ** 2)) < 2e-4 * (1 if every == 1 else every) * np.std(expected)
+
+
+def test_other_causes_are_not_taken_for_a_clock() -> None:
+    """A gyro alone cannot tell a lag from a late clock, so the clock is left as it is."""
+    for name in ("thermal_lag", "thermal_hysteresis", "rate_asymmetry", "mode_hop", "magnetic_field", "readout_incoherence"):
+        run = BASE.with_mechanism(CATALOGUE[name]()).simulate("minor-loops", seed=3, step_s=5.0)
+        bare = BASE.predict(run)
+        rate, found = align(run, bare.replace(table=bare.table[GYRO_ALONE]))
+        assert not found.taken_out, name
+        assert rate == pytest.approx(bare.column("gyro_deg_h"), abs=1e-12)
+
+
+def test_without_monitors_a_sharp_signal_tells_the_time() -> None:
+    rng = np.random.default_rng(5)
+    time_s = np.arange(0.0, 7200.0, 2.0)
+    steps = np.repeat(rng.normal(size=90), 40)
+    simulation = rlg.Recording(pd.DataFrame({"time_s": time_s - 12.0, "gyro_deg_h": steps}), name="sim")
+    run = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": 1.02 * steps + 0.1 * rng.normal(size=len(steps))}))
+    _, found = align(run, simulation)
+    assert found.taken_out
+    assert found.offset_s == pytest.approx(12.0, abs=5.0 * found.offset_sd_s)
+    assert found.offset_sd_s < 0.5
+
+
+def test_p_values_of_equal_clocks_are_uniform() -> None:
+    """Two thermometers with noise of their own, sampled otherwise."""
+    rng = np.random.default_rng(4)
+    time_s = np.arange(0.0, 3000.0, 5.0)
+    p_values, scaled = [], []
+    for _ in range(120):
+        temperature = 20.0 + 10.0 * np.sin(time_s / 400.0 + rng.uniform(0.0, 6.0))
+        tables = [
+            pd.DataFrame(
+                {
+                    "time_s": time_s,
+                    "gyro_deg_h": rng.normal(size=len(time_s)),
+                    "temperature_block_degC": temperature + 0.05 * rng.normal(size=len(time_s)),
+                }
+            )
+            for _ in range(2)
+        ]
+        _, found = align(rlg.Recording(tables[0]), rlg.Recording(tables[1]))
+        p_values.append(found.p_value)
+        scaled.append(found.offset_s / found.offset_sd_s)
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+    assert np.std(scaled) == pytest.approx(1.0, abs=0.25)
+
+
+def test_a_simulation_that_covers_too_little_is_refused(run: rlg.Recording, simulated: rlg.Recording) -> None:
+    half = simulated.between(0.0, 0.5 * run.duration_s, name="half")
+    with pytest.raises(rlg.InputError, match=r"half: it covers 50 % of warm"):
+        align(run, half)
+
+
+def test_one_simulation_a_run(run: rlg.Recording, simulated: rlg.Recording) -> None:
+    with pytest.raises(rlg.InputError, match="1 simulated runs for 2 recordings"):
+        SimulatedRuns.of([run, run], [simulated])
+    runs = SimulatedRuns.of([run], [moved(simulated, 20.0)])
+    assert baseline_prediction(runs, run) is runs.rates_deg_h[0]
+    part = run.between(1000.0, 3000.0)
+    assert baseline_prediction(runs, part) == pytest.approx(runs.rates_deg_h[0][500:1500], abs=1e-12)
+    with pytest.raises(rlg.InputError, match="no simulation of it was given"):
+        runs.predict_deg_h(run.replace(name="another"))
+
+
+def test_units_and_axes_of_the_simulation(run: rlg.Recording, simulated: rlg.Recording) -> None:
+    table = simulated.table.rename(columns={"gyro_deg_h": "gyro_x_deg_s"})
+    table["gyro_x_deg_s"] /= 3600.0
+    table.insert(2, "gyro_y_deg_h", 99.0)
+    triad = run.replace(table=run.table.rename(columns={"gyro_deg_h": "gyro_x_deg_h"}))
+    rate, _ = align(triad, simulated.replace(table=table), gyro="gyro_x_deg_h")
+    assert rate == pytest.approx(simulated.column("gyro_deg_h"), abs=1e-9)
+
+
+# --- a Python function -----------------------------------------------------------------------------------------------------
+
+
+def written(tmp_path: Path, code: str) -> str:
+    (tmp_path / "my_sim.py").write_text("import numpy as np\nimport pandas as pd\n" + code)
+    return f"{tmp_path / 'my_sim.py'}:gyro"
+
+
+ANSWERS = {
+    "array": "0.01 * r.column('temperature_block_degC')",
+    "list": "list(0.01 * r.column('temperature_block_degC'))",
+    "series": "pd.Series(0.01 * r.column('temperature_block_degC'))",
+    "frame": "pd.DataFrame({'time_s': r.time_s, 'gyro_deg_h': 0.01 * r.column('temperature_block_degC')})",
+    "deg_s": "pd.DataFrame({'gyro_deg_s': 0.01 / 3600 * r.column('temperature_block_degC')})",
+    "recording": "r.replace(table=r.table.assign(gyro_deg_h=0.01 * r.column('temperature_block_degC')))",
+}
+
+
+@pytest.mark.parametrize("answer", ANSWERS.values(), ids=ANSWERS)
+def test_a_function_may_answer_in_many_forms(run: rlg.Recording, tmp_path: Path, answer: str) -> None:
+    simulator = PythonSimulator.load(written(tmp_path, f"def gyro(r):\n    return {answer}\n"))
+    assert baseline_prediction(simulator, run) == pytest.approx(0.01 * run.column("temperature_block_degC"))
+
+
+def test_a_coarser_answer_is_put_on_the_rows(run: rlg.Recording, tmp_path: Path) -> None:
+    code = "def gyro(r):\n    return pd.DataFrame({'time_s': r.time_s[::5], 'gyro_deg_h': r.time_s[::5]})\n"
+    rate = PythonSimulator.load(written(tmp_path, code)).predict_deg_h(run)
+    assert rate[:-5] == pytest.approx(run.time_s[:-5])
+
+
+def test_a_function_sees_no_gyro_and_runs_once(run: rlg.Recording, tmp_path: Path) -> None:
+    code = "calls = []\ndef gyro(r):\n    calls.append(1)\n    return r.rate_deg_h() + len(calls)\n"
+    simulator = PythonSimulator.load(written(tmp_path, code))
+    assert set(simulator.predict_deg_h(run)) == {1.0}
+    assert set(simulator.predict_deg_h(run)) == {1.0}
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("def gyro(r):\n    return r.column('nowhere')\n", "failed on warm, line 4: InputError: warm has no column"),
+        ("def gyro(r):\n    return 1 / 0\n", "failed on warm, line 4: ZeroDivisionError: division by zero"),
+        ("def gyro(r):\n    return np.zeros(3)\n", r"returned shape \(3,\) for warm"),
+        ("def gyro(r):\n    return np.full(len(r), np.nan)\n", "every value must be finite"),
+        ("def gyro(r):\n    return None\n", "return one number a row"),
+        ("def gyro(r):\n    return 'fast'\n", "return one number a row"),
+        ("def gyro(r):\n    return pd.DataFrame({'a': r.time_s, 'b': r.time_s})\n", "return one gyro column"),
+        ("def other(r):\n    return 0\n", "has no function 'gyro'; it has other"),
+        ("gyro = 3\n", "has no function 'gyro'; it has none"),
+    ],
+)
+def test_what_goes_wrong_in_it_is_said(run: rlg.Recording, tmp_path: Path, code: str, message: str) -> None:
+    with pytest.raises(rlg.InputError, match=message):
+        PythonSimulator.load(written(tmp_path, code)).predict_deg_h(run)
+
+
+NUMBERS = st.lists(st.floats(), min_size=2, max_size=2)
+FRAMES = st.builds(pd.DataFrame, st.dictionaries(st.sampled_from(["time_s", "gyro_deg_h", "x"]), NUMBERS))
+LISTS = st.lists(st.one_of(st.floats(), st.none(), st.text(max_size=2)), max_size=4)
+ANYTHING = st.one_of(st.none(), st.text(max_size=5), st.floats(), LISTS, FRAMES)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(answer=ANYTHING)
+def test_any_answer_is_taken_or_refused(run: rlg.Recording, answer: object) -> None:
+    try:
+        rate = PythonSimulator(lambda _: answer, "any.py:gyro").predict_deg_h(run)
+    except rlg.InputError as error:
+        assert "any.py:gyro" in str(error)  # noqa: PT017
+    else:
+        assert rate.shape == (len(run),)
+        assert np.isfinite(rate).all()
