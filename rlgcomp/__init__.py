@@ -29,11 +29,12 @@ Modules, each importing only from those before it:
     recording repair formats    the data type, what is mended in files, one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state
     frames triad                frames of a triad on a table, and its errors as parameters
+    motion                      how a one-axis table turned: rate, angle, acceleration of a recording
     noise                       noise processes and their simulation
     allan                       Allan deviations, the five noises with standard errors, whether they hold all along
     rotation                    angle random walk of gyros on a rotating table
     physics                     one file = one cause; read by the simulator and by diagnosis alike
-    simulation                  chamber programmes, thermal plant, readout optics, the simulator
+    simulation                  chamber and table programmes, thermal plant, readout optics, the simulator
     calibration                 turntables: scale factor, mounting angle, alignment; errors of a triad and their file
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit
     compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact

@@ -24,7 +24,7 @@ ROWS = [
     ["recording"],
     ["repair"],
     ["formats"],
-    ["filters", "hysteresis", "frames", "triad"],
+    ["filters", "hysteresis", "frames", "triad", "motion"],
     ["noise"],
     ["allan"],
     ["rotation"],

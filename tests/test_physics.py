@@ -31,6 +31,18 @@ CHAMBER = {
     "periodic_interference",
     "random_telegraph",
 }
+TURNTABLE = {
+    "scale_factor",
+    "scale_factor_temperature",
+    "scale_factor_asymmetry",
+    "scale_factor_nonlinearity",
+    "lock_in",
+    "misalignment",
+    "earth_rate_leak",
+    "rotation_harmonics",
+    "encoder_delay",
+}
+LARGEST_DEG_H = {"chamber": 0.1, "turntable": 10.0}  # of the usual size, as a standard deviation
 ALL = list(rlg.CATALOGUE.values())
 LINEAR = [mechanism for mechanism in ALL if mechanism().amplitude_parameters()]
 each = pytest.mark.parametrize("mechanism", ALL, ids=lambda mechanism: mechanism.name)
@@ -38,8 +50,18 @@ each_linear = pytest.mark.parametrize("mechanism", LINEAR, ids=lambda mechanism:
 
 
 @pytest.fixture(scope="module")
-def run() -> rlg.Recording:
-    return rlg.Simulator().simulate("minor-loops", seed=3, step_s=10.0)
+def runs() -> dict[str, rlg.Recording]:
+    return {
+        "chamber": rlg.Simulator().simulate("minor-loops", seed=3, step_s=10.0),
+        "turntable": rlg.Simulator(kind="turntable").simulate("short-turns", seed=3),
+    }
+
+
+@pytest.fixture
+def run(request: pytest.FixtureRequest, runs: dict[str, rlg.Recording]) -> rlg.Recording:
+    """A run of the mechanism's own kind."""
+    mechanism = request.node.callspec.params["mechanism"] if hasattr(request.node, "callspec") else None
+    return runs[mechanism.kind if mechanism else "chamber"]
 
 
 def amplitudes(mechanism: Mechanism) -> dict[str, float]:
@@ -50,8 +72,9 @@ def contribution(mechanism: Mechanism, run: rlg.Recording, seed: int = 0) -> np.
     return mechanism.contribution(run, stream(seed, mechanism.name))
 
 
-def test_the_chamber_mechanisms_of_the_contract_are_all_there() -> None:
-    assert set(rlg.CATALOGUE) >= CHAMBER
+@pytest.mark.parametrize(("kind", "names"), [("chamber", CHAMBER), ("turntable", TURNTABLE)])
+def test_the_mechanisms_of_the_contract_are_all_there(kind: str, names: set[str]) -> None:
+    assert {mechanism.name for mechanism in ALL if mechanism.kind == kind} >= names
 
 
 @each
@@ -74,7 +97,7 @@ def test_its_contribution_has_a_row_a_sample_and_is_finite(mechanism: type[Mecha
     assert values.shape == (len(run),)
     assert np.isfinite(values).all()
     assert np.ptp(values) > 0.0
-    assert np.std(values) < 0.1  # deg/h, at the usual size
+    assert np.std(values) < LARGEST_DEG_H[mechanism.kind]
 
 
 @each
@@ -107,13 +130,13 @@ def test_its_basis_is_what_it_adds(mechanism: type[Mechanism], run: rlg.Recordin
 
 @each
 def test_only_monitors_are_read(mechanism: type[Mechanism], run: rlg.Recording) -> None:
-    other = run.replace(table=run.table.assign(gyro_deg_h=1e6))
+    other = run.replace(table=run.table.assign(**{run.gyro_columns[0]: 1e6}))
     assert np.array_equal(contribution(mechanism(), run), contribution(mechanism(), other))
 
 
 @each
 def test_a_missing_monitor_is_named(mechanism: type[Mechanism], run: rlg.Recording) -> None:
-    bare = run.replace(table=run.table[["time_s", "gyro_deg_h"]], truth=None)
+    bare = run.replace(table=run.table[["time_s", *run.gyro_columns]], truth=None)
     if mechanism.drivers:
         with pytest.raises(rlg.InputError, match="--map"):
             mechanism().basis(bare)

@@ -19,11 +19,13 @@ def simulate(
     simulator: SimulatorFile,
     out: Out,
     profile: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Chamber programme: a preset (paper, reversed, minor-loops, slow, short), a .yaml, or 'start 20, hold 60, ...'."
+            help="Chamber programme: a preset (paper, reversed, minor-loops, slow, short), a .yaml, or 'start 20, hold 60, ...'. "
+            "Turntable programme: rates, other-rates, sweeps, slow-turns, to-and-fro, short-turns, a .yaml, or 'rate 10 600, ...'. "
+            "Default: paper or rates."
         ),
-    ] = "paper",
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
     step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
     as_json: AsJson = False,
@@ -31,6 +33,8 @@ def simulate(
     """Make a recording, with each mechanism's contribution kept as truth (columns truth_...).
 
     Example: `rlgcomp simulate gyro.yaml --profile 'start 20, hold 60, ramp -40 1, hold 120' --seed 1 --out cold.parquet`
+
+    On a table: `rlgcomp simulate table.yaml --profile 'rate 10 600, rate -10 600, rest 120, sweep -1 1 1800' --out table.parquet`
     """
     from rlgcomp.formats import write
     from rlgcomp.simulation.simulator import Simulator

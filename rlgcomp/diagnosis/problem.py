@@ -282,7 +282,7 @@ def neighbours(mechanism: Mechanism, name: str, relative: float) -> tuple[Mechan
 
 
 def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None) -> Array:
-    rate = run.rate_deg_h(gyro)
+    rate = run.rate_deg_h(gyro) - simulator.nominal_deg_h(run, gyro)
     if predicted is not None:
         rate = rate - predicted(run)
     for mechanism in simulator.mechanisms:

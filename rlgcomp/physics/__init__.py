@@ -12,15 +12,24 @@ from typing import Final
 from rlgcomp.physics.ageing import Ageing
 from rlgcomp.physics.ambient_pressure import AmbientPressure
 from rlgcomp.physics.discharge_imbalance import DischargeImbalance
+from rlgcomp.physics.earth_rate_leak import EarthRateLeak
 from rlgcomp.physics.empirical_law import EmpiricalLaw
+from rlgcomp.physics.encoder_delay import EncoderDelay
 from rlgcomp.physics.light_intensity import LightIntensity
+from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.magnetic_field import MagneticField
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.misalignment import Misalignment
 from rlgcomp.physics.mode_hop import ModeHop
 from rlgcomp.physics.periodic_interference import PeriodicInterference
 from rlgcomp.physics.random_telegraph import RandomTelegraph
 from rlgcomp.physics.rate_asymmetry import RateAsymmetry
 from rlgcomp.physics.readout_incoherence import ReadoutIncoherence
+from rlgcomp.physics.rotation_harmonics import RotationHarmonics
+from rlgcomp.physics.scale_factor import ScaleFactor
+from rlgcomp.physics.scale_factor_asymmetry import ScaleFactorAsymmetry
+from rlgcomp.physics.scale_factor_nonlinearity import ScaleFactorNonlinearity
+from rlgcomp.physics.scale_factor_temperature import ScaleFactorTemperature
 from rlgcomp.physics.supply_voltage import SupplyVoltage
 from rlgcomp.physics.temperature_rate import TemperatureRate
 from rlgcomp.physics.thermal_gradient import ThermalGradient
@@ -51,6 +60,15 @@ CATALOGUE: Final[MappingProxyType[str, type[Mechanism]]] = MappingProxyType(
             PeriodicInterference,
             RandomTelegraph,
             EmpiricalLaw,
+            ScaleFactor,
+            ScaleFactorTemperature,
+            ScaleFactorAsymmetry,
+            ScaleFactorNonlinearity,
+            LockIn,
+            Misalignment,
+            EarthRateLeak,
+            RotationHarmonics,
+            EncoderDelay,
         )
     }
 )

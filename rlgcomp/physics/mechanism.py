@@ -12,18 +12,23 @@ import abc
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
+from rlgcomp.motion import angle_column, rate_column
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 Role = Literal["amplitude", "shape", "setting"]
-TEMPERATURE = "temperature"  # a driver that stands for the recording's own choice of thermometer
+# Drivers that stand for the recording's own choice of column.
+TEMPERATURE = "temperature"
+TABLE_RATE = "table_rate"
+TABLE_ANGLE = "table_angle"
+FELT_RATE_DEG_S = "felt_rate_deg_s"  # what the simulator adds for mechanisms of stage "lock_in": all that turns the light
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +80,10 @@ class Mechanism(abc.ABC):
     reference : str
         Where the physics is written down.
     drivers : tuple of str
-        Columns it needs; "temperature" stands for the recording's own choice of thermometer.
+        Columns it needs; "temperature", "table_rate" and "table_angle" stand for the recording's own choice of thermometer and of
+        the column that says how the table turned.
+    stage : {"light", "lock_in", "readout"}
+        Where it acts. What adds to the rate that the light feels ("light") is felt by those that act on the total ("lock_in").
     fast : bool
         Its columns vary within an averaging window, so they are computed at the full rate.
     each_run : bool
@@ -89,6 +97,7 @@ class Mechanism(abc.ABC):
     equation: ClassVar[str]
     reference: ClassVar[str]
     drivers: ClassVar[tuple[str, ...]]
+    stage: ClassVar[Literal["light", "lock_in", "readout"]] = "light"
     fast: ClassVar[bool] = False
     each_run: ClassVar[bool] = False
     open_set: ClassVar[bool] = False
@@ -179,6 +188,10 @@ class Mechanism(abc.ABC):
         """What this instance reads: the class's `drivers`, unless they are a setting."""
         return self.drivers
 
+    def settled(self) -> Self:
+        """The same error in the numbers that people use, where two parameters trade against each other when fitted."""
+        return self
+
     # --- what follows from it ----------------------------------------------------------------------------------------------
 
     def contribution(self, recording: Recording, rng: np.random.Generator) -> Array:
@@ -230,7 +243,7 @@ class Mechanism(abc.ABC):
         InputError
             One of them is not there.
         """
-        columns = tuple(recording.temperature_column if driver == TEMPERATURE else driver for driver in self.driver_names())
+        columns = tuple(_OWN_CHOICE[driver](recording) if driver in _OWN_CHOICE else driver for driver in self.driver_names())
         missing = [column for column in columns if column not in recording]
         if missing:
             raise InputError(
@@ -242,3 +255,10 @@ class Mechanism(abc.ABC):
     def read(self, recording: Recording) -> tuple[Array, ...]:
         """The driver columns as arrays, in the order of `drivers`."""
         return tuple(recording.column(column) for column in self.driver_columns(recording))
+
+
+_OWN_CHOICE: dict[str, Callable[[Recording], str]] = {
+    TEMPERATURE: lambda recording: recording.temperature_column,
+    TABLE_RATE: rate_column,
+    TABLE_ANGLE: angle_column,
+}

@@ -29,13 +29,13 @@ import numpy.typing as npt
 from scipy import linalg
 
 from rlgcomp.errors import InputError
+from rlgcomp.motion import ANGLES, unwrapped_deg
 from rlgcomp.recording import GAP_PERIODS, Recording
 from rlgcomp.rotation.harmonics import Harmonics, without
 from rlgcomp.units import RAD_PER_DEG, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 
-ANGLES: Final = ("table_angle_deg", "angle_inner_deg")
 SLOWEST_DEG_S: Final = 0.5  # below, the table counts as at rest
 SAME_RATE: Final = 0.01  # relative: what a leg's one-second rates may differ by
 SETTLING_S: Final = 2.0  # after a change of rate
@@ -95,28 +95,12 @@ def table_angle_deg(recording: Recording) -> Array:
     """
     for column in ANGLES:
         if column in recording:
-            return _running_on(recording.column(column), recording.time_s, recording.period_s)
+            return unwrapped_deg(recording.column(column), recording.time_s, recording.period_s)
     raise InputError(
         f"{recording.name} has no encoder column ({' or '.join(ANGLES)}), and ARW under rotation needs the table's angle; map it "
         f"with --map {ANGLES[0]}='NAME [deg]'; if the table was at rest, use rlgcomp allan; the columns are "
         f"{', '.join(recording.columns)}"
     )
-
-
-def _running_on(angle_deg: Array, time_s: Array, period_s: float) -> Array:
-    """The angle without jumps of 360 degrees; across a gap it goes on at the rate of the second before."""
-    steps, spans = np.diff(angle_deg), np.diff(time_s)
-    gaps = np.flatnonzero(spans > GAP_PERIODS * period_s)
-    if not len(gaps) and np.abs(steps).max() <= 180.0:
-        return angle_deg
-    expected = np.zeros_like(steps)
-    near = max(1, round(1.0 / period_s))
-    for gap in gaps.tolist():
-        before = steps[max(0, gap - near) : gap]
-        usual = before - 360.0 * np.rint(before / 360.0)
-        expected[gap] = float(np.median(usual)) / period_s * spans[gap] if len(usual) else 0.0
-    steps = expected + np.remainder(steps - expected + 180.0, 360.0) - 180.0
-    return np.asarray(angle_deg[0] + np.r_[0.0, np.cumsum(steps)])
 
 
 def find_legs(time_s: Array, angle_deg: Array) -> list[Leg]:

@@ -90,7 +90,7 @@ class Programme:
         if text.strip() in PRESETS:
             text = PRESETS[text.strip()]
         elif text.endswith((".yaml", ".yml")):
-            text = _from_yaml(Path(text))
+            text = text_of_file(Path(text), "start 20, hold 60, ramp -40 1, ...")
         words = [part.split() for part in text.replace("\n", ",").split(",") if part.strip()]
         try:
             if words[0][0] != "start" or len(words[0]) != 2:
@@ -153,12 +153,19 @@ PRESETS: Final[dict[str, str]] = {
 }
 
 
-def _from_yaml(path: Path) -> str:
+def text_of_file(path: Path, example: str) -> str:
+    """The programme that a YAML file holds as `programme: TEXT`.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or holds none.
+    """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"chamber programme {path}: not readable: {error}") from None
+        raise InputError(f"programme {path}: not readable: {error}") from None
     text = content.get("programme") if isinstance(content, dict) else content
     if not isinstance(text, str):
-        raise InputError(f"chamber programme {path}: expected a line 'programme: start 20, hold 60, ramp -40 1, ...'")
+        raise InputError(f"programme {path}: expected a line 'programme: {example}'")
     return text

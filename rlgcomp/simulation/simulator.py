@@ -1,28 +1,42 @@
-"""The simulator: mechanisms and noise, made into recordings or driven by the monitors of a recording."""
+"""The simulator: mechanisms and noise, made into recordings or driven by the monitors of a recording.
+
+Errors are said about what a perfect gyro would show: nothing in a chamber, the table's rate and the Earth's on a turntable. They
+add, but for what acts on the total rate (lock-in): that sees the rate with all that the light feels already in it.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final, Literal, Self, get_args
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import yaml
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import write_text
+from rlgcomp.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
-from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.monitors import Beams, Monitors
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import Programme
+from rlgcomp.simulation.table_programme import TableProgramme
+from rlgcomp.simulation.turntable import Turntable
+from rlgcomp.units import SECONDS_PER_HOUR, convert
+
+Array = npt.NDArray[np.float64]
+Kind = Literal["chamber", "turntable"]
 
 TYPICAL_NOISE: Final = NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
-_SECTIONS: Final = ("kind", "mechanisms", "noise", "plant", "beams", "unit")
+_SECTIONS: Final = ("kind", "mechanisms", "noise", "plant", "beams", "table", "unit")
+_USUAL_PROGRAMME: Final = {"chamber": "paper", "turntable": "rates"}
+_GYRO_UNITS: Final = {"gyro_deg_h": "deg/h", "gyro_deg_s": "deg/s"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,14 +46,16 @@ class Simulator:
     Parameters
     ----------
     mechanisms : tuple of Mechanism
-        Within a chamber run their errors add, so their order does not matter.
+        Their order does not matter.
     free : mapping of str to frozenset of str
         By mechanism, the parameters that are to be calibrated from data; the others are known.
     noise : NoiseModel, optional
         None: to be estimated from data, and of the usual size when simulating.
     monitors : Monitors
-        Thermal plant, beams, readout and sensors.
-    kind : str
+        Of kind "chamber": thermal plant, beams, readout and sensors.
+    table : Turntable
+        Of kind "turntable": the rate table and the room.
+    kind : {"chamber", "turntable"}
     unit : str
         Serial number that its recordings bear.
 
@@ -53,31 +69,37 @@ class Simulator:
     free: Mapping[str, frozenset[str]] = dataclasses.field(default_factory=dict)
     noise: NoiseModel | None = None
     monitors: Monitors = dataclasses.field(default_factory=Monitors)
+    table: Turntable = dataclasses.field(default_factory=Turntable)
     kind: str = "chamber"
     unit: str = "simulated"
 
     def __post_init__(self) -> None:
-        if self.kind != "chamber":
-            raise InputError(f"simulator: kind is {self.kind!r}; this version simulates kind 'chamber'")
+        if self.kind not in get_args(Kind):
+            raise InputError(f"simulator: kind is {self.kind!r}; it must be one of {', '.join(get_args(Kind))}")
         names = [mechanism.name for mechanism in self.mechanisms]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"simulator: {', '.join(twice)} listed twice; list each mechanism once")
         foreign = [mechanism.name for mechanism in self.mechanisms if mechanism.kind not in (self.kind, "any")]
         if foreign:
-            raise InputError(f"simulator of kind {self.kind!r}: {', '.join(foreign)} belong to another kind of run")
+            raise InputError(f"simulator of kind {self.kind!r}: {', '.join(foreign)} belong to the other kind; write kind: first")
 
     # --- running it --------------------------------------------------------------------------------------------------------
 
     def simulate(
-        self, programme: Programme | str = "paper", *, seed: int = 0, step_s: float = 1.0, name: str = "simulated"
+        self,
+        programme: Programme | TableProgramme | str | None = None,
+        *,
+        seed: int = 0,
+        step_s: float = 1.0,
+        name: str = "simulated",
     ) -> Recording:
         """Make a recording.
 
         Parameters
         ----------
-        programme : Programme or str
-            A chamber programme, its text, or a preset's name.
+        programme : Programme, TableProgramme or str, optional
+            What chamber or table are told to do: a programme, its text, or a preset's name; by default "paper" and "rates".
         seed : int
             Every random stream is named: leaving a mechanism out leaves all else bit-identical.
         step_s : float
@@ -87,39 +109,101 @@ class Simulator:
         Returns
         -------
         Recording
-            With each contribution in `truth`; they sum to the gyro's output.
+            With each contribution in `truth`; they sum to the gyro's error.
+
+        Raises
+        ------
+        InputError
+            The programme is not understood, of the other kind, or too short.
         """
+        if programme is None:
+            programme = _USUAL_PROGRAMME[self.kind]
         if isinstance(programme, str):
-            programme = Programme.parse(programme)
+            programme = Programme.parse(programme) if self.kind == "chamber" else TableProgramme.parse(programme)
         if not step_s > 0.0:
             raise InputError(f"the sample period is {step_s} s; it must be positive")
-        actual, recorded = self.monitors.simulate(programme, step_s, seed)
-        there = Recording(actual.assign(gyro_deg_h=0.0), name=name)
-        contributions = {
-            mechanism.name: mechanism.contribution(there, stream(seed, mechanism.name)) for mechanism in self.mechanisms
-        }
+        if isinstance(programme, TableProgramme) and self.kind == "turntable":
+            metadata, column = self.table.metadata(), "gyro_deg_s"
+            actual, recorded = self.table.simulate(programme, step_s, seed)
+        elif isinstance(programme, Programme) and self.kind == "chamber":
+            metadata, column = Metadata(kind="chamber"), "gyro_deg_h"
+            actual, recorded = self.monitors.simulate(programme, step_s, seed)
+        else:
+            raise InputError(f"a simulator of kind {self.kind!r} cannot run the programme {programme}; give one of its own kind")
+        there = Recording(actual.assign(**{column: 0.0}), metadata, name=name)
+        contributions = self._errors(there, self.mechanisms, seed)
         noise = TYPICAL_NOISE if self.noise is None else self.noise
         contributions |= noise.simulate(len(there), step_s, seed)
         truth = pd.DataFrame(contributions, index=actual.index)
-        recorded.insert(1, "gyro_deg_h", truth.to_numpy().sum(axis=1) if contributions else 0.0)
-        metadata = Metadata(kind="chamber", unit=self.unit, notes={"programme": str(programme), "seed": seed})
-        return Recording(recorded, metadata, name=name, truth=truth)
+        shown = self.nominal_deg_h(there) + (truth.to_numpy().sum(axis=1) if contributions else 0.0)
+        recorded.insert(1, column, convert(shown, "deg/h", _GYRO_UNITS[column]))
+        notes = {"programme": str(programme), "seed": seed}
+        return Recording(recorded, dataclasses.replace(metadata, unit=self.unit, notes=notes), name=name, truth=truth)
+
+    def nominal_deg_h(self, recording: Recording, gyro: str | None = None) -> Array:
+        """What a perfect gyro would show: nothing in a chamber; a turntable's rate, and the Earth's where the latitude is known.
+
+        Where a recording's rate and angle allow several readings of how the table turned, the gyro itself says which its samples
+        belong to (:func:`rlgcomp.motion.reference_rate_deg_s`).
+
+        Parameters
+        ----------
+        recording : Recording
+        gyro : str, optional
+            Gyro column, where there are several.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In deg/h.
+
+        Raises
+        ------
+        InputError
+            Of kind "turntable" and the recording does not say how the table turned.
+        """
+        if self.kind == "chamber":
+            return np.zeros(len(recording))
+        readable = gyro is not None or len(recording.gyro_columns) == 1
+        rate = reference_rate_deg_s(recording, recording.rate_deg_h(gyro)) if readable else rate_deg_s(recording)
+        return SECONDS_PER_HOUR * rate + earth_rate_deg_h(recording)
 
     def predict(self, recording: Recording) -> Recording:
         """The gyro that this simulator expects, given a recording's own monitors: the same rows, without noise.
+
+        The column is the recording's own where that is `gyro_deg_h` or `gyro_deg_s`; otherwise `gyro_deg_h` for a chamber and
+        `gyro_deg_s` for a turntable.
 
         Raises
         ------
         InputError
             A mechanism's monitor is not in the recording.
         """
-        total = np.zeros(len(recording))
-        for mechanism in self.mechanisms:
-            if mechanism.amplitude_parameters():
-                total += mechanism.contribution(recording, stream(0, mechanism.name))
+        predictable = [mechanism for mechanism in self.mechanisms if mechanism.amplitude_parameters()]
+        total = sum(self._errors(recording, predictable, 0).values(), self.nominal_deg_h(recording))
+        own = [column for column in recording.gyro_columns if column in _GYRO_UNITS]
+        column = own[0] if own else ("gyro_deg_h" if self.kind == "chamber" else "gyro_deg_s")
         table = recording.table.drop(columns=list(recording.gyro_columns))
-        table.insert(1, "gyro_deg_h", total)
+        table.insert(1, column, convert(total, "deg/h", _GYRO_UNITS[column]))
         return recording.replace(table=table, truth=None, findings=())
+
+    def _errors(self, recording: Recording, mechanisms: Sequence[Mechanism], seed: int) -> dict[str, Array]:
+        """Errors in deg/h by mechanism: first what the light feels, then what acts on the total, in the order of the list."""
+        found = {
+            mechanism.name: mechanism.contribution(recording, stream(seed, mechanism.name))
+            for mechanism in mechanisms
+            if mechanism.stage != "lock_in"
+        }
+        if len(found) < len(mechanisms):
+            felt = [found[mechanism.name] for mechanism in mechanisms if mechanism.stage == "light"]
+            rate = rate_deg_s(recording) + (earth_rate_deg_h(recording) + sum(felt, np.zeros(len(recording)))) / SECONDS_PER_HOUR
+            total = recording.replace(table=recording.table.assign(**{FELT_RATE_DEG_S: rate}))
+            found |= {
+                mechanism.name: mechanism.contribution(total, stream(seed, mechanism.name))
+                for mechanism in mechanisms
+                if mechanism.stage == "lock_in"
+            }
+        return {mechanism.name: found[mechanism.name] for mechanism in mechanisms}
 
     # --- changing it -------------------------------------------------------------------------------------------------------
 
@@ -153,7 +237,7 @@ class Simulator:
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise InputError(f"simulator file {path}: not readable as YAML: {error}") from None
         if not isinstance(content, dict):
-            raise InputError(f"simulator file {path}: expected 'kind: chamber' and a list of 'mechanisms:'")
+            raise InputError(f"simulator file {path}: expected 'kind: chamber' (or turntable) and a list of 'mechanisms:'")
         try:
             return cls.from_mapping(content, catalogue)
         except InputError as error:
@@ -182,6 +266,7 @@ class Simulator:
                 plant=_made(ThermalPlant, _section(content, "plant"), "plant"),
                 beams=_made(Beams, _section(content, "beams"), "beams"),
             ),
+            table=_made(Turntable, _section(content, "table"), "table"),
             kind=str(content.get("kind", "chamber")),
             unit=str(content.get("unit", "simulated")),
         )
@@ -198,7 +283,7 @@ class Simulator:
         content: dict[str, Any] = {"kind": self.kind, "unit": self.unit, "mechanisms": listed}
         if self.noise is not None:
             content["noise"] = dataclasses.asdict(self.noise)
-        for section, made in (("plant", self.monitors.plant), ("beams", self.monitors.beams)):
+        for section, made in (("plant", self.monitors.plant), ("beams", self.monitors.beams), ("table", self.table)):
             if made != type(made)():
                 content[section] = dataclasses.asdict(made)
         return content

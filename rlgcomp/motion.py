@@ -1,0 +1,245 @@
+r"""The motion of a one-axis table as a recording tells it: rate, angle and acceleration, each from the other where one is missing.
+
+A row belongs to the sample that ends at its time: the rate is the mean over that sample, so that
+
+.. math:: W_k = (\theta_k - \theta_{k-1}) / (t_k - t_{k-1})
+
+exactly, whatever happens in between. Recordings made elsewhere may mean the sample that begins there, or the instant;
+:func:`reference_rate_deg_s` finds out which, against the gyro that turned with the table.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.errors import InputError
+from rlgcomp.recording import GAP_PERIODS, Recording
+from rlgcomp.units import DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_DEG
+
+Array = npt.NDArray[np.float64]
+
+RATE: Final = "table_rate_deg_s"
+ANGLES: Final = ("table_angle_deg", "angle_inner_deg")
+CLEARLY_BETTER: Final = 0.5  # of the residual: what another reading of the table's motion must bring to replace the first
+TAKEN: Final = ("before", "at", "after")
+_SAME_RAD: Final = 0.2
+_WINDOWS: Final = 50  # in which readings of the motion are compared, of at most so many seconds each:
+_LONGEST_WINDOW_S: Final = 100.0
+
+
+def rate_column(recording: Recording) -> str:
+    """The column that the table's rate comes from: its own, or an encoder's.
+
+    Raises
+    ------
+    InputError
+        There is neither.
+    """
+    return _first(recording, (RATE, *ANGLES))
+
+
+def angle_column(recording: Recording) -> str:
+    """The column that the table's angle comes from: an encoder's, or the rate.
+
+    Raises
+    ------
+    InputError
+        There is neither.
+    """
+    return _first(recording, (*ANGLES, RATE))
+
+
+def rate_deg_s(recording: Recording) -> Array:
+    """Rate of the table in deg/s, shape (n,): as recorded, or the encoder's mean over the sample that ends at each row.
+
+    Raises
+    ------
+    InputError
+        The recording has neither rate nor angle.
+    """
+    column = rate_column(recording)
+    return recording.column(column) if column == RATE else _steps_deg(recording) / _spans_s(recording)
+
+
+def angle_deg(recording: Recording) -> Array:
+    """Angle of the table in deg at each row's time, running on past a turn.
+
+    Where only the rate is known, it counts from the first row. With both, the rate tells how many turns lie between two rows, so
+    that no speed is too high for the encoder's wrap.
+
+    Raises
+    ------
+    InputError
+        The recording has neither angle nor rate.
+    """
+    column = angle_column(recording)
+    if column == RATE:
+        steps = recording.column(RATE) * _spans_s(recording)
+        return np.asarray(np.cumsum(steps) - steps[0])
+    steps = _steps_deg(recording)
+    return np.asarray(recording.column(column)[0] + np.cumsum(steps) - steps[0])
+
+
+def acceleration_deg_s2(recording: Recording) -> Array:
+    """Acceleration of the table in deg/s², shape (n,): difference of the rates on either side of a row.
+
+    Raises
+    ------
+    InputError
+        The recording has neither rate nor angle.
+    """
+    return np.asarray(np.gradient(rate_deg_s(recording), recording.time_s))
+
+
+def harmonic(recording: Recording, order: int, taken: str = "before") -> tuple[Array, Array]:
+    r"""Cosine and sine of `order` times the table's angle, each of shape (n,).
+
+    Parameters
+    ----------
+    recording : Recording
+    order : int
+    taken : {"before", "at", "after"}
+        Mean over the sample that ends at a row, value at its time, or mean over the sample that begins there. A mean over a turn of
+        :math:`\Delta` is the value in the middle times :math:`\sin(k \Delta / 2) / (k \Delta / 2)`.
+
+    Raises
+    ------
+    InputError
+        The recording has neither angle nor rate.
+    """
+    middle, turned = _middle_deg(recording, taken)
+    phase = order * RAD_PER_DEG * middle
+    kept = np.sinc(order * turned / DEG_PER_TURN)
+    return kept * np.cos(phase), kept * np.sin(phase)
+
+
+def taken_at_deg(recording: Recording, taken: str) -> Array:
+    """The angle in deg that :func:`harmonic` refers to, shape (n,)."""
+    return _middle_deg(recording, taken)[0]
+
+
+def worth_trying(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
+    """Ways to take a harmonic that differ: one where the table turns little within a sample, else that and the value at its end."""
+    largest = max(float(np.abs(rate_deg_s(run)).max()) * run.period_s for run in recordings)
+    return TAKEN[:1] if order * largest * RAD_PER_DEG < _SAME_RAD else TAKEN[:2]
+
+
+def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:
+    """The rate that the gyro is to be compared with, in deg/s: which reading of the table's motion the gyro's samples belong to.
+
+    The recorded rate, or else the encoder's over the sample that ends at a row, comes first. Another reading (centred on the row,
+    over the sample that begins there, the encoder instead of a noisy rate) replaces it only where the gyro, freed of a scale factor
+    and a bias, follows it at least twice as closely.
+
+    Parameters
+    ----------
+    recording : Recording
+    gyro_deg_h : ndarray, shape (n,)
+
+    Raises
+    ------
+    InputError
+        The recording has neither rate nor angle.
+    """
+    readings = [rate_deg_s(recording)]
+    if any(column in recording for column in ANGLES):
+        over = _steps_deg(recording) / _spans_s(recording)
+        after = np.r_[over[1:], over[-1]]
+        readings += [over, 0.5 * (over + after), after]
+    best = readings[0]
+    least = _unlike(recording, best, gyro_deg_h)
+    for reading in readings[1:]:
+        left = _unlike(recording, reading, gyro_deg_h)
+        if left < CLEARLY_BETTER * least:
+            best, least = reading, left
+    return best
+
+
+def earth_rate_deg_h(recording: Recording) -> float:
+    """The Earth's rate about a vertical table axis, positive upwards, in deg/h; zero where the latitude is not known."""
+    latitude_deg = recording.metadata.latitude_deg
+    return 0.0 if latitude_deg is None else EARTH_RATE_DEG_H * float(np.sin(latitude_deg * RAD_PER_DEG))
+
+
+def unwrapped_deg(angle: Array, time_s: Array, period_s: float, rate: Array | None = None) -> Array:
+    """An encoder's angle without jumps of 360 degrees.
+
+    Parameters
+    ----------
+    angle, time_s : ndarray, shape (n,)
+    period_s : float
+    rate : ndarray, shape (n,), optional
+        In deg/s; without it less than half a turn is taken to lie between two rows, and across a gap the angle goes on at the rate
+        of the second before.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    steps, spans = np.diff(angle), np.diff(time_s)
+    expected = np.zeros_like(steps)
+    if rate is not None:
+        expected = rate[1:] * spans
+    else:
+        gaps = np.flatnonzero(spans > GAP_PERIODS * period_s)
+        if not len(gaps) and np.abs(steps).max() <= 0.5 * DEG_PER_TURN:
+            return angle
+        near = max(1, round(1.0 / period_s))
+        for gap in gaps.tolist():
+            before = steps[max(0, gap - near) : gap]
+            usual = before - DEG_PER_TURN * np.rint(before / DEG_PER_TURN)
+            expected[gap] = float(np.median(usual)) / period_s * spans[gap] if len(usual) else 0.0
+    steps = expected + np.remainder(steps - expected + 0.5 * DEG_PER_TURN, DEG_PER_TURN) - 0.5 * DEG_PER_TURN
+    return np.asarray(angle[0] + np.r_[0.0, np.cumsum(steps)])
+
+
+def _first(recording: Recording, columns: tuple[str, ...]) -> str:
+    for column in columns:
+        if column in recording:
+            return column
+    raise InputError(
+        f"{recording.name} does not say how the table turned ({RATE} or {ANGLES[0]}); map one with --map {RATE}='NAME [deg/s]' or "
+        f"--map {ANGLES[0]}='NAME [deg]'; the columns are {', '.join(recording.columns)}"
+    )
+
+
+def _middle_deg(recording: Recording, taken: str) -> tuple[Array, Array]:
+    """Angle in the middle of what is averaged over, and how far the table turned meanwhile, in deg."""
+    angle = angle_deg(recording)
+    steps = np.diff(angle)
+    turned = {"before": np.r_[steps[0], steps], "at": np.zeros(len(angle)), "after": -np.r_[steps, steps[-1]]}[taken]
+    return angle - 0.5 * turned, turned
+
+
+def _steps_deg(recording: Recording) -> Array:
+    """Angle turned in the sample before each row, from the encoder; the first row's by the rate, or else as the second's."""
+    rate = recording.column(RATE) if RATE in recording else None
+    column = _first(recording, ANGLES)
+    turned = np.diff(unwrapped_deg(recording.column(column), recording.time_s, recording.period_s, rate))
+    return np.r_[turned[0] if rate is None else rate[0] * recording.period_s, turned]
+
+
+def _spans_s(recording: Recording) -> Array:
+    spans = np.diff(recording.time_s)
+    return np.r_[spans[0], spans]
+
+
+def _unlike(recording: Recording, rate: Array, gyro_deg_h: Array) -> float:
+    """Standard deviation of window means of the gyro less what a scale factor and a bias make of a rate."""
+    inner = slice(1, -1)  # how far the table turned before the first row, or after the last, is not known from its angle
+    since_s = (recording.time_s - recording.time_s[0])[inner]
+    rate, gyro_deg_h = rate[inner], gyro_deg_h[inner]
+    if len(rate) < _WINDOWS:
+        return math.inf
+    window = np.floor(since_s / min(_LONGEST_WINDOW_S, since_s[-1] / _WINDOWS)).astype(np.int64)
+    starts = np.flatnonzero(np.diff(window, prepend=-1))
+    counts = np.diff(np.r_[starts, len(window)])
+    full = counts > 0.5 * counts.max()
+    design = np.column_stack([np.ones(len(starts)), np.add.reduceat(rate, starts) / counts])[full]
+    means = (np.add.reduceat(gyro_deg_h, starts) / counts)[full]
+    return float(np.std(means - design @ np.linalg.lstsq(design, means, rcond=None)[0]))

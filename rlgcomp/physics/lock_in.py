@@ -1,0 +1,131 @@
+"""Lock-in: backscattered light pulls the two beams together, and near zero rate the gyro stands still."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final, Self
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from rlgcomp.motion import rate_deg_s, reference_rate_deg_s
+from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
+from rlgcomp.recording import Recording
+from rlgcomp.units import SECONDS_PER_HOUR
+
+_RATIO: Final = 1.3  # between the lock-in rates that diagnosis tries
+_LOWEST_DEG_S: Final = 1e-4
+_SLOW: Final = 0.05  # of the highest rate: below, a table is near enough to rest for its gyro to lock
+_OFTEN: Final = 0.01  # of the rows
+_MOST_ROWS: Final = 200_000  # that the best lock-in rate is sought in
+
+
+@dataclasses.dataclass(frozen=True)
+class LockIn(Mechanism):
+    r"""The phase between the beams obeys :math:`\dot\psi = 2\pi S (W - W_L \sin\psi)`; averaged over a beat the output is
+
+    .. math:: \langle W \rangle = \mathrm{sgn}(W) \sqrt{W^2 - W_L^2} \quad (|W| > W_L), \qquad 0 \quad (|W| \le W_L)
+
+    and the error b the difference from W, for fast rotation :math:`-W_L^2 / 2W`. W is all that turns the light: with `acts_on`
+    "total" the simulator adds bias, Earth and what else the light feels to the table's rate; where that is not known, or with
+    "table", `offset_deg_h` alone.
+
+    Far above lock-in the error holds W_L² only, so that fitting finds `fraction` times `lock_in_deg_s` squared; :meth:`settled`
+    gives the lock-in rate itself.
+    """
+
+    name = "lock_in"
+    kind = "turntable"
+    equation = "b = fraction * (sgn(W) sqrt(max(W^2 - lock_in_deg_s^2, 0)) - W)"
+    reference = (
+        "F. Aronowitz, Fundamentals of the ring laser gyro, in Optical Gyros and their Application, RTO AGARDograph 339 (1999); "
+        "Z. Liu et al., Sensors 19, 4754 (2019), section 3 (scale factor of a rate-biased gyro against rate)."
+    )
+    drivers = (TABLE_RATE,)
+    stage = "lock_in"
+    fast = True
+
+    lock_in_deg_s: float = shape(0.03, "deg/s", 1e-5, 10.0)
+    fraction: float = amplitude(1.0, "1", limit=1e12)
+    acts_on: str = setting("total", choices=("total", "table"))
+    offset_deg_h: float = setting(0.0, "deg/h")
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        """Lock-in rates in equal ratios up to the highest rate, and the best one; where a table rests, with the bias locked too.
+
+        The best is found by least squares, because lock-in near the rates of a programme stands out a hundred times above the
+        noise, and then no ratio is fine enough.
+        """
+        top = max(float(np.abs(rate_deg_s(run)).max()) for run in recordings)
+        highest = min(max(0.9 * top, 2.0 * _LOWEST_DEG_S), 10.0)
+        points = max(2, round(math.log(highest / _LOWEST_DEG_S) / math.log(_RATIO)))
+        rates = np.geomspace(_LOWEST_DEG_S, highest, points).tolist()
+        shown = _shown(recordings)
+        offsets = (0.0,) if shown is None else (0.0, *_locked_offset(*shown, top))
+        return tuple(
+            cls(lock_in_deg_s=rate, acts_on="table", offset_deg_h=offset)
+            for offset in offsets
+            for rate in (rates if shown is None else sorted((*rates, _best(*shown, rates, offset))))
+        )
+
+    def settled(self) -> Self:
+        """All of it: the lock-in rate that makes the same error at fast rotation with `fraction` one."""
+        if self.fraction <= 0.0:
+            return self
+        rate = self.lock_in_deg_s * math.sqrt(self.fraction)
+        return dataclasses.replace(self, lock_in_deg_s=min(max(rate, 1e-5), 10.0), fraction=1.0)
+
+    def basis(self, recording: Recording) -> Array:
+        if self.acts_on == "total" and FELT_RATE_DEG_S in recording:
+            rate = recording.column(FELT_RATE_DEG_S)
+        else:
+            rate = rate_deg_s(recording) + self.offset_deg_h / SECONDS_PER_HOUR
+        return _error_deg_h(rate, self.lock_in_deg_s)[:, None]
+
+
+def _error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
+    """sgn(W) sqrt(W² - W_L²) - W, written as a quotient that loses no digits."""
+    square = rate**2
+    both = np.sqrt(np.maximum(square - lock_in_deg_s**2, 0.0)) + np.abs(rate)
+    return np.asarray(-SECONDS_PER_HOUR * np.sign(rate) * np.minimum(square, lock_in_deg_s**2) / np.maximum(both, 1e-300))
+
+
+def _shown(recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
+    """Rates in deg/s, and in deg/h what the gyros show beyond them; None where they cannot be read, or the table does not turn."""
+    rates, beyond = [], []
+    for run in recordings:
+        if len(run.gyro_columns) != 1 or (run.gyro_columns[0].endswith("_pulses") and run.metadata.pulse_arcsec is None):
+            return None
+        gyro = run.rate_deg_h()
+        rate = reference_rate_deg_s(run, gyro)
+        rates.append(rate)
+        beyond.append(gyro - SECONDS_PER_HOUR * rate)
+    every = max(1, sum(len(part) for part in rates) // _MOST_ROWS)
+    rate = np.concatenate(rates)[::every]
+    return None if np.ptp(rate) == 0.0 else (rate, np.concatenate(beyond)[::every])
+
+
+def _locked_offset(rate: Array, beyond: Array, top: float) -> tuple[float, ...]:
+    """What the light feels beside the table: the bias shown while the table turns; none where it never rests."""
+    fast = np.abs(rate) > _SLOW * top
+    if np.mean(~fast) < _OFTEN or np.ptp(rate[fast]) == 0.0:
+        return ()
+    return (float(np.polyfit(rate[fast] / top, beyond[fast], 1)[1]),)
+
+
+def _best(rate: Array, beyond: Array, tried: Sequence[float], offset_deg_h: float) -> float:
+    """The lock-in rate that leaves least of what is shown beyond the rate, a scale factor and a bias taken out."""
+    felt = rate + offset_deg_h / SECONDS_PER_HOUR
+    plain = np.linalg.qr(np.column_stack([np.ones(len(rate)), rate]))[0]
+
+    def left(logarithm: float) -> float:
+        rest = beyond - _error_deg_h(felt, math.exp(logarithm))
+        rest = rest - plain @ (plain.T @ rest)
+        return float(rest @ rest)
+
+    nearest = min((math.log(value) for value in tried), key=left)
+    step = math.log(_RATIO)
+    return math.exp(minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7}).x)

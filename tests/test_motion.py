@@ -1,0 +1,107 @@
+"""How a table turned: rate, angle and acceleration from whichever column a recording has."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rlgcomp as rlg
+from rlgcomp import motion
+from rlgcomp.simulation.table_programme import TableProgramme
+
+PROGRAMME = TableProgramme.parse("rate 7 60, rate -25 90, rest 30, sweep -3 3 120, rate 170 40")
+
+
+def recording(*columns: str, step_s: float = 1.0, wrapped: bool = True, gyro: np.ndarray | None = None, **metadata: float):
+    edges_s = np.arange(0.0, PROGRAMME.duration_s, step_s)
+    angle = 40.0 + PROGRAMME.angle_deg(edges_s)
+    table = {
+        "time_s": edges_s[1:],
+        "gyro_deg_s": np.diff(angle) / step_s if gyro is None else gyro,
+        "table_angle_deg": angle[1:] % 360.0 if wrapped else angle[1:],
+        "table_rate_deg_s": np.diff(angle) / step_s,
+    }
+    kept = {name: values for name, values in table.items() if name in ("time_s", "gyro_deg_s", *columns)}
+    return rlg.Recording(pd.DataFrame(kept), rlg.Metadata(kind="turntable", **metadata), name="made")
+
+
+BOTH = ("table_angle_deg", "table_rate_deg_s")
+
+
+def test_rate_and_angle_come_from_each_other() -> None:
+    both, angle, rate = recording(*BOTH), recording("table_angle_deg"), recording("table_rate_deg_s")
+    assert motion.rate_deg_s(angle)[1:] == pytest.approx(motion.rate_deg_s(both)[1:], abs=1e-9)
+    assert np.diff(motion.angle_deg(rate)) == pytest.approx(np.diff(motion.angle_deg(both)), abs=1e-9)
+    assert motion.angle_deg(rate)[0] == 0.0
+    assert motion.angle_deg(angle) % 360.0 == pytest.approx(angle.column("table_angle_deg"), abs=1e-9)
+
+
+def test_the_rate_unwraps_what_the_angle_alone_cannot() -> None:
+    """170 deg/s every 2 s is 340 degrees a row: less than half a turn backwards by the angle alone."""
+    both, angle = recording(*BOTH, step_s=2.0), recording("table_angle_deg", step_s=2.0)
+    true = recording("table_angle_deg", step_s=2.0, wrapped=False).column("table_angle_deg")
+    assert motion.angle_deg(both) - motion.angle_deg(both)[0] == pytest.approx(true - true[0], abs=1e-9)
+    assert motion.rate_deg_s(angle)[-20] == pytest.approx(170.0 - 180.0)
+
+
+@given(st.lists(st.floats(-170.0, 170.0), min_size=4, max_size=60), st.floats(0.0, 360.0))
+def test_any_wrapped_angle_runs_on(steps: list[float], start: float) -> None:
+    true = start + np.concatenate([[0.0], np.cumsum(steps)])
+    found = motion.unwrapped_deg(true % 360.0, np.arange(len(true), dtype=float), 1.0)
+    assert np.diff(found) == pytest.approx(np.array(steps), abs=1e-9)
+
+
+def test_acceleration_is_that_of_the_programme() -> None:
+    acceleration = motion.acceleration_deg_s2(recording("table_rate_deg_s", step_s=0.1))
+    assert np.abs(acceleration).max() == pytest.approx(10.0, rel=1e-6)
+    assert np.median(acceleration[2250:3000]) == pytest.approx(6.0 / 120.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("taken", motion.TAKEN)
+@pytest.mark.parametrize("order", [1, 5])
+def test_a_harmonic_is_the_mean_over_its_sample(order: int, taken: str) -> None:
+    """Against the mean over a thousand instants of each sample; at steady rates the two agree to a part in a million."""
+    run = recording(*BOTH)
+    time_s = run.time_s
+    steady = np.abs(motion.acceleration_deg_s2(run)) < 1e-9
+    steady = steady & np.roll(steady, 1) & np.roll(steady, -1)
+    instants = (np.arange(1000) + 0.5) / 1000.0 + {"before": -1.0, "at": 0.0, "after": 0.0}[taken]
+    angle = np.radians(40.0 + PROGRAMME.angle_deg(time_s[:, None] + (instants if taken != "at" else np.zeros(1))))
+    cosine, sine = motion.harmonic(run, order, taken)
+    assert cosine[steady] == pytest.approx(np.cos(order * angle).mean(axis=1)[steady], abs=1e-5)
+    assert sine[steady] == pytest.approx(np.sin(order * angle).mean(axis=1)[steady], abs=1e-5)
+
+
+def test_the_gyro_says_which_reading_is_its_own() -> None:
+    """A gyro that means the sample after its time stamp, one centred on it, and a tachometer noisier than the encoder."""
+    angle = recording("table_angle_deg", wrapped=False).column("table_angle_deg")
+    over = np.r_[40.0 - angle[0], -np.diff(angle)] * -1.0
+    after = np.r_[over[1:], over[-1]]
+    for own in (over, 0.5 * (over + after), after):
+        gyro = 1.0001 * own + 0.01
+        run = recording("table_angle_deg", gyro=gyro)
+        assert motion.reference_rate_deg_s(run, 3600.0 * gyro)[1:-1] == pytest.approx(own[1:-1], abs=1e-9)
+    run = recording(*BOTH, gyro=over)
+    noisy = run.replace(table=run.table.assign(table_rate_deg_s=over + 0.01 * np.random.default_rng(0).standard_normal(len(over))))
+    assert motion.reference_rate_deg_s(noisy, 3600.0 * over)[1:] == pytest.approx(over[1:], abs=1e-9)
+
+
+def test_the_recorded_rate_stays_where_nothing_is_clearly_better() -> None:
+    """A gyro that its encoder lags behind is late against every reading: that is a finding, not a choice of column."""
+    run = recording(*BOTH, step_s=0.1)
+    late = run.column("table_rate_deg_s") + 0.005 * motion.acceleration_deg_s2(run)
+    assert np.array_equal(motion.reference_rate_deg_s(run, 3600.0 * late), run.column("table_rate_deg_s"))
+
+
+def test_the_earth_turns_a_table_that_says_where_it_is() -> None:
+    assert motion.earth_rate_deg_h(recording(*BOTH)) == 0.0
+    assert motion.earth_rate_deg_h(recording(*BOTH, latitude_deg=30.0)) == pytest.approx(0.5 * 15.041067, abs=1e-6)
+
+
+def test_a_recording_that_does_not_say_how_the_table_turned_is_refused() -> None:
+    for read in (motion.rate_deg_s, motion.angle_deg, motion.acceleration_deg_s2):
+        with pytest.raises(rlg.InputError, match="--map table_rate_deg_s"):
+            read(recording())
