@@ -25,10 +25,15 @@ RANDOM: Final = "random"
 USUAL_STRENGTH: Final = 1.0
 RUNS: Final = ("train0", "train1", "test0", "test1")
 TRAINING: Final = 2
-PROGRAMMES: Final = {"chamber": ("paper", "reversed", "minor-loops", "slow")}
+PROGRAMMES: Final = {
+    "chamber": ("paper", "reversed", "minor-loops", "slow"),
+    "turntable": ("rates", "other-rates", "sweeps", "slow-turns"),
+}
 _SPREAD: Final = 0.3  # logarithm of what the file leaves free, about its value
 _HOW_MANY: Final = (0.2, 0.55, 0.25)  # chances that "random" hides nothing, one, two
 _DRAWS: Final = 20
+_PASSES: Final = 5  # at most, until the size is
+_NEAR: Final = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -197,11 +202,16 @@ def _sized(known: Mechanism | None, form: type[Mechanism], bench: _Bench, streng
     why = ""
     for _ in range(1 if known else _DRAWS):
         mechanism = known or drawn(form, bench.problem.runs, bench.rng, bench.problem.rows.window_s)
-        left = float(np.std(bench.left(mechanism)))
         try:
-            return scaled(mechanism, strength * bench.white_deg_h / max(left, np.finfo(float).tiny))
+            for _ in range(_PASSES):
+                left = max(float(np.std(bench.left(mechanism))), np.finfo(float).tiny)
+                mechanism = scaled(mechanism, strength * bench.white_deg_h / left)
+                if abs(strength * bench.white_deg_h / left - 1.0) < _NEAR:
+                    break
         except InputError as error:
             why = str(error)
+        else:
+            return mechanism
     raise InputError(f"{form.name} cannot be hidden with strength {strength:g}: {why}; choose a smaller strength or another cause")
 
 
