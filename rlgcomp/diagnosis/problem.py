@@ -13,6 +13,7 @@ import pandas as pd
 
 from rlgcomp.diagnosis.whitening import IntArray, Rows
 from rlgcomp.errors import InputError
+from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
 from rlgcomp.simulation.simulator import Simulator
@@ -161,6 +162,14 @@ class Problem:
             return part.means(mechanism.basis(part.full))
         return part.means(mechanism.basis(part.fine), of_fine=True)
 
+    def constant(self, value_deg_h: float) -> Mechanism | None:
+        """The mechanism that adds a constant bias and nothing else; None where the catalogue has none of this kind."""
+        for kind in CATALOGUE.values():
+            if kind.kind == self.simulator.kind and kind.constant:
+                nothing = {parameter.name: 0.0 for parameter in kind.parameters() if parameter.role == "amplitude"}
+                return kind(**(nothing | {kind.constant: value_deg_h}))
+        return None
+
     def driver(self, column: str) -> Array:
         """Window means of a recorded column, shape (n,)."""
         return np.concatenate([part.means(part.full.column(column)) for part in self.windows])
@@ -282,9 +291,8 @@ def neighbours(mechanism: Mechanism, name: str, relative: float) -> tuple[Mechan
 
 
 def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None) -> Array:
-    rate = run.rate_deg_h(gyro) - simulator.nominal_deg_h(run, gyro)
-    if predicted is not None:
-        rate = rate - predicted(run)
+    expected = simulator.nominal_deg_h(run, gyro) if predicted is None else predicted(run)
+    rate = run.rate_deg_h(gyro) - expected
     for mechanism in simulator.mechanisms:
         parameters = mechanism.amplitude_parameters()
         free = simulator.free.get(mechanism.name, frozenset())

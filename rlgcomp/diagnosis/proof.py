@@ -191,7 +191,8 @@ def _left(
     before: Simulator, after: Simulator, run: Recording, gyro: str | None, predicted: Prediction | None, window_s: float
 ) -> _Left:
     said = before.predict(run).rate_deg_h()
-    mismatch = run.rate_deg_h(gyro) - said - (0.0 if predicted is None else predicted(run))
+    expected = said if predicted is None else said - before.nominal_deg_h(run, gyro) + predicted(run)
+    mismatch = run.rate_deg_h(gyro) - expected
     table = run.table.drop(columns=list(run.gyro_columns))
     table.insert(1, "gyro_deg_h", mismatch)
     windows = Windows.of(run.replace(table=table, truth=None), window_s)

@@ -30,7 +30,7 @@ SWEEPS: Final = 3
 Label = tuple[str, bool]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Model:
     """A set of causes at its best point, and its log evidence with shapes, sizes and noises averaged over.
 

@@ -1,10 +1,11 @@
 r"""Jumps between two values at random times, which no two runs repeat: a hidden Markov model finds the path.
 
-.. math:: y_k = X_k \beta + a s_k + \sigma \epsilon_k, \qquad s_k = \pm 1, \qquad P(s_{k+1} \ne s_k) = \tfrac12 (1 - e^{-2 \Delta t / \tau})
+.. math:: y_k = X_k \beta + a s_k + \sigma \epsilon_k, \qquad s_k = \pm 1,
+    \qquad P(s_{k+1} \ne s_k) = \tfrac12 (1 - e^{-2 \Delta t / \tau})
 
-Expectation and maximisation in turn (forward–backward for s, least squares for beta and a) from several starts; then Viterbi's path.
-The path is taken as a column whose prior is that of the path itself, so it competes with all other causes under all noises. Paths
-near the best one count as well: their part of the evidence is the ratio of the sum over paths to the largest.
+Expectation and maximisation in turn (forward–backward for s, least squares for beta and a) from several starts; then Viterbi's
+path. The path is taken as a column whose prior is that of the path itself, so it competes with all other causes under all noises.
+Paths near the best one count as well: their part of the evidence is the ratio of the sum over paths to the largest.
 
 References
 ----------

@@ -90,6 +90,8 @@ class Mechanism(abc.ABC):
         Its amplitudes are drawn anew in each run, as the phase of something that knows nothing of when a run begins.
     open_set : bool
         Not a candidate when a cause is to be named: it describes, it does not explain.
+    constant : str
+        The amplitude that is a constant bias; "" where it has none.
     """
 
     name: ClassVar[str]
@@ -101,6 +103,7 @@ class Mechanism(abc.ABC):
     fast: ClassVar[bool] = False
     each_run: ClassVar[bool] = False
     open_set: ClassVar[bool] = False
+    constant: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         for parameter in self.parameters():

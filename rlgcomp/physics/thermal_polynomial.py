@@ -31,6 +31,7 @@ class ThermalPolynomial(Mechanism):
         "Chin. Opt. Lett. 4, 576-579 (2006)."
     )
     drivers = (TEMPERATURE,)
+    constant = "c0_deg_h"
 
     c0_deg_h: float = amplitude(0.0, "deg/h", limit=1e6)
     c1_deg_h_K: float = amplitude(2e-4, "deg/h/K")

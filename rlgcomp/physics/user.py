@@ -88,7 +88,7 @@ def _faults_said(mechanism: type[Mechanism]) -> list[str]:
         faults.append(f"drivers is {drivers!r}; it must be a tuple of column names, as ('supply_voltage_V',), or ()")
     if not getattr(getattr(mechanism, "__dataclass_params__", None), "frozen", False):
         return [*faults, "it is not a frozen dataclass; write @dataclasses.dataclass(frozen=True) above it"]
-    for field in dataclasses.fields(mechanism):
+    for field in dataclasses.fields(mechanism):  # type: ignore[arg-type]
         if field.metadata.get("role") not in get_args(Role):
             faults.append(f"{field.name} has no role; make it by amplitude(...), shape(...) or setting(...)")
         elif field.metadata["role"] != "setting" and not field.metadata["unit"]:

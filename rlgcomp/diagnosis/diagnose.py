@@ -1,0 +1,303 @@
+"""From a simulator and recordings to a diagnosis: detect, locate, name, model, prove. Each step is a module of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.detect import detect
+from rlgcomp.diagnosis.discover import Discovery, discover
+from rlgcomp.diagnosis.explain import Explanations, explain
+from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
+from rlgcomp.diagnosis.locate import locate
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.proof import prove
+from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, Unexplained, Verdict
+from rlgcomp.diagnosis.search import Model
+from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
+from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.errors import InputError
+from rlgcomp.noise import stream
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+Array = npt.NDArray[np.float64]
+log = logging.getLogger(__name__)
+LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue acts
+AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
+_MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
+_ALTERNATIVES: Final = 8
+_UNRECORDED: Final = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class _Conclusion:
+    """What the evidence says: the set, a law that is needed beyond it, and whether something unrecorded wanders."""
+
+    model: Model
+    law: Discovery | None
+    law_probability: float
+    unrecorded: float
+
+
+def diagnose(
+    simulator: Simulator | UserSimulator | None,
+    train: Sequence[Recording],
+    test: Sequence[Recording] = (),
+    *,
+    simulated: Sequence[Recording] | None = None,
+    mechanisms: Mapping[str, type[Mechanism]] = CATALOGUE,
+    gyro: str | None = None,
+    window_s: float | None = None,
+    seed: int = 0,
+    black_box: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> Diagnosis:
+    """What physics a simulator is missing, how sure that is, and what it gains on runs held out.
+
+    Parameters
+    ----------
+    simulator : Simulator or UserSimulator, optional
+        Ours, whose free parameters are calibrated first; or anything with `predict_deg_h(recording)`.
+    train : sequence of Recording
+        Runs from which causes are named and fitted.
+    test : sequence of Recording
+        Runs, best of other programmes, on which the gain is proved.
+    simulated : sequence of Recording, optional
+        Instead of a simulator, its output: one recording a run, training runs first.
+    mechanisms : mapping of str to type
+        Candidates by name.
+    gyro : str, optional
+        Gyro column, where recordings have several.
+    window_s : float, optional
+        Averaging time; 100 s, less for short runs.
+    seed : int
+        Of the replicates of noise.
+    black_box : bool
+        Train an LS-SVM compensation beside, as a yardstick.
+    progress : callable, optional
+        Told the fraction done.
+
+    Raises
+    ------
+    InputError
+        Runs are too short, lack a monitor, or belong to another kind than the simulator.
+    """
+    told = progress or (lambda fraction: None)
+    base, predicted, alignment = _known(simulator, simulated, train, test, gyro)
+    problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
+    told(0.05)
+    explanations = explain(problem, mechanisms)
+    told(0.5)
+    rng = stream(seed, "diagnosis")
+    detection = detect(explanations.evidence, explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng)
+    told(0.6)
+    conclusion = _concluded(problem, explanations)
+    told(0.75)
+    noise = _best_noise(explanations, conclusion)
+    chosen = [explanations.evidence.candidates[member.candidate] for member in conclusion.model.members]
+    law = [] if conclusion.law is None else [_as_candidate(problem, conclusion.law)]
+    nothing = next(model for model in explanations.models if not model.members)
+    before = fit(problem, [], explanations.evidence.noises[int(np.argmax(nothing.noise_log))])
+    after = fit(problem, [*chosen, *law], noise)
+    where = locate(problem, noise, rng)
+    told(0.85)
+    proof = prove(
+        before.simulator,
+        after.simulator,
+        train,
+        test,
+        window_s=problem.rows.window_s,
+        shape=noise,
+        white_deg_h=after.white_deg_h,
+        gyro=gyro,
+        predicted=predicted,
+        black_box=black_box,
+        seed=seed,
+    )
+    told(0.98)
+    rivals = _rivals(explanations, conclusion.model)
+    model = noise_model(noise, after.white_deg_h, problem.rows.window_s)
+    return Diagnosis(
+        verdict=_verdict(conclusion, rivals),
+        p_value=detection.p_value,
+        where=where,
+        causes=_causes(explanations, after, rivals),
+        alternatives=_alternatives(explanations, conclusion.model),
+        unexplained=_unexplained(conclusion, proof.train.whiteness_p_value),
+        train=proof.train,
+        test=proof.test,
+        next_experiment=None,
+        calibrated=dataclasses.replace(before.simulator, noise=model),
+        augmented=dataclasses.replace(after.simulator, noise=model),
+        noise=model,
+        calibration=before.baseline,
+        alignment=alignment,
+        remarks=_remarks(explanations, conclusion, after),
+        traces=proof.traces,
+    )
+
+
+# --- what is known -------------------------------------------------------------------------------------------------------------
+
+
+def _known(
+    simulator: Simulator | UserSimulator | None,
+    simulated: Sequence[Recording] | None,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    gyro: str | None,
+) -> tuple[Simulator, Callable[[Recording], Array] | None, tuple[Alignment, ...]]:
+    """The simulator whose parameters are free, what else is predicted, and how clocks were aligned."""
+    if not train:
+        raise InputError("no training runs; give at least one with --train")
+    kinds = {run.metadata.kind for run in (*train, *test)}
+    if isinstance(simulator, Simulator):
+        base, predicted, alignment = simulator, None, ()
+    else:
+        base = Simulator(kind="turntable" if kinds == {"turntable"} else "chamber", unit=train[0].metadata.unit or "recorded")
+        if simulated is not None:
+            runs = SimulatedRuns.of([*train, *test], simulated, gyro=gyro)
+            return base, runs.predict_deg_h, runs.alignment
+        if simulator is None:
+            raise InputError("no simulator; give one with --simulator, or its output with --simulated")
+        predicted, alignment = simulator.predict_deg_h, ()
+    if ("turntable" in kinds) != (base.kind == "turntable"):
+        raise InputError(
+            f"the simulator is of kind {base.kind!r}, the recordings of kind {', '.join(sorted(kinds))}; "
+            "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
+        )
+    return base, predicted, alignment
+
+
+def _as_candidate(problem: Problem, law: Discovery) -> Candidate:
+    return Candidate(law.mechanism, problem.columns(law.mechanism), 0.0)
+
+
+# --- conclusions ---------------------------------------------------------------------------------------------------------------
+
+
+def _concluded(problem: Problem, explanations: Explanations) -> _Conclusion:
+    """The best of: a set of causes; a law alone; a set and a law beyond it."""
+    best = explanations.models[0]
+    nothing = next(model for model in explanations.models if not model.members)
+    found: list[tuple[float, Model, Discovery | None]] = [(best.log_posterior, best, None)]
+    for model in (best,) if best is nothing else (best, nothing):
+        law = discover(problem, _design(problem, explanations, model), explanations.usual_noises(model))
+        if law is not None:
+            found.append((model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)), model, law))
+    logs = np.array([score for score, _, _ in found])
+    share = np.exp(logs - logs.max())
+    winner = int(np.argmax(logs))
+    _, model, law = found[winner]
+    unrecorded = explanations.unrecorded(model) if law is None else 0.0
+    lawful = float(sum(s for s, (_, _, found_law) in zip(share, found, strict=True) if found_law is not None) / share.sum())
+    return _Conclusion(model, law, lawful, unrecorded)
+
+
+def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
+    blocks = [explanations.evidence.candidates[member.candidate].columns for member in model.members]
+    return np.column_stack([problem.baseline, *blocks])
+
+
+def _best_noise(explanations: Explanations, conclusion: _Conclusion) -> NoiseShape:
+    logs = conclusion.model.noise_log
+    if conclusion.law is not None:
+        return explanations.evidence.noises[int(np.argmax(np.where(explanations.ordinary, logs, -np.inf)))]
+    return explanations.evidence.noises[int(np.argmax(logs))]
+
+
+def _rivals(explanations: Explanations, best: Model) -> dict[str, dict[str, float]]:
+    """For each cause of the chosen set, the mechanisms that could stand in its place, with their share of the two together."""
+    found: dict[str, dict[str, float]] = {}
+    for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
+        gone, come = best.labels - model.labels, model.labels - best.labels
+        if len(gone) == 1 and len(come) == 1 and len(model.labels) == len(best.labels):
+            (left, _), (joined, _) = next(iter(gone)), next(iter(come))
+            found.setdefault(left, {})[joined] = float(probability)
+    own = float(explanations.probabilities[explanations.models.index(best)])
+    together = {name: own + sum(others.values()) for name, others in found.items()}
+    return {
+        name: {other: p / together[name] for other, p in others.items() if p > _MENTIONED * together[name]}
+        for name, others in found.items()
+    }
+
+
+def _verdict(conclusion: _Conclusion, rivals: Mapping[str, Mapping[str, float]]) -> Verdict:
+    if conclusion.law is not None or conclusion.unrecorded > _UNRECORDED:
+        return "unknown"
+    if not any(not known for _, known in conclusion.model.labels):
+        return "none"
+    if any(1.0 - sum(others.values()) < AMBIGUOUS for others in rivals.values()):
+        return "ambiguous"
+    return "explained"
+
+
+def _causes(explanations: Explanations, after: Fitted, rivals: Mapping[str, Mapping[str, float]]) -> tuple[Cause, ...]:
+    causes = []
+    for cause in after.causes:
+        if cause.known or cause.mechanism.open_set:
+            continue
+        name = cause.mechanism.name
+        probability = sum(
+            float(p)
+            for model, p in zip(explanations.models, explanations.probabilities, strict=True)
+            if (name, False) in model.labels
+        )
+        drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
+        others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
+        rms = float(np.sqrt(np.mean((cause.contribution_deg_h - cause.contribution_deg_h.mean()) ** 2)))
+        causes.append(Cause(cause.mechanism.settled(), min(1.0, probability), cause.estimates, rms, others, drivers))
+    return tuple(sorted(causes, key=lambda cause: -cause.probability))
+
+
+def _alternatives(explanations: Explanations, best: Model) -> tuple[Alternative, ...]:
+    shares: dict[tuple[str, ...], float] = {}
+    own = tuple(sorted(name for name, known in best.labels if not known))
+    for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
+        names = tuple(sorted(name for name, known in model.labels if not known))
+        if names != own:
+            shares[names] = shares.get(names, 0.0) + float(probability)
+    ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
+    return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
+
+
+def _unexplained(conclusion: _Conclusion, whiteness: float | None) -> Unexplained:
+    left = 1.0 if whiteness is None else whiteness
+    if conclusion.law is not None:
+        law = conclusion.law
+        return Unexplained(law.p_value, law.drivers, law.memory, law.equation)
+    if conclusion.unrecorded > _UNRECORDED:
+        return Unexplained(min(left, 1.0 - conclusion.unrecorded), (), "none", None)
+    return Unexplained(left)
+
+
+def _remarks(explanations: Explanations, conclusion: _Conclusion, after: Fitted) -> tuple[str, ...]:
+    remarks = [f"{name} was not tried: {reason}" for name, reason in explanations.left_out.items()]
+    for cause in after.causes:
+        if cause.known:
+            numbers = ", ".join(f"{name} = {estimate}" for name, estimate in cause.estimates.items())
+            remarks.append(
+                f"{cause.mechanism.name}: the simulator's numbers, said to be known, do not fit; these runs say {numbers}. "
+                "No physics is missing there."
+            )
+    if conclusion.law is None and conclusion.unrecorded > _UNRECORDED:
+        noise = _best_noise(explanations, conclusion)
+        remarks.append(
+            f"Something wanders, with standard deviation {noise.wander * after.white_deg_h:.2g} deg/h and correlation time "
+            f"about {noise.wander_s:g} s that no recorded column follows: record more monitors."
+        )
+    if any(not cause.mechanism.amplitude_parameters() or cause.mechanism.each_run for cause in after.causes):
+        remarks.append(
+            "One of the causes is drawn anew in every run: it cannot be predicted, so no gain is promised on other runs."
+        )
+    return tuple(remarks)

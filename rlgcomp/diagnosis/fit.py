@@ -1,0 +1,252 @@
+r"""Parameters of a chosen set of causes with their standard deviations, and the simulators that follow from them.
+
+Generalised least squares of baseline and causes together, shapes linearised about their values and moved by Gauss–Newton:
+
+.. math:: (\hat\beta, \hat a, \hat\theta) : \quad \min \lVert L^{-1} (y - X \beta - \sum_m \Phi_m(\theta_m) a_m) \rVert^2,
+    \qquad \mathrm{cov} = \hat\sigma^2 (J^T \Sigma^{-1} J)^{-1}
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.problem import Problem, neighbours
+from rlgcomp.diagnosis.result import Estimate
+from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+from rlgcomp.noise import NoiseModel
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.simulation.simulator import Simulator
+from rlgcomp.units import SECONDS_PER_HOUR
+
+Array = npt.NDArray[np.float64]
+_STEPS: Final = 3  # of Gauss–Newton
+_DERIVATIVE: Final = 0.02  # relative step: wide enough for a threshold to pass over rows
+_DEPENDENT: Final = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class FittedCause:
+    """A cause with its parameters and what it adds to the training rows.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    estimates : mapping
+        Value, standard deviation and unit by parameter.
+    contribution_deg_h : ndarray, shape (n,)
+    known : bool
+        The simulator has it, with other numbers.
+    """
+
+    mechanism: Mechanism
+    estimates: dict[str, Estimate]
+    contribution_deg_h: Array
+    known: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Fitted:
+    """A fit of baseline and causes.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        With all that was fitted in it, as free parameters.
+    baseline : mapping of mechanism to estimates
+    causes : tuple of FittedCause
+    white_deg_h : float
+        Standard deviation of the white noise of a full window's mean.
+    residual_deg_h : ndarray, shape (n,)
+    """
+
+    simulator: Simulator
+    baseline: dict[str, dict[str, Estimate]]
+    causes: tuple[FittedCause, ...]
+    white_deg_h: float
+    residual_deg_h: Array
+
+
+def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fitted:
+    """Fit a set of causes together with the simulator's free parameters.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : sequence of Candidate
+    noise : NoiseShape
+    """
+    columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
+    mechanisms = [candidate.mechanism for candidate in chosen]
+    for step in range(_STEPS + 1):
+        plain = np.column_stack([problem.baseline, *columns])
+        weights, _, lowest = _solve(problem, plain, noise)
+        parts = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
+        slopes = [
+            _slopes(problem, mechanism, part) if _steady(candidate) else []
+            for candidate, mechanism, part in zip(chosen, mechanisms, parts, strict=True)
+        ]
+        design = np.column_stack([plain, *(column for found in slopes for _, column in found)])
+        weights, covariance, _ = _solve(problem, design, noise)
+        if step == _STEPS:
+            break
+        moved = _moved(mechanisms, slopes, weights[plain.shape[1] :])
+        trial = [problem.columns(m) if _steady(c) else block for c, m, block in zip(chosen, moved, columns, strict=True)]
+        if moved == mechanisms or _solve(problem, np.column_stack([problem.baseline, *trial]), noise)[2] >= lowest:
+            break
+        mechanisms, columns = moved, trial
+    final, _, square = _solve(problem, plain, noise)
+    freedom = len(problem.rows) - design.shape[1]
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0) * square / freedom)
+    baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
+    causes = _causes(problem, chosen, mechanisms, columns, slopes, final, sd)
+    for cause in causes:
+        simulator = _joined(simulator, cause)
+    return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), problem.target_deg_h - plain @ final)
+
+
+def noise_model(noise: NoiseShape, white_deg_h: float, window_s: float) -> NoiseModel:
+    """Noise coefficients from a shape and the white noise of a window mean."""
+    return NoiseModel(
+        angle_random_walk_deg_sqrt_h=white_deg_h * math.sqrt(window_s / SECONDS_PER_HOUR),
+        bias_instability_deg_h=noise.flicker * white_deg_h,
+        rate_random_walk_deg_h_sqrt_h=noise.walk * white_deg_h,
+    )
+
+
+def _steady(candidate: Candidate) -> bool:
+    """Whether its columns follow from the monitors; a path of jumps does not."""
+    return bool(candidate.mechanism.amplitude_parameters())
+
+
+def _solve(problem: Problem, design: Array, noise: NoiseShape) -> tuple[Array, Array, float]:
+    """Weights, their covariance for unit noise, and the whitened residual's square."""
+    scale = np.sqrt((design**2).mean(axis=0))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    whitened = whiten(problem.rows, np.column_stack([design / scale, problem.target_deg_h]), (noise,))[0][0]
+    u, w, vt = np.linalg.svd(whitened[:, :-1], full_matrices=False)
+    inverse = np.where(w > _DEPENDENT * w[0], 1.0 / np.maximum(w, 1e-300), 0.0)
+    weights = vt.T @ (inverse * (u.T @ whitened[:, -1]))
+    left = whitened[:, -1] - whitened[:, :-1] @ weights
+    covariance = (vt.T * inverse**2) @ vt
+    return weights / scale, covariance / np.outer(scale, scale), float(left @ left)
+
+
+def _slopes(problem: Problem, mechanism: Mechanism, weights: Array) -> list[tuple[str, Array]]:
+    """Derivatives of a cause by its shapes, with the amplitudes found."""
+    found = []
+    for parameter in mechanism.parameters():
+        if parameter.role != "shape":
+            continue
+        low, high = neighbours(mechanism, parameter.name, _DERIVATIVE)
+        step = getattr(high, parameter.name) - getattr(low, parameter.name)
+        if step > 0.0:
+            column = (problem.columns(high) - problem.columns(low)) @ weights / step
+            if np.ptp(column) > 0.0:
+                found.append((parameter.name, column))
+    return found
+
+
+def _moved(mechanisms: Sequence[Mechanism], slopes: Sequence[list[tuple[str, Array]]], steps: Array) -> list[Mechanism]:
+    """The mechanisms with shapes moved, by no more than a tenth of their size or bounds."""
+    moved = []
+    k = 0
+    for mechanism, found in zip(mechanisms, slopes, strict=True):
+        changes = {}
+        for name, _ in found:
+            low, high = neighbours(mechanism, name, 5.0 * _DERIVATIVE)
+            changes[name] = float(np.clip(getattr(mechanism, name) + steps[k], getattr(low, name), getattr(high, name)))
+            k += 1
+        moved.append(dataclasses.replace(mechanism, **changes))  # type: ignore[type-var]
+    return moved
+
+
+def _baseline(problem: Problem, weights: Array, sd: Array) -> tuple[dict[str, dict[str, Estimate]], Simulator]:
+    """Estimates of the simulator's free parameters, and the simulator that has them."""
+    simulator = problem.simulator
+    estimates: dict[str, dict[str, Estimate]] = {}
+    for k, (name, parameter) in enumerate(problem.baseline_names):
+        mechanism = next((mechanism for mechanism in simulator.mechanisms if mechanism.name == name), None)
+        if mechanism is None:
+            estimates.setdefault("gyro", {})["bias_deg_h"] = Estimate(float(weights[k]), float(sd[k]), "deg/h")
+            continue
+        described = next(p for p in mechanism.parameters() if p.name == parameter)
+        value = weights[k] + (getattr(mechanism, parameter) if described.role == "shape" else 0.0)
+        value = float(np.clip(value, described.low, described.high))
+        estimates.setdefault(name, {})[parameter] = Estimate(value, float(sd[k]), described.unit)
+        simulator = simulator.with_mechanism(dataclasses.replace(mechanism, **{parameter: value}))  # type: ignore[type-var]
+    constant = estimates.get("gyro", {}).get("bias_deg_h")
+    bias = None if constant is None else problem.constant(constant.value)
+    if bias is not None:
+        simulator = simulator.with_mechanism(bias)
+    return estimates, simulator
+
+
+def _causes(
+    problem: Problem,
+    chosen: Sequence[Candidate],
+    mechanisms: Sequence[Mechanism],
+    columns: Sequence[Array],
+    slopes: Sequence[list[tuple[str, Array]]],
+    weights: Array,
+    sd: Array,
+) -> list[FittedCause]:
+    causes = []
+    place = problem.baseline.shape[1]
+    slope_place = place + sum(block.shape[1] for block in columns)
+    for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, slopes, strict=True):
+        part = slice(place, place + block.shape[1])
+        place = part.stop
+        estimates = _estimates(problem, candidate, mechanism, weights[part], sd[part])
+        for name, _ in found:
+            unit = next(p.unit for p in mechanism.parameters() if p.name == name)
+            estimates[name] = Estimate(float(getattr(mechanism, name)), float(sd[slope_place]), unit)
+            slope_place += 1
+        values = {name: estimate.value for name, estimate in estimates.items()}
+        limits = {p.name: (p.low, p.high) for p in mechanism.parameters()}
+        filled = dataclasses.replace(mechanism, **{k: float(np.clip(v, *limits[k])) for k, v in values.items()})  # type: ignore[type-var]
+        causes.append(FittedCause(filled, estimates, block @ weights[part], candidate.known))
+    return causes
+
+
+def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, weights: Array, sd: Array) -> dict[str, Estimate]:
+    """Of the amplitudes; where each run has its own, their root mean square; where there are none, of the jumps."""
+    parameters = mechanism.amplitude_parameters()
+    if not parameters:
+        return _of_jumps(problem, candidate, mechanism, float(weights[0]), float(sd[0]))
+    width = len(parameters)
+    if len(weights) > width:
+        table = weights.reshape(-1, width)
+        size = float(np.sqrt((table**2).sum(axis=1).mean() / width))
+        return {p.name: Estimate(size, float(np.sqrt((sd**2).mean() / len(table))), p.unit) for p in parameters}
+    known = {p.name: getattr(candidate.mechanism, p.name) for p in parameters} if candidate.known else {}
+    free = problem.simulator.free.get(mechanism.name, frozenset()) if candidate.known else frozenset()
+    return {
+        p.name: Estimate(float(w + (known.get(p.name, 0.0) if p.name not in free else 0.0)), float(s), p.unit)
+        for p, w, s in zip(parameters, weights, sd, strict=True)
+    }
+
+
+def _of_jumps(problem: Problem, candidate: Candidate, mechanism: Mechanism, half_step: float, sd: float) -> dict[str, Estimate]:
+    signs = candidate.columns[:, 0]
+    flips = max(1, sum(int((np.diff(signs[part]) != 0.0).sum()) for part in problem.rows.runs))
+    renewed = type(mechanism).jumping(abs(half_step), getattr(mechanism, "dwell_s", 3600.0))
+    step_name, dwell_name = (p.name for p in (renewed or mechanism).parameters()[:2])
+    dwell = float(getattr(mechanism, dwell_name))
+    return {
+        step_name: Estimate(abs(half_step), sd, "deg/h"),
+        dwell_name: Estimate(dwell, dwell / math.sqrt(flips), "s"),
+    }
+
+
+def _joined(simulator: Simulator, cause: FittedCause) -> Simulator:
+    """The simulator with a cause in it, its fitted parameters free to be calibrated again."""
+    free = dict(simulator.free)
+    free[cause.mechanism.name] = free.get(cause.mechanism.name, frozenset()) | frozenset(cause.estimates)
+    return dataclasses.replace(simulator.with_mechanism(cause.mechanism.settled()), free=free)
