@@ -16,6 +16,7 @@ COMMANDS = (
     "simulation",
     "compensation",
     "conceal",
+    "sensitivity",
 )  # the order in which --help lists them
 
 
