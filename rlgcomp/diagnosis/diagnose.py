@@ -140,9 +140,7 @@ def diagnose(
         unexplained=_unexplained(conclusion, proof.train.whiteness_p_value),
         train=proof.train,
         test=proof.test,
-        next_experiment=_what_to_run(problem, explanations, conclusion.model, noise, after, seed)
-        if verdict == "ambiguous"
-        else None,
+        next_experiment=next_up,
         calibrated=dataclasses.replace(before.simulator, noise=model),
         augmented=dataclasses.replace(after.simulator, noise=model),
         noise=model,
