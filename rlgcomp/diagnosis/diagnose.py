@@ -17,9 +17,10 @@ from rlgcomp.diagnosis.discover import Discovery, discover
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.locate import locate
+from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import prove
-from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, Unexplained, Verdict
+from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, NextExperiment, Unexplained, Verdict
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
 from rlgcomp.diagnosis.whitening import NoiseShape
@@ -36,6 +37,7 @@ LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue 
 AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
 _MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
 _ALTERNATIVES: Final = 8
+_RIVALS: Final = 3  # sets that an experiment is to tell apart, at most
 _UNRECORDED: Final = 0.5
 
 
@@ -136,7 +138,7 @@ def diagnose(
         unexplained=_unexplained(conclusion, proof.train.whiteness_p_value),
         train=proof.train,
         test=proof.test,
-        next_experiment=None,
+        next_experiment=_next_experiment(problem, explanations, conclusion, rivals, noise, after.white_deg_h, seed),
         calibrated=dataclasses.replace(before.simulator, noise=model),
         augmented=dataclasses.replace(after.simulator, noise=model),
         noise=model,
@@ -240,6 +242,32 @@ def _verdict(conclusion: _Conclusion, rivals: Mapping[str, Mapping[str, float]])
     if any(1.0 - sum(others.values()) < AMBIGUOUS for others in rivals.values()):
         return "ambiguous"
     return "explained"
+
+
+def _next_experiment(
+    problem: Problem,
+    explanations: Explanations,
+    conclusion: _Conclusion,
+    rivals: Mapping[str, Mapping[str, float]],
+    noise: NoiseShape,
+    white_deg_h: float,
+    seed: int,
+) -> NextExperiment | None:
+    """The programme that would tell the chosen set from those that differ from it by one swap; None where nothing is ambiguous."""
+    if _verdict(conclusion, rivals) != "ambiguous":
+        return None
+    best = conclusion.model
+    swaps = {frozenset((best.labels - {(gone, False)}) | {(come, False)}) for gone, others in rivals.items() for come in others}
+    models = [model for model in explanations.models if model is best or model.labels in swaps][:_RIVALS]
+    fitted = [fit(problem, [explanations.evidence.candidates[m.candidate] for m in model.members], noise) for model in models]
+    return next_experiment(
+        problem,
+        [tuple(cause.mechanism for cause in one.causes if not cause.known) for one in fitted],
+        shape=noise,
+        white_deg_h=white_deg_h,
+        probabilities=[float(explanations.probabilities[explanations.models.index(model)]) for model in models],
+        seed=seed,
+    )
 
 
 def _causes(explanations: Explanations, after: Fitted, rivals: Mapping[str, Mapping[str, float]]) -> tuple[Cause, ...]:
