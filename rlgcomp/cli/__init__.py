@@ -17,6 +17,7 @@ COMMANDS = (
     "diagnosis",
     "compensation",
     "conceal",
+    "sensitivity",
 )  # the order in which --help lists them
 
 
