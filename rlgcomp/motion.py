@@ -75,11 +75,16 @@ def angle_deg(recording: Recording) -> Array:
     Raises
     ------
     InputError
-        The recording has neither angle nor rate.
+        The recording has neither angle nor rate, or the rate alone and half a turn and more between its rows.
     """
     column = angle_column(recording)
     if column == RATE:
         steps = recording.column(RATE) * _spans_s(recording)
+        if np.abs(steps).max() >= 0.5 * DEG_PER_TURN:
+            raise InputError(
+                f"{recording.name} has no encoder, and the table turns up to {np.abs(steps).max():.4g} deg from row to row, too "
+                f"far to tell its angle; map an encoder with --map {ANGLES[0]}='NAME [deg]'"
+            )
         return np.asarray(np.cumsum(steps) - steps[0])
     steps = _steps_deg(recording)
     return np.asarray(recording.column(column)[0] + np.cumsum(steps) - steps[0])

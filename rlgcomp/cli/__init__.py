@@ -14,6 +14,7 @@ COMMANDS = (
     "scale_factor",
     "calibration",
     "simulation",
+    "diagnosis",
     "compensation",
     "conceal",
     "sensitivity",

@@ -49,10 +49,8 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
     for name, kind in catalogue.items():
         if kind.kind != problem.simulator.kind or kind.open_set:
             continue
-        tried = [inside[name]] if name in inside else list(kind.grid(problem.runs))
         try:
-            if name in inside:
-                tried += list(inside[name].extensions())
+            tried = [inside[name], *inside[name].extensions()] if name in inside else list(kind.grid(problem.runs))
             for mechanism in tried:
                 mechanism.driver_columns(problem.runs[0])
             columns = [problem.columns(mechanism) for mechanism in tried]

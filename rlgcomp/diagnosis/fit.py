@@ -103,9 +103,10 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
         mechanisms, columns = moved, trial
     final, _, square = _solve(problem, plain, noise)
     freedom = len(problem.rows) - design.shape[1]
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0) * square / freedom)
+    covariance = covariance * square / freedom
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
-    causes = _causes(problem, chosen, mechanisms, columns, slopes, final, sd)
+    causes = _causes(problem, chosen, mechanisms, columns, slopes, final, covariance)
     for cause in causes:
         simulator = _joined(simulator, cause)
     return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), problem.target_deg_h - plain @ final)
@@ -195,15 +196,17 @@ def _causes(
     columns: Sequence[Array],
     slopes: Sequence[list[tuple[str, Array]]],
     weights: Array,
-    sd: Array,
+    covariance: Array,
 ) -> list[FittedCause]:
     causes = []
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     place = problem.baseline.shape[1]
     slope_place = place + sum(block.shape[1] for block in columns)
     for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, slopes, strict=True):
         part = slice(place, place + block.shape[1])
         place = part.stop
         estimates = _estimates(problem, candidate, mechanism, weights[part], sd[part])
+        places = [*range(part.start, part.stop), *range(slope_place, slope_place + len(found))]
         for name, _ in found:
             unit = next(p.unit for p in mechanism.parameters() if p.name == name)
             estimates[name] = Estimate(float(getattr(mechanism, name)), float(sd[slope_place]), unit)
@@ -211,8 +214,26 @@ def _causes(
         values = {name: estimate.value for name, estimate in estimates.items()}
         limits = {p.name: (p.low, p.high) for p in mechanism.parameters()}
         filled = dataclasses.replace(mechanism, **{k: float(np.clip(v, *limits[k])) for k, v in values.items()})  # type: ignore[type-var]
-        causes.append(FittedCause(filled, estimates, block @ weights[part], candidate.known))
+        if filled.settled() != filled and len(places) == len(estimates):
+            estimates = _settled(filled, estimates, covariance[np.ix_(places, places)])
+        causes.append(FittedCause(filled.settled(), estimates, block @ weights[part], candidate.known))
     return causes
+
+
+def _settled(mechanism: Mechanism, estimates: dict[str, Estimate], covariance: Array) -> dict[str, Estimate]:
+    """Estimates of the parameters that people use, from those that were fitted and trade against each other."""
+    settled = mechanism.settled()
+    slopes = np.zeros((len(estimates), len(estimates)))
+    for j, (name, estimate) in enumerate(estimates.items()):
+        step = 1e-4 * max(abs(estimate.value), 1e-6)
+        low, high = (dataclasses.replace(mechanism, **{name: estimate.value + sign * step}).settled() for sign in (-1, 1))  # type: ignore[type-var]
+        slopes[:, j] = [(getattr(high, other) - getattr(low, other)) / (2.0 * step) for other in estimates]
+    variance = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
+    return {
+        name: Estimate(float(getattr(settled, name)), math.sqrt(max(spread, 0.0)), estimate.unit)
+        for (name, estimate), spread, row in zip(estimates.items(), variance, slopes, strict=True)
+        if row.any()
+    }
 
 
 def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, weights: Array, sd: Array) -> dict[str, Estimate]:
@@ -249,4 +270,4 @@ def _joined(simulator: Simulator, cause: FittedCause) -> Simulator:
     """The simulator with a cause in it, its fitted parameters free to be calibrated again."""
     free = dict(simulator.free)
     free[cause.mechanism.name] = free.get(cause.mechanism.name, frozenset()) | frozenset(cause.estimates)
-    return dataclasses.replace(simulator.with_mechanism(cause.mechanism.settled()), free=free)
+    return dataclasses.replace(simulator.with_mechanism(cause.mechanism), free=free)

@@ -54,21 +54,23 @@ class LockIn(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Lock-in rates in equal ratios up to the highest rate, and the best one; where a table rests, with the bias locked too.
+        """A rate far below all others, and the lock-in rates that make about as much as is seen; at rest also with the bias locked.
 
-        The best is found by least squares, because lock-in near the rates of a programme stands out a hundred times above the
-        noise, and then no ratio is fine enough.
+        Error and lock-in rate go together: a lock-in rate in the midst of a programme's rates with a thousandth of its error is no
+        lock-in. Seen is what the gyros show beyond the table's rate, a scale factor and a bias. The best rate is among those tried:
+        lock-in can stand out a hundred times above the noise, and then no ratio between them is fine enough.
         """
         top = max(float(np.abs(rate_deg_s(run)).max()) for run in recordings)
         highest = min(max(0.9 * top, 2.0 * _LOWEST_DEG_S), 10.0)
         points = max(2, round(math.log(highest / _LOWEST_DEG_S) / math.log(_RATIO)))
         rates = np.geomspace(_LOWEST_DEG_S, highest, points).tolist()
         shown = _shown(recordings)
-        offsets = (0.0,) if shown is None else (0.0, *_locked_offset(*shown, top))
+        if shown is None:
+            return tuple(cls(lock_in_deg_s=rate, acts_on="table") for rate in rates)
         return tuple(
             cls(lock_in_deg_s=rate, acts_on="table", offset_deg_h=offset)
-            for offset in offsets
-            for rate in (rates if shown is None else sorted((*rates, _best(*shown, rates, offset))))
+            for offset in (0.0, *_locked_offset(*shown, top))
+            for rate in _consistent(*shown, rates, offset)
         )
 
     def settled(self) -> Self:
@@ -116,16 +118,25 @@ def _locked_offset(rate: Array, beyond: Array, top: float) -> tuple[float, ...]:
     return (float(np.polyfit(rate[fast] / top, beyond[fast], 1)[1]),)
 
 
-def _best(rate: Array, beyond: Array, tried: Sequence[float], offset_deg_h: float) -> float:
-    """The lock-in rate that leaves least of what is shown beyond the rate, a scale factor and a bias taken out."""
+def _consistent(rate: Array, beyond: Array, rates: Sequence[float], offset_deg_h: float) -> list[float]:
+    """The lowest of the rates, those that least squares finds to make about their own error, and the best of all."""
     felt = rate + offset_deg_h / SECONDS_PER_HOUR
     plain = np.linalg.qr(np.column_stack([np.ones(len(rate)), rate]))[0]
+    seen = beyond - plain @ (plain.T @ beyond)
 
     def left(logarithm: float) -> float:
-        rest = beyond - _error_deg_h(felt, math.exp(logarithm))
-        rest = rest - plain @ (plain.T @ rest)
+        column = _error_deg_h(felt, math.exp(logarithm))
+        rest = seen - column + plain @ (plain.T @ column)
         return float(rest @ rest)
 
-    nearest = min((math.log(value) for value in tried), key=left)
+    def share(lock_in_deg_s: float) -> float:
+        column = _error_deg_h(felt, lock_in_deg_s)
+        column = column - plain @ (plain.T @ column)
+        return float(column @ seen) / max(float(column @ column), 1e-300)
+
+    logs = np.log(rates)
+    nearest = float(min(logs, key=left))
     step = math.log(_RATIO)
-    return math.exp(minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7}).x)
+    best = minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7}).x
+    alike = [value for value in rates[1:] if _RATIO**-2 <= share(value) <= _RATIO**2]
+    return sorted({rates[0], *alike, min(max(math.exp(best), rates[0]), rates[-1])})
