@@ -236,7 +236,8 @@ class TestTables:
         assert not tables.right(outside | {"error_to_oracle": 2.1})
 
     def test_every_kind_is_shown(self, capsys: pytest.CaptureFixture[str]) -> None:
-        tables.show([self.row(kind, name) for kind, name in zip(KINDS, (*INDEPENDENT,), strict=False)])
+        rows = [self.row(kind, name) for kind, name in zip(KINDS, INDEPENDENT, strict=False)]
+        tables.show([*rows, self.row("single", "ageing", strength=0.5, findings=["ageing", "warm_up"], exact=False)])
         text = capsys.readouterr().out
         assert all(
             title in text for title in ("Goals", "One effect", "Healthy gyros", "Outside the catalogue", "Driver not recorded")

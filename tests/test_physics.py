@@ -51,10 +51,8 @@ each_linear = pytest.mark.parametrize("mechanism", LINEAR, ids=lambda mechanism:
 
 @pytest.fixture(scope="module")
 def runs() -> dict[str, rlg.Recording]:
-    return {
-        "chamber": rlg.Simulator().simulate("minor-loops", seed=3, step_s=10.0),
-        "turntable": rlg.Simulator(kind="turntable").simulate("short-turns", seed=3),
-    }
+    chamber = rlg.Simulator().simulate("minor-loops", seed=3, step_s=10.0)
+    return {"chamber": chamber, "turntable": rlg.Simulator(kind="turntable").simulate("short-turns", seed=3), "any": chamber}
 
 
 @pytest.fixture

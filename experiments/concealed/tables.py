@@ -145,26 +145,25 @@ def by_strength(rows: Sequence[Row]) -> list[dict[str, str]]:
 
 def by_effect(rows: Sequence[Row]) -> list[dict[str, str]]:
     """The same effect by effect."""
+    strengths = sorted({row["strength"] for row in rows}, reverse=True)
     lines = []
     for name in INDEPENDENT:
         chosen = [row for row in rows if row["hidden"] == [name]]
         if chosen:
-            strengths = sorted({row["strength"] for row in chosen}, reverse=True)
-            shares = {
-                f"exact at {s:g}": f"{sum('failure' not in r and r['exact'] for r in chosen if r['strength'] == s)}"
-                f"/{sum(r['strength'] == s for r in chosen)}"
-                for s in strengths
-            }
             lines.append(
                 {
                     "effect": name,
-                    **shares,
+                    **{f"exact at {s:g}": _count([row for row in chosen if row["strength"] == s]) for s in strengths},
                     "in class": share(chosen, in_class),
                     "error / oracle": median([row for row in chosen if row.get("repeats")], "error_to_oracle"),
                     "overlap": median(chosen, "overlap"),
                 }
             )
     return lines
+
+
+def _count(rows: Sequence[Row]) -> str:
+    return f"{sum('failure' not in row and row['exact'] for row in rows)}/{len(rows)}"
 
 
 def confusion(rows: Sequence[Row]) -> list[dict[str, str]]:

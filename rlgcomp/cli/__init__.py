@@ -14,8 +14,10 @@ COMMANDS = (
     "scale_factor",
     "calibration",
     "simulation",
+    "diagnosis",
     "compensation",
     "conceal",
+    "sensitivity",
 )  # the order in which --help lists them
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from rlgcomp.errors import InputError
 
@@ -44,12 +45,18 @@ CalibrationFile = Annotated[
     Path | None,
     typer.Option("--calibration", metavar="CAL.json", help="Calibration to apply to the raw gyros, which then end in _deg_h."),
 ]
+MechanismFiles = Annotated[
+    list[Path] | None, typer.Option("--mechanisms", metavar="my_physics.py", help="Python file with mechanisms of your own.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
 
 
-def command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a function as a command: bad input ends it with exit code 2 and one message, a fault of ours with 1."""
+def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Register a function as a command: bad input ends it with exit code 2 and one message, a fault of ours with 1.
+
+    Options in `several` take all values up to the next option (`--train a b c`), and may be repeated as well.
+    """
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(function)
@@ -75,7 +82,7 @@ def command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                 say(f"internal fault: {type(error).__name__}: {error}\nPlease report it; RLGCOMP_DEBUG=1 shows where it happened.")
                 raise typer.Exit(INTERNAL_FAULT) from None
 
-        app.command(name)(run)
+        app.command(name, cls=_taking_several(several) if several else None)(run)
         return run
 
     return register
@@ -144,6 +151,35 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, int
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def spread(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
+    """Arguments with every value of such an option given its own.
+
+    >>> spread(["--train", "a", "b", "--out", "c"], ["--train"])
+    ['--train', 'a', '--train', 'b', '--out', 'c']
+    """
+    spread_out: list[str] = []
+    option, values = None, 0
+    for argument in arguments:
+        name, equals, _ = argument.partition("=")
+        if argument.startswith("-") and argument != "-":
+            option, values = (name, int(bool(equals))) if name in several else (None, 0)
+            spread_out.append(argument)
+            continue
+        if option is not None and values:
+            spread_out.append(option)
+        values += 1
+        spread_out.append(argument)
+    return spread_out
+
+
+def _taking_several(several: Sequence[str]) -> type[TyperCommand]:
+    class Spreading(TyperCommand):
+        def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+            return super().parse_args(ctx, spread(args, several))
+
+    return Spreading
 
 
 def _require_rows(recording: Any, interval: tuple[float, float], spec: str) -> None:

@@ -29,6 +29,7 @@ def conceal(
         float | None,
         typer.Option(help="What the simulator cannot absorb over the white noise of 100 s; default 1, or the size in the file."),
     ] = None,
+    step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
     as_json: AsJson = False,
 ) -> None:
     """Seal a challenge: recordings, a simulator that lacks something, and the SHA-256 of the truth, which stays in truth.json.
@@ -44,7 +45,7 @@ def conceal(
 
     require_writable(out)
     with progress("simulating"):
-        seal(make(Simulator.from_yaml(simulator), hide, seed=seed, strength=strength), out)
+        seal(make(Simulator.from_yaml(simulator), hide, seed=seed, strength=strength, step_s=step_s), out)
     if as_json:
         show_json({"challenge": out / CHALLENGE, "truth_sha256": sha256(out / TRUTH)})
         return

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, command, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, command, read_runs, say
 from rlgcomp.cli.show import show_json
 
 SimulatorFile = Annotated[Path, typer.Argument(metavar="SIM.yaml", help="Simulator file.")]
@@ -28,6 +28,7 @@ def simulate(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
     step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
+    mechanisms: MechanismFiles = None,
     as_json: AsJson = False,
 ) -> None:
     """Make a recording, with each mechanism's contribution kept as truth (columns truth_...).
@@ -37,9 +38,12 @@ def simulate(
     On a table: `rlgcomp simulate table.yaml --profile 'rate 10 600, rate -10 600, rest 120, sweep -1 1 1800' --out table.parquet`
     """
     from rlgcomp.formats import write
+    from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
-    recording = Simulator.from_yaml(simulator).simulate(profile, seed=seed, step_s=step_s, name=out.stem)
+    recording = Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).simulate(
+        profile, seed=seed, step_s=step_s, name=out.stem
+    )
     write(recording, out)
     truth = recording.truth
     if as_json:
@@ -51,15 +55,21 @@ def simulate(
 
 @command("predict")
 def predict(
-    simulator: SimulatorFile, run: Annotated[str, typer.Argument(metavar="RUN")], out: Out, mapping: Map = None, drop: Drop = None
+    simulator: SimulatorFile,
+    run: Annotated[str, typer.Argument(metavar="RUN")],
+    out: Out,
+    mechanisms: MechanismFiles = None,
+    mapping: Map = None,
+    drop: Drop = None,
 ) -> None:
     """The gyro that a simulator expects, given a recording's own monitors: the same rows, without noise.
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
     from rlgcomp.formats import write
+    from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
     (recording,) = read_runs([run], mapping, drop)
-    write(Simulator.from_yaml(simulator).predict(recording), out)
+    write(Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).predict(recording), out)
     say(f"{out}: {len(recording)} rows")

@@ -15,7 +15,7 @@ from rlgcomp.diagnosis.injection import Array, busiest, drawn, scaled, unabsorbe
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.score import Hidden
 from rlgcomp.errors import InputError
-from rlgcomp.noise import NOISES, NoiseModel, stream
+from rlgcomp.noise import NOISES, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
@@ -25,10 +25,15 @@ RANDOM: Final = "random"
 USUAL_STRENGTH: Final = 1.0
 RUNS: Final = ("train0", "train1", "test0", "test1")
 TRAINING: Final = 2
-PROGRAMMES: Final = {"chamber": ("paper", "reversed", "minor-loops", "slow")}
+PROGRAMMES: Final = {
+    "chamber": ("paper", "reversed", "minor-loops", "slow"),
+    "turntable": ("rates", "other-rates", "sweeps", "slow-turns"),
+}
 _SPREAD: Final = 0.3  # logarithm of what the file leaves free, about its value
 _HOW_MANY: Final = (0.2, 0.55, 0.25)  # chances that "random" hides nothing, one, two
 _DRAWS: Final = 20
+_PASSES: Final = 5  # at most, until the size is
+_NEAR: Final = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +64,9 @@ class Challenge:
     possible_rms_deg_h: float
 
 
-def conceal(simulator: Simulator, hide: str = RANDOM, *, seed: int = 0, strength: float | None = None) -> Challenge:
+def conceal(
+    simulator: Simulator, hide: str = RANDOM, *, seed: int = 0, strength: float | None = None, step_s: float = 1.0
+) -> Challenge:
     """Make a challenge.
 
     What the simulator leaves free is drawn anew, about 30 % from its value, so that its numbers are wrong as well.
@@ -73,6 +80,8 @@ def conceal(simulator: Simulator, hide: str = RANDOM, *, seed: int = 0, strength
     seed : int
     strength : float, optional
         Of each hidden cause. By default 1 for those that the simulator lacks, and for the others the size that they have there.
+    step_s : float
+        Sample period of the recordings.
 
     Raises
     ------
@@ -85,7 +94,7 @@ def conceal(simulator: Simulator, hide: str = RANDOM, *, seed: int = 0, strength
     names = _chosen(simulator, hide, rng)
     own = {mechanism.name: mechanism for mechanism in simulator.mechanisms}
     lacking = functools.reduce(Simulator.without, [name for name in names if name in own], simulator)
-    bench = _Bench.of(lacking, _moved(simulator, rng), rng)
+    bench = _Bench.of(lacking, _moved(simulator, rng), rng, step_s)
     for name in names:
         if name not in own or strength is not None:
             known = next((mechanism for mechanism in bench.gyro.mechanisms if mechanism.name == name), None)
@@ -93,7 +102,7 @@ def conceal(simulator: Simulator, hide: str = RANDOM, *, seed: int = 0, strength
             bench = dataclasses.replace(bench, gyro=bench.gyro.with_mechanism(sized))
     mechanisms = tuple(mechanism for mechanism in bench.gyro.mechanisms if mechanism.name in names)
     left = {mechanism.name: bench.left(mechanism) for mechanism in mechanisms}
-    runs = bench.record(RUNS)
+    runs = bench.stand.record(bench.gyro, RUNS)
     return Challenge(
         simulator=lacking,
         train=tuple(_bare(run) for run in runs[:TRAINING]),
@@ -110,37 +119,47 @@ def conceal(simulator: Simulator, hide: str = RANDOM, *, seed: int = 0, strength
 
 
 @dataclasses.dataclass(frozen=True)
-class _Bench:
-    """The gyro as it is, its programmes and seeds, and the problem that its training runs pose to what the simulator lacks."""
+class _Stand:
+    """What every run of a challenge goes through."""
 
-    gyro: Simulator
     programmes: tuple[str, ...]
     seeds: tuple[int, ...]
+    step_s: float
+
+    def record(self, gyro: Simulator, names: Sequence[str]) -> list[Recording]:
+        each = zip(self.programmes, self.seeds, names, strict=False)
+        return [gyro.simulate(programme, seed=seed, step_s=self.step_s, name=name) for programme, seed, name in each]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Bench:
+    """The gyro as it is on its stand, and the problem that its training runs pose to the simulator that lacks something."""
+
+    gyro: Simulator
+    stand: _Stand
     problem: Problem
     rng: np.random.Generator
 
     @classmethod
-    def of(cls, lacking: Simulator, gyro: Simulator, rng: np.random.Generator) -> Self:
+    def of(cls, lacking: Simulator, gyro: Simulator, rng: np.random.Generator, step_s: float) -> Self:
         programmes = tuple(str(name) for name in rng.permutation(PROGRAMMES[gyro.kind]))
-        seeds = tuple(int(number) for number in rng.integers(0, 2**31, len(RUNS)))
-        runs = _record(gyro, programmes, seeds, RUNS[:TRAINING])
-        return cls(gyro, programmes, seeds, Problem.of(lacking, runs), rng)
-
-    def record(self, names: Sequence[str]) -> list[Recording]:
-        return _record(self.gyro, self.programmes, self.seeds, names)
+        stand = _Stand(programmes, tuple(int(number) for number in rng.integers(0, 2**31, len(RUNS))), step_s)
+        return cls(gyro, stand, Problem.of(lacking, stand.record(gyro, RUNS[:TRAINING])), rng)
 
     def left(self, mechanism: Mechanism) -> Array:
         """What of a mechanism's error the simulator cannot absorb, in window means of the training runs."""
-        runs = dataclasses.replace(self, gyro=self.gyro.with_mechanism(mechanism)).record(RUNS[:TRAINING])
+        runs = self.stand.record(self.gyro.with_mechanism(mechanism), RUNS[:TRAINING])
         return unabsorbed(self.problem, [_acting(run, mechanism.name) for run in runs])
 
     @property
     def white_deg_h(self) -> float:
-        return _white_deg_h(self.gyro.noise or TYPICAL_NOISE, self.problem.rows.window_s)
-
-
-def _record(gyro: Simulator, programmes: Sequence[str], seeds: Sequence[int], names: Sequence[str]) -> list[Recording]:
-    return [gyro.simulate(programme, seed=seed, name=name) for programme, seed, name in zip(programmes, seeds, names, strict=False)]
+        noise = self.gyro.noise or TYPICAL_NOISE
+        white = 60.0 * noise.angle_random_walk_deg_sqrt_h / math.sqrt(self.problem.rows.window_s)
+        if white <= 0.0:
+            raise InputError(
+                "the simulator's noise has no angle_random_walk_deg_sqrt_h, to which a strength is a ratio; give it one"
+            )
+        return white
 
 
 # --- what is hidden ------------------------------------------------------------------------------------------------------------
@@ -183,11 +202,16 @@ def _sized(known: Mechanism | None, form: type[Mechanism], bench: _Bench, streng
     why = ""
     for _ in range(1 if known else _DRAWS):
         mechanism = known or drawn(form, bench.problem.runs, bench.rng, bench.problem.rows.window_s)
-        left = float(np.std(bench.left(mechanism)))
         try:
-            return scaled(mechanism, strength * bench.white_deg_h / max(left, np.finfo(float).tiny))
+            for _ in range(_PASSES):
+                left = max(float(np.std(bench.left(mechanism))), np.finfo(float).tiny)
+                mechanism = scaled(mechanism, strength * bench.white_deg_h / left)
+                if abs(strength * bench.white_deg_h / left - 1.0) < _NEAR:
+                    break
         except InputError as error:
             why = str(error)
+        else:
+            return mechanism
     raise InputError(f"{form.name} cannot be hidden with strength {strength:g}: {why}; choose a smaller strength or another cause")
 
 
@@ -218,10 +242,3 @@ def _estimable(mechanism: Mechanism) -> dict[str, Any]:
 
 def _unrepeatable(mechanism: Mechanism) -> bool:
     return mechanism.each_run or mechanism.covariance(np.zeros(1)) is not None
-
-
-def _white_deg_h(noise: NoiseModel, window_s: float) -> float:
-    white = 60.0 * noise.angle_random_walk_deg_sqrt_h / math.sqrt(window_s)
-    if white <= 0.0:
-        raise InputError("the simulator's noise has no angle_random_walk_deg_sqrt_h, and a strength is a ratio to it; give it one")
-    return white

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.evidence import Evidence, log_sum_exp
-from rlgcomp.diagnosis.whitening import simulate, whiten
+from rlgcomp.diagnosis.whitening import simulate
 
 Array = npt.NDArray[np.float64]
 REPLICATES: Final = 400
@@ -89,8 +89,7 @@ def _statistics(evidence: Evidence, noise_log_prior: Array, ordinary: npt.NDArra
     weights = np.array([candidate.log_weight for candidate in evidence.candidates[:count]])
     per_name = -math.log(len({candidate.name for candidate in evidence.candidates[:count]}))
     nothing, something = [], []
-    for k, noise in enumerate(evidence.noises):
-        whitened = whiten(evidence.problem.rows, targets, (noise,))[0][0]
+    for k, whitened in enumerate(evidence.whitener(targets)):
         left, gains = evidence.gains(k, whitened, count)
         point = evidence.constant(k) + noise_log_prior[k] - 0.5 * evidence.freedom * np.log(left)
         if not ordinary[k]:

@@ -16,6 +16,7 @@ from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.discover import Discovery, discover
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
+from rlgcomp.diagnosis.laws import Dictionary
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import prove
@@ -191,8 +192,10 @@ def _concluded(problem: Problem, explanations: Explanations) -> _Conclusion:
     best = explanations.models[0]
     nothing = next(model for model in explanations.models if not model.members)
     found: list[tuple[float, Model, Discovery | None]] = [(best.log_posterior, best, None)]
+    dictionary = Dictionary(problem)
     for model in (best,) if best is nothing else (best, nothing):
-        law = discover(problem, _design(problem, explanations, model), explanations.usual_noises(model))
+        design, noises = _design(problem, explanations, model), explanations.usual_noises(model)
+        law = discover(problem, design, noises, dictionary=dictionary)
         if law is not None:
             found.append((model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)), model, law))
     logs = np.array([score for score, _, _ in found])

@@ -38,13 +38,14 @@ from rlgcomp.physics.empirical_law import EmpiricalLaw
 Array = npt.NDArray[np.float64]
 SURE: Final = math.log(100.0)  # log Bayes factor from which a law is a discovery: one false one in a hundred at most
 _COLUMNS_AT_ONCE: Final = 2000
-_UNLIKELY: Final = 7.0  # log units behind the best from which a noise is left out
+_UNLIKELY: Final = 4.0  # log units behind the best from which a noise is left out
 _ABSORBED: Final = 1e-4  # of a column's norm: less than this left by the design is nothing
 _REFINED: Final = 16  # families
 _BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining
 _STEPS: Final = 9
 _TRIED: Final = 2  # steps before families are given up
 _FIRST_STEP: Final = 0.12
+_ROUNDING: Final = 1.0  # log units that a round number may cost
 _CURVATURE_STEP: Final = 0.004
 _SHARPEST: Final = 1e8  # curvature at most
 
@@ -110,13 +111,22 @@ class Background:
         Columns in the model already, with a flat prior.
     noises : sequence of NoiseShape
         Averaged over by their evidence.
+    log_prior : ndarray, shape (noises,), optional
+        Even unless given.
     nothing : float, optional
         Log evidence of no law, where these noises are some of those that it was averaged over.
     """
 
-    def __init__(self, problem: Problem, design: Array, noises: Sequence[NoiseShape], nothing: float | None = None) -> None:
-        self.problem, self.noises = problem, tuple(noises)
-        self._design = design
+    def __init__(
+        self,
+        problem: Problem,
+        design: Array,
+        noises: Sequence[NoiseShape],
+        log_prior: Array | None = None,
+        nothing: float | None = None,
+    ) -> None:
+        self.problem, self.noises, self._design = problem, tuple(noises), design
+        self._log_prior = np.full(len(self.noises), -math.log(len(self.noises))) if log_prior is None else log_prior
         scale = np.sqrt((design**2).mean(axis=0))
         self._orthogonal = np.linalg.qr(design / np.where(scale > 0.0, scale, 1.0))[0]
         self.freedom = len(design) - design.shape[1]
@@ -131,7 +141,7 @@ class Background:
             constants.append(-0.5 * determinant - float(np.log(np.abs(np.diag(r))).sum()))
         self._targets = np.array(targets)
         self._left = (self._targets**2).sum(axis=1)
-        self.log_evidence = np.array(constants) - 0.5 * self.freedom * np.log(self._left)
+        self.log_evidence = np.array(constants) - 0.5 * self.freedom * np.log(self._left) + self._log_prior
         self._nothing = float(logsumexp(self.log_evidence)) if nothing is None else nothing
 
     def log_bayes_factors(self, columns: Array) -> Array:
@@ -150,8 +160,19 @@ class Background:
     def calmer(self, column: Array) -> Background:
         """The same with those noises alone that are likely once a column is in the model."""
         likely = self.by_noise(column[:, None])[:, 0]
-        noises = [noise for noise, value in zip(self.noises, likely, strict=True) if value > likely.max() - _UNLIKELY]
-        return Background(self.problem, self._design, noises, self._nothing)
+        return self.some(np.flatnonzero(likely > likely.max() - _UNLIKELY), self._nothing)
+
+    def few(self) -> Background:
+        """The same with two noises, to screen with: the likeliest without a law, and the nearest to white.
+
+        Where there is a law, noise is calmer than it seemed.
+        """
+        whitest = min(range(len(self.noises)), key=lambda k: sum(dataclasses.astuple(self.noises[k])[:3]))
+        return self.some(np.unique([int(np.argmax(self.log_evidence)), whitest]), None)
+
+    def some(self, which: npt.NDArray[np.intp], nothing: float | None) -> Background:
+        """The same with some of the noises."""
+        return Background(self.problem, self._design, [self.noises[k] for k in which], self._log_prior[which], nothing)
 
     def amplitude(self, column: Array) -> tuple[float, float]:
         """Generalised least squares estimate of one column's factor and its standard deviation, for the likeliest noise."""
@@ -193,7 +214,13 @@ class _Judged:
 
 
 def discover(
-    problem: Problem, design: Array, noises: NoiseShape | Sequence[NoiseShape], *, dictionary: Dictionary | None = None
+    problem: Problem,
+    design: Array,
+    noises: NoiseShape | Sequence[NoiseShape],
+    noise_log_prior: Array | None = None,
+    *,
+    dictionary: Dictionary | None = None,
+    least: float = SURE,
 ) -> Discovery | None:
     """The law that best explains what a design leaves, or None where the data do not ask for one.
 
@@ -203,26 +230,31 @@ def discover(
     design : ndarray, shape (n, p)
         Columns in the model already (baseline and named causes), with a flat prior.
     noises : NoiseShape or sequence of NoiseShape
-        To whiten with; several are averaged over by their evidence. The screening uses two of them.
+        To whiten with; several are averaged over by their evidence. Give also those in which something unrecorded wanders, or
+        such a wander will be taken for a law in what was recorded.
+    noise_log_prior : ndarray, shape (noises,), optional
+        Even unless given.
     dictionary : Dictionary, optional
-        Made from the problem unless given.
+        Made from the problem unless given; it may be used again with another design.
+    least : float
+        Log Bayes factor from which a law is a discovery.
 
     Returns
     -------
     Discovery or None
-        None where the Bayes factor in favour of some law is less than 100.
+        None where the Bayes factor in favour of some law is less than asked for: 100, unless given.
     """
     shapes = (noises,) if isinstance(noises, NoiseShape) else tuple(noises)
     dictionary = Dictionary(problem) if dictionary is None else dictionary
     if not dictionary.families:
         return None
-    background = Background(problem, design, shapes)
-    judged = screen(dictionary, Background(problem, design, _few(background)))
-    if logsumexp([one.log_evidence for one in judged]) < -2.0:
+    background = Background(problem, design, shapes, noise_log_prior)
+    judged = screen(dictionary, background.few())
+    if logsumexp([one.log_evidence for one in judged]) < min(-2.0, least):
         return None
     judged = refine(dictionary, background, judged)
     log_bayes_factor = float(logsumexp([one.log_evidence for one in judged]))
-    if log_bayes_factor < SURE:
+    if log_bayes_factor < least:
         return None
     by_drivers = _posterior({one.family.drivers: [] for one in judged}, judged, lambda one: one.family.drivers)
     drivers = max(by_drivers, key=by_drivers.__getitem__)
@@ -231,7 +263,7 @@ def discover(
     within = _posterior({}, of_drivers, lambda one: MEMORY_CLASS[one.family.memory])
     memory = max(within, key=within.__getitem__)
     chosen = max((one for one in of_drivers if MEMORY_CLASS[one.family.memory] == memory), key=lambda one: one.log_evidence)
-    law = dictionary.law(chosen.family, chosen.place)
+    law = dictionary.law(chosen.family, _with_round_references(dictionary, background, chosen))
     column = problem.columns(law)[:, 0]
     value, sd = background.amplitude(column)
     return Discovery(
@@ -245,6 +277,56 @@ def discover(
         amplitude_sd_deg_h=sd,
         rms_deg_h=float(np.std(value * column)),
     )
+
+
+def discover_laws(
+    problem: Problem,
+    design: Array,
+    noises: Sequence[NoiseShape],
+    noise_log_prior: Array | None = None,
+    *,
+    dictionary: Dictionary | None = None,
+    largest: int = 2,
+    least: float = SURE,
+) -> tuple[Discovery, ...]:
+    """Laws one after the other, each on top of those before it; their amplitudes estimated together.
+
+    Parameters
+    ----------
+    problem, design, noises, noise_log_prior, dictionary, least
+        As in :func:`discover`.
+    largest : int
+        At most so many.
+    """
+    dictionary = Dictionary(problem) if dictionary is None else dictionary
+    found: list[Discovery] = []
+    while len(found) < largest:
+        held = np.column_stack([design, *(_tangents(problem, one.mechanism) for one in found)])
+        one = discover(problem, held, noises, noise_log_prior, dictionary=dictionary, least=least)
+        if one is None:
+            break
+        found.append(one)
+    columns = [problem.columns(one.mechanism) for one in found]
+    together = []
+    for k, one in enumerate(found):
+        others = np.column_stack([design, *columns[:k], *columns[k + 1 :]])
+        value, sd = Background(problem, others, noises, noise_log_prior).amplitude(columns[k][:, 0])
+        law = dataclasses.replace(one.mechanism, amplitude_deg_h=value)
+        rms = float(np.std(value * columns[k]))
+        together.append(dataclasses.replace(one, mechanism=law, amplitude_sd_deg_h=sd, rms_deg_h=rms))
+    return tuple(together)
+
+
+def _tangents(problem: Problem, law: EmpiricalLaw) -> Array:
+    """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
+    columns = [problem.columns(law)]
+    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width")}
+    steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
+    for name, step in steps.items():
+        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]
+        if np.ptp(change) > 1e-9 * np.ptp(columns[0]):
+            columns.append(change)
+    return np.column_stack(columns)
 
 
 def screen(dictionary: Dictionary, background: Background) -> list[_Judged]:
@@ -296,13 +378,25 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[_Jud
     return sorted([*refined, *others], key=lambda one: -one.log_evidence)
 
 
-def _few(background: Background) -> tuple[NoiseShape, ...]:
-    """The likeliest noise without a law, the nearest to white, and the likeliest of those without wander or walk."""
-    noises = background.noises
-    order = np.argsort(-background.log_evidence)
-    whitest = min(noises, key=lambda noise: noise.walk + noise.wander + noise.flicker)
-    calm = [noises[k] for k in order if noises[k].walk == 0.0 and noises[k].wander == 0.0]
-    return tuple(dict.fromkeys([noises[int(order[0])], whitest, *calm[:1]]))
+def _with_round_references(dictionary: Dictionary, background: Background, one: _Judged) -> Array:
+    """Its place, the references of a product moved to the roundest numbers that fit as well: nominal values are round.
+
+    What a reference is off by is a straight line in the other driver, which a run elsewhere may show more of.
+    """
+    place = one.place.copy()
+    if not one.family.driver_2:
+        return place
+    for axis, (low, high) in enumerate(dictionary.spans(one.family)):
+        value = low + (high - low) * place[axis]
+        largest = math.floor(math.log10(high - low))
+        steps = [digit * 10.0**power for power in range(largest, largest - 4, -1) for digit in (5.0, 2.0, 1.0)]
+        trials = np.repeat(place[None], len(steps) + 1, axis=0)
+        trials[1:, axis] = [(step * round(value / step) - low) / (high - low) for step in steps]
+        values = _at(dictionary, background, [one], [trials])[0]
+        near = np.flatnonzero(values[1:] > values[0] - _ROUNDING)
+        if len(near):
+            place = trials[1 + near[0]]
+    return place
 
 
 def _at(dictionary: Dictionary, background: Background, judged: Sequence[_Judged], places: Sequence[Array]) -> list[Array]:

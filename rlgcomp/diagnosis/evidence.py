@@ -34,12 +34,11 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+from rlgcomp.diagnosis.whitening import NoiseShape, Whitener
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 SIZES: Final = np.geomspace(0.06, 40.0, 8)
-_SHAPES_AT_ONCE: Final = 9
 _ABSORBED: Final = 1e-5  # of a column's norm: less than this left by the baseline is nothing
 
 
@@ -96,9 +95,9 @@ class Evidence:
         self._targets = np.empty((len(self.noises), len(problem.rows)))
         baseline = problem.baseline / _norms(problem.baseline)
         self._orthogonal = np.linalg.qr(baseline)[0]
-        whitened, log_determinant = whiten(
-            problem.rows, np.column_stack([self._orthogonal, problem.target_deg_h / self.scale_deg_h]), self.noises
-        )
+        self.whitener = Whitener(problem.rows, self.noises)
+        log_determinant = self.whitener.log_determinant
+        whitened = self.whitener(np.column_stack([self._orthogonal, problem.target_deg_h / self.scale_deg_h]))
         for k, table in enumerate(whitened):
             q, r = np.linalg.qr(table[:, :-1])
             self._whitened_baseline.append(q)
@@ -125,12 +124,9 @@ class Evidence:
         grams = []
         columns = np.empty((len(self.noises), len(fresh), self._table.shape[1]))
         columns[:, :, : self._columns.shape[2]] = self._columns
-        for first in range(0, len(self.noises), _SHAPES_AT_ONCE):
-            part = slice(first, first + _SHAPES_AT_ONCE)
-            whitened, _ = whiten(self.problem.rows, fresh, self.noises[part])
-            for k, table in enumerate(whitened, start=first):
-                q = self._whitened_baseline[k]
-                columns[k, :, self._columns.shape[2] :] = table - q @ (q.T @ table)
+        for k, table in enumerate(self.whitener(fresh)):
+            q = self._whitened_baseline[k]
+            columns[k, :, self._columns.shape[2] :] = table - q @ (q.T @ table)
         for k, table in enumerate(columns):
             everything = np.column_stack([table, self._targets[k]])
             grams.append(everything.T @ everything)
@@ -153,6 +149,7 @@ class Evidence:
     def keep(self, noises: IntArray) -> None:
         """Go on with some of the noises: those that no likely model gives any weight are dropped."""
         self.noises = tuple(self.noises[k] for k in noises)
+        self.whitener = self.whitener.keep(noises)
         self._whitened_baseline = [self._whitened_baseline[k] for k in noises]
         self._constant, self._targets = self._constant[noises], self._targets[noises]
         self._columns, self.gram = self._columns[noises], self.gram[noises]

@@ -25,6 +25,7 @@ from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 M = TypeVar("M", bound=Mechanism)
+SHARE: Final = "1"  # unit of an amplitude that is a share of what the shapes say: never negative, one in nature
 _JITTER: Final = 0.1  # of a shape about its place in the grid, so that no truth lies on it
 _ENERGY: Final = 0.8  # share of an effect's square that its intervals hold
 _EVERYWHERE: Final = 0.6  # intervals that cover more than this say nothing of a place
@@ -42,7 +43,8 @@ def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, wi
     values: dict[str, float | str] = {}
     for parameter in kind.parameters():
         if parameter.role == "amplitude":
-            values[parameter.name] = float(parameter.typical * rng.uniform(0.5, 1.5) * rng.choice([-1.0, 1.0]))
+            relative = 1.0 if parameter.unit == SHARE else rng.uniform(0.5, 1.5) * rng.choice([-1.0, 1.0])
+            values[parameter.name] = float(parameter.typical * relative)
         elif parameter.choices and point is None:
             values[parameter.name] = str(rng.choice(parameter.choices))
         elif parameter.role == "setting" and point is not None:
@@ -63,7 +65,7 @@ def _shape(parameter: Parameter, value: float, shortest_s: float, window_s: floa
 
 
 def scaled(mechanism: M, factor: float) -> M:
-    """The mechanism with its error multiplied.
+    """The mechanism with its error multiplied, in the numbers that people use: near enough where these change its shape a little.
 
     Raises
     ------
@@ -73,10 +75,10 @@ def scaled(mechanism: M, factor: float) -> M:
     names = [parameter.name for parameter in mechanism.amplitude_parameters()]
     if not names:
         names = [p.name for p in mechanism.parameters() if p.role == "shape" and p.unit.startswith("deg/h")]
-        factor = abs(factor)
     if not names:
         raise InputError(f"{mechanism.name}: none of its parameters is a size that could be made larger or smaller")
-    return dataclasses.replace(mechanism, **{name: factor * getattr(mechanism, name) for name in names})  # type: ignore[type-var]
+    made = dataclasses.replace(mechanism, **{name: factor * getattr(mechanism, name) for name in names})  # type: ignore[type-var]
+    return made.settled()
 
 
 def unabsorbed(problem: Problem, errors_deg_h: Sequence[Array]) -> Array:

@@ -224,6 +224,12 @@ class Dictionary:
             **given,
         )
 
+    def spans(self, family: Family) -> list[tuple[float, float]]:
+        """Ranges of the two factors of a product."""
+        return [
+            self._series(driver, memory, 0.0)[1:] for driver, memory in zip(family.drivers, (family.memory, "static"), strict=True)
+        ]
+
     def _half(self, driver: str) -> float:
         _, low, high = self._series(driver, "static", 0.0)
         return 0.5 * (high - low)

@@ -14,8 +14,8 @@ from rlgcomp.noise import NoiseModel
 from rlgcomp.units import arw_rate_sd_deg_h
 
 Array = npt.NDArray[np.float64]
-FLICKERS: Final = (0.0, 0.08, 0.16, 0.32, 0.64, 1.3)
-WALKS: Final = (0.0, 0.04, 0.1, 0.25, 0.6, 1.5)
+FLICKERS: Final = (0.0, 0.1, 0.25, 0.6, 1.3)
+WALKS: Final = (0.0, 0.06, 0.18, 0.5, 1.5)
 WANDERS: Final = (0.2, 0.5, 1.2, 3.0)
 WANDERS_S: Final = (500.0, 1500.0, 4500.0, 13500.0)
 _TRUSTED: Final = 0.8  # weight of the noise that a simulator file states
@@ -29,11 +29,8 @@ def ordinary_noise() -> tuple[NoiseShape, ...]:
 
 
 def unrecorded_cause() -> tuple[NoiseShape, ...]:
-    """Ordinary noise with a wander in it, of something that no recorded column follows."""
-    return tuple(
-        NoiseShape(flicker, 0.0, wander, wander_s)
-        for flicker, wander, wander_s in itertools.product((0.0, 0.25), WANDERS, WANDERS_S)
-    )
+    """White noise with a wander in it, of something that no recorded column follows."""
+    return tuple(NoiseShape(wander=wander, wander_s=wander_s) for wander, wander_s in itertools.product(WANDERS, WANDERS_S))
 
 
 def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseModel | None, window_s: float) -> Array:

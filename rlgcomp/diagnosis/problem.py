@@ -21,7 +21,7 @@ from rlgcomp.simulation.simulator import Simulator
 Array = npt.NDArray[np.float64]
 FEWEST_WINDOWS: Final = 20
 _WINDOWS_A_RUN: Final = 200  # at least, where the window is not given
-_FINE_S: Final = 10.0  # slow causes are computed on means over this time
+_FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _RELATIVE_STEP: Final = 1e-3
 
 
@@ -341,7 +341,7 @@ def _windows(
 
 
 def _decimated(run: Recording, window_s: float) -> Recording:
-    """Means over 10 s, lead-in included, windows being made of whole ones; the run itself where it is not finer."""
+    """Means over 20 s, lead-in included, windows being made of whole ones; the run itself where it is not finer."""
     pieces = max(1, math.floor(window_s / max(_FINE_S, run.period_s)))
     fine_s = window_s / pieces
     if fine_s < 2.0 * run.period_s:

@@ -29,7 +29,6 @@ from rlgcomp.diagnosis.problem import Windows
 from rlgcomp.diagnosis.result import Fit, RunFit, Trace
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
 from rlgcomp.errors import InputError
-from rlgcomp.noise import stream
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.simulation.simulator import Simulator
 
@@ -188,22 +187,26 @@ def improvement_interval(
 
 
 def _left(
-    before: Simulator, after: Simulator, run: Recording, gyro: str | None, predicted: Prediction | None, window_s: float
+    before: Simulator, after: Simulator, whole: Recording, gyro: str | None, predicted: Prediction | None, window_s: float
 ) -> _Left:
+    column = whole.gyro_column(gyro)
+    others = [other for other in whole.gyro_columns if other != column]
+    run = whole.replace(table=whole.table.drop(columns=others), truth=None)
     said = before.predict(run).rate_deg_h()
-    expected = said if predicted is None else said - before.nominal_deg_h(run, gyro) + predicted(run)
-    mismatch = run.rate_deg_h(gyro) - expected
-    table = run.table.drop(columns=list(run.gyro_columns))
+    # the user's simulation holds what a perfect gyro would show, and so does ours: it counts once
+    own = 0.0 if predicted is None else predicted(whole) - before.nominal_deg_h(run)
+    mismatch = run.rate_deg_h() - said - own
+    table = run.table.drop(columns=column)
     table.insert(1, "gyro_deg_h", mismatch)
-    windows = Windows.of(run.replace(table=table, truth=None), window_s)
+    windows = Windows.of(run.replace(table=table), window_s)
+    expected = after.predict(run).rate_deg_h()
     known = {mechanism.name for mechanism in before.mechanisms}
     added = {
-        mechanism.name: windows.means(mechanism.contribution(run, stream(0, mechanism.name)))
+        mechanism.name: windows.means(expected - after.without(mechanism.name).predict(run).rate_deg_h())
         for mechanism in after.mechanisms
         if mechanism.name not in known and mechanism.amplitude_parameters()
     }
-    change = after.predict(run).rate_deg_h() - said
-    return _Left(windows, windows.means(mismatch), windows.means(mismatch - change), added)
+    return _Left(windows, windows.means(mismatch), windows.means(mismatch - (expected - said)), added)
 
 
 def _black_box(windows: Sequence[Windows], training: int, window_s: float) -> list[Array | None]:

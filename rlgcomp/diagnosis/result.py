@@ -87,7 +87,7 @@ class Cause:
     indistinguishable_from : tuple of str
         Mechanisms that these data cannot tell from it.
     drivers : tuple of str
-        Columns that it read; by default those that its class names.
+        Columns that it read; by default those that it names itself.
     """
 
     mechanism: Mechanism
@@ -107,8 +107,8 @@ class Cause:
             "mechanism": self.name,
             "probability": self.probability,
             "parameters": {name: dataclasses.asdict(estimate) for name, estimate in self.parameters.items()},
-            "equation": self.mechanism.equation,
-            "drivers": list(self.drivers or self.mechanism.drivers),
+            "equation": self.mechanism.stated(),
+            "drivers": list(self.drivers or self.mechanism.driver_names()),
             "rms": {"value": self.rms_deg_h, "unit": "deg/h"},
             "indistinguishable_from": list(self.indistinguishable_from),
             "reference": self.mechanism.reference,
@@ -443,3 +443,9 @@ class Diagnosis:
         """Write `diagnosis.json` and `augmented.yaml` into a folder, which must exist."""
         write_json(Path(folder) / "diagnosis.json", self.to_mapping())
         self.augmented.to_yaml(Path(folder) / "augmented.yaml")
+
+    def report(self, path: str | Path) -> None:
+        """Write the page that shows it: one self-contained HTML file."""
+        from rlgcomp.diagnosis.page import write_diagnosis_report
+
+        write_diagnosis_report(path, self)

@@ -32,7 +32,7 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _FLICKER_RATIO: Final = 5.0  # between the time constants of the bank
 _FLICKER_MEMBERS: Final = 5
-_ROWS_A_PIECE: Final = 4_000_000  # numbers that a step may touch
+_ROWS_A_PIECE: Final = 100_000  # numbers that a step may touch
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,43 +117,70 @@ class Whitener:
 
     def __init__(self, rows: Rows, shapes: Sequence[NoiseShape]) -> None:
         self._runs = rows.runs
-        self._filters = [_gains(rows.time_s[part], rows.white[part], rows.window_s, shapes) for part in self._runs]
-        self._shapes = len(shapes)
-        self.log_determinant = sum((2.0 * np.log(scale).sum(axis=1) for _, scale, _ in self._filters), np.zeros(len(shapes)))
+        self.log_determinant = np.zeros(len(shapes))
+        processes = [shape.processes(rows.window_s) for shape in shapes]
+        used = [tuple(((stationary > 0.0) | (diffusion > 0.0)).tolist()) for _, stationary, diffusion in processes]
+        self._groups: list[_Group] = []
+        for mask in dict.fromkeys(used):  # noises made of the same processes go through one loop
+            which = np.array([k for k, other in enumerate(used) if other == mask])
+            parts = [np.array([processes[k][j] for k in which])[:, np.array(mask)] for j in range(3)]
+            filters = [_gains(rows.time_s[part], rows.white[part], rows.window_s, *parts) for part in self._runs]
+            self._groups.append(_Group(which, filters))
+            self.log_determinant[which] = sum(2.0 * np.log(scale).sum(axis=1) for _, scale, _ in filters)
+
+    def keep(self, shapes: IntArray) -> Whitener:
+        """The same for some of the shapes, in the order given."""
+        other = object.__new__(Whitener)
+        other._runs = self._runs
+        other.log_determinant = self.log_determinant[shapes]
+        other._groups = []
+        for group in self._groups:
+            inside = [(new, int(np.flatnonzero(group.which == old)[0])) for new, old in enumerate(shapes) if old in group.which]
+            if inside:
+                new, old = (np.array(part) for part in zip(*inside, strict=True))
+                other._groups.append(_Group(new, [(gains[old], scale[old], decay[old]) for gains, scale, decay in group.filters]))
+        return other
 
     def __call__(self, columns: Array) -> Array:
         """Innovations, shape (shapes, n, m)."""
-        whitened = np.empty((self._shapes, *columns.shape))
-        for part, (gains, scale, decay) in zip(self._runs, self._filters, strict=True):
-            if not np.any(gains):
-                whitened[:, part] = columns[part] / scale[:, :, None]
-                continue
-            width = max(1, _ROWS_A_PIECE // max(1, gains.shape[0] * gains.shape[2]))
-            for first in range(0, columns.shape[1], width):
-                piece = slice(first, first + width)
-                _innovations(columns[part, piece], gains, scale, decay, whitened[:, part, piece])
+        whitened = np.empty((len(self.log_determinant), *columns.shape))
+        for group in self._groups:
+            for part, (gains, scale, decay) in zip(self._runs, group.filters, strict=True):
+                if gains.shape[2] == 0:
+                    whitened[group.which, part] = columns[part] / scale[:, :, None]
+                    continue
+                width = max(1, _ROWS_A_PIECE // (gains.shape[0] * gains.shape[2]))
+                for first in range(0, columns.shape[1], width):
+                    piece = slice(first, first + width)
+                    whitened[group.which, part, piece] = _innovations(columns[part, piece], gains, scale, decay)
         return whitened
 
 
-def _gains(time_s: Array, white: Array, window_s: float, shapes: Sequence[NoiseShape]) -> tuple[Array, Array, Array]:
+@dataclasses.dataclass(frozen=True)
+class _Group:
+    """Noises made of the same processes: their places among all, and for each run gains, innovation scales and decays."""
+
+    which: IntArray
+    filters: list[tuple[Array, Array, Array]]
+
+
+def _gains(
+    time_s: Array, white: Array, window_s: float, time_constants: Array, stationary: Array, diffusion: Array
+) -> tuple[Array, Array, Array]:
     """Kalman gains (shapes, n, states), innovation standard deviations (shapes, n) and decays (shapes, n, states)."""
-    processes = [shape.processes(window_s) for shape in shapes]
-    time_constants, stationary, diffusion = (np.array(part) for part in zip(*processes, strict=True))
-    used = (stationary > 0.0).any(axis=0) | (diffusion > 0.0).any(axis=0)
-    time_constants, stationary, diffusion = time_constants[:, used], stationary[:, used], diffusion[:, used]
-    states = int(used.sum())
+    shapes, states = stationary.shape
     steps = np.r_[0.0, np.diff(time_s)]
     decay = np.exp(-steps[None, :, None] / time_constants[:, None, :])
-    covariance = np.zeros((len(shapes), states, states))
+    growth = stationary[:, None, :] * (1.0 - decay**2) + diffusion[:, None, :] * steps[None, :, None]
+    growth[:, 0] = stationary + diffusion * window_s
+    covariance = np.zeros((shapes, states, states))
     diagonal = np.arange(states)
-    covariance[:, diagonal, diagonal] = stationary + diffusion * window_s
-    gains = np.empty((len(shapes), len(time_s), states))
-    scale = np.empty((len(shapes), len(time_s)))
-    for k, step in enumerate(steps):
+    gains = np.empty((shapes, len(time_s), states))
+    scale = np.empty((shapes, len(time_s)))
+    for k in range(len(steps)):
         if k:
-            keep = decay[:, k]
-            covariance *= keep[:, :, None] * keep[:, None, :]
-            covariance[:, diagonal, diagonal] += stationary * (1.0 - keep**2) + diffusion * step
+            covariance *= decay[:, k, :, None] * decay[:, k, None, :]
+        covariance[:, diagonal, diagonal] += growth[:, k]
         shared = covariance.sum(axis=2)
         variance = shared.sum(axis=1) + white[k]
         gain = shared / variance[:, None]
@@ -163,13 +190,16 @@ def _gains(time_s: Array, white: Array, window_s: float, shapes: Sequence[NoiseS
     return gains, scale, decay
 
 
-def _innovations(columns: Array, gains: Array, scale: Array, decay: Array, out: Array) -> None:
+def _innovations(columns: Array, gains: Array, scale: Array, decay: Array) -> Array:
+    out = np.empty((gains.shape[0], *columns.shape))
     state = np.zeros((gains.shape[0], gains.shape[2], columns.shape[1]))
     for k in range(len(columns)):
         state *= decay[:, k, :, None]
         innovation = columns[k] - state.sum(axis=1)
         state += gains[:, k, :, None] * innovation[:, None, :]
-        out[:, k] = innovation / scale[:, k, None]
+        out[:, k] = innovation
+    out /= scale[:, :, None]
+    return out
 
 
 def simulate(rows: Rows, shape: NoiseShape, draws: int, rng: np.random.Generator) -> Array:

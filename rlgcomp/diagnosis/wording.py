@@ -11,6 +11,7 @@ from rlgcomp.units import SECONDS_PER_HOUR
 if TYPE_CHECKING:
     from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, Place, RunFit
 
+FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval")
 SHOWN_PLACES: Final = 6
 SHOWN_ALTERNATIVES: Final = 5
 BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
@@ -20,11 +21,18 @@ BLACK_BOX: Final = (
 )
 
 
+def subject(diagnosis: Diagnosis) -> str:
+    """What the simulator is called in a sentence."""
+    return "the simulator" if diagnosis.simulator == "simulator" else diagnosis.simulator
+
+
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict, the causes with their probability, and what they gain held out."""
+    who = subject(diagnosis)
+    who = who[:1].upper() + who[1:] if who == "the simulator" else who
     if diagnosis.verdict == "none":
         return (
-            f"{_opening(diagnosis)} lacks nothing that these runs show: what it leaves is noise ({p_text(diagnosis.p_value)}) "
+            f"{who} lacks nothing that these runs show: what it leaves is noise ({p_text(diagnosis.p_value)}) "
             "once its free parameters are calibrated."
         )
     named = listing([_named(cause) for cause in diagnosis.causes])
@@ -32,14 +40,14 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         left = diagnosis.unexplained
         driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
         memory = f" ({left.memory})" if left.drivers and left.memory != "none" else ""
-        start = f"{_opening(diagnosis)} lacks {named}, and something else" if named else f"{_opening(diagnosis)} lacks something"
+        start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
         return f"{start} that no known mechanism explains; it {driven}{memory}.{_gain(diagnosis.test)}"
     if diagnosis.verdict == "ambiguous":
         rivals = listing(
             list(dict.fromkeys(name for cause in diagnosis.causes for name in (cause.name, *cause.indistinguishable_from)))
         )
-        return f"{_opening(diagnosis)} lacks {named}; these runs cannot tell between {rivals}.{_gain(diagnosis.test)}"
-    return f"{_opening(diagnosis)} lacks {named}.{_gain(diagnosis.test)}"
+        return f"{who} lacks {named}; these runs cannot tell between {rivals}.{_gain(diagnosis.test)}"
+    return f"{who} lacks {named}.{_gain(diagnosis.test)}"
 
 
 def methods(diagnosis: Diagnosis) -> list[str]:
@@ -59,7 +67,7 @@ def as_text(diagnosis: Diagnosis) -> str:
         rows = [
             [place_text(place), f"{100 * place.share:.0f} %", p_text(place.p_value)] for place in diagnosis.where[:SHOWN_PLACES]
         ]
-        parts.append(_table(f"Where ({p_text(diagnosis.p_value)} that nothing is missing)", ["place", "share", "p"], rows))
+        parts.append(_table(f"Where (that nothing is missing: {p_text(diagnosis.p_value)})", ["place", "share", "p"], rows))
     if diagnosis.causes:
         rows = []
         for cause in diagnosis.causes:
@@ -75,8 +83,7 @@ def as_text(diagnosis: Diagnosis) -> str:
         law = left.equation or "no law found"
         parts.append(f"Unexplained ({p_text(left.p_value)}): {law}; drivers {', '.join(left.drivers) or 'none recorded'}")
     rows = fit_rows("training", diagnosis.train) + ([] if diagnosis.test is None else fit_rows("held out", diagnosis.test))
-    header = ["runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval"]
-    parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", header, rows))
+    parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", FIT_COLUMNS, rows))
     parts += [f"{shift.run}: {clock_text(shift)}" for shift in diagnosis.alignment]
     if diagnosis.next_experiment is not None:
         nxt = diagnosis.next_experiment
@@ -154,10 +161,6 @@ def listing(items: Sequence[str], joined: str = "and") -> str:
     'a, b or c'
     """
     return f" {joined} ".join(part for part in (", ".join(items[:-1]), *items[-1:]) if part)
-
-
-def _opening(diagnosis: Diagnosis) -> str:
-    return f"The {diagnosis.simulator}" if diagnosis.simulator == "simulator" else diagnosis.simulator
 
 
 def _named(cause: Cause) -> str:

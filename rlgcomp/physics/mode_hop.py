@@ -11,7 +11,7 @@ import numpy as np
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
 from rlgcomp.recording import Recording
 
-_THRESHOLDS: Final = 40
+_THRESHOLDS: Final = 36
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ModeHop(Mechanism):
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         warmest = max(float(recording.column(recording.temperature_column).max()) for recording in recordings)
         coldest = min(float(recording.column(recording.temperature_column).min()) for recording in recordings)
-        bands = [band for band in (0.0, 1.0, 2.0, 4.0, 8.0) if band < 0.3 * (warmest - coldest)]
+        bands = [band for band in (0.0, 2.0, 6.0) if band < 0.3 * (warmest - coldest)]
         thresholds = np.linspace(coldest, warmest, _THRESHOLDS + 2)[1:-1]
         return tuple(cls(threshold_degC=float(t), dead_band_K=band) for t in thresholds for band in bands)
 

@@ -46,7 +46,7 @@ class Simulator:
     Parameters
     ----------
     mechanisms : tuple of Mechanism
-        Their order does not matter.
+        Their order does not matter. Each occurs once, but for empirical laws.
     free : mapping of str to frozenset of str
         By mechanism, the parameters that are to be calibrated from data; the others are known.
     noise : NoiseModel, optional
@@ -76,7 +76,7 @@ class Simulator:
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise InputError(f"simulator: kind is {self.kind!r}; it must be one of {', '.join(get_args(Kind))}")
-        names = [mechanism.name for mechanism in self.mechanisms]
+        names = [mechanism.name for mechanism in self.mechanisms if not mechanism.open_set]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"simulator: {', '.join(twice)} listed twice; list each mechanism once")
@@ -189,21 +189,22 @@ class Simulator:
 
     def _errors(self, recording: Recording, mechanisms: Sequence[Mechanism], seed: int) -> dict[str, Array]:
         """Errors in deg/h by mechanism: first what the light feels, then what acts on the total, in the order of the list."""
+        labelled = dict(zip(_labels(mechanisms), mechanisms, strict=True))
         found = {
-            mechanism.name: mechanism.contribution(recording, stream(seed, mechanism.name))
-            for mechanism in mechanisms
+            label: mechanism.contribution(recording, stream(seed, label))
+            for label, mechanism in labelled.items()
             if mechanism.stage != "lock_in"
         }
         if len(found) < len(mechanisms):
-            felt = [found[mechanism.name] for mechanism in mechanisms if mechanism.stage == "light"]
+            felt = [found[label] for label, mechanism in labelled.items() if mechanism.stage == "light"]
             rate = rate_deg_s(recording) + (earth_rate_deg_h(recording) + sum(felt, np.zeros(len(recording)))) / SECONDS_PER_HOUR
             total = recording.replace(table=recording.table.assign(**{FELT_RATE_DEG_S: rate}))
             found |= {
-                mechanism.name: mechanism.contribution(total, stream(seed, mechanism.name))
-                for mechanism in mechanisms
+                label: mechanism.contribution(total, stream(seed, label))
+                for label, mechanism in labelled.items()
                 if mechanism.stage == "lock_in"
             }
-        return {mechanism.name: found[mechanism.name] for mechanism in mechanisms}
+        return {label: found[label] for label in labelled}
 
     # --- changing it -------------------------------------------------------------------------------------------------------
 
@@ -214,8 +215,8 @@ class Simulator:
         return dataclasses.replace(self, mechanisms=tuple(mechanism for mechanism in self.mechanisms if mechanism.name != name))
 
     def with_mechanism(self, mechanism: Mechanism) -> Self:
-        """The same simulator with one mechanism more, or with that one's parameters changed."""
-        others = tuple(other for other in self.mechanisms if other.name != mechanism.name)
+        """The same simulator with one mechanism more, or with that one's parameters changed; laws are one where settings agree."""
+        others = tuple(other for other in self.mechanisms if not _same(other, mechanism))
         return dataclasses.replace(self, mechanisms=(*others, mechanism))
 
     # --- its file ----------------------------------------------------------------------------------------------------------
@@ -291,6 +292,19 @@ class Simulator:
     def to_yaml(self, path: str | Path) -> None:
         """Write its file, whole or not at all."""
         write_text(path, yaml.safe_dump(self.to_mapping(), sort_keys=False, allow_unicode=True))
+
+
+def _labels(mechanisms: Sequence[Mechanism]) -> list[str]:
+    """Names, numbered from the second of a name on: only laws occur more than once."""
+    names = [mechanism.name for mechanism in mechanisms]
+    return [name if (k := names[:place].count(name)) == 0 else f"{name}_{k + 1}" for place, name in enumerate(names)]
+
+
+def _same(one: Mechanism, other: Mechanism) -> bool:
+    if one.name != other.name or not one.open_set:
+        return one.name == other.name
+    settings = [parameter.name for parameter in one.parameters() if parameter.role == "setting"]
+    return all(getattr(one, name) == getattr(other, name) for name in settings)
 
 
 def _mechanism(item: Any, catalogue: Mapping[str, type[Mechanism]]) -> tuple[Mechanism, frozenset[str]]:

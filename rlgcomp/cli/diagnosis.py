@@ -1,0 +1,157 @@
+"""Commands on what a simulator is missing: diagnose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rlgcomp.cli.base import (
+    AsJson,
+    CalibrationFile,
+    Drop,
+    Gyro,
+    Map,
+    MechanismFiles,
+    PulseArcsec,
+    command,
+    progress,
+    read_runs,
+    say,
+)
+from rlgcomp.cli.show import show_json
+
+if TYPE_CHECKING:
+    from rlgcomp.diagnosis.user_simulator import UserSimulator
+    from rlgcomp.physics.mechanism import Mechanism
+    from rlgcomp.recording import Recording
+    from rlgcomp.simulation.simulator import Simulator
+
+RUNS = "RUN..."
+
+
+@command("diagnose", several=("--train", "--test", "--simulated", "--mechanisms"))
+def diagnose(
+    train: Annotated[list[str], typer.Option("--train", metavar=RUNS, help="Recordings to explain, or parts RUN@START:STOP.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for diagnosis.json, augmented.yaml and report.html.")
+    ],
+    test: Annotated[
+        list[str] | None, typer.Option("--test", metavar=RUNS, help="Recordings held out, best of other programmes: the proof.")
+    ] = None,
+    simulator: Annotated[
+        str | None,
+        typer.Option("--simulator", metavar="SIM.yaml|my_sim.py:function", help="Simulator file, or your own Python function."),
+    ] = None,
+    simulated: Annotated[
+        list[str] | None,
+        typer.Option("--simulated", metavar=RUNS, help="Output of your own simulator: a file a run, in the order of the runs."),
+    ] = None,
+    mechanisms: MechanismFiles = None,
+    gyro: Gyro = None,
+    averaging_s: Annotated[
+        float | None, typer.Option("--averaging-s", help="Averaging time; 100 s, less for short runs.", show_default=False)
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    calibration: CalibrationFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """What physics a simulator is missing: where, what, how sure, and what it gains on runs held out.
+
+    The simulator's free parameters are calibrated first, so that wrong numbers are not taken for missing physics.
+
+    Example: `rlgcomp diagnose --simulator gyro.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
+    """
+    from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
+    from rlgcomp.errors import InputError
+    from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.physics.user import user_catalogue
+
+    require_writable(out)
+    if averaging_s is not None and not averaging_s > 0.0:
+        raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive")
+    catalogue = user_catalogue(mechanisms or [])
+    chosen = _simulator(simulator, simulated, catalogue)
+    specs = [*train, *(test or [])]
+    runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration))
+    require_held_out(runs[: len(train)], runs[len(train) :])
+    own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec)) if simulated else None
+    with progress("diagnosing", 100) as advance:
+        found = diagnose_runs(
+            chosen,
+            runs[: len(train)],
+            runs[len(train) :],
+            simulated=own,
+            mechanisms=catalogue,
+            gyro=gyro,
+            window_s=averaging_s,
+            seed=seed,
+            progress=lambda fraction: advance(round(100 * fraction), 100),
+        )
+    with whole_folder(out, ours="diagnosis.json") as folder:
+        found.save(folder)
+        found.report(folder / "report.html")
+    if as_json:
+        show_json(found.to_mapping())
+        return
+    typer.echo(str(found))
+    say(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
+
+
+def told_apart(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recording]:
+    """Runs of one name called by what was given for them, so that results can name them."""
+    names = [run.name for run in runs]
+    return [
+        run if names.count(run.name) == 1 else run.replace(name=spec if specs.count(spec) == 1 else f"{spec} ({k + 1})")
+        for k, (spec, run) in enumerate(zip(specs, runs, strict=True))
+    ]
+
+
+def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> None:
+    """Refuse a run that is both trained on and held out.
+
+    Raises
+    ------
+    InputError
+        Rows of one are rows of the other.
+    """
+    import numpy as np
+
+    from rlgcomp.errors import InputError
+
+    for held_out in test:
+        for seen in train:
+            column = held_out.gyro_columns[0]
+            if column not in seen:
+                continue
+            _, ours, theirs = np.intersect1d(held_out.time_s[held_out.scored], seen.time_s[seen.scored], return_indices=True)
+            same = held_out.column(column)[held_out.scored][ours] == seen.column(column)[seen.scored][theirs]
+            if len(same) and same.all() and np.ptp(held_out.column(column)) > 0.0:
+                raise InputError(
+                    f"{held_out.name} is given both to train and to test, at least in part; hold out another run, or another "
+                    "interval as RUN@START:STOP"
+                )
+
+
+def _simulator(
+    given: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]]
+) -> Simulator | UserSimulator | None:
+    """The simulator that was given; None where its output stands for it."""
+    from rlgcomp.diagnosis.user_simulator import PythonSimulator
+    from rlgcomp.errors import InputError
+    from rlgcomp.simulation.simulator import Simulator
+
+    if given is not None and simulated:
+        raise InputError("--simulator and --simulated were given; give one of them: a simulator, or its output")
+    if given is None:
+        if not simulated:
+            raise InputError("no simulator: give --simulator SIM.yaml or my_sim.py:function, or its output with --simulated RUN...")
+        return None
+    if ".py:" in given or given.endswith(".py"):
+        return PythonSimulator.load(given if ".py:" in given else f"{given}:")
+    return Simulator.from_yaml(given, catalogue)

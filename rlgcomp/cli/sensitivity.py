@@ -1,0 +1,110 @@
+"""Command on the smallest effect that would be found: sensitivity."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Jobs, Map, PulseArcsec, Runs, command, progress, read_runs, say
+from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.simulation import SimulatorFile
+
+
+@command("sensitivity")
+def sensitivity(
+    simulator: SimulatorFile,
+    runs: Runs,
+    mechanism: Annotated[str, typer.Option("--mechanism", "-m", metavar="NAME", help="What to inject and seek.")],
+    strengths: Annotated[
+        str, typer.Option(help="Strengths to try: what the simulator cannot absorb over the white noise of 100 s.")
+    ] = "0.1,0.2,0.4,0.8,1.6",
+    draws: Annotated[int, typer.Option(min=1, help="Trials a strength, each of other shapes and signs.")] = 6,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for curves and trials.")] = None,
+    mapping: Map = None,
+    drop: Drop = None,
+    gyro: Gyro = None,
+    pulse_arcsec: PulseArcsec = None,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Put a mechanism into your own recordings at growing strengths: from when on is it detected, from when on named?
+
+    Example: `rlgcomp sensitivity gyro.yaml cold.parquet hot.parquet --mechanism supply_voltage --jobs 2`
+    """
+    from rlgcomp.diagnosis.sensitivity import sensitivity as measure
+    from rlgcomp.errors import InputError
+    from rlgcomp.files import require_writable
+    from rlgcomp.simulation.simulator import Simulator
+
+    try:
+        wanted = [float(word) for word in strengths.split(",")]
+    except ValueError:
+        raise InputError(f"--strengths is {strengths!r}; write numbers joined by commas, as 0.1,0.2,0.4") from None
+    if out is not None:
+        require_writable(out)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    with progress("diagnosing") as advance:
+        found = measure(
+            Simulator.from_yaml(simulator),
+            recordings,
+            mechanism,
+            strengths=wanted,
+            draws=draws,
+            seed=seed,
+            gyro=gyro,
+            jobs=jobs,
+            progress=advance,
+        )
+    if out is not None:
+        _write(found, out)
+        say(f"{out}: sensitivity.json, trials.csv, curves.png")
+    if as_json:
+        show_json(found.to_mapping())
+        return
+    show_table(
+        f"{mechanism} in {len(recordings)} run{'s' if len(recordings) > 1 else ''}: share found",
+        [
+            {
+                "strength": row["strength"],
+                "rms, deg/h": row["rms_deg_h"],
+                "detected": _percent(row["detected"]),
+                "named": _percent(row["named"]),
+                "named or in its class": _percent(row["in_class"]),
+                "trials": int(row["trials"]),
+            }
+            for row in found.to_frame().to_dict("records")
+        ],
+    )
+    lines = []
+    for what, curve in (("detected", found.detection), ("named or in its class", found.naming)):
+        for share, size, interval in (("50 %", curve.s50, curve.s50_interval), ("90 %", curve.s90, curve.s90_interval)):
+            amplitudes = [f"{key} = {value:.3g} {unit}" for key, (value, unit) in found.sizes(size).items()]
+            lines.append(
+                {
+                    "": f"{what}, {share}",
+                    "strength": size,
+                    "95 % interval": f"{interval[0]:.2g} – {interval[1]:.2g}",
+                    "rms, deg/h": size * found.white_deg_h,
+                    "that is": ", ".join(amplitudes) or "–",
+                }
+            )
+    show_table("Smallest effect found", lines)
+    for remark in found.remarks:
+        typer.echo(f"- {remark}")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _write(found: Any, out: Path) -> None:
+    from rlgcomp.files import whole_folder, write_json
+    from rlgcomp.report.sensitivity import curves_picture
+
+    with whole_folder(out, ours="sensitivity.json") as folder:
+        write_json(folder / "sensitivity.json", found.to_mapping())
+        found.to_frame().to_csv(folder / "trials.csv", index=False)
+        (folder / "curves.png").write_bytes(curves_picture(found))

@@ -1,0 +1,97 @@
+"""Programmes that a laboratory can run: within the temperatures, rates and accelerations that its recordings show it has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from rlgcomp.errors import InputError
+from rlgcomp.filters import rate_per_min
+from rlgcomp.motion import rate_deg_s
+from rlgcomp.recording import Recording
+from rlgcomp.simulation import programme as chamber
+from rlgcomp.simulation import table_programme as table
+from rlgcomp.simulation.programme import Programme, Ramp
+from rlgcomp.simulation.table_programme import TableProgramme
+
+LONGEST_S: Final = 14.0 * 3600.0
+_MARGIN_K: Final = 2.0
+_SLOWEST_DEG_C_MIN: Final = 0.05
+
+
+def chamber_programmes(runs: Sequence[Recording]) -> list[Programme]:
+    """Presets and variants of them that stay within what was recorded, none longer than 14 h.
+
+    Full cycles at the usual and at half the rate, long dwells, reversals at mid range, minor loops, stairs, two rates in one run.
+    """
+    cold, hot, start, rate = _chamber_limits(runs)
+    middle, span = 0.5 * (cold + hot), hot - cold
+    quarter = 0.25 * span
+    slow = max(0.5 * rate, _SLOWEST_DEG_C_MIN)
+    texts = [
+        f"ramp {hot:.3g} {rate:.3g}, hold 60, ramp {cold:.3g} {rate:.3g}, hold 60, ramp {start:.3g} {rate:.3g}, hold 60",
+        f"ramp {hot:.3g} {slow:.3g}, hold 60, ramp {cold:.3g} {slow:.3g}, hold 60, ramp {start:.3g} {slow:.3g}, hold 60",
+        f"ramp {hot:.3g} {rate:.3g}, hold 180, ramp {cold:.3g} {rate:.3g}, hold 180",
+        f"ramp {hot:.3g} {rate:.3g}, ramp {middle:.3g} {rate:.3g}, hold 90, ramp {hot:.3g} {rate:.3g}, ramp {cold:.3g} {rate:.3g}, "
+        f"ramp {middle:.3g} {rate:.3g}, hold 90, ramp {cold:.3g} {rate:.3g}, ramp {start:.3g} {rate:.3g}, hold 60",
+        ", ".join(
+            f"ramp {to:.3g} {rate:.3g}, hold 45"
+            for to in (hot, middle, hot - quarter, cold, cold + quarter, middle - 0.1 * span, middle + 0.1 * span, start)
+        ),
+        ", ".join(f"ramp {to:.3g} {rate:.3g}, hold 60" for to in np.r_[np.linspace(middle, hot, 3), np.linspace(hot, cold, 5)[1:]]),
+        f"ramp {hot:.3g} {rate:.3g}, hold 45, ramp {cold:.3g} {rate:.3g}, hold 45, ramp {hot:.3g} {slow:.3g}, hold 45, "
+        f"ramp {cold:.3g} {slow:.3g}, hold 45",
+        ", ".join([f"ramp {middle + quarter:.3g} {rate:.3g}, ramp {middle - quarter:.3g} {rate:.3g}"] * 6),
+    ]
+    made = [Programme.parse(f"start {start:.3g}, hold 30, {text}") for text in texts]
+    made += [Programme.parse(name) for name in chamber.PRESETS]
+    return [one for one in made if one.duration_s <= LONGEST_S and _within(one, cold, hot, rate)]
+
+
+def table_programmes(runs: Sequence[Recording]) -> list[TableProgramme]:
+    """Presets and variants of them that turn no faster than what was recorded, none longer than 14 h.
+
+    Rates in equal ratios both ways, sweeps through zero, slow turns, and the same turned with accelerations ten times apart.
+    """
+    fastest = max(float(np.abs(rate_deg_s(run)).max()) for run in runs)
+    rates = [float(f"{rate:.3g}") for rate in np.geomspace(fastest / 60.0, fastest, 10)]
+    both_ways = ", ".join(f"rate {sign * rate:g} 300" for rate in rates for sign in (1, -1))
+    slow = ", ".join(f"rate {sign * rate:g} 900" for rate in rates[:4] for sign in (1, -1))
+    near_zero = ", ".join(
+        f"sweep {-part * fastest:.3g} {part * fastest:.3g} 1200, sweep {part * fastest:.3g} {-part * fastest:.3g} 1200"
+        for part in (1.0, 0.1, 0.02)
+    )
+    swinging = ", ".join([f"rate {fastest:.3g} 60, rate {-fastest:.3g} 60"] * 15)
+    texts = [both_ways, slow, near_zero, swinging, f"acceleration 2, {swinging}", f"acceleration 20, {swinging}"]
+    texts += [f"rest 600, {both_ways}, {near_zero}"]
+    made = [TableProgramme.parse(text) for text in [*texts, *table.PRESETS]]
+    return [one for one in made if one.duration_s <= LONGEST_S and float(np.abs(one.corners[1]).max()) <= 1.05 * fastest]
+
+
+def _chamber_limits(runs: Sequence[Recording]) -> tuple[float, float, float, float]:
+    """Coldest, hottest and usual starting temperature in degC and fastest ramp in degC/min: as told, or else as recorded."""
+    lows, highs, starts, rates = [], [], [], []
+    for run in runs:
+        temperature = run.column(run.temperature_column)
+        starts.append(float(temperature[0]))
+        lows.append(float(temperature.min()))
+        highs.append(float(temperature.max()))
+        rates.append(float(np.quantile(np.abs(rate_per_min(temperature, run.time_s, 600.0)), 0.99)))
+        try:
+            told = Programme.parse(str(run.metadata.notes.get("programme", "")))
+        except InputError:
+            continue
+        ramps = [step for step in told.steps if isinstance(step, Ramp)]
+        lows.append(float(told.corners[1].min()))
+        highs.append(float(told.corners[1].max()))
+        rates += [step.rate_degC_min for step in ramps]
+    rate = max(*rates, _SLOWEST_DEG_C_MIN)
+    return min(lows), max(highs), float(np.median(starts)), min(rate, chamber.FASTEST_DEG_C_MIN)
+
+
+def _within(one: Programme, cold: float, hot: float, rate: float) -> bool:
+    temperatures = one.corners[1]
+    fastest = max((step.rate_degC_min for step in one.steps if isinstance(step, Ramp)), default=0.0)
+    return bool(temperatures.min() >= cold - _MARGIN_K and temperatures.max() <= hot + _MARGIN_K and fastest <= 1.05 * rate)

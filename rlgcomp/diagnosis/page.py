@@ -1,0 +1,124 @@
+"""The page of a diagnosis: where, what, how sure, the proof, what is left, what to run next; one self-contained file."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.resources
+from pathlib import Path
+
+import jinja2
+import pandas as pd
+
+import rlgcomp
+from rlgcomp.diagnosis import pictures, wording
+from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.files import write_text
+
+
+def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis) -> None:
+    """Write the page, whole or not at all."""
+    write_text(path, render(diagnosis))
+
+
+def render(diagnosis: Diagnosis) -> str:
+    """The page as HTML text."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.get_template("diagnosis.html").render(
+        title=f"What {wording.subject(diagnosis)} is missing",
+        style=importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
+        version=rlgcomp.__version__,
+        diagnosis=diagnosis,
+        fit=diagnosis.test or diagnosis.train,
+        proved="held out" if diagnosis.test is not None else "in training",
+        p_value=wording.p_text(diagnosis.p_value),
+        left_p_value=wording.p_text(diagnosis.unexplained.p_value),
+        timeline=pictures.timeline(diagnosis) if diagnosis.traces else "",
+        loop=pictures.loop(diagnosis),
+        driver_map=pictures.driver_map(diagnosis),
+        channels=pictures.channels(diagnosis),
+        probabilities=pictures.probabilities(diagnosis),
+        held_out=pictures.held_out(diagnosis),
+        bars=pictures.bars(diagnosis.test or diagnosis.train),
+        left=pictures.what_is_left(diagnosis) if diagnosis.traces else "",
+        programme=pictures.programme(diagnosis),
+        places=_places(diagnosis),
+        causes=_causes(diagnosis),
+        parameters=_parameters(diagnosis),
+        alternatives=_alternatives(diagnosis),
+        fits=_fits(diagnosis),
+        whiteness=[
+            (name, wording.p_text(fit.whiteness_p_value))
+            for name, fit in (("training", diagnosis.train), ("held out", diagnosis.test))
+            if fit is not None and fit.whiteness_p_value is not None
+        ],
+        baseline=_baseline(diagnosis),
+        noise=_noise(diagnosis),
+        clocks=[(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
+    )
+
+
+def _places(diagnosis: Diagnosis) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {"where": wording.place_text(place), "share": f"{100 * place.share:.0f} %", "p": wording.p_text(place.p_value)}
+            for place in diagnosis.where
+        ]
+    )
+
+
+def _causes(diagnosis: Diagnosis) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {
+                "mechanism": cause.name,
+                "probability": f"{cause.probability:.3f}",
+                "rms (deg/h)": f"{cause.rms_deg_h:.3g}",
+                "driven by": ", ".join(cause.drivers or cause.mechanism.driver_names()),
+                "cannot be told from": ", ".join(cause.indistinguishable_from),
+            }
+            for cause in diagnosis.causes
+        ]
+    )
+
+
+def _parameters(diagnosis: Diagnosis) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {"mechanism": cause.name, "parameter": name, "value": str(estimate)}
+            for cause in diagnosis.causes
+            for name, estimate in cause.parameters.items()
+        ]
+    )
+
+
+def _alternatives(diagnosis: Diagnosis) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {"missing": wording.set_text(item.mechanisms), "probability": f"{item.probability:.3g}"}
+            for item in diagnosis.alternatives
+        ]
+    )
+
+
+def _fits(diagnosis: Diagnosis) -> pd.DataFrame:
+    rows = wording.fit_rows("training", diagnosis.train)
+    if diagnosis.test is not None:
+        rows = wording.fit_rows("held out", diagnosis.test) + rows
+    return pd.DataFrame(rows, columns=wording.FIT_COLUMNS)
+
+
+def _baseline(diagnosis: Diagnosis) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {"mechanism": mechanism or "constant", "parameter": name, "calibrated": str(estimate)}
+            for mechanism, parameters in diagnosis.calibration.items()
+            for name, estimate in parameters.items()
+        ]
+    )
+
+
+def _noise(diagnosis: Diagnosis) -> pd.DataFrame:
+    strengths = dataclasses.asdict(diagnosis.noise)
+    return pd.DataFrame([{"noise": name, "strength": f"{value:.3g}"} for name, value in strengths.items() if value])

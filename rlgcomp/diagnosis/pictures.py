@@ -1,0 +1,326 @@
+"""Pictures of a diagnosis, as SVG text: where the mismatch is, what it follows, what is left of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from rlgcomp.allan.deviation import allan_deviation
+from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
+from rlgcomp.errors import InputError
+from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
+from rlgcomp.simulation.programme import Programme
+from rlgcomp.units import SECONDS_PER_HOUR
+
+Array = npt.NDArray[np.float64]
+BESIDE: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+BLACK_BOX: Final = "#cc79a7"
+COLD: Final = "#56b4e9"
+_DOTS: Final = {"marker": ".", "linestyle": "", "rasterized": True}
+_BINS: Final = 8
+DOTS_PER_INCH: Final = 130
+ABOVE_IN, BELOW_IN, GAP_IN, SIDE_GAP_IN = 0.32, 0.48, 0.52, 0.5
+
+
+def timeline(diagnosis: Diagnosis) -> str:
+    """Each run's mismatch, what the causes say of it, and the intervals found."""
+    with rc_context(STYLE):
+        traces = diagnosis.traces
+        figure, panels = _figure(0.5 + 1.85 * len(traces), rows=len(traces), right_in=0.65)
+        for trace, axes in zip(traces, panels[:, 0], strict=True):
+            hours = trace.time_s / SECONDS_PER_HOUR
+            axes.plot(hours, 1e3 * trace.before_deg_h, color=RAW, ms=4, label="mismatch", **_DOTS)
+            change = trace.before_deg_h - trace.after_deg_h
+            if diagnosis.causes or np.ptp(change) > 0.0:
+                axes.plot(hours, 1e3 * change, color=FIT, lw=1.6, label="explained")
+            places = [p for p in diagnosis.where if p.run == trace.run and p.start_s is not None and p.end_s is not None]
+            for k, place in enumerate(places):
+                span = (place.start_s / SECONDS_PER_HOUR, place.end_s / SECONDS_PER_HOUR)  # type: ignore[operator]
+                axes.axvspan(*span, color=WARM, alpha=0.10, lw=0, label="found here" if k == 0 else None)
+            axes.set_title(f"{trace.run}{', held out' if trace.held_out else ''}")
+            axes.set_ylabel("10⁻³ deg/h")
+            driver = driver_column(diagnosis, trace.monitors)
+            if driver is not None:
+                other = axes.twinx()
+                other.plot(hours, trace.monitors[driver], color=COLD, lw=0.9, alpha=0.9)
+                other.set_ylabel(column_label(driver), color=COLD, fontsize=8)
+                other.grid(visible=False)
+                other.tick_params(labelsize=8)
+        panels[-1, 0].set_xlabel("time in h")
+        panels[0, 0].legend(loc="upper left", ncols=3, frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")
+        return svg(figure)
+
+
+def loop(diagnosis: Diagnosis) -> str:
+    """Mismatch against its driver, rising and falling in two colours, before and after."""
+    driver = _driver(diagnosis)
+    if driver is None:
+        return ""
+    with rc_context(STYLE):
+        figure, ((before, after),) = _figure(3.7, columns=2, sharey=True)
+        for trace in _with(diagnosis.traces, driver):
+            x = trace.monitors[driver].to_numpy()
+            rising = np.gradient(x) >= 0.0
+            for axes, values in ((before, trace.before_deg_h), (after, trace.after_deg_h)):
+                for direction, colour in ((rising, WARM), (~rising, RESIDUAL)):
+                    axes.plot(x[direction], 1e3 * values[direction], color=colour, ms=3.5, alpha=0.6, **_DOTS)
+        before.plot([], [], ".", color=WARM, ms=8, label="rising")
+        before.plot([], [], ".", color=RESIDUAL, ms=8, label="falling")
+        before.legend(loc="best", frameon=True, facecolor="white", edgecolor="none")
+        before.set_title("Mismatch before")
+        after.set_title("After")
+        before.set_ylabel("10⁻³ deg/h")
+        for axes in (before, after):
+            axes.set_xlabel(column_label(driver))
+        return svg(figure)
+
+
+def driver_map(diagnosis: Diagnosis) -> str:
+    """Mean mismatch over a driver and its rate of change, before and after, in one colour scale."""
+    driver = _driver(diagnosis)
+    if driver is None:
+        return ""
+    x, rate, before, after = (np.concatenate(parts) for parts in zip(*_driver_samples(diagnosis.traces, driver), strict=True))
+    if np.ptp(x) == 0.0 or np.ptp(rate) == 0.0:
+        return ""
+    edges_x = np.linspace(x.min(), x.max(), 13)
+    reach = float(np.quantile(np.abs(rate), 0.98)) or float(np.abs(rate).max())
+    edges_rate = np.linspace(-reach, reach, 10)
+    counts, _, _ = np.histogram2d(x, rate, (edges_x, edges_rate))
+    maps = []
+    for values in (before, after):
+        sums, _, _ = np.histogram2d(x, rate, (edges_x, edges_rate), weights=1e3 * values)
+        maps.append(np.where(counts >= 3, sums / np.maximum(counts, 1), np.nan))
+    if not np.isfinite(maps[0]).any():
+        return ""
+    limit = float(np.nanmax(np.abs(maps[0])))
+    with rc_context(STYLE):
+        figure, (panels,) = _figure(3.3, columns=2, sharey=True, right_in=0.1)
+        for axes, values, title in zip(panels, maps, ("Mean mismatch before", "After"), strict=True):
+            mesh = axes.pcolormesh(edges_x, edges_rate, values.T, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True)
+            axes.set_title(title)
+            axes.set_xlabel(column_label(driver))
+            axes.grid(visible=False)
+        panels[0].set_ylabel("change per minute")
+        figure.colorbar(mesh, ax=panels, label="10⁻³ deg/h", pad=0.01)
+        return svg(figure)
+
+
+def channels(diagnosis: Diagnosis) -> str:
+    """How much of the mismatch follows each recorded channel, before and after: share of its variance between bins."""
+    shares = channel_shares(diagnosis.traces)
+    if shares.empty:
+        return ""
+    with rc_context(STYLE):
+        figure, ((axes,),) = _figure(0.9 + 0.34 * len(shares), left_in=2.3, right_in=1.0)
+        places = np.arange(len(shares))
+        axes.barh(places - 0.19, 100.0 * shares["before"], height=0.36, color=RAW, label="before")
+        axes.barh(places + 0.19, 100.0 * shares["after"], height=0.36, color=RESIDUAL, label="after")
+        axes.set_yticks(places, [column_label(column) for column in shares["channel"]])
+        axes.invert_yaxis()
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("share of the mismatch that a function of this channel alone could explain, %")
+        axes.legend(**BESIDE)
+        return svg(figure)
+
+
+def channel_shares(traces: Sequence[Trace]) -> pd.DataFrame:
+    """For each channel of all runs, the share of variance between eight equally filled bins, what chance gives taken off."""
+    common = set.intersection(*(set(trace.monitors.columns) for trace in traces)) if traces else set()
+    rows = []
+    for column in [column for column in traces[0].monitors.columns if column in common] if traces else []:
+        x = np.concatenate([trace.monitors[column].to_numpy() for trace in traces])
+        if np.ptp(x) == 0.0:
+            continue
+        bins = np.searchsorted(np.quantile(x, np.arange(1, _BINS) / _BINS), x)
+        before, after = (
+            _share_between(bins, np.concatenate([getattr(trace, name) for trace in traces]))
+            for name in ("before_deg_h", "after_deg_h")
+        )
+        rows.append({"channel": column, "before": before, "after": after})
+    frame = pd.DataFrame(rows, columns=["channel", "before", "after"])
+    return frame.sort_values("before", ascending=False, kind="stable").reset_index(drop=True)
+
+
+def probabilities(diagnosis: Diagnosis) -> str:
+    """Posterior probability of each set of mechanisms."""
+    if not diagnosis.alternatives:
+        return ""
+    shown = sorted(diagnosis.alternatives, key=lambda item: -item.probability)[:8]
+    with rc_context(STYLE):
+        figure, ((axes,),) = _figure(0.9 + 0.32 * len(shown), left_in=3.6)
+        values = [item.probability for item in shown]
+        axes.barh(range(len(shown)), values, color=RESIDUAL, height=0.6)
+        for k, item in enumerate(shown):
+            axes.annotate(f"{item.probability:.3g}", (values[k], k), (4, 0), textcoords="offset points", va="center", fontsize=8.5)
+        axes.set_yticks(range(len(shown)), [" + ".join(item.mechanisms) or "nothing" for item in shown])
+        axes.set_xlim(0.0, 1.08)
+        axes.invert_yaxis()
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("probability")
+        return svg(figure)
+
+
+def held_out(diagnosis: Diagnosis) -> str:
+    """Runs held out: the mismatch before and after, with twice the noise floor."""
+    traces = [trace for trace in diagnosis.traces if trace.held_out]
+    if not traces or diagnosis.test is None:
+        return ""
+    with rc_context(STYLE):
+        figure, grid = _figure(0.6 + 2.0 * len(traces), rows=len(traces), columns=2, sharey="row")
+        for trace, row in zip(traces, grid, strict=True):
+            floor = next(run.noise_floor_rms for run in diagnosis.test.per_run if run.run == trace.run)
+            hours = trace.time_s / SECONDS_PER_HOUR
+            for axes, values, colour, title in zip(
+                row, (trace.before_deg_h, trace.after_deg_h), (RAW, RESIDUAL), ("before", "after"), strict=True
+            ):
+                axes.axhspan(-2e3 * floor, 2e3 * floor, color=FLOOR, alpha=0.15, lw=0)
+                axes.plot(hours, 1e3 * values, color=colour, ms=4, **_DOTS)
+                axes.set_title(f"{trace.run}, {title}")
+            row[0].set_ylabel("10⁻³ deg/h")
+        for axes in grid[-1]:
+            axes.set_xlabel("time in h")
+        return svg(figure)
+
+
+def bars(fit: Fit) -> str:
+    """Rms before, with the black box, and after, with the noise floor, for each run held out."""
+    with rc_context(STYLE):
+        figure, ((axes,),) = _figure(0.9 + 0.6 * (1 + len(fit.per_run)), left_in=1.6, right_in=1.3)
+        rows: list[tuple[str, Fit | RunFit]] = [("all runs", fit), *((run.run, run) for run in fit.per_run)]
+        for k, (_, run) in enumerate(rows):
+            cells = (
+                (run.baseline_rms, RAW, "before"),
+                (run.compensation_rms, BLACK_BOX, "LS-SVM"),
+                (run.augmented_rms, RESIDUAL, "after"),
+            )
+            for place, (value, colour, label) in zip((-0.26, 0.0, 0.26), cells, strict=True):
+                if value is not None:
+                    axes.barh(k + place, 1e3 * value, height=0.24, color=colour, label=label if k == 0 else None)
+            axes.plot(
+                [1e3 * run.noise_floor_rms] * 2, [k - 0.42, k + 0.42], color=FLOOR, lw=2.0, label="noise floor" if k == 0 else None
+            )
+        axes.set_yticks(range(len(rows)), [name for name, _ in rows])
+        axes.invert_yaxis()
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel(f"rms of {fit.averaging_s:g} s means in 10⁻³ {fit.unit}")
+        axes.legend(**BESIDE)
+        return svg(figure)
+
+
+def what_is_left(diagnosis: Diagnosis) -> str:
+    """Allan deviation before and after with the white floor, and the autocorrelation of what is left."""
+    traces = [trace for trace in diagnosis.traces if trace.held_out] or list(diagnosis.traces)
+    fit = diagnosis.test or diagnosis.train
+    with rc_context(STYLE):
+        figure, ((spread, memory),) = _figure(3.5, columns=2)
+        longest = fit.averaging_s
+        for k, trace in enumerate(traces):
+            for values, colour, label in ((trace.before_deg_h, RAW, "before"), (trace.after_deg_h, RESIDUAL, "after")):
+                curve = allan_deviation(values, fit.averaging_s * np.arange(len(values)))
+                spread.loglog(curve.tau_s, curve.deviation_deg_h, "-o", color=colour, ms=3, lw=1.2, label=label if k == 0 else None)
+                longest = max(longest, float(curve.tau_s[-1]))
+            lags = np.arange(1, min(61, len(trace.time_s) // 4))
+            centred = trace.after_deg_h - trace.after_deg_h.mean()
+            power = float(centred @ centred) or 1.0
+            correlation = [float(centred[lag:] @ centred[:-lag]) / power for lag in lags]
+            memory.plot(lags * fit.averaging_s / SECONDS_PER_HOUR, correlation, color=RESIDUAL, lw=0.8, marker=".", ms=3)
+        band = 2.0 / np.sqrt(np.mean([len(trace.time_s) for trace in traces]))
+        memory.axhspan(-band, band, color=FLOOR, alpha=0.15, lw=0)
+        if fit.white_floor_rms is not None:
+            tau = np.geomspace(fit.averaging_s, longest)
+            floor = fit.white_floor_rms * np.sqrt(fit.averaging_s / tau)
+            spread.loglog(tau, floor, color=FLOOR, lw=1.2, ls="--", label="white noise")
+        spread.set_xlabel("averaging time in s")
+        spread.set_ylabel("Allan deviation in deg/h")
+        spread.set_title("Allan deviation")
+        spread.legend(loc="best")
+        memory.set_xlabel("lag in h")
+        memory.set_title("Autocorrelation of what is left")
+        return svg(figure)
+
+
+def programme(diagnosis: Diagnosis) -> str:
+    """The chamber's set point over time in the experiment that is proposed."""
+    if diagnosis.next_experiment is None:
+        return ""
+    try:
+        times_s, temperatures = Programme.parse(diagnosis.next_experiment.profile).corners
+    except InputError:
+        return ""
+    with rc_context(STYLE):
+        figure, ((axes,),) = _figure(2.2)
+        axes.plot(times_s / SECONDS_PER_HOUR, temperatures, color=WARM, lw=1.8)
+        axes.set_xlabel("time in h")
+        axes.set_ylabel("chamber, degC")
+        return svg(figure)
+
+
+def driver_column(diagnosis: Diagnosis, monitors: pd.DataFrame) -> str | None:
+    """The recorded column that pictures are drawn against: the first cause's, else a thermometer, the table's rate, or any."""
+    wanted = [driver for cause in diagnosis.causes for driver in cause.drivers] + list(diagnosis.unexplained.drivers)
+    thermometers = [column for column in monitors.columns if column.startswith("temperature_") and column.endswith("_degC")]
+    wanted += [column for column in ("temperature_block_degC", *thermometers, "table_rate_deg_s") if column in monitors]
+    return next((column for column in [*wanted, *monitors.columns] if column in monitors and np.ptp(monitors[column]) > 0.0), None)
+
+
+def column_label(column: str) -> str:
+    """A column's name as a reader would say it.
+
+    >>> column_label("temperature_block_degC")
+    'temperature block, degC'
+    """
+    name, _, unit = column.rpartition("_")
+    return f"{name.replace('_', ' ')}, {unit}" if name else column
+
+
+def _figure(
+    height_in: float, *, right_in: float = 0.15, left_in: float = 0.75, rows: int = 1, columns: int = 1, **options: Any
+) -> Any:
+    """A figure with margins in inches and its axes as an array: no layout to solve for, which would take twice as long again."""
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DOTS_PER_INCH)
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    each_in = height_in / rows
+    width_in = (WIDTH_IN - left_in - right_in) / columns
+    figure.subplots_adjust(
+        left=left_in / WIDTH_IN,
+        right=1.0 - right_in / WIDTH_IN,
+        bottom=BELOW_IN / height_in,
+        top=1.0 - ABOVE_IN / height_in,
+        hspace=GAP_IN / max(0.1, each_in - GAP_IN),
+        wspace=SIDE_GAP_IN / max(0.1, width_in - SIDE_GAP_IN),
+    )
+    return figure, axes
+
+
+def _driver(diagnosis: Diagnosis) -> str | None:
+    return driver_column(diagnosis, diagnosis.traces[0].monitors) if diagnosis.traces else None
+
+
+def _with(traces: Sequence[Trace], column: str) -> list[Trace]:
+    return [trace for trace in traces if column in trace.monitors]
+
+
+def _driver_samples(traces: Sequence[Trace], driver: str) -> list[tuple[Array, Array, Array, Array]]:
+    samples = []
+    for trace in _with(traces, driver):
+        x = trace.monitors[driver].to_numpy()
+        samples.append((x, 60.0 * np.gradient(x, trace.time_s), trace.before_deg_h, trace.after_deg_h))
+    return samples
+
+
+def _share_between(bins: npt.NDArray[np.intp], values: Array) -> float:
+    total = float(np.sum((values - values.mean()) ** 2))
+    if total == 0.0:
+        return 0.0
+    counts = np.bincount(bins, minlength=_BINS)
+    means = np.bincount(bins, weights=values, minlength=_BINS) / np.maximum(counts, 1)
+    between = float(np.sum(counts * (means - values.mean()) ** 2)) / total
+    by_chance = (int((counts > 0).sum()) - 1) / max(1, len(values) - 1)
+    return max(0.0, (between - by_chance) / (1.0 - by_chance))

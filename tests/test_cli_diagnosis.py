@@ -1,0 +1,221 @@
+"""The command diagnose: its command line, its files, and everything that can be wrong with what it is given."""
+
+from __future__ import annotations
+
+import json
+import sys
+import types
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import rlgcomp as rlg
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app, spread
+from rlgcomp.diagnosis.proof import prove
+from rlgcomp.diagnosis.result import Diagnosis, Unexplained
+from rlgcomp.diagnosis.user_simulator import SimulatedRuns, baseline_prediction
+from rlgcomp.diagnosis.whitening import NoiseShape
+
+register_commands()
+OWN_MECHANISM = """
+import dataclasses
+import numpy as np
+from rlgcomp.physics.mechanism import Mechanism, amplitude
+
+@dataclasses.dataclass(frozen=True)
+class Square(Mechanism):
+    name = "square"
+    kind = "chamber"
+    equation = "b = k * T**2"
+    reference = "A note of this laboratory."
+    drivers = ("temperature",)
+    k_deg_h_K2: float = amplitude(1e-5, "deg/h/K^2")
+
+    def basis(self, recording):
+        (temperature,) = self.read(recording)
+        return temperature[:, None] ** 2
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    unit = rlg.simulated_unit(1)
+    for seed in range(4):
+        rlg.write(unit.simulate("short", seed=seed, step_s=5.0, name=f"run{seed}"), folder / f"run{seed}.parquet")
+        rlg.write(unit.predict(rlg.read(folder / f"run{seed}.parquet")), folder / f"sim{seed}.parquet")
+    (folder / "sim.yaml").write_text("kind: chamber\nmechanisms:\n  - thermal_polynomial: {degree: 3}\n  - temperature_rate\n")
+    (folder / "my_sim.py").write_text("def gyro(r):\n    return 0.001 * r.column('temperature_block_degC')\n")
+    (folder / "my_physics.py").write_text(OWN_MECHANISM)
+    return folder
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> dict:
+    """A stand-in for the engine that proves the simulator against itself and keeps what it was given."""
+    seen: dict = {}
+
+    def diagnose(simulator, train, test, **options) -> Diagnosis:
+        seen.update(options, simulator=simulator, train=train, test=test)
+        options["progress"](0.5)
+        own = simulator
+        if options["simulated"]:
+            own = SimulatedRuns.of([*train, *test], options["simulated"])
+            seen["alignment"] = own.alignment
+        predicted = None if isinstance(own, rlg.Simulator) else own.predict_deg_h
+        simulator = rlg.Simulator() if predicted else simulator
+        proof = prove(
+            simulator,
+            simulator,
+            train,
+            test,
+            window_s=100.0,
+            shape=NoiseShape(),
+            white_deg_h=0.002,
+            predicted=predicted,
+            black_box=False,
+        )
+        return Diagnosis(
+            "none",
+            0.5,
+            (),
+            (),
+            (),
+            Unexplained(0.5),
+            proof.train,
+            proof.test,
+            None,
+            simulator,
+            simulator,
+            rlg.NoiseModel(),
+            traces=proof.traces,
+        )
+
+    monkeypatch.setitem(sys.modules, "rlgcomp.diagnosis.diagnose", types.SimpleNamespace(diagnose=diagnose))
+    return seen
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_the_command_line_of_the_contract(files: Path, engine: dict, tmp_path: Path) -> None:
+    runs = [files / f"run{k}.parquet" for k in range(4)]
+    out = tmp_path / "out"
+    done = run("diagnose", "--simulator", files / "sim.yaml", "--train", *runs[:2], "--test", *runs[2:], "--out", out)
+    assert done.exit_code == 0, done.output
+    assert {path.name for path in out.iterdir()} == {"diagnosis.json", "augmented.yaml", "report.html"}
+    assert json.loads((out / "diagnosis.json").read_text())["schema"] == "rlgcomp.diagnosis/1"
+    assert "lacks nothing" in done.output
+    assert [r.name for r in engine["train"]] == ["run0", "run1"]
+    assert [r.name for r in engine["test"]] == ["run2", "run3"]
+    repeated = [item for path in runs[:2] for item in ("--train", path)]
+    again = run("diagnose", "--simulator", files / "sim.yaml", *repeated, f"--test={runs[2]}", runs[3], "-o", out, "--json")
+    assert again.exit_code == 0, again.output
+    assert json.loads(again.stdout)["verdict"] == "none"
+    assert len(engine["train"]) == len(engine["test"]) == 2
+
+
+def test_the_users_own_simulator(files: Path, engine: dict, tmp_path: Path) -> None:
+    runs = [files / f"run{k}.parquet" for k in (0, 1)]
+    common = ["--train", runs[0], "--test", runs[1], "--out", tmp_path / "out"]
+    done = run("diagnose", "--simulated", files / "sim0.parquet", files / "sim1.parquet", *common)
+    assert done.exit_code == 0, done.output
+    assert [run.name for run in engine["simulated"]] == ["sim0", "sim1"]
+    assert len(engine["alignment"]) == 2
+    assert engine["simulator"] is None
+    done = run("diagnose", "--simulator", f"{files / 'my_sim.py'}:gyro", *common)
+    assert done.exit_code == 0, done.output
+    rate = baseline_prediction(engine["simulator"], engine["train"][0])
+    assert rate == pytest.approx(0.001 * engine["train"][0].column("temperature_block_degC"))
+
+
+def test_mechanisms_of_the_users_own(files: Path, engine: dict, tmp_path: Path) -> None:
+    simulator = tmp_path / "sim.yaml"
+    simulator.write_text("kind: chamber\nmechanisms: [square]\n")
+    options = ["--mechanisms", files / "my_physics.py"]
+    done = run("diagnose", "--simulator", simulator, "--train", files / "run0.parquet", "--out", tmp_path / "out", *options)
+    assert done.exit_code == 0, done.output
+    assert set(engine["mechanisms"]) == {*rlg.CATALOGUE, "square"}
+    made = tmp_path / "made.parquet"
+    assert run("simulate", simulator, "--profile", "short", "--step-s", "10", "--out", made, *options).exit_code == 0
+    assert run("predict", simulator, made, "--out", tmp_path / "said.parquet", *options).exit_code == 0
+
+
+def test_runs_of_one_name_are_told_apart(files: Path, engine: dict, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    other = tmp_path / "other" / "run0.parquet"
+    other.write_bytes((files / "run1.parquet").read_bytes())
+    done = run(
+        "diagnose", "--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--test", other, "--out", tmp_path / "out"
+    )
+    assert done.exit_code == 0, done.output
+    assert engine["train"][0].name != engine["test"][0].name
+
+
+SIM, RUN0, RUN1 = "{files}/sim.yaml", "{files}/run0.parquet", "{files}/run1.parquet"
+WRONG = {
+    "no simulator": (["--train", RUN0], "no simulator"),
+    "simulator is not there": (["--simulator", "nowhere.yaml", "--train", RUN0], "does not exist"),
+    "function is not there": (["--simulator", "{files}/my_sim.py:other", "--train", RUN0], "has no function 'other'; it has gyro"),
+    "no function": (["--simulator", "{files}/my_sim.py", "--train", RUN0], "has no function ''; it has gyro"),
+    "both": (["--simulator", "{files}/my_sim.py:gyro", "--simulated", RUN0, "--train", RUN0], "give one of them"),
+    "run is not there": (["--simulator", SIM, "--train", "nowhere.parquet"], "nowhere.parquet"),
+    "trained on and held out": (["--simulator", SIM, "--train", RUN0, RUN1, "--test", RUN1], "both to train and to test"),
+    "parts overlap": (
+        ["--simulator", SIM, "--train", f"{RUN0}@0:6000", "--test", f"{RUN0}@5000:12000"],
+        "both to train and to test",
+    ),
+    "too few simulations": (["--simulated", "{files}/sim0.parquet", "--train", RUN0, RUN1], "1 simulated runs for 2 recordings"),
+    "averaging": (["--simulator", SIM, "--train", RUN0, "--averaging-s", "-5"], "must be positive"),
+    "mechanisms": (["--simulator", SIM, "--train", RUN0, "--mechanisms", "{files}/my_sim.py"], "defines no mechanism"),
+    "no such option": (["--simulator", SIM, "--train", RUN0, "--tests", RUN1], "--tests"),
+    "no training runs": (["--simulator", SIM], "--train"),
+    "a stray value": ([RUN0, "--simulator", SIM, "--train", RUN1], "unexpected extra argument"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), WRONG.values(), ids=WRONG)
+def test_bad_input_ends_with_one_message(files: Path, engine: dict, tmp_path: Path, arguments: list[str], message: str) -> None:
+    done = run("diagnose", *(argument.format(files=files) for argument in arguments), "--out", tmp_path / "out")
+    assert done.exit_code == 2, done.output
+    assert message in done.output
+    assert "Traceback" not in done.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_wrong_with_a_mechanism_is_said(files: Path, engine: dict, tmp_path: Path) -> None:
+    own = tmp_path / "own.py"
+    own.write_text(OWN_MECHANISM.replace("temperature[:, None] ** 2", "1 / 0"))
+    given = ["--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--mechanisms", own, "--out", tmp_path / "o"]
+    done = run("diagnose", *given)
+    assert done.exit_code == 2, done.output
+    assert "line 17: ZeroDivisionError" in done.output
+
+
+def test_nothing_is_left_when_the_page_fails(files: Path, engine: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(self: Diagnosis, path: Path) -> None:
+        raise RuntimeError("no page")
+
+    monkeypatch.setattr(Diagnosis, "report", fails)
+    done = run("diagnose", "--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--out", tmp_path / "out")
+    assert done.exit_code == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_not_ours_is_left_alone(files: Path, engine: dict, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("important")
+    done = run("diagnose", "--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
+
+
+def test_spreading_keeps_what_is_not_several() -> None:
+    several = ["--train", "--test"]
+    assert spread(["--train=a", "b", "--json", "--test", "c", "d", "-o", "e"], several) == [
+        *("--train=a", "--train", "b", "--json", "--test", "c", "--test", "d", "-o", "e")
+    ]
+    assert spread([], several) == []

@@ -1,0 +1,147 @@
+"""The page of a diagnosis: complete, self-contained, the data reach the drawing, and a browser shows it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis import pictures
+from rlgcomp.diagnosis.page import render
+from rlgcomp.diagnosis.proof import prove
+from rlgcomp.diagnosis.result import Alternative, Cause, Diagnosis, Estimate, NextExperiment, Place, Unexplained
+from rlgcomp.diagnosis.whitening import NoiseShape
+
+CATALOGUE = rlg.CATALOGUE
+BASE = rlg.Simulator((CATALOGUE["thermal_polynomial"](),), noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
+TRUE = BASE.with_mechanism(CATALOGUE["thermal_hysteresis"]())
+
+
+@pytest.fixture(scope="module")
+def diagnosis() -> Diagnosis:
+    runs = [TRUE.simulate("short", seed=seed, step_s=5.0, name=f"run <{seed}>") for seed in (1, 2)]
+    proof = prove(BASE, TRUE, runs[:1], runs[1:], window_s=100.0, shape=NoiseShape(), white_deg_h=0.0018)
+    cause = Cause(
+        CATALOGUE["thermal_hysteresis"](), 0.9, {"radius_K": Estimate(12.0, 0.4, "K")}, 0.004, drivers=("temperature_block_degC",)
+    )
+    return Diagnosis(
+        verdict="explained",
+        p_value=1e-20,
+        where=(Place("run <1>", "gyro_deg_h", 3600.0, 5400.0, "cooling", share=0.6, p_value=1e-8),),
+        causes=(cause,),
+        alternatives=(Alternative(("thermal_hysteresis",), 0.9), Alternative(("thermal_lag",), 0.1)),
+        unexplained=Unexplained(0.5),
+        train=proof.train,
+        test=proof.test,
+        next_experiment=NextExperiment(("thermal_lag", "thermal_hysteresis"), "start 20, ramp 50 0.5", 0.99),
+        calibrated=BASE,
+        augmented=TRUE,
+        noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003),
+        traces=proof.traces,
+    )
+
+
+@pytest.fixture(scope="module")
+def page(diagnosis: Diagnosis) -> str:
+    return render(diagnosis)
+
+
+def test_it_needs_nothing_else_and_is_small(page: str) -> None:
+    assert not re.search(r"<(script|link|img|iframe)\b", page)
+    assert not re.search(r"(src|href)=[\"']?(https?:)?//", page)
+    assert page.count("<svg") == 9
+    assert len(page) < 1_500_000
+
+
+def test_its_numbers_are_those_of_the_diagnosis(page: str, diagnosis: Diagnosis) -> None:
+    for number in (diagnosis.test.baseline_rms, diagnosis.test.augmented_rms, diagnosis.test.compensation_rms):
+        assert f"{number:.5f}" in page
+    assert "12.00 ± 0.40 K" in page
+    assert CATALOGUE["thermal_hysteresis"].equation.split("=")[1].strip()[:10] in page
+    assert "start 20, ramp 50 0.5" in page
+
+
+def test_it_cites_only_what_was_used(page: str) -> None:
+    assert "Visintin" in page
+    assert "Incropera" not in page  # thermal_lag was only an alternative
+
+
+def test_text_is_escaped(page: str) -> None:
+    assert "run &lt;1&gt;" in page
+    assert "<1>" not in page
+
+
+def test_every_verdict_has_its_page(diagnosis: Diagnosis) -> None:
+    none = dataclasses.replace(
+        diagnosis, verdict="none", causes=(), where=(), alternatives=(), next_experiment=None, augmented=BASE, p_value=0.4
+    )
+    assert "No interval, regime or frequency stands out" in render(none)
+    unknown = dataclasses.replace(
+        none, verdict="unknown", test=None, unexplained=Unexplained(1e-9, ("light_intensity_V",), "static", "b = 2 light<br>")
+    )
+    page = render(unknown)
+    assert "What no known mechanism explains" in page
+    assert "b = 2 light&lt;br&gt;" in page
+    assert render(dataclasses.replace(unknown, traces=()))
+
+
+def test_pictures_show_what_they_are_given(diagnosis: Diagnosis) -> None:
+    moved = dataclasses.replace(
+        diagnosis, traces=tuple(dataclasses.replace(t, after_deg_h=t.after_deg_h + 1e-3) for t in diagnosis.traces)
+    )
+    drawn = (pictures.timeline, pictures.loop, pictures.driver_map, pictures.held_out, pictures.what_is_left)
+    for draw in drawn:
+        assert draw(diagnosis) == draw(diagnosis)
+    for draw in (pictures.timeline, pictures.loop, pictures.driver_map, pictures.held_out):
+        assert draw(moved) != draw(diagnosis)
+    elsewhere = dataclasses.replace(diagnosis, where=(dataclasses.replace(diagnosis.where[0], start_s=0.0),))
+    assert pictures.timeline(elsewhere) != pictures.timeline(diagnosis)
+
+
+def test_shares_of_channels_know_what_chance_gives(diagnosis: Diagnosis) -> None:
+    rng = np.random.default_rng(0)
+    trace = diagnosis.traces[0]
+    n = len(trace.time_s)
+    monitors = trace.monitors.assign(idle=rng.normal(size=n))
+    follows = dataclasses.replace(
+        trace, monitors=monitors, before_deg_h=monitors["light_intensity_V"].to_numpy() - 1.0, after_deg_h=rng.normal(size=n)
+    )
+    shares = pictures.channel_shares([follows]).set_index("channel")
+    assert shares["before"].idxmax() == "light_intensity_V"
+    assert shares.loc["light_intensity_V", "before"] > 0.9
+    assert shares["after"].max() < 0.2
+    assert shares.loc["idle", "before"] < 0.2
+
+
+@pytest.mark.parametrize("width", [420, 1280])
+def test_a_browser_shows_it(page: str, tmp_path: Path, width: int) -> None:
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine (Debian: apt-get install chromium)")
+    probe = (
+        "<script>const boxes = [...document.querySelectorAll('figure svg')].map(svg => svg.getBoundingClientRect());"
+        "document.title = ['seen', boxes.length, boxes.filter(box => box.width < 300 || box.height < 60).length, "
+        "document.documentElement.scrollWidth - window.innerWidth, "
+        "[...document.querySelectorAll('table')].filter(table => table.rows.length < 2).length].join(' ');</script></body>"
+    )
+    file = tmp_path / "report.html"
+    file.write_text(page.replace("</body>", probe), encoding="utf-8")
+    options = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        f"--user-data-dir={tmp_path / 'profile'}",
+        f"--window-size={width},900",
+    ]
+    done = subprocess.run([browser, *options, "--dump-dom", file.as_uri()], capture_output=True, text=True, timeout=120, check=True)
+    seen = re.search(r"<title>seen (\d+) (\d+) (-?\d+) (\d+)</title>", done.stdout)
+    pictures_shown, empty, overflow, empty_tables = (int(number) for number in seen.groups())
+    assert pictures_shown == 9
+    assert (empty, empty_tables) == (0, 0)
+    assert overflow <= 0

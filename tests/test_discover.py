@@ -1,0 +1,285 @@
+"""Discovery: laws of other implementations found with drivers and memory, nulls left alone, and a referee for the Bayes factor."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import signal
+from scipy.linalg import block_diag
+from scipy.special import logsumexp
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.discover import Background, Discovery, discover
+from rlgcomp.diagnosis.evidence import SIZES
+from rlgcomp.diagnosis.laws import Dictionary
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.whitening import NoiseShape, simulate
+
+STEP_S = 20.0
+WHITE_DEG_H = 0.002  # standard deviation of a 100 s mean
+DRIVERS = ("temperature_block_degC", "temperature_shell_degC", "supply_voltage_V", "magnetic_field_uT")
+NOISES = (NoiseShape(), NoiseShape(0.16, 0.1), NoiseShape(0.32, 0.25), NoiseShape(0.0, 0.0, 1.0, 3000.0))
+SIMULATOR = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+Effect = Callable[[pd.DataFrame], np.ndarray]
+
+
+def wander(rng: np.random.Generator, n: int, correlation_s: float) -> np.ndarray:
+    keep = math.exp(-STEP_S / correlation_s)
+    return signal.lfilter([math.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(n + 500))[500:]
+
+
+@functools.cache
+def monitors(seed: int, corners: tuple[float, ...]) -> pd.DataFrame:
+    """A chamber run of about ten hours: a hold and a ramp to each corner."""
+    rng = np.random.default_rng(seed)
+    path = [np.full(int(2400 / STEP_S), corners[0])]
+    for a, b in itertools.pairwise(corners):
+        path += [np.linspace(a, b, int(abs(b - a) * 60 / STEP_S)), np.full(int(3600 / STEP_S), b)]
+    chamber = np.concatenate(path)
+    shell, block = (signal.lfilter([1 - k], [1.0, -k], chamber - chamber[0]) + chamber[0] for k in (0.97, 0.99))
+    n = len(chamber)
+    return pd.DataFrame(
+        {
+            "time_s": STEP_S * np.arange(n),
+            "temperature_block_degC": block,
+            "temperature_shell_degC": shell,
+            "supply_voltage_V": 15.0 + 0.02 * wander(rng, n, 3600.0),
+            "magnetic_field_uT": 48.0 + 3.0 * wander(rng, n, 4000.0),
+        }
+    )
+
+
+TRAIN = ((1, (20.0, -30.0, 50.0, 20.0)), (2, (20.0, 55.0, 10.0, 40.0, -20.0)))
+TEST = ((3, (10.0, 45.0, -25.0, 30.0)), (4, (0.0, 40.0, 15.0, 50.0, -10.0)))
+
+
+def runs(which: tuple[tuple[int, tuple[float, ...]], ...], effect: Effect, size: float, noisy: bool = True) -> list[rlg.Recording]:
+    made = []
+    for seed, corners in which:
+        table = monitors(seed, corners)
+        white, kicks = np.random.default_rng(seed + 100).standard_normal((2, len(table)))
+        noise = WHITE_DEG_H * (math.sqrt(100.0 / STEP_S) * white + 0.1 * math.sqrt(STEP_S / 3600.0) * np.cumsum(kicks))
+        t = (table["temperature_block_degC"].to_numpy() - 20.0) / 40.0
+        gyro = 0.004 + 0.005 * t - 0.002 * t**3 + size * effect(table) + noisy * noise
+        reading = np.random.default_rng(seed + 300).standard_normal(len(table))
+        seen = table.assign(supply_voltage_V=table["supply_voltage_V"] + 3e-4 * reading)
+        made.append(rlg.Recording(seen.assign(gyro_deg_h=gyro), name=f"run{seed}"))
+    return made
+
+
+def problem_of(effect: Effect, strength: float) -> tuple[Problem, float]:
+    """Training runs with an effect, its size such that what a cubic leaves of it is `strength` times the white noise."""
+    clean = Problem.of(SIMULATOR, runs(TRAIN, effect, 1.0, noisy=False))
+    left = clean.target_deg_h - clean.baseline @ np.linalg.lstsq(clean.baseline, clean.target_deg_h, rcond=None)[0]
+    size = strength * WHITE_DEG_H / float(np.std(left)) if strength else 0.0
+    return Problem.of(SIMULATOR, runs(TRAIN, effect, size)), size
+
+
+def voltage(table: pd.DataFrame) -> np.ndarray:
+    return (table["supply_voltage_V"].to_numpy() - 15.0) / 0.02
+
+
+def slow(table: pd.DataFrame) -> np.ndarray:
+    """Forward Euler steps of a first-order lag of forty minutes."""
+    y, out = voltage(table)[0], []
+    for x in voltage(table):
+        y += STEP_S / 2400.0 * (x - y)
+        out.append(y)
+    return np.array(out)
+
+
+def slipping(table: pd.DataFrame) -> np.ndarray:
+    """Relays, rarer the wider they are."""
+    middle, half = np.meshgrid(np.linspace(-5.0, 5.0, 160), -0.5 * np.log1p(-(np.arange(12) + 0.5) / 12))
+    up, down = (middle + half).ravel(), (middle - half).ravel()
+    u = voltage(table)
+    state = np.where(u[0] >= middle.ravel(), 1.0, -1.0)
+    out = np.empty(len(u))
+    for k, x in enumerate(u):
+        state[x >= up], state[x <= down] = 1.0, -1.0
+        out[k] = state.mean()
+    return 5.0 * out
+
+
+LAWS: dict[str, tuple[Effect, set[str], str]] = {
+    "product": (
+        lambda table: voltage(table) * (table["magnetic_field_uT"].to_numpy() - 48.0) / 3.0,
+        {"supply_voltage_V", "magnetic_field_uT"},
+        "static",
+    ),
+    "threshold": (lambda table: np.maximum(voltage(table) - 0.3, 0.0), {"supply_voltage_V"}, "static"),
+    "resonance": (
+        lambda table: 1.0 / (1.0 + ((table["temperature_block_degC"].to_numpy() - 31.0) / 1.5) ** 2),
+        {"temperature_block_degC"},
+        "static",
+    ),
+    "lag": (slow, {"supply_voltage_V"}, "dynamic"),
+    "hysteresis": (slipping, {"supply_voltage_V"}, "rate-independent"),
+}
+
+
+@functools.cache
+def found(name: str) -> tuple[Discovery | None, Problem, float]:
+    problem, size = problem_of(LAWS[name][0], 1.5)
+    return discover(problem, problem.baseline, NOISES), problem, size
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_is_found_with_its_drivers_and_its_memory(name: str) -> None:
+    discovery, _, _ = found(name)
+    assert discovery is not None
+    assert set(discovery.drivers) == LAWS[name][1]
+    assert discovery.memory == LAWS[name][2]
+    assert discovery.memory_probabilities[discovery.memory] > 0.9
+    assert discovery.driver_probabilities[discovery.drivers] > 0.9
+    assert discovery.p_value < 1e-6
+    assert sum(discovery.memory_probabilities.values()) == pytest.approx(1.0)
+    for driver in discovery.drivers:
+        assert driver in discovery.equation
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_it_predicts_other_programmes_nearly_as_one_who_knows_it(name: str) -> None:
+    """Held-out error against the noise-free truth, with the baseline refitted, against least squares with the true column."""
+    discovery, problem, size = found(name)
+    effect = LAWS[name][0]
+    held_out = Problem.of(SIMULATOR, runs(TEST, effect, size, noisy=False))
+    truth = held_out.target_deg_h
+    pure = [Problem.of(SIMULATOR, runs(which, effect, size, noisy=False)) for which in (TRAIN, TEST)]
+    plain = [Problem.of(SIMULATOR, runs(which, effect, 0.0, noisy=False)) for which in (TRAIN, TEST)]
+    columns = [one.target_deg_h - other.target_deg_h for one, other in zip(pure, plain, strict=True)]
+    errors = {}
+    laws = {
+        "nothing": ([np.empty((len(problem.rows), 0))], [np.empty((len(truth), 0))]),
+        "law": ([problem.columns(discovery.mechanism)], [held_out.columns(discovery.mechanism)]),
+        "oracle": ([columns[0][:, None]], [columns[1][:, None]]),
+    }
+    for who, (known, new) in laws.items():
+        weights = np.linalg.lstsq(np.column_stack([problem.baseline, *known]), problem.target_deg_h, rcond=None)[0]
+        errors[who] = float(np.sqrt(np.mean((np.column_stack([held_out.baseline, *new]) @ weights - truth) ** 2)))
+    assert errors["law"] < 0.5 * errors["nothing"]
+    assert errors["law"] < 2.0 * errors["oracle"] + 0.05 * WHITE_DEG_H
+
+
+def test_the_law_is_what_the_file_says(tmp_path: Path) -> None:
+    discovery, problem, _ = found("lag")
+    rlg.Simulator(mechanisms=(discovery.mechanism,)).to_yaml(tmp_path / "law.yaml")
+    again = rlg.Simulator.from_yaml(tmp_path / "law.yaml")
+    assert again.mechanisms == (discovery.mechanism,)
+    predicted = again.predict(problem.runs[0]).column("gyro_deg_h")
+    law = discovery.mechanism
+    assert predicted == pytest.approx(law.amplitude_deg_h * law.basis(problem.runs[0])[:, 0], abs=1e-15)
+    assert discovery.to_mapping()["equation"] == law.stated()
+    assert 1200.0 < law.lag_s < 4800.0
+
+
+def test_its_amplitude_is_within_its_errors() -> None:
+    discovery, _, size = found("threshold")
+    law = discovery.mechanism
+    per_unit = 0.02 / (0.5 * (law.high - law.low))  # of the law's slope, for one unit of the effect's
+    assert per_unit * law.amplitude_deg_h == pytest.approx(size, abs=4.0 * per_unit * discovery.amplitude_sd_deg_h + 0.15 * size)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_alone_makes_no_law(seed: int) -> None:
+    quiet, _ = problem_of(voltage, 0.0)
+    noise = simulate(quiet.rows, NoiseShape(0.32, 0.25), 1, np.random.default_rng(seed))[:, 0]
+    problem = dataclasses.replace(quiet, target_deg_h=WHITE_DEG_H * noise)
+    assert discover(problem, problem.baseline, NOISES) is None
+
+
+@pytest.mark.slow
+def test_false_discoveries_are_rarer_than_one_in_a_hundred() -> None:
+    """Every noise in its turn; the mean of the Bayes factor without a law is at most about one."""
+    quiet, _ = problem_of(voltage, 0.0)
+    dictionary = Dictionary(quiet)
+    rng = np.random.default_rng(7)
+    _, columns = dictionary.screening
+    weights = np.concatenate([family.log_prior + weight for family, _, weight in dictionary.screening[0]])
+    logs = []
+    for k in range(300):
+        noise = WHITE_DEG_H * simulate(quiet.rows, NOISES[k % len(NOISES)], 1, rng)[:, 0]
+        background = Background(dataclasses.replace(quiet, target_deg_h=noise), quiet.baseline, NOISES)
+        logs.append(float(logsumexp(background.log_bayes_factors(columns) + weights)))
+    assert np.mean(np.array(logs) > math.log(100.0)) < 0.01
+    assert np.mean(np.exp(logs)) < 2.0
+
+
+def test_a_law_that_the_design_holds_is_not_found_again() -> None:
+    discovery, problem, _ = found("threshold")
+    design = np.column_stack([problem.baseline, problem.columns(discovery.mechanism)])
+    assert discover(problem, design, NOISES) is None
+
+
+def test_what_did_not_move_and_what_is_no_driver_are_left_out() -> None:
+    train = [run.replace(table=run.table.assign(pressure_hPa=1013.0, gyro_x_deg_h=run.time_s)) for run in runs(TRAIN, voltage, 0.0)]
+    assert Dictionary(Problem.of(SIMULATOR, train, gyro="gyro_deg_h")).drivers == DRIVERS
+
+
+def test_the_prior_adds_up_to_one() -> None:
+    problem, _ = problem_of(voltage, 0.0)
+    dictionary = Dictionary(problem)
+    total = logsumexp([family.log_prior for family in dictionary.families])
+    assert total == pytest.approx(0.0, abs=1e-9)
+    for family in dictionary.families:
+        places, weights = family.grid()
+        assert logsumexp(weights) == pytest.approx(0.0, abs=1e-9)
+        assert ((places >= 0.0) & (places <= 1.0)).all()
+
+
+def test_many_columns_at_once_are_those_of_the_law_itself() -> None:
+    """The dictionary's fast columns against the mechanism's own, on the windows."""
+    problem, _ = problem_of(voltage, 0.0)
+    dictionary = Dictionary(problem, ["temperature_block_degC", "supply_voltage_V"])
+    rng = np.random.default_rng(5)
+    for family in dictionary.families:
+        place = rng.uniform(0.1, 0.9, len(family.axes))
+        fast = dictionary.columns(family, place[None])[:, 0]
+        own = problem.columns(dictionary.law(family, place))[:, 0]
+        assert np.corrcoef(fast, own)[0, 1] > 0.995, family
+        assert fast == pytest.approx(own, abs=0.25 * float(np.ptp(own))), family
+
+
+def test_the_bayes_factor_against_dense_matrices() -> None:
+    """The marginal likelihood written out with full covariance matrices, the design integrated over a flat prior."""
+    problem, _ = problem_of(voltage, 1.0)
+    column = problem.driver("supply_voltage_V") - 15.0
+    shapes = (NoiseShape(), NoiseShape(0.0, 0.4), NoiseShape(0.0, 0.1, 0.8, 2000.0))
+    rows = problem.rows
+
+    def covariance(shape: NoiseShape) -> np.ndarray:
+        blocks = []
+        for part in rows.runs:
+            t = rows.time_s[part]
+            since = t - t[0] + rows.window_s
+            shared = shape.walk**2 / 3600.0 * np.minimum.outer(since, since)
+            shared += shape.wander**2 * np.exp(-np.abs(np.subtract.outer(t, t)) / shape.wander_s)
+            blocks.append(np.diag(rows.white[part]) + shared)
+        return block_diag(*blocks)
+
+    design = problem.baseline / np.sqrt((problem.baseline**2).mean(axis=0))
+    left = column - design @ np.linalg.lstsq(design, column, rcond=None)[0]
+    scaled = left / np.sqrt((left**2).mean())
+
+    def log_marginal(v: np.ndarray) -> float:
+        inverse = np.linalg.inv(v)
+        information = design.T @ inverse @ design
+        rest = problem.target_deg_h - design @ np.linalg.solve(information, design.T @ inverse @ problem.target_deg_h)
+        freedom = len(design) - design.shape[1]
+        determinants = np.linalg.slogdet(v)[1] + np.linalg.slogdet(information)[1]
+        return -0.5 * (determinants + freedom * math.log(rest @ inverse @ rest))
+
+    nothing = logsumexp([log_marginal(covariance(shape)) for shape in shapes])
+    with_law = logsumexp(
+        [log_marginal(covariance(shape) + size**2 * np.outer(scaled, scaled)) for shape in shapes for size in SIZES]
+    )
+    background = Background(problem, problem.baseline, shapes)
+    assert background.log_bayes_factors(column[:, None])[0] == pytest.approx(with_law - math.log(len(SIZES)) - nothing, abs=1e-5)

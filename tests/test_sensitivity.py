@@ -1,0 +1,143 @@
+"""Sensitivity: the curve by what it was made from, the injection by what comes back, the command on one small recording."""
+
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+import rlgcomp as rlg
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+from rlgcomp.diagnosis.sensitivity import Curve, Sensitivity, sensitivity
+from rlgcomp.physics import CATALOGUE
+
+SIMULATOR = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
+FEW = {name: CATALOGUE[name] for name in ("thermal_polynomial", "supply_voltage", "magnetic_field", "thermal_lag")}
+
+
+@functools.cache
+def recordings() -> tuple[rlg.Recording, ...]:
+    gyro = rlg.Simulator.from_mapping(SIMULATOR | {"noise": {"angle_random_walk_deg_sqrt_h": 0.0004}})
+    return tuple(gyro.simulate("short", seed=seed, step_s=5.0, name=f"run{seed}") for seed in (1, 2))
+
+
+@functools.cache
+def found() -> Sensitivity:
+    simulator = rlg.Simulator.from_mapping(SIMULATOR)
+    return sensitivity(simulator, recordings(), "supply_voltage", strengths=(0.03, 3.0), draws=3, seed=1, catalogue=FEW)
+
+
+class TestCurve:
+    def test_it_comes_back_from_what_it_made(self) -> None:
+        """500 trials a strength: s50 within 5 %, s90 within 10 %, both inside their intervals."""
+        rng = np.random.default_rng(0)
+        strengths = np.repeat([0.1, 0.2, 0.4, 0.8, 1.6], 500)
+        width = 0.35
+        chance = 1.0 / (1.0 + np.exp(-np.log(strengths / 0.3) / width))
+        curve = Curve.fit(strengths, (rng.random(len(strengths)) < chance).astype(float))
+        s90 = 0.3 * np.exp(width * np.log(9.0))
+        assert curve.s50 == pytest.approx(0.3, rel=0.05)
+        assert curve.s90 == pytest.approx(s90, rel=0.1)
+        assert curve.s50_interval[0] < 0.3 < curve.s50_interval[1]
+        assert curve.s90_interval[0] < s90 < curve.s90_interval[1]
+        assert curve.probability(np.array([curve.s50])) == pytest.approx(0.5)
+
+    def test_intervals_cover_what_they_should(self) -> None:
+        """Six trials a strength, two hundred experiments: the 95 % interval of s50 holds the truth in 90 % of them at least."""
+        rng = np.random.default_rng(1)
+        strengths = np.repeat([0.1, 0.2, 0.4, 0.8, 1.6], 6)
+        chance = 1.0 / (1.0 + np.exp(-np.log(strengths / 0.35) / 0.3))
+        held = 0
+        for _ in range(200):
+            low, high = Curve.fit(strengths, (rng.random(len(strengths)) < chance).astype(float)).s50_interval
+            held += low <= 0.35 <= high
+        assert held >= 180
+
+    @pytest.mark.parametrize("share", [0.0, 1.0])
+    def test_nothing_or_everything_found_gives_a_bound(self, share: float) -> None:
+        strengths = np.repeat([0.1, 0.4, 1.6], 6)
+        curve = Curve.fit(strengths, np.full(len(strengths), share))
+        if share:
+            assert curve.s50 < 0.1
+            assert curve.s50_interval[0] < 0.04
+        else:
+            assert curve.s50 > 1.6
+            assert curve.s50_interval[1] > 5.0
+
+    def test_more_found_is_a_lower_curve(self) -> None:
+        strengths = np.repeat([0.1, 0.4, 1.6], 4)
+        few = Curve.fit(strengths, np.repeat([0.0, 0.0, 1.0], 4))
+        many = Curve.fit(strengths, np.repeat([0.0, 1.0, 1.0], 4))
+        assert many.s50 < few.s50
+        assert many.s90 < few.s90
+
+
+class TestSensitivity:
+    def test_the_strong_is_found_and_the_faint_is_not(self) -> None:
+        table = found().to_frame().set_index("strength")
+        assert table.loc[3.0, "detected"] == table.loc[3.0, "named"] == 1.0
+        assert table.loc[0.03, "named"] <= 1.0 / 3.0
+        assert 0.03 < found().naming.s50 < 3.0
+        assert found().naming.s90 > found().naming.s50
+        assert not found().remarks
+
+    def test_what_was_injected_has_the_size_that_is_said(self) -> None:
+        """The recordings are the simulator's own noise, so the white noise is known: 6 N for 100 s, more for shorter means."""
+        known = 60.0 * 0.0004 / np.sqrt(found().averaging_s)
+        assert found().white_deg_h == pytest.approx(known, rel=0.1)
+        size, unit = found().sizes(1.0)["k_deg_h_V"]
+        assert unit == "deg/h/V"
+        ratios = [abs(trial.mechanism.k_deg_h_V) / trial.strength for trial in found().trials]
+        assert size == pytest.approx(np.median(ratios))
+
+    def test_the_same_seed_gives_the_same_trials(self) -> None:
+        simulator = rlg.Simulator.from_mapping(SIMULATOR)
+        again = sensitivity(simulator, recordings(), "supply_voltage", strengths=(0.03,), draws=1, seed=1, catalogue=FEW)
+        assert again.trials[0] == found().trials[0]
+
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"mechanism": "gravity"}, "not in the catalogue"),
+            ({"mechanism": "thermal_polynomial"}, "already"),
+            ({"strengths": ()}, "strengths"),
+            ({"strengths": (0.1, -1.0)}, "positive"),
+            ({"strengths": (float("nan"),)}, "positive"),
+            ({"draws": 0}, "draws"),
+        ],
+    )
+    def test_bad_input_is_refused_before_any_work(self, changes: dict[str, object], message: str) -> None:
+        wanted = {"mechanism": "supply_voltage"} | changes
+        with pytest.raises(rlg.InputError, match=message):
+            sensitivity(rlg.Simulator.from_mapping(SIMULATOR), recordings(), wanted.pop("mechanism"), **wanted)
+
+    def test_a_driver_that_was_not_recorded_cannot_be_injected(self) -> None:
+        bare = [run.replace(table=run.table.drop(columns="supply_voltage_V"), truth=None) for run in recordings()]
+        with pytest.raises(rlg.InputError, match="supply_voltage_V"):
+            sensitivity(rlg.Simulator.from_mapping(SIMULATOR), bare, "supply_voltage", strengths=(1.0,), draws=1, catalogue=FEW)
+
+
+class TestCommand:
+    def run(self, *arguments: object) -> Result:
+        register_commands()
+        return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+    def test_table_json_and_folder(self, tmp_path: Path) -> None:
+        (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
+        paths = [tmp_path / "run.parquet"]
+        rlg.write(recordings()[0], paths[0])
+        options = ["--mechanism", "supply_voltage", "--strengths", "3", "--draws", 1, "--out", tmp_path / "s"]
+        done = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, *options, "--json")
+        assert done.exit_code == 0, done.output
+        content = json.loads(done.stdout)
+        assert content["detection"]["s90_rms_deg_h"] == pytest.approx(content["detection"]["s90"] * content["white_deg_h"])
+        assert sorted(path.name for path in (tmp_path / "s").iterdir()) == ["curves.png", "sensitivity.json", "trials.csv"]
+        refused = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, "--mechanism", "supply_voltage", "--strengths", "a")
+        assert refused.exit_code == 2
+        assert "--strengths" in refused.stderr
