@@ -50,8 +50,8 @@ class Parameter:
 
 
 def amplitude(typical: float, unit: str, *, limit: float | None = None) -> Any:
-    """A parameter that the output is proportional to; between -limit and limit (a hundred times the usual size unless given)."""
-    bound = 100.0 * abs(typical) if limit is None else limit
+    """A parameter that the output is proportional to; by default up to a million times the usual size: MEMS are no ring lasers."""
+    bound = 1e6 * abs(typical) if limit is None else limit
     return dataclasses.field(default=typical, metadata={"role": "amplitude", "unit": unit, "low": -bound, "high": bound})
 
 
