@@ -70,7 +70,7 @@ class LinearDrag(Mechanism):
     reference = DATA
     drivers = ("velocity_mps",)
 
-    k_per_s: float = amplitude(0.1, "1/s")
+    k_per_s: float = amplitude(0.1, "1/s", positive=True)
 
     def basis(self, recording: Recording) -> Array:
         (velocity,) = self.read(recording)
@@ -87,7 +87,7 @@ class QuadraticDrag(Mechanism):
     reference = DATA
     drivers = ("velocity_mps",)
 
-    k_per_m: float = amplitude(0.01, "1/m")
+    k_per_m: float = amplitude(0.01, "1/m", positive=True)
 
     def basis(self, recording: Recording) -> Array:
         (velocity,) = self.read(recording)
