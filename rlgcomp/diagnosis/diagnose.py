@@ -14,6 +14,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.discover import Background, Discovery, discover, discover_laws
+from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.laws import Dictionary
@@ -44,10 +45,12 @@ _UNRECORDED: Final = 0.5
 
 @dataclasses.dataclass(frozen=True)
 class _Conclusion:
-    """What the evidence says: the set, a law that is needed beyond it, and whether something unrecorded wanders."""
+    """What the evidence says: the set, laws that are needed beyond it and how probable they are, and whether something unrecorded
+    wanders."""
 
     model: Model
     laws: tuple[Discovery, ...]
+    lawful: float
     unrecorded: float
 
 
@@ -135,8 +138,8 @@ def diagnose(
         verdict=verdict,
         p_value=detection.p_value,
         where=where,
-        causes=_causes(explanations, after, rivals),
-        alternatives=_alternatives(explanations, conclusion.model),
+        causes=_causes(explanations, conclusion, after, rivals),
+        alternatives=_alternatives(explanations, conclusion),
         unexplained=_unexplained(conclusion, proof.train.whiteness_p_value),
         train=proof.train,
         test=proof.test,
@@ -198,9 +201,10 @@ def _concluded(problem: Problem, explanations: Explanations) -> _Conclusion:
         if law is not None and model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) > highest:
             chosen, highest = model, model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW))
     if chosen is None:
-        return _Conclusion(best, (), explanations.unrecorded(best))
+        return _Conclusion(best, (), 0.0, explanations.unrecorded(best))
     laws = discover_laws(problem, _design(problem, explanations, chosen), noises, prior, dictionary=dictionary)
-    return _Conclusion(chosen, laws, 0.0)
+    lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
+    return _Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
@@ -244,7 +248,9 @@ def _verdict(conclusion: _Conclusion, rivals: Mapping[str, Mapping[str, float]])
     return "explained"
 
 
-def _causes(explanations: Explanations, after: Fitted, rivals: Mapping[str, Mapping[str, float]]) -> tuple[Cause, ...]:
+def _causes(
+    explanations: Explanations, conclusion: _Conclusion, after: Fitted, rivals: Mapping[str, Mapping[str, float]]
+) -> tuple[Cause, ...]:
     causes = []
     for cause in after.causes:
         if cause.known or cause.mechanism.open_set:
@@ -255,6 +261,9 @@ def _causes(explanations: Explanations, after: Fitted, rivals: Mapping[str, Mapp
             for model, p in zip(explanations.models, explanations.probabilities, strict=True)
             if (name, False) in model.labels
         )
+        if conclusion.laws:
+            within = (name, False) in conclusion.model.labels
+            probability = conclusion.lawful * within + (1.0 - conclusion.lawful) * probability
         drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
         others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
         rms = float(np.sqrt(np.mean((cause.contribution_deg_h - cause.contribution_deg_h.mean()) ** 2)))
@@ -262,13 +271,14 @@ def _causes(explanations: Explanations, after: Fitted, rivals: Mapping[str, Mapp
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 
-def _alternatives(explanations: Explanations, best: Model) -> tuple[Alternative, ...]:
+def _alternatives(explanations: Explanations, conclusion: _Conclusion) -> tuple[Alternative, ...]:
+    """Other sets of the catalogue; beside a law beyond it, the catalogue's own best as well."""
     shares: dict[tuple[str, ...], float] = {}
-    own = tuple(sorted(name for name, known in best.labels if not known))
+    own = None if conclusion.laws else tuple(sorted(name for name, known in conclusion.model.labels if not known))
     for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
         names = tuple(sorted(name for name, known in model.labels if not known))
         if names != own:
-            shares[names] = shares.get(names, 0.0) + float(probability)
+            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 - conclusion.lawful)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
     return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
 
