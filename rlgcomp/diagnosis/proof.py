@@ -225,7 +225,8 @@ def _black_box(windows: Sequence[Windows], training: int, window_s: float) -> li
     rows = sum(int(one.kept.sum()) for one in windows[:training])
     averaging_s = window_s * math.ceil(rows / _BLACK_BOX_ROWS)
     common = set.intersection(*(set(run.columns) for run in fine)) - {TIME, "gyro_deg_h"}
-    for features in ("all", sorted(common)):
+    levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns
+    for features in (levels,) if fine[0].metadata.kind == "turntable" else ("all", levels):
         try:
             model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(fine[:training])
             return [
