@@ -237,7 +237,12 @@ class TestTables:
 
     def test_every_kind_is_shown(self, capsys: pytest.CaptureFixture[str]) -> None:
         rows = [self.row(kind, name) for kind, name in zip(KINDS, INDEPENDENT, strict=False)]
-        tables.show([*rows, self.row("single", "ageing", strength=0.5, findings=["ageing", "warm_up"], exact=False)])
+        tables.show(
+            [
+                *rows,
+                self.row("single", "ageing", strength=0.5, findings=["ageing", "warm_up"], probabilities=[0.6, 0.5], exact=False),
+            ]
+        )
         text = capsys.readouterr().out
         assert all(
             title in text for title in ("Goals", "One effect", "Healthy gyros", "Outside the catalogue", "Driver not recorded")
