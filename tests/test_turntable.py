@@ -186,6 +186,12 @@ class TestFiles:
         assert turned == pytest.approx(360.0 * np.rint(turned / 360.0), abs=1e-9)
         assert again.metadata.to_mapping() == run.metadata.to_mapping()
 
+    def test_a_file_with_a_table_in_it_is_of_a_turntable(self, tmp_path: Path) -> None:
+        of().simulate("short-turns").table.to_csv(tmp_path / "bare.csv", index=False)
+        assert rlg.read(tmp_path / "bare.csv").metadata.kind == "turntable"
+        (tmp_path / "bare.yaml").write_text("kind: chamber\n")
+        assert rlg.read(tmp_path / "bare.csv").metadata.kind == "chamber"
+
     def test_commands_serve_both_kinds(self, tmp_path: Path) -> None:
         register_commands()
         (tmp_path / "table.yaml").write_text("kind: turntable\nmechanisms: [scale_factor: {k_ppm: 20}, lock_in]\n")

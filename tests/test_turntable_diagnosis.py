@@ -73,7 +73,7 @@ def runs(effect: str | None, strength: float = 1.0, *columns: str) -> list[rlg.R
 
 
 def named(recordings: list[rlg.Recording]) -> set[str]:
-    found = explain(Problem.of(SIMULATOR, recordings), rlg.CATALOGUE)
+    found = explain(Problem.of(SIMULATOR, recordings, window_s=50.0), rlg.CATALOGUE)
     return {name for name, _ in found.models[0].labels}
 
 
@@ -92,7 +92,7 @@ def test_the_angle_alone_will_do() -> None:
 
 @pytest.mark.parametrize("effect", ["lock_in", "lock_in of the total rate"])
 def test_lock_in_is_named_and_its_rate_recovered_within_its_error(effect: str) -> None:
-    problem = Problem.of(SIMULATOR, runs(effect))
+    problem = Problem.of(SIMULATOR, runs(effect), window_s=50.0)
     found = explain(problem, rlg.CATALOGUE)
     best = found.models[0]
     chosen = [found.evidence.candidates[member.candidate] for member in best.members]

@@ -203,8 +203,8 @@ def _concluded(problem: Problem, explanations: Explanations) -> _Conclusion:
     if chosen is None:
         return _Conclusion(best, (), 0.0, explanations.unrecorded(best))
     laws = discover_laws(problem, _design(problem, explanations, chosen), noises, prior, dictionary=dictionary)
-    lawless = log_sum_exp(np.array([model.log_posterior for model in explanations.models]))
-    return _Conclusion(chosen, laws, float(1.0 / (1.0 + math.exp(min(700.0, lawless - highest)))), 0.0)
+    lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
+    return _Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:

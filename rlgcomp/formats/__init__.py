@@ -27,6 +27,7 @@ from rlgcomp.repair import repair
 FORMATS: Final[tuple[ModuleType, ...]] = (parquet, csv, hdf5, matlab)
 TRUTH_PREFIX: Final = "truth_"
 TRUTH_SUFFIX: Final = "_deg_h"
+TABLE_COLUMNS: Final = ("table_rate_deg_s", "table_angle_deg")  # what has one was recorded on a turntable, unless it says otherwise
 
 
 def read(
@@ -75,9 +76,8 @@ def read(
     beside = _read_sidecar(path)
     mapping = dict(beside.pop("columns", None) or {}) | dict(columns or {})
     period_s = beside.pop("period_s", None) if period_s is None else period_s
-    merged = Metadata.from_mapping(
-        {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
-    )
+    said = {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
+    merged = Metadata.from_mapping(said)
     unknown = [column for column in drop if column not in table.columns]
     if unknown:
         raise InputError(f"{path}: cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
@@ -85,6 +85,8 @@ def read(
     table, vouched = apply_mapping(table, mapping, name=path.name)
     if period_s is not None:
         table = _with_time(table, period_s, path.name)
+    if "kind" not in said and any(column in table for column in TABLE_COLUMNS):
+        merged = dataclasses.replace(merged, kind="turntable")
     table, findings = repair(table, merged, name=path.name, vouched=vouched)
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
     truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
