@@ -312,7 +312,10 @@ def _unexplained(conclusion: _Conclusion, whiteness: float | None) -> Unexplaine
 
 
 def _remarks(explanations: Explanations, conclusion: _Conclusion, after: Fitted, noise: NoiseShape) -> tuple[str, ...]:
-    remarks = [f"{name} was not tried: {reason}" for name, reason in explanations.left_out.items()]
+    remarks = []
+    if explanations.left_out:
+        wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
+        remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
     for cause in after.causes:
         if cause.known:
             numbers = ", ".join(f"{name} = {estimate}" for name, estimate in cause.estimates.items())

@@ -442,7 +442,9 @@ def _log_widths(dictionary: Dictionary, background: Background, judged: Sequence
                 if i == j:
                     curvature[i, i] = -(pp - 2.0 * values[0] + mm) / h**2
                 else:
-                    curvature[i, j] = curvature[j, i] = -(pp - pm - mp + mm) / (4.0 * h**2)
+                    sides = (pp, pm, mp, mm)
+                    mixed = (pp - pm - mp + mm) if np.isfinite(sides).all() else 0.0
+                    curvature[i, j] = curvature[j, i] = -mixed / (4.0 * h**2)
         curvature = np.nan_to_num(curvature, posinf=_SHARPEST, neginf=-_SHARPEST)  # a shape beside it may be impossible
         eigenvalues = np.maximum(np.linalg.eigvalsh(curvature), 2.0 * math.pi) if d else np.empty(0)
         found.append(float(0.5 * np.log(2.0 * math.pi / eigenvalues).sum()))
