@@ -89,18 +89,6 @@ class Case:
         """What was hidden, as plain data."""
         left_out = {"simulator_mapping", "train", "test", "truth_held_out", "oracle"}
         kept = [field.name for field in dataclasses.fields(self) if field.name not in left_out]
-            "name",
-            "kind",
-            "seed",
-            "independent",
-            "hidden",
-            "strength",
-            "drivers",
-            "memory",
-            "repeats",
-            "white_100_s_deg_h",
-            "information_nats",
-        )
         return {key: getattr(self, key) for key in kept}
 
 
