@@ -20,9 +20,9 @@ from rlgcomp.diagnosis.laws import Dictionary, Family
 
 Array = npt.NDArray[np.float64]
 _REFINED: Final = 16  # families
-_BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining
+_BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining, or half of them where there are more
 _STEPS: Final = 9
-_TRIED: Final = 2  # steps before families are given up
+_TRIED: Final = 3  # steps before families are given up
 _FIRST_STEP: Final = 0.12
 _ROUNDING: Final = 1.0  # log units that a round number may cost
 _CURVATURE_STEP: Final = 0.004
@@ -63,15 +63,14 @@ def screen(dictionary: Dictionary, background: Background) -> list[Judged]:
 
 def refine(dictionary: Dictionary, background: Background, judged: Sequence[Judged]) -> list[Judged]:
     """The best families with their shapes refined and their evidence about that point; the others as they were."""
-    least = judged[0].log_evidence - _BEHIND
-    chosen = [one for one in judged[:_REFINED] if one.log_evidence > least]
+    chosen = [one for one in judged[:_REFINED] if one.log_evidence > _least(judged[0].log_evidence)]
     others = [one for one in judged if one not in chosen and one.family.screened]
     places = [np.array(one.place, dtype=np.float64) for one in chosen]
     background = background.calmer(dictionary.columns(chosen[0].family, places[0][None])[:, 0])
     steps = np.full(len(chosen), _FIRST_STEP)
     current = np.array([values[0] for values in _at(dictionary, background, chosen, [place[None] for place in places])])
     for sweep in range(_STEPS):
-        kept = [k for k in range(len(chosen)) if len(places[k]) and (sweep < _TRIED or current[k] > current.max() - _BEHIND)]
+        kept = [k for k in range(len(chosen)) if len(places[k]) and (sweep < _TRIED or current[k] > _least(float(current.max())))]
         if not kept:
             break
         trials = [_around(places[k], steps[k]) for k in kept]
@@ -87,6 +86,11 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[Judg
         evidence = one.family.log_prior + float(value) + width
         refined.append(Judged(one.family, evidence, float(value), place, refined=True))
     return sorted([*refined, *others], key=lambda one: -one.log_evidence)
+
+
+def _least(best: float) -> float:
+    """What a family must have to be refined; far from its best shapes even the true one may be far behind."""
+    return min(best - _BEHIND, 0.5 * best)
 
 
 def with_round_references(dictionary: Dictionary, background: Background, one: Judged) -> Array:
