@@ -11,9 +11,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.discover import Background, Discovery, discover, discover_laws
+from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
