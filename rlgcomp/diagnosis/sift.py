@@ -157,7 +157,8 @@ def _log_widths(dictionary: Dictionary, background: Background, judged: Sequence
                 if i == j:
                     curvature[i, i] = -(pp - 2.0 * values[0] + mm) / h**2
                 else:
-                    curvature[i, j] = curvature[j, i] = -(pp - pm - mp + mm) / (4.0 * h**2)
+                    possible = math.isfinite(pp) and math.isfinite(pm) and math.isfinite(mp) and math.isfinite(mm)
+                    curvature[i, j] = curvature[j, i] = -(pp - pm - mp + mm) / (4.0 * h**2) if possible else 0.0
         curvature = np.nan_to_num(curvature, posinf=_SHARPEST, neginf=-_SHARPEST)  # a shape beside it may be impossible
         eigenvalues = np.maximum(np.linalg.eigvalsh(curvature), 2.0 * math.pi) if d else np.empty(0)
         found.append(float(0.5 * np.log(2.0 * math.pi / eigenvalues).sum()))
