@@ -44,9 +44,9 @@ def diagnosed(case: Case) -> dict[str, Any]:
     from rlgcomp.diagnosis.diagnose import diagnose
 
     simulator = Simulator.from_mapping(case.simulator_mapping)
-    begun = time.perf_counter()
+    begun, begun_cpu = time.perf_counter(), time.process_time()
     diagnosis = diagnose(simulator, train=case.train, test=case.test)
-    seconds = time.perf_counter() - begun
+    seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - begun_cpu
     content = diagnosis.to_mapping()
     named = case.hidden if case.kind in ("single", "pair", "triple") else ()
     intervals: dict[str, list[tuple[float, float]]] = {}
@@ -74,6 +74,7 @@ def diagnosed(case: Case) -> dict[str, Any]:
         "error_to_oracle": error / oracle,
         "error_to_white": error / case.white_100_s_deg_h,
         "seconds": seconds,
+        "cpu_seconds": cpu_seconds,
     }
 
 

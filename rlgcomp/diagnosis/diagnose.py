@@ -13,14 +13,16 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.discover import Discovery, discover
+from rlgcomp.diagnosis.discover import Background, Discovery, discover, discover_laws
+from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.laws import Dictionary
 from rlgcomp.diagnosis.locate import locate
+from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import prove
-from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, Unexplained, Verdict
+from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, NextExperiment, Unexplained, Verdict
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
 from rlgcomp.diagnosis.whitening import NoiseShape
@@ -37,16 +39,18 @@ LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue 
 AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
 _MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
 _ALTERNATIVES: Final = 8
+_RIVALS: Final = 3  # told apart by the next experiment
 _UNRECORDED: Final = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
 class _Conclusion:
-    """What the evidence says: the set, a law that is needed beyond it, and whether something unrecorded wanders."""
+    """What the evidence says: the set, laws that are needed beyond it and how probable they are, and whether something unrecorded
+    wanders."""
 
     model: Model
-    law: Discovery | None
-    law_probability: float
+    laws: tuple[Discovery, ...]
+    lawful: float
     unrecorded: float
 
 
@@ -104,12 +108,12 @@ def diagnose(
     told(0.6)
     conclusion = _concluded(problem, explanations)
     told(0.75)
-    noise = _best_noise(explanations, conclusion)
-    chosen = [explanations.evidence.candidates[member.candidate] for member in conclusion.model.members]
-    law = [] if conclusion.law is None else [_as_candidate(problem, conclusion.law)]
+    noise = _best_noise(problem, explanations, conclusion)
+    chosen = explanations.candidates(conclusion.model)
+    laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
     nothing = next(model for model in explanations.models if not model.members)
     before = fit(problem, [], explanations.evidence.noises[int(np.argmax(nothing.noise_log))])
-    after = fit(problem, [*chosen, *law], noise)
+    after = fit(problem, [*chosen, *laws], noise)
     where = locate(problem, noise, rng)
     told(0.85)
     proof = prove(
@@ -127,23 +131,25 @@ def diagnose(
     )
     told(0.98)
     rivals = _rivals(explanations, conclusion.model)
+    verdict = _verdict(conclusion, rivals)
+    next_up = _what_to_run(problem, explanations, conclusion.model, noise, after, seed) if verdict == "ambiguous" else None
     model = noise_model(noise, after.white_deg_h, problem.rows.window_s)
     return Diagnosis(
-        verdict=_verdict(conclusion, rivals),
+        verdict=verdict,
         p_value=detection.p_value,
         where=where,
-        causes=_causes(explanations, after, rivals),
-        alternatives=_alternatives(explanations, conclusion.model),
+        causes=_causes(explanations, conclusion, after, rivals),
+        alternatives=_alternatives(explanations, conclusion),
         unexplained=_unexplained(conclusion, proof.train.whiteness_p_value),
         train=proof.train,
         test=proof.test,
-        next_experiment=None,
+        next_experiment=next_up,
         calibrated=dataclasses.replace(before.simulator, noise=model),
         augmented=dataclasses.replace(after.simulator, noise=model),
         noise=model,
         calibration=before.baseline,
         alignment=alignment,
-        remarks=_remarks(explanations, conclusion, after),
+        remarks=_remarks(explanations, conclusion, after, noise),
         traces=proof.traces,
     )
 
@@ -180,10 +186,6 @@ def _known(
     return base, predicted, alignment
 
 
-def _as_candidate(problem: Problem, law: Discovery) -> Candidate:
-    return Candidate(law.mechanism, problem.columns(law.mechanism), 0.0)
-
-
 # --- conclusions ---------------------------------------------------------------------------------------------------------------
 
 
@@ -191,32 +193,33 @@ def _concluded(problem: Problem, explanations: Explanations) -> _Conclusion:
     """The best of: a set of causes; a law alone; a set and a law beyond it."""
     best = explanations.models[0]
     nothing = next(model for model in explanations.models if not model.members)
-    found: list[tuple[float, Model, Discovery | None]] = [(best.log_posterior, best, None)]
     dictionary = Dictionary(problem)
+    noises, prior = explanations.evidence.noises, explanations.search.noise_log_prior
+    chosen, highest = None, best.log_posterior
     for model in (best,) if best is nothing else (best, nothing):
-        design, noises = _design(problem, explanations, model), explanations.usual_noises(model)
-        law = discover(problem, design, noises, dictionary=dictionary)
-        if law is not None:
-            found.append((model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)), model, law))
-    logs = np.array([score for score, _, _ in found])
-    share = np.exp(logs - logs.max())
-    winner = int(np.argmax(logs))
-    _, model, law = found[winner]
-    unrecorded = explanations.unrecorded(model) if law is None else 0.0
-    lawful = float(sum(s for s, (_, _, found_law) in zip(share, found, strict=True) if found_law is not None) / share.sum())
-    return _Conclusion(model, law, lawful, unrecorded)
+        law = discover(problem, _design(problem, explanations, model), noises, prior, dictionary=dictionary)
+        if law is not None and model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) > highest:
+            chosen, highest = model, model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW))
+    if chosen is None:
+        return _Conclusion(best, (), 0.0, explanations.unrecorded(best))
+    laws = discover_laws(problem, _design(problem, explanations, chosen), noises, prior, dictionary=dictionary)
+    lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
+    return _Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
-    blocks = [explanations.evidence.candidates[member.candidate].columns for member in model.members]
-    return np.column_stack([problem.baseline, *blocks])
+    return np.column_stack([problem.baseline, *(candidate.columns for candidate in explanations.candidates(model))])
 
 
-def _best_noise(explanations: Explanations, conclusion: _Conclusion) -> NoiseShape:
+def _best_noise(problem: Problem, explanations: Explanations, conclusion: _Conclusion) -> NoiseShape:
+    """The likeliest noise, given the conclusion."""
+    noises = explanations.evidence.noises
     logs = conclusion.model.noise_log
-    if conclusion.law is not None:
-        return explanations.evidence.noises[int(np.argmax(np.where(explanations.ordinary, logs, -np.inf)))]
-    return explanations.evidence.noises[int(np.argmax(logs))]
+    if conclusion.laws:
+        laws = [problem.columns(law.mechanism) for law in conclusion.laws]
+        design = np.column_stack([_design(problem, explanations, conclusion.model), *laws])
+        logs = Background(problem, design, noises, explanations.search.noise_log_prior).log_evidence
+    return noises[int(np.argmax(logs))]
 
 
 def _rivals(explanations: Explanations, best: Model) -> dict[str, dict[str, float]]:
@@ -236,7 +239,7 @@ def _rivals(explanations: Explanations, best: Model) -> dict[str, dict[str, floa
 
 
 def _verdict(conclusion: _Conclusion, rivals: Mapping[str, Mapping[str, float]]) -> Verdict:
-    if conclusion.law is not None or conclusion.unrecorded > _UNRECORDED:
+    if conclusion.laws or conclusion.unrecorded > _UNRECORDED:
         return "unknown"
     if not any(not known for _, known in conclusion.model.labels):
         return "none"
@@ -245,7 +248,9 @@ def _verdict(conclusion: _Conclusion, rivals: Mapping[str, Mapping[str, float]])
     return "explained"
 
 
-def _causes(explanations: Explanations, after: Fitted, rivals: Mapping[str, Mapping[str, float]]) -> tuple[Cause, ...]:
+def _causes(
+    explanations: Explanations, conclusion: _Conclusion, after: Fitted, rivals: Mapping[str, Mapping[str, float]]
+) -> tuple[Cause, ...]:
     causes = []
     for cause in after.causes:
         if cause.known or cause.mechanism.open_set:
@@ -256,6 +261,9 @@ def _causes(explanations: Explanations, after: Fitted, rivals: Mapping[str, Mapp
             for model, p in zip(explanations.models, explanations.probabilities, strict=True)
             if (name, False) in model.labels
         )
+        if conclusion.laws:
+            within = (name, False) in conclusion.model.labels
+            probability = conclusion.lawful * within + (1.0 - conclusion.lawful) * probability
         drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
         others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
         rms = float(np.sqrt(np.mean((cause.contribution_deg_h - cause.contribution_deg_h.mean()) ** 2)))
@@ -263,28 +271,47 @@ def _causes(explanations: Explanations, after: Fitted, rivals: Mapping[str, Mapp
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 
-def _alternatives(explanations: Explanations, best: Model) -> tuple[Alternative, ...]:
+def _alternatives(explanations: Explanations, conclusion: _Conclusion) -> tuple[Alternative, ...]:
+    """Other sets of the catalogue; beside a law beyond it, the catalogue's own best as well."""
     shares: dict[tuple[str, ...], float] = {}
-    own = tuple(sorted(name for name, known in best.labels if not known))
+    own = None if conclusion.laws else tuple(sorted(name for name, known in conclusion.model.labels if not known))
     for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
         names = tuple(sorted(name for name, known in model.labels if not known))
         if names != own:
-            shares[names] = shares.get(names, 0.0) + float(probability)
+            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 - conclusion.lawful)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
     return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
 
 
+def _what_to_run(
+    problem: Problem, explanations: Explanations, best: Model, noise: NoiseShape, after: Fitted, seed: int
+) -> NextExperiment | None:
+    """The programme that would tell the chosen set from those that differ from it in one mechanism."""
+    swaps = [
+        (model, float(p))
+        for model, p in zip(explanations.models, explanations.probabilities, strict=True)
+        if len(model.labels) == len(best.labels) and len(model.labels - best.labels) <= 1
+    ]
+    swaps = [(model, p) for model, p in swaps if p > _MENTIONED * swaps[0][1]][:_RIVALS]
+    fits = [fit(problem, explanations.candidates(model), noise) for model, _ in swaps]
+    rivals = [tuple(cause.mechanism for cause in found.causes if not cause.known) for found in fits]
+    return next_experiment(
+        problem, rivals, shape=noise, white_deg_h=after.white_deg_h, probabilities=[p for _, p in swaps], seed=seed
+    )
+
+
 def _unexplained(conclusion: _Conclusion, whiteness: float | None) -> Unexplained:
     left = 1.0 if whiteness is None else whiteness
-    if conclusion.law is not None:
-        law = conclusion.law
-        return Unexplained(law.p_value, law.drivers, law.memory, law.equation)
+    if conclusion.laws:
+        first = conclusion.laws[0]
+        drivers = tuple(dict.fromkeys(driver for law in conclusion.laws for driver in law.drivers))
+        return Unexplained(first.p_value, drivers, first.memory, "; ".join(law.equation for law in conclusion.laws))
     if conclusion.unrecorded > _UNRECORDED:
         return Unexplained(min(left, 1.0 - conclusion.unrecorded), (), "none", None)
     return Unexplained(left)
 
 
-def _remarks(explanations: Explanations, conclusion: _Conclusion, after: Fitted) -> tuple[str, ...]:
+def _remarks(explanations: Explanations, conclusion: _Conclusion, after: Fitted, noise: NoiseShape) -> tuple[str, ...]:
     remarks = [f"{name} was not tried: {reason}" for name, reason in explanations.left_out.items()]
     for cause in after.causes:
         if cause.known:
@@ -293,8 +320,7 @@ def _remarks(explanations: Explanations, conclusion: _Conclusion, after: Fitted)
                 f"{cause.mechanism.name}: the simulator's numbers, said to be known, do not fit; these runs say {numbers}. "
                 "No physics is missing there."
             )
-    if conclusion.law is None and conclusion.unrecorded > _UNRECORDED:
-        noise = _best_noise(explanations, conclusion)
+    if not conclusion.laws and conclusion.unrecorded > _UNRECORDED:
         remarks.append(
             f"Something wanders, with standard deviation {noise.wander * after.white_deg_h:.2g} deg/h and correlation time "
             f"about {noise.wander_s:g} s that no recorded column follows: record more monitors."

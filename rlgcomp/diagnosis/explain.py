@@ -11,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate, candidates
-from rlgcomp.diagnosis.evidence import Evidence, Member, log_sum_exp
+from rlgcomp.diagnosis.evidence import Evidence, log_sum_exp
 from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, unrecorded_cause
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Model, Search, posterior
 from rlgcomp.diagnosis.telegraph import best_path
-from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +26,6 @@ _LIKELY: Final = 0.02  # models less probable are not refined
 _REFINED: Final = 4  # models at most, a round
 _FIRST_LOOK: Final = 2  # causes at most, while all noises are kept
 _WATCHED: Final = 12  # models whose noises are kept
-_UNLIKELY: Final = 5.0  # below the best in log evidence: noises that do not count
 _NEGLIGIBLE: Final = 1e-3  # share of a noise that is dropped
 
 
@@ -59,10 +57,9 @@ class Explanations:
     def evidence(self) -> Evidence:
         return self.search.evidence
 
-    def usual_noises(self, model: Model) -> tuple[NoiseShape, ...]:
-        """Noises that gyros have and that count, given a model."""
-        logs = np.where(self.ordinary, model.noise_log, -np.inf)
-        return tuple(self.evidence.noises[k] for k in np.flatnonzero(logs > logs.max() - _UNLIKELY))
+    def candidates(self, model: Model) -> list[Candidate]:
+        """The members of a model."""
+        return [self.evidence.candidates[member.candidate] for member in model.members]
 
     def unrecorded(self, model: Model) -> float:
         """Probability, given a model, that something wanders which no recorded column follows."""
@@ -190,8 +187,3 @@ def _jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mecha
             if mechanism is not None and path.flips:
                 found.append(Candidate(mechanism, path.signs[:, None], path.log_weight))
     return found
-
-
-def fitted(evidence: Evidence, members: Sequence[Member]) -> tuple[Mechanism, ...]:
-    """The members' mechanisms, shapes as found."""
-    return tuple(evidence.candidates[member.candidate].mechanism for member in members)

@@ -213,6 +213,8 @@ def sensitivity(
         strength is not positive.
     """
     form = _checked(simulator, mechanism, strengths, draws, catalogue)
+    for run in runs:
+        form().driver_columns(run)
     total = 1 + len(strengths) * draws
     background = diagnose(simulator, train=runs, gyro=gyro, mechanisms=catalogue, black_box=False)
     progress(1, total)

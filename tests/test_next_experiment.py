@@ -1,0 +1,158 @@
+"""The next experiment: distances against brute force, programmes within what the laboratory has, and one run that settles it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.feasible import chamber_programmes, table_programmes
+from rlgcomp.diagnosis.next_experiment import _distances, _expected, _Run, next_experiment
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+from rlgcomp.motion import rate_deg_s
+from rlgcomp.simulation.programme import Programme, Ramp
+from rlgcomp.simulation.table_programme import TableProgramme
+
+CATALOGUE = rlg.CATALOGUE
+POLYNOMIAL = CATALOGUE["thermal_polynomial"]
+FREE = {"thermal_polynomial": frozenset(p.name for p in POLYNOMIAL.parameters() if p.role == "amplitude")}
+BASE = rlg.Simulator((POLYNOMIAL(),), free=FREE, noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
+WHITE_DEG_H = 0.0018
+ONE_RAMP = "start 20, hold 30, ramp 50 1, hold 60, ramp 20 1, hold 30"
+LAG = CATALOGUE["thermal_lag"](k_deg_h_K=0.0007, time_constant_s=1000.0)
+RATE = CATALOGUE["temperature_rate"](k_deg_h_min_K=0.008)
+LIGHT = CATALOGUE["light_intensity"]()
+
+
+@pytest.fixture(scope="module")
+def run() -> rlg.Recording:
+    return BASE.with_mechanism(LAG).simulate(ONE_RAMP, seed=0, step_s=5.0)
+
+
+@pytest.fixture(scope="module")
+def problem(run: rlg.Recording) -> Problem:
+    return Problem.of(BASE, [run])
+
+
+@pytest.mark.parametrize("shape", [NoiseShape(), NoiseShape(flicker=0.3, walk=0.2)])
+def test_distances_are_those_of_least_squares(problem: Problem, shape: NoiseShape) -> None:
+    """Without shapes to fit, D² is what least squares leaves of one rival's prediction."""
+    past = _Run(problem.rows, problem.baseline, problem.columns, shape, WHITE_DEG_H)
+    found = _distances([(RATE,), (LIGHT,)], [past])
+    tables = [problem.columns(RATE), problem.columns(LIGHT), problem.baseline]
+    rate, light, baseline = (whiten(problem.rows, table / WHITE_DEG_H, (shape,))[0][0] for table in tables)
+    for k, (truth, weight, rival) in enumerate(
+        ((rate, RATE.k_deg_h_min_K, light), (light, [p.typical for p in LIGHT.amplitude_parameters()], rate))
+    ):
+        target = truth @ np.atleast_1d(weight)
+        design = np.column_stack([baseline, rival])
+        design /= np.linalg.norm(design, axis=0)
+        left = target - design @ np.linalg.lstsq(design, target, rcond=1e-12)[0]
+        assert found[k, 1 - k] == pytest.approx(left @ left, rel=1e-6)
+    assert np.diag(found).tolist() == [0.0, 0.0]
+
+
+def test_a_shape_that_is_free_can_come_close(problem: Problem) -> None:
+    """A lag imitates a rate by becoming short; a rate cannot imitate a lag."""
+    past = _Run(problem.rows, problem.baseline, problem.columns, NoiseShape(), WHITE_DEG_H)
+    coarse = _distances([(LAG,), (RATE,)], [past])
+    fine = _distances([(LAG,), (RATE,)], [past], refine=True)
+    assert fine[1, 0] < 0.1 * fine[0, 1]
+    assert (fine <= coarse + 1e-9).all()
+
+
+def test_expected_probability_against_draws() -> None:
+    rng = np.random.default_rng(0)
+    prior = np.array([0.5, 0.3, 0.2])
+    distances = np.array([[0.0, 6.0, 2.0], [5.0, 0.0, 9.0], [1.0, 12.0, 0.0]])
+    total = 0.0
+    for k in range(3):
+        z = rng.standard_normal(400_000)
+        against = sum(prior[j] * np.exp(-0.5 * distances[k, j] - np.sqrt(distances[k, j]) * z) for j in range(3) if j != k)
+        total += prior[k] * np.mean(prior[k] / (prior[k] + against))
+    assert _expected(prior, distances) == pytest.approx(total, abs=3e-3)
+    assert _expected(prior, np.zeros((3, 3))) == pytest.approx(np.sum(prior**2))
+    assert _expected(prior, 1e4 * (1.0 - np.eye(3))) == pytest.approx(1.0)
+
+
+def test_the_ratio_of_likelihoods_comes_out_as_foretold() -> None:
+    """Mean D²/2, variance D²: simulated runs, the rival fitted to each, against the distance computed without data."""
+    truth = CATALOGUE["temperature_rate"](k_deg_h_min_K=0.004)
+    simulator = BASE.with_mechanism(truth)
+    ratios, squared = [], []
+    for seed in range(40):
+        problem = Problem.of(BASE, [simulator.simulate("short", seed=seed, step_s=20.0)])
+        past = _Run(problem.rows, problem.baseline, problem.columns, NoiseShape(), WHITE_DEG_H)
+        squared.append(_distances([(truth,), (LIGHT,)], [past])[0, 1])
+        left = []
+        for mechanism in (truth, LIGHT):
+            design = np.column_stack([past.baseline, past.of(mechanism)])
+            design /= np.linalg.norm(design, axis=0)
+            target = problem.target_deg_h / WHITE_DEG_H
+            residual = target - design @ np.linalg.lstsq(design, target, rcond=1e-12)[0]
+            left.append(residual @ residual)
+        ratios.append(0.5 * (left[1] - left[0]))
+    expected = 0.5 * np.mean(squared)
+    assert np.mean(ratios) == pytest.approx(expected, abs=4.0 * np.sqrt(2.0 * expected / 40) + 0.5)
+
+
+def test_chamber_programmes_stay_within_what_was_recorded() -> None:
+    told = BASE.simulate("start 15, hold 20, ramp 40 0.8, hold 20, ramp -10 0.8, hold 20", step_s=10.0)
+    silent = told.replace(metadata=rlg.Metadata())
+    for run in (told, silent):
+        found = chamber_programmes([run])
+        assert len(found) >= 8
+        for programme in found:
+            assert -12.0 <= programme.corners[1].min()
+            assert programme.corners[1].max() <= 42.0
+            assert max(step.rate_degC_min for step in programme.steps if isinstance(step, Ramp)) <= 0.85
+            assert Programme.parse(str(programme)) == programme
+
+
+def test_table_programmes_turn_no_faster_than_recorded() -> None:
+    table = rlg.Simulator(kind="turntable")
+    run = table.simulate("rate 20 200, rate -20 200, rest 100")
+    found = table_programmes([run])
+    assert len(found) >= 5
+    for programme in found:
+        assert np.abs(programme.corners[1]).max() <= 21.1
+        assert TableProgramme.parse(str(programme)) == programme
+    assert float(np.abs(rate_deg_s(run)).max()) == pytest.approx(20.0, rel=1e-3)
+
+
+def test_rivals_on_a_table_get_a_table_programme() -> None:
+    table = rlg.Simulator(
+        (CATALOGUE["scale_factor"](),), free={"scale_factor": frozenset({"k_ppm", "bias_deg_h"})}, kind="turntable"
+    )
+    problem = Problem.of(table, [table.simulate("rest 300, rate 30 600, rate -30 600, rate 60 600, rate -60 600, rest 300")])
+    rivals = [(CATALOGUE["lock_in"](),), (CATALOGUE["scale_factor_nonlinearity"](),)]
+    found = next_experiment(problem, rivals, shape=NoiseShape(), white_deg_h=0.01)
+    assert found is not None
+    assert TableProgramme.parse(found.profile).duration_s > 0.0
+    assert found.separates == ("lock_in", "scale_factor_nonlinearity")
+
+
+def test_there_is_none_where_nothing_can_be_commanded(problem: Problem) -> None:
+    telegraph = CATALOGUE["random_telegraph"]()
+    assert next_experiment(problem, [(telegraph,), (LAG,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H) is None
+    assert next_experiment(problem, [(LAG,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H) is None
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+def test_running_it_settles_the_question(seed: int) -> None:
+    """A weak lag, one short run: ambiguous. With the run that is proposed the right cause is named."""
+    rivals = {name: CATALOGUE[name] for name in ("thermal_lag", "temperature_rate", "thermal_hysteresis")}
+    truth = BASE.with_mechanism(LAG)
+    first = truth.simulate(ONE_RAMP, seed=seed, step_s=5.0, name="first")
+    before = diagnose(BASE, [first], mechanisms=rivals, black_box=False)
+    assert before.verdict == "ambiguous"
+    proposed = before.next_experiment
+    assert proposed is not None
+    assert proposed.expected_probability_after > max(cause.probability for cause in before.causes) - 0.2
+    second = truth.simulate(proposed.profile, seed=seed + 50, step_s=5.0, name="second")
+    after = diagnose(BASE, [first, second], mechanisms=rivals, black_box=False)
+    assert [cause.name for cause in after.causes] == ["thermal_lag"]
+    assert after.verdict == "explained"
+    assert after.causes[0].probability > 0.95
