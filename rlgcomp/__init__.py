@@ -64,6 +64,8 @@ if TYPE_CHECKING:
     from rlgcomp.compensation.cubic import CubicLeastSquares as CubicLeastSquares
     from rlgcomp.compensation.lssvm import LSSVMRegressor as LSSVMRegressor
     from rlgcomp.compensation.sequence import SequenceRegressor as SequenceRegressor
+    from rlgcomp.diagnosis.diagnose import diagnose as diagnose
+    from rlgcomp.diagnosis.result import Diagnosis as Diagnosis
     from rlgcomp.errors import InputError as InputError
     from rlgcomp.evaluation import Evaluation as Evaluation
     from rlgcomp.evaluation import evaluate as evaluate
@@ -113,6 +115,8 @@ _HOMES = {
     "angle_random_walk": "rotation.pipeline",
     "calibrate_recordings": "calibration.triad.calibrate",
     "calibrate_scale_factor": "calibration.scale_factor_calibration",
+    "Diagnosis": "diagnosis.result",
+    "diagnose": "diagnosis.diagnose",
     "evaluate": "evaluation",
     "fit_coefficients": "allan.coefficients",
     "load": "compensation.compensator",

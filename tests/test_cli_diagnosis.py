@@ -7,6 +7,7 @@ import sys
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -116,6 +117,22 @@ def test_the_command_line_of_the_contract(files: Path, engine: dict, tmp_path: P
     assert again.exit_code == 0, again.output
     assert json.loads(again.stdout)["verdict"] == "none"
     assert len(engine["train"]) == len(engine["test"]) == 2
+
+
+def test_what_is_written_is_what_was_proved(files: Path, tmp_path: Path) -> None:
+    """The engine itself: the augmented simulator, read back and asked to predict, leaves what the diagnosis says it leaves."""
+    out = tmp_path / "out"
+    runs = [files / f"run{k}.parquet" for k in range(3)]
+    done = run("diagnose", "--simulator", files / "sim.yaml", "--train", *runs[:2], "--test", runs[2], "--out", out, "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found == json.loads((out / "diagnosis.json").read_text())
+    fit = found["fit"]["test"]
+    assert run("predict", out / "augmented.yaml", runs[2], "--out", tmp_path / "said.parquet").exit_code == 0
+    recorded = rlg.read(runs[2]).averaged(fit["averaging_s"]).column("gyro_deg_h")
+    said = rlg.read(tmp_path / "said.parquet").averaged(fit["averaging_s"]).column("gyro_deg_h")
+    assert np.sqrt(np.mean((recorded - said) ** 2)) == pytest.approx(fit["augmented_rms"], rel=1e-6)
+    assert fit["improvement"] == pytest.approx(1.0 - fit["augmented_rms"] / fit["baseline_rms"])
 
 
 def test_the_users_own_simulator(files: Path, engine: dict, tmp_path: Path) -> None:

@@ -113,6 +113,14 @@ class TestNoise:
         ends = [Noise(1e-12, walk=2e-4).simulate(3600, np.random.default_rng(seed))[-1] for seed in range(300)]
         assert np.std(ends) == pytest.approx(2e-4, rel=0.15)
 
+    def test_covariance_is_that_of_the_means(self) -> None:
+        noise = Noise(3e-4, flicker=1e-3, walk=5e-4)
+        windows = np.array([means(noise.simulate(2000, np.random.default_rng(seed))) for seed in range(1500)])
+        expected = noise.covariance(20, 100.0)
+        found = windows.T @ windows / len(windows)
+        spread = np.sqrt((expected**2 + np.outer(np.diag(expected), np.diag(expected))) / len(windows))
+        assert np.sqrt(np.mean(((found - expected) / spread) ** 2)) < 1.5
+
 
 class TestCases:
     @pytest.mark.parametrize("independent", [True, False])
@@ -159,6 +167,11 @@ class TestCases:
             if case.repeats and not noise["bias_instability_deg_h"]:
                 left = np.concatenate([means(o - t) for o, t in zip(case.oracle, case.truth_held_out, strict=True)])
                 assert left.std() < 0.35 * case.white_100_s_deg_h
+
+    def test_information_grows_with_the_square_of_the_strength(self) -> None:
+        weak, strong = (make_case("single", ("ambient_pressure",), s, 2, True) for s in (0.25, 0.5))
+        assert strong.information_nats == pytest.approx(4.0 * weak.information_nats)
+        assert make_case("null", (), 0.0, 2, True).information_nats == 0.0
 
     def test_the_plan_has_every_effect_at_every_strength_by_both_makers(self) -> None:
         made = {(names[0], strength, independent) for _, names, strength, _, independent in plan("single", 102)}
@@ -212,6 +225,7 @@ class TestTables:
         "repeats": True,
         "error_to_oracle": 1.1,
         "seconds": 2.0,
+        "information_nats": 20.0,
     }
 
     def row(self, kind: str, hidden: str, **changes: Any) -> dict[str, Any]:
@@ -237,7 +251,12 @@ class TestTables:
 
     def test_every_kind_is_shown(self, capsys: pytest.CaptureFixture[str]) -> None:
         rows = [self.row(kind, name) for kind, name in zip(KINDS, INDEPENDENT, strict=False)]
-        tables.show([*rows, self.row("single", "ageing", strength=0.5, findings=["ageing", "warm_up"], exact=False)])
+        tables.show(
+            [
+                *rows,
+                self.row("single", "ageing", strength=0.5, findings=["ageing", "warm_up"], probabilities=[0.6, 0.5], exact=False),
+            ]
+        )
         text = capsys.readouterr().out
         assert all(
             title in text for title in ("Goals", "One effect", "Healthy gyros", "Outside the catalogue", "Driver not recorded")

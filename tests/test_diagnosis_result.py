@@ -138,6 +138,14 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
         dataclasses.replace(diagnosis, verdict="maybe")
 
 
+def test_offsets_are_said_where_they_count(diagnosis: Diagnosis) -> None:
+    assert "switch-on" not in str(diagnosis)
+    offset = dataclasses.replace(
+        diagnosis.test, baseline_std=0.004, augmented_std=0.001, improvement_std=0.75, improvement_std_ci95=(0.7, 0.8)
+    )
+    assert "0.00400 before, 0.00100 after, 75.0 % (70.0 to 80.0 %)" in str(dataclasses.replace(diagnosis, test=offset))
+
+
 def test_only_what_was_used_is_cited(diagnosis: Diagnosis) -> None:
     cited = diagnosis.citations
     assert rlg.CATALOGUE["thermal_lag"].reference in cited

@@ -17,7 +17,8 @@ from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.discover import Background, Discovery, discover
+from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import SIZES
 from rlgcomp.diagnosis.laws import Dictionary
 from rlgcomp.diagnosis.problem import Problem
@@ -222,6 +223,22 @@ def test_a_law_that_the_design_holds_is_not_found_again() -> None:
 def test_what_did_not_move_and_what_is_no_driver_are_left_out() -> None:
     train = [run.replace(table=run.table.assign(pressure_hPa=1013.0, gyro_x_deg_h=run.time_s)) for run in runs(TRAIN, voltage, 0.0)]
     assert Dictionary(Problem.of(SIMULATOR, train, gyro="gyro_deg_h")).drivers == DRIVERS
+
+
+def test_two_laws_one_after_the_other() -> None:
+    """A threshold in each of two monitors; the amplitudes are those of both together."""
+
+    def both(table: pd.DataFrame) -> np.ndarray:
+        field = (table["magnetic_field_uT"].to_numpy() - 48.0) / 3.0
+        return 1.5 * np.maximum(voltage(table) - 0.3, 0.0) + (field > 0.4)
+
+    problem, _ = problem_of(both, 3.0)
+    found_laws = discover_laws(problem, problem.baseline, NOISES, largest=2)
+    assert {law.drivers for law in found_laws} == {("supply_voltage_V",), ("magnetic_field_uT",)}
+    design = np.column_stack([problem.baseline, *(problem.columns(law.mechanism) for law in found_laws)])
+    amplitudes = np.linalg.lstsq(design, problem.target_deg_h, rcond=None)[0][-2:]
+    for law, amplitude in zip(found_laws, amplitudes, strict=True):
+        assert law.mechanism.amplitude_deg_h == pytest.approx(amplitude, abs=3.0 * law.amplitude_sd_deg_h)
 
 
 def test_the_prior_adds_up_to_one() -> None:

@@ -143,7 +143,7 @@ class TestCommand:
         assert done.exit_code == 0, done.output
         content = json.loads(done.stdout)
         assert content["detection"]["s90_rms_deg_h"] == pytest.approx(content["detection"]["s90"] * content["white_deg_h"])
-        assert sorted(path.name for path in (tmp_path / "s").iterdir()) == ["curves.png", "sensitivity.json", "trials.csv"]
+        assert sorted(path.name for path in (tmp_path / "s").iterdir()) == ["curves.png", "sensitivity.json", "shares.csv"]
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, "--mechanism", "supply_voltage", "--strengths", "a")
         assert refused.exit_code == 2
         assert "--strengths" in refused.stderr

@@ -56,3 +56,16 @@ class Noise:
                 kicks[0] = size * rng.standard_normal()
                 total += signal.lfilter([1.0], [1.0, -keep], kicks)
         return np.asarray(total)
+
+    def covariance(self, windows: int, window_s: float) -> Array:
+        """Covariance of the means over consecutive windows, shape (windows, windows), in (deg/h)²."""
+        apart = np.abs(np.subtract.outer(np.arange(windows), np.arange(windows))).astype(np.float64)
+        total = (60.0 * self.white) ** 2 / window_s * np.eye(windows)
+        middle_s = window_s * (np.arange(windows) + 0.5)
+        total += self.walk**2 * np.minimum.outer(middle_s, middle_s) / 3600.0
+        variance = self.flicker**2 * math.log(RELAXATIONS_S[1] / RELAXATIONS_S[0]) / math.pi
+        for ratio in RELAXATIONS_S / window_s:
+            within = 2.0 * ratio * (1.0 - ratio * -math.expm1(-1.0 / ratio))
+            between = -ratio * math.expm1(-1.0 / ratio)  # each of the two windows, as seen from where they face each other
+            total += variance * np.where(apart == 0.0, within, between**2 * np.exp(-np.maximum(apart - 1.0, 0.0) / ratio))
+        return np.asarray(total)

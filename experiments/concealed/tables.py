@@ -13,6 +13,7 @@ from experiments.concealed.effects import INDEPENDENT
 from experiments.tables import show_list, show_table
 
 Row = Mapping[str, Any]
+ENOUGH_NATS = 8.0
 NAMED = ("single", "pair", "triple")
 
 
@@ -80,6 +81,11 @@ def median(rows: Sequence[Row], key: str) -> str:
     return f"{np.median(values):.2f}" if values else "–"
 
 
+def told(row: Row) -> bool:
+    """Whether the recordings say enough for the effect to be named by anyone who knows the noise."""
+    return bool("failure" in row or row["information_nats"] >= ENOUGH_NATS)
+
+
 def exact(row: Row) -> bool:
     return bool(row["exact"])
 
@@ -136,6 +142,7 @@ def by_strength(rows: Sequence[Row]) -> list[dict[str, str]]:
                     "detected": share(chosen, lambda row: row["detected"]),
                     "first is right": share(chosen, lambda row: row["named"]),
                     "exact set": share(chosen, exact),
+                    f"exact of those with {ENOUGH_NATS:g} nats": share([row for row in chosen if told(row)], exact),
                     "in class": share(chosen, in_class),
                     "error / oracle": median([row for row in chosen if row.get("repeats")], "error_to_oracle"),
                     "overlap": median(chosen, "overlap"),
@@ -255,5 +262,6 @@ def miss(row: Row) -> str:
     if "failure" in row:
         return f"{row['key']}: failed"
     said = ", ".join(f"{name} {p:.2f}" for name, p in zip(row["findings"], row["probabilities"], strict=True)) or "nothing"
+    nats = f", {row['information_nats']:.0f} nats" if row["kind"] in NAMED else ""
     law = f"; drivers {row['drivers']} for {row['true_drivers']}, {row['memory']} for {row['true_memory']}"
-    return f"{row['name']}: {row['verdict']}, {said}, p = {row['p_value']:.2g}" + (law if row["kind"] == "open" else "")
+    return f"{row['name']}: {row['verdict']}, {said}, p = {row['p_value']:.2g}{nats}" + (law if row["kind"] == "open" else "")

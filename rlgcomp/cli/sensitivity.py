@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rlgcomp.cli.base import AsJson, Drop, Gyro, Jobs, Map, PulseArcsec, Runs, command, progress, read_runs, say
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
+
+if TYPE_CHECKING:
+    from rlgcomp.diagnosis.sensitivity import Sensitivity
 
 
 @command("sensitivity")
@@ -60,7 +63,7 @@ def sensitivity(
         )
     if out is not None:
         _write(found, out)
-        say(f"{out}: sensitivity.json, trials.csv, curves.png")
+        say(f"{out}: sensitivity.json, shares.csv, curves.png")
     if as_json:
         show_json(found.to_mapping())
         return
@@ -100,11 +103,22 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def _write(found: Any, out: Path) -> None:
-    from rlgcomp.files import whole_folder, write_json
-    from rlgcomp.report.sensitivity import curves_picture
+def _write(found: Sensitivity, out: Path) -> None:
+    import numpy as np
 
+    from rlgcomp.files import whole_folder, write_json
+    from rlgcomp.report.sensitivity import FoundCurve, curves_picture
+
+    table = found.to_frame()
+    tried = table["strength"].to_numpy()
+    at = np.geomspace(tried.min() / 2.0, tried.max() * 2.0, 200)
+    curves = [
+        FoundCurve(label, tried, table[column].to_numpy(), at, curve.probability(at), curve.s90_interval)
+        for label, column, curve in (("detected", "detected", found.detection), ("named or in its class", "in_class", found.naming))
+    ]
+    title = f"{found.mechanism}: found in these recordings; shaded: 90 % with its 95 % interval"
+    strength = f"strength (1 = {found.white_deg_h:.3g} deg/h rms that the simulator cannot absorb)"
     with whole_folder(out, ours="sensitivity.json") as folder:
         write_json(folder / "sensitivity.json", found.to_mapping())
-        found.to_frame().to_csv(folder / "trials.csv", index=False)
-        (folder / "curves.png").write_bytes(curves_picture(found))
+        table.to_csv(folder / "shares.csv", index=False)
+        (folder / "curves.png").write_bytes(curves_picture(title, strength, curves))

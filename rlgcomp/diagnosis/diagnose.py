@@ -11,9 +11,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.discover import Background, Discovery, discover, discover_laws
+from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
@@ -312,7 +313,10 @@ def _unexplained(conclusion: _Conclusion, whiteness: float | None) -> Unexplaine
 
 
 def _remarks(explanations: Explanations, conclusion: _Conclusion, after: Fitted, noise: NoiseShape) -> tuple[str, ...]:
-    remarks = [f"{name} was not tried: {reason}" for name, reason in explanations.left_out.items()]
+    remarks = []
+    if explanations.left_out:
+        wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
+        remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
     for cause in after.causes:
         if cause.known:
             numbers = ", ".join(f"{name} = {estimate}" for name, estimate in cause.estimates.items())

@@ -31,6 +31,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import log_ndtr
 
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.problem import Problem
@@ -89,6 +90,7 @@ class Evidence:
         self.scale_deg_h = float(np.std(problem.target_deg_h)) or 1.0
         self.freedom = len(problem.rows) - problem.baseline.shape[1]
         self._slices: list[slice] = []
+        self._signs: list[float] = []  # of each column: whether preparing it turned it round
         self._table = np.empty((len(problem.rows), 0))
         self._whitened_baseline: list[Array] = []
         self._constant = np.empty(len(self.noises))
@@ -117,6 +119,7 @@ class Evidence:
                 self._slices.append(slice(start, start + block.shape[1]))
                 self.candidates.append(candidate)
                 blocks.append(block)
+                self._signs.extend(np.sign(candidate.columns[:, : block.shape[1]].T @ block).diagonal())
         if not blocks:
             return
         fresh = np.column_stack(blocks)
@@ -243,6 +246,26 @@ class Evidence:
         """The target in units of `scale_deg_h`, shape (n,), and an orthonormal basis of baseline and members, shape (n, p)."""
         design = np.column_stack([self._orthogonal, self._table[:, self._places(members)]])
         return self.problem.target_deg_h / self.scale_deg_h, np.linalg.qr(design)[0]
+
+    def log_allowed(self, members: Sequence[Member], noise: int) -> float:
+        """Log probability, over its prior, that amplitudes which cannot be negative are not."""
+        bound = [k for k, member in enumerate(members) if self._positive(member)]
+        if not bound:
+            return 0.0
+        inside, gram = self._places(members), self.gram[noise]
+        weights = np.concatenate([self._precision(member) for member in members])
+        inverse = np.linalg.inv(gram[np.ix_(inside, inside)] + np.diag(weights))
+        solution = inverse @ gram[inside, -1]
+        left = float(gram[-1, -1] - gram[inside, -1] @ solution)
+        sd = np.sqrt(np.diag(inverse) * left / self.freedom)
+        places = [self._places([members[k]])[0] for k in bound]
+        signed = [self._signs[place] * solution[inside == place][0] / sd[inside == place][0] for place in places]
+        return float(np.sum(log_ndtr(np.array(signed)) + math.log(2.0)))
+
+    def _positive(self, member: Member) -> bool:
+        mechanism = self.candidates[member.candidate].mechanism
+        parameters = mechanism.amplitude_parameters()
+        return len(parameters) == 1 and parameters[0].low >= 0.0
 
     def residual(self, members: Sequence[Member], noise: int) -> Array:
         """Whitened target less baseline and members, for one noise, shape (n,)."""

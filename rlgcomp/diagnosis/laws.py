@@ -343,10 +343,16 @@ def _at_and_width(shapes: dict[str, Array], low: float, high: float) -> tuple[Ar
 
 
 def recorded_drivers(runs: Sequence[Recording]) -> tuple[str, ...]:
-    """Columns that every run has, that move in some run, and that are neither time nor a gyro."""
+    """Columns that every run has, that move in some run, and that are neither time nor an inertial sensor's output.
+
+    Gyros and accelerometers of one unit share what ails them: one is no cause of the other's error.
+    """
     common = [column for column in runs[0].columns if all(column in run for run in runs)]
     return tuple(
         column
         for column in common
-        if column != TIME and not is_gyro(column) and any(np.ptp(run.column(column)) > 0.0 for run in runs)
+        if column != TIME
+        and not is_gyro(column)
+        and not column.startswith("acc")
+        and any(np.ptp(run.column(column)) > 0.0 for run in runs)
     )

@@ -76,6 +76,8 @@ def next_experiment(
     """
     if len(rivals) < 2 or any(not mechanism.amplitude_parameters() for members in rivals for mechanism in members):
         return None
+    if not all(any(column.startswith("temperature_") for column in run.columns) for run in problem.runs):
+        return None
     if programmes is None:
         feasible = chamber_programmes if problem.simulator.kind == "chamber" else table_programmes
         programmes = feasible(problem.runs)

@@ -46,7 +46,6 @@ def render(diagnosis: Diagnosis) -> str:
         places=_places(diagnosis),
         causes=_causes(diagnosis),
         parameters=_parameters(diagnosis),
-        alternatives=_alternatives(diagnosis),
         fits=_fits(diagnosis),
         whiteness=[
             (name, wording.p_text(fit.whiteness_p_value))
@@ -93,15 +92,6 @@ def _parameters(diagnosis: Diagnosis) -> pd.DataFrame:
     )
 
 
-def _alternatives(diagnosis: Diagnosis) -> pd.DataFrame:
-    return pd.DataFrame(
-        [
-            {"missing": wording.set_text(item.mechanisms), "probability": f"{item.probability:.3g}"}
-            for item in diagnosis.alternatives
-        ]
-    )
-
-
 def _fits(diagnosis: Diagnosis) -> pd.DataFrame:
     rows = wording.fit_rows("training", diagnosis.train)
     if diagnosis.test is not None:
@@ -121,4 +111,6 @@ def _baseline(diagnosis: Diagnosis) -> pd.DataFrame:
 
 def _noise(diagnosis: Diagnosis) -> pd.DataFrame:
     strengths = dataclasses.asdict(diagnosis.noise)
+    if not diagnosis.noise.dither_residual_arcsec:
+        del strengths["dither_residual_frequency_hz"]
     return pd.DataFrame([{"noise": name, "strength": f"{value:.3g}"} for name, value in strengths.items() if value])

@@ -16,7 +16,7 @@ from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
 from rlgcomp.errors import InputError
 from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
 from rlgcomp.simulation.programme import Programme
-from rlgcomp.units import SECONDS_PER_HOUR
+from rlgcomp.units import SECONDS_PER_HOUR, column_unit
 
 Array = npt.NDArray[np.float64]
 BESIDE: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
@@ -30,21 +30,22 @@ ABOVE_IN, BELOW_IN, GAP_IN, SIDE_GAP_IN = 0.32, 0.48, 0.52, 0.5
 
 def timeline(diagnosis: Diagnosis) -> str:
     """Each run's mismatch, what the causes say of it, and the intervals found."""
+    scale, unit = _scale(diagnosis.train)
     with rc_context(STYLE):
         traces = diagnosis.traces
         figure, panels = _figure(0.5 + 1.85 * len(traces), rows=len(traces), right_in=0.65)
         for trace, axes in zip(traces, panels[:, 0], strict=True):
             hours = trace.time_s / SECONDS_PER_HOUR
-            axes.plot(hours, 1e3 * trace.before_deg_h, color=RAW, ms=4, label="mismatch", **_DOTS)
+            axes.plot(hours, scale * trace.before_deg_h, color=RAW, ms=4, label="mismatch", **_DOTS)
             change = trace.before_deg_h - trace.after_deg_h
             if diagnosis.causes or np.ptp(change) > 0.0:
-                axes.plot(hours, 1e3 * change, color=FIT, lw=1.6, label="explained")
+                axes.plot(hours, scale * change, color=FIT, lw=1.6, label="explained")
             places = [p for p in diagnosis.where if p.run == trace.run and p.start_s is not None and p.end_s is not None]
-            for k, place in enumerate(places):
+            for place in places:
                 span = (place.start_s / SECONDS_PER_HOUR, place.end_s / SECONDS_PER_HOUR)  # type: ignore[operator]
-                axes.axvspan(*span, color=WARM, alpha=0.10, lw=0, label="found here" if k == 0 else None)
+                axes.axvspan(*span, color=WARM, alpha=0.10, lw=0)
             axes.set_title(f"{trace.run}{', held out' if trace.held_out else ''}")
-            axes.set_ylabel("10⁻³ deg/h")
+            axes.set_ylabel(unit)
             driver = driver_column(diagnosis, trace.monitors)
             if driver is not None:
                 other = axes.twinx()
@@ -53,13 +54,16 @@ def timeline(diagnosis: Diagnosis) -> str:
                 other.grid(visible=False)
                 other.tick_params(labelsize=8)
         panels[-1, 0].set_xlabel("time in h")
-        panels[0, 0].legend(loc="upper left", ncols=3, frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")
+        if any(place.start_s is not None for place in diagnosis.where):
+            panels[0, 0].fill_between([], [], color=WARM, alpha=0.10, lw=0, label="found here")
+        panels[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=3)
         return svg(figure)
 
 
 def loop(diagnosis: Diagnosis) -> str:
     """Mismatch against its driver, rising and falling in two colours, before and after."""
     driver = _driver(diagnosis)
+    scale, unit = _scale(diagnosis.train)
     if driver is None:
         return ""
     with rc_context(STYLE):
@@ -69,13 +73,15 @@ def loop(diagnosis: Diagnosis) -> str:
             rising = np.gradient(x) >= 0.0
             for axes, values in ((before, trace.before_deg_h), (after, trace.after_deg_h)):
                 for direction, colour in ((rising, WARM), (~rising, RESIDUAL)):
-                    axes.plot(x[direction], 1e3 * values[direction], color=colour, ms=3.5, alpha=0.6, **_DOTS)
+                    axes.plot(x[direction], scale * values[direction], color=colour, ms=3.5, alpha=0.6, **_DOTS)
         before.plot([], [], ".", color=WARM, ms=8, label="rising")
         before.plot([], [], ".", color=RESIDUAL, ms=8, label="falling")
+        reach = np.quantile(np.abs(np.concatenate([trace.before_deg_h for trace in diagnosis.traces])), 0.99)
+        before.set_ylim(-1.3 * scale * reach, 1.3 * scale * reach)
         before.legend(loc="best", frameon=True, facecolor="white", edgecolor="none")
         before.set_title("Mismatch before")
         after.set_title("After")
-        before.set_ylabel("10⁻³ deg/h")
+        before.set_ylabel(unit)
         for axes in (before, after):
             axes.set_xlabel(column_label(driver))
         return svg(figure)
@@ -84,6 +90,7 @@ def loop(diagnosis: Diagnosis) -> str:
 def driver_map(diagnosis: Diagnosis) -> str:
     """Mean mismatch over a driver and its rate of change, before and after, in one colour scale."""
     driver = _driver(diagnosis)
+    scale, unit = _scale(diagnosis.train)
     if driver is None:
         return ""
     x, rate, before, after = (np.concatenate(parts) for parts in zip(*_driver_samples(diagnosis.traces, driver), strict=True))
@@ -95,7 +102,7 @@ def driver_map(diagnosis: Diagnosis) -> str:
     counts, _, _ = np.histogram2d(x, rate, (edges_x, edges_rate))
     maps = []
     for values in (before, after):
-        sums, _, _ = np.histogram2d(x, rate, (edges_x, edges_rate), weights=1e3 * values)
+        sums, _, _ = np.histogram2d(x, rate, (edges_x, edges_rate), weights=scale * values)
         maps.append(np.where(counts >= 3, sums / np.maximum(counts, 1), np.nan))
     if not np.isfinite(maps[0]).any():
         return ""
@@ -108,7 +115,7 @@ def driver_map(diagnosis: Diagnosis) -> str:
             axes.set_xlabel(column_label(driver))
             axes.grid(visible=False)
         panels[0].set_ylabel("change per minute")
-        figure.colorbar(mesh, ax=panels, label="10⁻³ deg/h", pad=0.01)
+        figure.colorbar(mesh, ax=panels, label=unit, pad=0.01)
         return svg(figure)
 
 
@@ -149,21 +156,22 @@ def channel_shares(traces: Sequence[Trace]) -> pd.DataFrame:
 
 
 def probabilities(diagnosis: Diagnosis) -> str:
-    """Posterior probability of each set of mechanisms."""
+    """Posterior probability of the chosen set and of each other; the chosen one has what the others leave."""
     if not diagnosis.alternatives:
         return ""
-    shown = sorted(diagnosis.alternatives, key=lambda item: -item.probability)[:8]
+    chosen = tuple(cause.name for cause in diagnosis.causes)
+    shares = {item.mechanisms: item.probability for item in diagnosis.alternatives if set(item.mechanisms) != set(chosen)}
+    shown = [(chosen, max(0.0, 1.0 - sum(shares.values()))), *sorted(shares.items(), key=lambda item: -item[1])[:8]]
     with rc_context(STYLE):
         figure, ((axes,),) = _figure(0.9 + 0.32 * len(shown), left_in=3.6)
-        values = [item.probability for item in shown]
-        axes.barh(range(len(shown)), values, color=RESIDUAL, height=0.6)
-        for k, item in enumerate(shown):
-            axes.annotate(f"{item.probability:.3g}", (values[k], k), (4, 0), textcoords="offset points", va="center", fontsize=8.5)
-        axes.set_yticks(range(len(shown)), [" + ".join(item.mechanisms) or "nothing" for item in shown])
+        axes.barh(range(len(shown)), [share for _, share in shown], color=[FIT, *[RESIDUAL] * (len(shown) - 1)], height=0.6)
+        for k, (_, share) in enumerate(shown):
+            axes.annotate(f"{share:.3g}", (share, k), (4, 0), textcoords="offset points", va="center", fontsize=8.5)
+        axes.set_yticks(range(len(shown)), [" + ".join(names) or "nothing" for names, _ in shown])
         axes.set_xlim(0.0, 1.08)
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel("probability")
+        axes.set_xlabel("probability that this is what is missing")
         return svg(figure)
 
 
@@ -172,6 +180,7 @@ def held_out(diagnosis: Diagnosis) -> str:
     traces = [trace for trace in diagnosis.traces if trace.held_out]
     if not traces or diagnosis.test is None:
         return ""
+    scale, unit = _scale(diagnosis.train)
     with rc_context(STYLE):
         figure, grid = _figure(0.6 + 2.0 * len(traces), rows=len(traces), columns=2, sharey="row")
         for trace, row in zip(traces, grid, strict=True):
@@ -180,10 +189,10 @@ def held_out(diagnosis: Diagnosis) -> str:
             for axes, values, colour, title in zip(
                 row, (trace.before_deg_h, trace.after_deg_h), (RAW, RESIDUAL), ("before", "after"), strict=True
             ):
-                axes.axhspan(-2e3 * floor, 2e3 * floor, color=FLOOR, alpha=0.15, lw=0)
-                axes.plot(hours, 1e3 * values, color=colour, ms=4, **_DOTS)
+                axes.axhspan(-2.0 * scale * floor, 2.0 * scale * floor, color=FLOOR, alpha=0.15, lw=0)
+                axes.plot(hours, scale * values, color=colour, ms=4, **_DOTS)
                 axes.set_title(f"{trace.run}, {title}")
-            row[0].set_ylabel("10⁻³ deg/h")
+            row[0].set_ylabel(unit)
         for axes in grid[-1]:
             axes.set_xlabel("time in h")
         return svg(figure)
@@ -191,6 +200,7 @@ def held_out(diagnosis: Diagnosis) -> str:
 
 def bars(fit: Fit) -> str:
     """Rms before, with the black box, and after, with the noise floor, for each run held out."""
+    scale, unit = _scale(fit)
     with rc_context(STYLE):
         figure, ((axes,),) = _figure(0.9 + 0.6 * (1 + len(fit.per_run)), left_in=1.6, right_in=1.3)
         rows: list[tuple[str, Fit | RunFit]] = [("all runs", fit), *((run.run, run) for run in fit.per_run)]
@@ -202,14 +212,18 @@ def bars(fit: Fit) -> str:
             )
             for place, (value, colour, label) in zip((-0.26, 0.0, 0.26), cells, strict=True):
                 if value is not None:
-                    axes.barh(k + place, 1e3 * value, height=0.24, color=colour, label=label if k == 0 else None)
+                    axes.barh(k + place, scale * value, height=0.24, color=colour, label=label if k == 0 else None)
             axes.plot(
-                [1e3 * run.noise_floor_rms] * 2, [k - 0.42, k + 0.42], color=FLOOR, lw=2.0, label="noise floor" if k == 0 else None
+                [scale * run.noise_floor_rms] * 2,
+                [k - 0.42, k + 0.42],
+                color=FLOOR,
+                lw=2.0,
+                label="noise floor" if k == 0 else None,
             )
         axes.set_yticks(range(len(rows)), [name for name, _ in rows])
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel(f"rms of {fit.averaging_s:g} s means in 10⁻³ {fit.unit}")
+        axes.set_xlabel(f"rms of {fit.averaging_s:g} s means in {unit}")
         axes.legend(**BESIDE)
         return svg(figure)
 
@@ -276,8 +290,10 @@ def column_label(column: str) -> str:
     >>> column_label("temperature_block_degC")
     'temperature block, degC'
     """
-    name, _, unit = column.rpartition("_")
-    return f"{name.replace('_', ' ')}, {unit}" if name else column
+    unit = column_unit(column)
+    if unit is None:
+        return column.replace("_", " ")
+    return f"{column.removesuffix('_' + unit.replace('/', '_').replace('^', '')).replace('_', ' ')}, {unit}"
 
 
 def _figure(
@@ -297,6 +313,11 @@ def _figure(
         wspace=SIDE_GAP_IN / max(0.1, width_in - SIDE_GAP_IN),
     )
     return figure, axes
+
+
+def _scale(fit: Fit) -> tuple[float, str]:
+    """Factor and unit in which numbers of this size are read well."""
+    return (1.0, fit.unit) if fit.baseline_rms > 0.1 else (1e3, f"10⁻³ {fit.unit}")
 
 
 def _driver(diagnosis: Diagnosis) -> str | None:

@@ -31,10 +31,10 @@ class Windows:
 
     full: Recording
     fine: Recording
-    starts: IntArray
-    counts: IntArray
+    of_full: IntArray  # the window of each row; negative before the first
+    of_fine: IntArray
+    counts: IntArray  # rows in each window
     kept: npt.NDArray[np.bool_]
-    first_s: float
     window_s: float
 
     @classmethod
@@ -45,29 +45,28 @@ class Windows:
                 f"{run.name}: nothing is left after its lead-in of {run.metadata.lead_in_s:g} s; give a longer interval"
             )
         first_s = float(scored_s[0])
-        starts, counts, kept = _windows(run.time_s, run.period_s, first_s, window_s)
+        fine, of_fine, of_full = _decimated(run, first_s, window_s)
+        counts = np.unique(of_full[of_full >= 0], return_counts=True)[1]
+        kept = counts >= LEAST_COVERAGE * window_s / run.period_s
         if kept.sum() < FEWEST_WINDOWS:
             raise InputError(
                 f"{run.name}: {run.duration_s:g} s fill {int(kept.sum())} windows of {window_s:g} s; at least {FEWEST_WINDOWS} are "
                 "needed; give a longer run or a smaller --averaging-s"
             )
-        return cls(run, _decimated(run, window_s), starts, counts, kept, first_s, window_s)
+        return cls(run, fine, of_full, of_fine, counts, kept, window_s)
 
     def means(self, values: Array, *, of_fine: bool = False) -> Array:
         """Window means of rows, shape (n,) or (n, k), of the run itself or of its fine version."""
-        starts, counts, kept = self.starts, self.counts, self.kept
-        if of_fine:
-            starts, counts, kept = _windows(self.fine.time_s, self.fine.period_s, self.first_s, self.window_s, like=self.kept)
-        table = values.reshape(len(values), -1)
-        begin = int(starts[0])
-        sums = np.add.reduceat(table[begin:], starts - begin, axis=0)
-        means = (sums / counts[:, None])[kept]
+        starts = _starts(self.of_fine if of_fine else self.of_full)
+        counts = np.diff(np.r_[starts, len(values)])
+        sums = np.add.reduceat(values.reshape(len(values), -1), starts, axis=0)
+        means = (sums / counts[:, None])[self.kept]
         return means if values.ndim > 1 else means[:, 0]
 
     @property
     def fine_starts(self) -> IntArray:
-        """First fine row of each window, of those not kept too."""
-        return _windows(self.fine.time_s, self.fine.period_s, self.first_s, self.window_s, like=self.kept)[0]
+        """The fine row with which each window begins."""
+        return _starts(self.of_fine)
 
     @property
     def middles_s(self) -> Array:
@@ -328,30 +327,24 @@ def _norms(columns: Array) -> Array:
     return np.where(norms > 0.0, norms, 1.0)
 
 
-def _windows(
-    time_s: Array, period_s: float, first_s: float, window_s: float, like: npt.NDArray[np.bool_] | None = None
-) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
-    rounding_s = 1e-6 * period_s
-    begin = int(np.searchsorted(time_s, first_s - 0.5 * period_s - rounding_s))
-    window = np.floor((time_s[begin:] - first_s + rounding_s) / window_s).astype(np.int64)
-    starts = np.flatnonzero(np.r_[True, np.diff(window) > 0])
-    counts = np.diff(np.r_[starts, len(window)])
-    kept = counts >= LEAST_COVERAGE * window_s / period_s if like is None else like
-    return starts + begin, counts, kept
+def _starts(window: IntArray) -> IntArray:
+    """The row with which each window begins, from the window of each row."""
+    begin = int(np.searchsorted(window, 0))
+    return begin + np.flatnonzero(np.r_[True, np.diff(window[begin:]) > 0])
 
 
-def _decimated(run: Recording, window_s: float) -> Recording:
-    """Means over 20 s, lead-in included, windows being made of whole ones; the run itself where it is not finer."""
-    pieces = max(1, math.floor(window_s / max(_FINE_S, run.period_s)))
-    fine_s = window_s / pieces
-    if fine_s < 2.0 * run.period_s:
-        return run
+def _decimated(run: Recording, first_s: float, window_s: float) -> tuple[Recording, IntArray, IntArray]:
+    """Means over 20 s, lead-in included, or the run itself where it is not finer; and the window of each row of either."""
     time_s = run.time_s
-    first_s = float(time_s[run.scored][0])
-    index = np.floor((time_s - first_s + 1e-6 * run.period_s) / fine_s).astype(np.int64)
-    starts = np.flatnonzero(np.r_[True, np.diff(index) > 0])
-    counts = np.diff(np.r_[starts, len(index)])
+    pieces = max(1, math.floor(window_s / max(_FINE_S, run.period_s)))
+    piece_s = window_s / pieces
+    piece = np.floor((time_s - first_s + 1e-6 * run.period_s) / piece_s).astype(np.intp)
+    window = np.maximum(piece // pieces, -1)
+    if piece_s < 2.0 * run.period_s:
+        return run, window, window
+    starts = np.flatnonzero(np.r_[True, np.diff(piece) > 0])
+    counts = np.diff(np.r_[starts, len(piece)])
     table = run.table
     means = np.add.reduceat(table.to_numpy(), starts, axis=0) / counts[:, None]
-    frame = pd.DataFrame(means, columns=table.columns)
-    return Recording(frame, run.metadata, name=run.name)
+    fine = Recording(pd.DataFrame(means, columns=table.columns), run.metadata, name=run.name)
+    return fine, window[starts], window

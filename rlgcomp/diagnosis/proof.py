@@ -206,7 +206,17 @@ def _left(
         for mechanism in after.mechanisms
         if mechanism.name not in known and mechanism.amplitude_parameters()
     }
-    return _Left(windows, windows.means(mismatch), windows.means(mismatch - (expected - said)), added)
+    own_columns = [windows.means(m.basis(run)) for m in before.mechanisms if m.each_run and m.amplitude_parameters()]
+    before_means, after_means = windows.means(mismatch), windows.means(mismatch - (expected - said))
+    return _Left(windows, _without(before_means, own_columns), _without(after_means, own_columns), added)
+
+
+def _without(values: Array, blocks: Sequence[Array]) -> Array:
+    """Values less what the simulator says each run has of its own, as the height and speed of a release: it tests no physics."""
+    if not blocks:
+        return values
+    design, _ = np.linalg.qr(np.column_stack(blocks))
+    return np.asarray(values - design @ (design.T @ values))
 
 
 def _black_box(windows: Sequence[Windows], training: int, window_s: float) -> list[Array | None]:
@@ -215,7 +225,8 @@ def _black_box(windows: Sequence[Windows], training: int, window_s: float) -> li
     rows = sum(int(one.kept.sum()) for one in windows[:training])
     averaging_s = window_s * math.ceil(rows / _BLACK_BOX_ROWS)
     common = set.intersection(*(set(run.columns) for run in fine)) - {TIME, "gyro_deg_h"}
-    for features in ("all", sorted(common)):
+    levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns
+    for features in (levels,) if fine[0].metadata.kind == "turntable" else ("all", levels):
         try:
             model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(fine[:training])
             return [

@@ -186,6 +186,7 @@ class Search:
             if members == before or len(members) == 1:
                 break
         log_evidence = sum(averages) - (len(members) - 1) * point
+        log_evidence += self.evidence.log_allowed(members, int(np.argmax(noise_log)))
         return Model(members, labels, log_evidence, self.log_prior(labels), noise_log)
 
 

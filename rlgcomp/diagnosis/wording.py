@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, Place, RunFit
 
 FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval")
+OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
 SHOWN_PLACES: Final = 6
 SHOWN_ALTERNATIVES: Final = 5
 BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
@@ -84,6 +85,13 @@ def as_text(diagnosis: Diagnosis) -> str:
         parts.append(f"Unexplained ({p_text(left.p_value)}): {law}; drivers {', '.join(left.drivers) or 'none recorded'}")
     rows = fit_rows("training", diagnosis.train) + ([] if diagnosis.test is None else fit_rows("held out", diagnosis.test))
     parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", FIT_COLUMNS, rows))
+    told = diagnosis.test or diagnosis.train
+    if told.improvement_std is not None and abs(told.improvement_std - told.improvement) > OFFSETS_COUNT:
+        parts.append(
+            f"Offsets from switch-on to switch-on count above. About each run's own mean: {told.baseline_std:.5f} before, "
+            f"{told.augmented_std:.5f} after, {100 * told.improvement_std:.1f} %"
+            + ("" if told.improvement_std_ci95 is None else f" ({interval_text(told.improvement_std_ci95)})")
+        )
     parts += [f"{shift.run}: {clock_text(shift)}" for shift in diagnosis.alignment]
     if diagnosis.next_experiment is not None:
         nxt = diagnosis.next_experiment
@@ -127,7 +135,8 @@ def clock_text(shift: Alignment) -> str:
         f"the simulation's clock is {quantity(shift.offset_s, shift.offset_sd_s, 's')} late and drifts by "
         f"{quantity(shift.drift_ppm, shift.drift_ppm_sd, 'ppm')}, judged by {shift.compared} ({p_text(shift.p_value)})"
     )
-    return f"{found}; {'taken out' if shift.taken_out else 'left as it is'}"
+    apart = f", time scales {shift.epoch_s:.10g} s apart (starts put together)" if shift.epoch_s else ""
+    return f"{found}{apart}; {'taken out' if shift.taken_out else 'left as it is'}"
 
 
 def interval_text(interval: tuple[float, float]) -> str:

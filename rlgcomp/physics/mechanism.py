@@ -49,10 +49,14 @@ class Parameter:
         return tuple(float(min(max(value, self.low), self.high)) for value in space(self.low, self.high, points))
 
 
-def amplitude(typical: float, unit: str, *, limit: float | None = None) -> Any:
-    """A parameter that the output is proportional to; between -limit and limit (a hundred times the usual size unless given)."""
-    bound = 100.0 * abs(typical) if limit is None else limit
-    return dataclasses.field(default=typical, metadata={"role": "amplitude", "unit": unit, "low": -bound, "high": bound})
+def amplitude(typical: float, unit: str, *, limit: float | None = None, positive: bool = False) -> Any:
+    """A parameter that the output is proportional to; by default up to a million times the usual size: MEMS are no ring lasers.
+
+    With `positive` it cannot be negative, as a friction cannot.
+    """
+    bound = 1e6 * abs(typical) if limit is None else limit
+    low = 0.0 if positive else -bound
+    return dataclasses.field(default=typical, metadata={"role": "amplitude", "unit": unit, "low": low, "high": bound})
 
 
 def shape(typical: float, unit: str, low: float, high: float) -> Any:
