@@ -48,7 +48,7 @@ class LockIn(Mechanism):
     fast = True
 
     lock_in_deg_s: float = shape(0.03, "deg/s", 1e-5, 10.0)
-    fraction: float = amplitude(1.0, "1", limit=1e12)
+    fraction: float = amplitude(1.0, "1", limit=1e12, positive=True)
     acts_on: str = setting("total", choices=("total", "table"))
     offset_deg_h: float = setting(0.0, "deg/h")
 
