@@ -82,6 +82,8 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     chosen : sequence of Candidate
     noise : NoiseShape
     """
+    if any(candidate.mechanism.constant for candidate in chosen):
+        problem = _without_constant(problem)
     columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
     mechanisms = [candidate.mechanism for candidate in chosen]
     for step in range(_STEPS + 1):
@@ -118,6 +120,14 @@ def noise_model(noise: NoiseShape, white_deg_h: float, window_s: float) -> Noise
         angle_random_walk_deg_sqrt_h=white_deg_h * math.sqrt(window_s / SECONDS_PER_HOUR),
         bias_instability_deg_h=noise.flicker * white_deg_h,
         rate_random_walk_deg_h_sqrt_h=noise.walk * white_deg_h,
+    )
+
+
+def _without_constant(problem: Problem) -> Problem:
+    """The problem without the bias that was added to it: a cause has its own."""
+    kept = [k for k, (name, _) in enumerate(problem.baseline_names) if name]
+    return dataclasses.replace(
+        problem, baseline=problem.baseline[:, kept], baseline_names=tuple(problem.baseline_names[k] for k in kept)
     )
 
 
