@@ -150,8 +150,10 @@ def _solve(problem: Problem, design: Array, noise: NoiseShape) -> tuple[Array, A
 
 
 def _slopes(problem: Problem, mechanism: Mechanism, weights: Array) -> list[tuple[str, Array]]:
-    """Derivatives of a cause by its shapes, with the amplitudes found."""
-    found = []
+    """Derivatives of a cause by its shapes, with the amplitudes found; a law's are at their best already."""
+    found: list[tuple[str, Array]] = []
+    if mechanism.open_set:
+        return found
     for parameter in mechanism.parameters():
         if parameter.role != "shape":
             continue
