@@ -31,6 +31,7 @@ from rlgcomp.diagnosis.whitening import NoiseShape, Whitener
 Array = npt.NDArray[np.float64]
 _COLUMNS_AT_ONCE: Final = 2000
 _UNLIKELY: Final = 4.0  # log units behind the best from which a noise is left out
+_FAINT: Final = 0.02  # of a law's unit: a column that varies less is all but unseen in these runs
 _ABSORBED: Final = 0.01  # of a column's variation: a law of which less is left would be all extrapolation
 
 
@@ -121,7 +122,7 @@ class Background:
         norm = columns.std(axis=0)
         left = columns - self._orthogonal @ (self._orthogonal.T @ columns)
         size = np.sqrt((left**2).mean(axis=0))
-        dead = ~(size > _ABSORBED * norm)
+        dead = ~(size > _ABSORBED * np.maximum(norm, _FAINT))
         size = np.where(dead, 1.0, size)
         squares = np.empty((len(self.noises), columns.shape[1]))
         crosses = np.empty_like(squares)
