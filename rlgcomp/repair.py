@@ -35,10 +35,14 @@ LARGEST_STATIC_RATE_DEG_H: Final = 100.0
 
 @dataclasses.dataclass
 class Context:
-    """What the checks share: the metadata, columns whose unit the user vouched for, and the growing list of findings."""
+    """What the checks share: the metadata, columns whose unit the user vouched for, and the growing list of findings.
+
+    A gyro that was computed, not recorded, may stand still and need have no noise.
+    """
 
     metadata: Metadata
     vouched: frozenset[str] = frozenset()
+    computed: bool = False
     findings: list[Finding] = dataclasses.field(default_factory=list)
 
     def add(
@@ -56,7 +60,7 @@ class Context:
 
 
 def repair(
-    table: pd.DataFrame, metadata: Metadata, *, name: str, vouched: frozenset[str] = frozenset()
+    table: pd.DataFrame, metadata: Metadata, *, name: str, vouched: frozenset[str] = frozenset(), computed: bool = False
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """Mend a table so that it makes a valid recording.
 
@@ -69,6 +73,8 @@ def repair(
         What messages call the file.
     vouched : frozenset of str
         Columns whose unit the user stated; their unit is not doubted.
+    computed : bool
+        The gyro is a simulator's: neither its standing still nor its lack of noise is a fault.
 
     Returns
     -------
@@ -80,7 +86,7 @@ def repair(
     InputError
         Something cannot be mended without guessing; the message lists every fault with its place and what to do.
     """
-    context = Context(metadata, vouched)
+    context = Context(metadata, vouched, computed)
     for check in CHECKS:
         table = check(table, context)
         if len(table) < FEWEST_ROWS and not context.refused:
@@ -235,7 +241,7 @@ def _gyro_unit(table: pd.DataFrame, column: str, period_s: float, context: Conte
     advice = (
         f"if it is in rad/s, say --map {column}='{column} [rad/s]'; if the unit is right, say --map {column}='{column} [{unit}]'"
     )
-    noise = _white_noise_deg_sqrt_h(rate_deg_h, period_s)
+    noise = None if context.computed else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
     if noise is not None and noise < QUIETEST_DEG_SQRT_H:
         context.add(
             "refused",
@@ -260,7 +266,7 @@ def _gyro_unit(table: pd.DataFrame, column: str, period_s: float, context: Conte
 
 def _stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     spoilt = np.zeros(len(table), dtype=np.bool_)
-    for column in (str(column) for column in table.columns if is_gyro(str(column))):
+    for column in (str(column) for column in table.columns if is_gyro(str(column)) and not context.computed):
         values = table[column].to_numpy()
         if np.nanmin(values) == np.nanmax(values):
             context.add(

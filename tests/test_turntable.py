@@ -319,3 +319,12 @@ def test_asymmetry_is_even_and_nonlinearity_odd() -> None:
         odd = nonlinear.basis(run)[:, 0]
         assert odd.tolist() == (-odd[::-1]).tolist()
         assert odd[3] / odd[2] == pytest.approx(5.0**nonlinear.order)
+
+
+def test_a_simulators_output_may_stand_still(tmp_path: Path) -> None:
+    """A gyro at rest without noise is dead where it was recorded, and quite in order where it was computed."""
+    quiet = of(ScaleFactor(bias_deg_h=3.0))
+    run = quiet.simulate("sweep -5 5 1500, rest 300")
+    rlg.write(quiet.predict(run), tmp_path / "predicted.parquet")
+    assert len(rlg.read(tmp_path / "predicted.parquet", computed=True)) == len(run)
+    assert len(rlg.read(tmp_path / "predicted.parquet")) < len(run)

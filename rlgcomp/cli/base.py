@@ -97,10 +97,12 @@ def read_runs(
     *,
     period_s: float | None = None,
     history: bool = True,
+    computed: bool = False,
 ) -> list[Any]:
     """Recordings of the given files, intervals cut out, calibrated, everything repaired or noted said on standard error.
 
-    With `history` what came before an interval stays as its lead-in; what is integrated on a turntable has no use for it.
+    With `history` what came before an interval stays as its lead-in; what is integrated on a turntable has no use for it. What is
+    `computed` by a simulator may stand still and need have no noise.
 
     Raises
     ------
@@ -121,7 +123,12 @@ def read_runs(
         for done, spec in enumerate(specs, start=1):
             path, interval = _interval(spec)
             recording = read(
-                path, columns=columns, drop=list(drop or []), metadata={"pulse_arcsec": pulse_arcsec}, period_s=period_s
+                path,
+                columns=columns,
+                drop=list(drop or []),
+                metadata={"pulse_arcsec": pulse_arcsec},
+                period_s=period_s,
+                computed=computed,
             )
             for finding in recording.findings:
                 say(f"{recording.name}: {finding}")

@@ -80,7 +80,7 @@ def diagnose(
     specs = [*train, *(test or [])]
     runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration))
     require_held_out(runs[: len(train)], runs[len(train) :])
-    own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec)) if simulated else None
+    own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, computed=True)) if simulated else None
     with progress("diagnosing", 100) as advance:
         found = diagnose_runs(
             chosen,

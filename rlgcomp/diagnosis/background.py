@@ -31,7 +31,7 @@ from rlgcomp.diagnosis.whitening import NoiseShape, Whitener
 Array = npt.NDArray[np.float64]
 _COLUMNS_AT_ONCE: Final = 2000
 _UNLIKELY: Final = 4.0  # log units behind the best from which a noise is left out
-_ABSORBED: Final = 1e-4  # of a column's norm: less than this left by the design is nothing
+_ABSORBED: Final = 0.01  # of a column's variation: a law of which less is left would be all extrapolation
 
 
 class Background:
@@ -118,7 +118,7 @@ class Background:
 
     def _products(self, columns: Array) -> tuple[Array, Array, Array]:
         """Squared norms and products with the target, shape (noises, m), and what each column was divided by."""
-        norm = np.sqrt((columns**2).mean(axis=0))
+        norm = columns.std(axis=0)
         left = columns - self._orthogonal @ (self._orthogonal.T @ columns)
         size = np.sqrt((left**2).mean(axis=0))
         dead = ~(size > _ABSORBED * norm)

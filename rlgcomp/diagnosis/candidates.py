@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
+_RICHER: Final = math.log(0.5)  # a simulator that has a mechanism has it in a form too simple less often than it lacks another
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,5 +64,6 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
         ]
         for mechanism, block in shown:
             known = name in inside and mechanism is inside[name]
-            found.append(Candidate(mechanism, block, -math.log(len(shown)), known))
+            richer = _RICHER if name in inside and not known else 0.0
+            found.append(Candidate(mechanism, block, richer - math.log(len(shown)), known))
     return found, left_out

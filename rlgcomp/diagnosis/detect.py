@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.evidence import Evidence, log_sum_exp
+from rlgcomp.diagnosis.evidence import SIZES, Evidence, log_sum_exp
 from rlgcomp.diagnosis.whitening import simulate
 
 Array = npt.NDArray[np.float64]
@@ -84,6 +84,25 @@ def tail_probability(value: float, replicates: Array) -> float:
     return float(count / len(ordered) * math.exp(-max(value - threshold, 0.0) / max(slope, 1e-12)))
 
 
+def _line(evidence: Evidence, left: Array) -> Array:
+    """Log Bayes factor of a line at some frequency, its phase kept or drawn anew, for whitened targets, shape (n, targets)."""
+    parts = evidence.problem.rows.runs
+    size = 2 * max(part.stop - part.start for part in parts)
+    spectra = [np.fft.rfft(left[part], size, axis=0)[2:-1] for part in parts]
+    square = np.einsum("nt,nt->t", left, left)
+    factors = []
+    kept = np.abs(np.sum(spectra, axis=0)) ** 2
+    anew = np.sum(np.abs(spectra) ** 2, axis=0)
+    for power, amplitudes in ((kept, 2), (anew, 2 * len(parts))):
+        explained = 2.0 * power / len(left) if amplitudes == 2 else 2.0 * power * len(parts) / len(left)
+        for size_of_line in SIZES:
+            shrunk = len(left) / (len(left) + amplitudes / size_of_line**2)
+            occam = 0.5 * amplitudes * math.log1p(len(left) * size_of_line**2 / amplitudes)
+            share = np.minimum(shrunk * explained / square, 1.0 - 1e-12)
+            factors.append(log_sum_exp(-occam - 0.5 * evidence.freedom * np.log1p(-share), axis=0))
+    return np.asarray(log_sum_exp(np.array(factors), axis=0) - math.log(2.0 * len(SIZES) * len(kept)))
+
+
 def _statistics(evidence: Evidence, noise_log_prior: Array, ordinary: npt.NDArray[np.bool_], count: int, targets: Array) -> Array:
     """The statistic of every column of targets."""
     weights = np.array([candidate.log_weight for candidate in evidence.candidates[:count]])
@@ -98,4 +117,5 @@ def _statistics(evidence: Evidence, noise_log_prior: Array, ordinary: npt.NDArra
         nothing.append(point)
         averaged = log_sum_exp(gains, axis=0) + (weights + per_name)[:, None]
         something.append(point + log_sum_exp(averaged, axis=0))
+        something.append(point + per_name + _line(evidence, evidence.left(k, whitened)))
     return np.asarray(log_sum_exp(np.array(something), axis=0) - log_sum_exp(np.array(nothing), axis=0))

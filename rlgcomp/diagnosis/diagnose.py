@@ -24,7 +24,7 @@ from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import prove
 from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, NextExperiment, Unexplained, Verdict
-from rlgcomp.diagnosis.search import Model
+from rlgcomp.diagnosis.search import Model, inadequacy
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.errors import InputError
@@ -42,6 +42,7 @@ _MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a riv
 _ALTERNATIVES: Final = 8
 _RIVALS: Final = 3  # told apart by the next experiment
 _UNRECORDED: Final = 0.5
+_SAME: Final = 0.995  # correlation from which a law is a mechanism of the catalogue by another name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -199,8 +200,12 @@ def _concluded(problem: Problem, explanations: Explanations) -> _Conclusion:
     chosen, highest = None, best.log_posterior
     for model in (best,) if best is nothing else (best, nothing):
         law = discover(problem, _design(problem, explanations, model), noises, prior, dictionary=dictionary)
-        if law is not None and model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) > highest:
-            chosen, highest = model, model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW))
+        if law is None or explanations.evidence.resembles(problem.columns(law.mechanism)) > _SAME:
+            continue
+        explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
+        score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
+        if score > highest:
+            chosen, highest = model, score
     if chosen is None:
         return _Conclusion(best, (), 0.0, explanations.unrecorded(best))
     laws = discover_laws(problem, _design(problem, explanations, chosen), noises, prior, dictionary=dictionary)

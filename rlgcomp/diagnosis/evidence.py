@@ -219,8 +219,7 @@ class Evidence:
     def gains(self, noise: int, whitened: Array, count: int) -> tuple[Array, Array]:
         """For other targets, whitened with one noise, shape (n, targets): what the baseline leaves of each one's square, and the
         log evidence that each of the first `count` candidates adds at each size, shape (sizes, count, targets)."""
-        q = self._whitened_baseline[noise]
-        targets = whitened - q @ (q.T @ whitened)
+        targets = self.left(noise, whitened)
         left = np.einsum("nt,nt->t", targets, targets)
         last = self._slices[count - 1].stop
         cross = self._columns[noise][:, :last].T @ targets
@@ -238,6 +237,11 @@ class Evidence:
                 gains[k][which[here]] = -occam[:, None] - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12))
         return left, gains - math.log(len(SIZES))
 
+    def left(self, noise: int, whitened: Array) -> Array:
+        """What the baseline leaves of targets whitened with one noise, shape (n, targets)."""
+        q = self._whitened_baseline[noise]
+        return np.asarray(whitened - q @ (q.T @ whitened))
+
     def constant(self, noise: int) -> float:
         """The part of the log evidence that does not depend on the target."""
         return float(self._constant[noise])
@@ -246,6 +250,23 @@ class Evidence:
         """The target in units of `scale_deg_h`, shape (n,), and an orthonormal basis of baseline and members, shape (n, p)."""
         design = np.column_stack([self._orthogonal, self._table[:, self._places(members)]])
         return self.problem.target_deg_h / self.scale_deg_h, np.linalg.qr(design)[0]
+
+    def explained(self, members: Sequence[Member], noise: int) -> float:
+        """Chi-square that members take from what the baseline leaves, for one noise."""
+        if not members:
+            return 0.0
+        inside, gram = self._places(members), self.gram[noise]
+        weights = np.concatenate([self._precision(member) for member in members])
+        taken = gram[inside, -1] @ np.linalg.solve(gram[np.ix_(inside, inside)] + np.diag(weights), gram[inside, -1])
+        return float(self.freedom * taken / max(gram[-1, -1] - taken, 1e-300))
+
+    def resembles(self, column: Array) -> float:
+        """Largest correlation of a column with a candidate of one column, both less what the baseline absorbs."""
+        prepared = self._prepared(column.reshape(-1, 1))
+        single = [part.start for part in self._slices if part.stop - part.start == 1]
+        if not prepared.shape[1] or not single:
+            return 0.0
+        return float(np.abs(prepared[:, 0] @ self._table[:, single]).max() / len(prepared))
 
     def log_allowed(self, members: Sequence[Member], noise: int) -> float:
         """Log probability, over its prior, that amplitudes which cannot be negative are not."""

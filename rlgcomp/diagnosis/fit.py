@@ -82,6 +82,8 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     chosen : sequence of Candidate
     noise : NoiseShape
     """
+    if any(candidate.mechanism.constant for candidate in chosen):
+        problem = _without_constant(problem)
     columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
     mechanisms = [candidate.mechanism for candidate in chosen]
     for step in range(_STEPS + 1):
@@ -121,6 +123,14 @@ def noise_model(noise: NoiseShape, white_deg_h: float, window_s: float) -> Noise
     )
 
 
+def _without_constant(problem: Problem) -> Problem:
+    """The problem without the bias that was added to it: a cause has its own."""
+    kept = [k for k, (name, _) in enumerate(problem.baseline_names) if name]
+    return dataclasses.replace(
+        problem, baseline=problem.baseline[:, kept], baseline_names=tuple(problem.baseline_names[k] for k in kept)
+    )
+
+
 def _steady(candidate: Candidate) -> bool:
     """Whether its columns follow from the monitors; a path of jumps does not."""
     return bool(candidate.mechanism.amplitude_parameters())
@@ -140,8 +150,10 @@ def _solve(problem: Problem, design: Array, noise: NoiseShape) -> tuple[Array, A
 
 
 def _slopes(problem: Problem, mechanism: Mechanism, weights: Array) -> list[tuple[str, Array]]:
-    """Derivatives of a cause by its shapes, with the amplitudes found."""
-    found = []
+    """Derivatives of a cause by its shapes, with the amplitudes found; a law's are at their best already."""
+    found: list[tuple[str, Array]] = []
+    if mechanism.open_set:
+        return found
     for parameter in mechanism.parameters():
         if parameter.role != "shape":
             continue

@@ -5,6 +5,8 @@ averaged one member at a time, the others held at their best, as if members were
 
 .. math:: \\log Z(S) \\approx \\sum_m \\log Z_m - (|S| - 1) \\log p^*
 
+A further cause must explain more than the strongest one may be wrong by (:func:`inadequacy`).
+
 Every step that averages one member with the others held also scores every other mechanism in its place, so swaps cost nothing.
 """
 
@@ -25,6 +27,7 @@ Array = npt.NDArray[np.float64]
 # Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
 MISSING: Final = (0.5, 0.3, 0.12, 0.05, 0.03)
 KNOWN_WRONG: Final = 0.2  # that a number said to be known is wrong
+INADEQUACY: Final = 0.15
 BEAM: Final = 8
 SWEEPS: Final = 3
 Label = tuple[str, bool]
@@ -69,6 +72,7 @@ class Search:
         noises = len(evidence.noises)
         self.noise_log_prior = np.full(noises, -math.log(noises)) if noise_log_prior is None else noise_log_prior
         self.largest = largest
+        self._toll = 0.0  # of every cause beyond the first
         self.models: dict[frozenset[Label], Model] = {}
         self._scored: dict[tuple[Member, ...], dict[Label, tuple[float, Member, float, Array]]] = {}
         self._labels = [(candidate.name, candidate.known) for candidate in self.evidence.candidates]
@@ -90,6 +94,9 @@ class Search:
             level = self._settle(proposals)
             if not level:
                 break
+            if len(level[0].labels) == 1:
+                best = level[0]
+                self._toll = inadequacy(self.evidence.explained(best.members, int(np.argmax(best.noise_log))))
         return sorted(self.models.values(), key=lambda model: -model.log_posterior)
 
     def log_prior(self, labels: frozenset[Label]) -> float:
@@ -100,7 +107,8 @@ class Search:
             return -math.inf
         count = len(self.names)
         ways = gammaln(count + 1) - gammaln(missing + 1) - gammaln(count - missing + 1) if missing <= count else math.inf
-        return float(math.log(MISSING[missing]) - ways + wrong * math.log(KNOWN_WRONG / (1.0 - KNOWN_WRONG)))
+        toll = self._toll * max(len(labels) - 1, 0)
+        return float(math.log(MISSING[missing]) - ways + wrong * math.log(KNOWN_WRONG / (1.0 - KNOWN_WRONG)) - toll)
 
     # --- steps -------------------------------------------------------------------------------------------------------------
 
@@ -186,8 +194,17 @@ class Search:
             if members == before or len(members) == 1:
                 break
         log_evidence = sum(averages) - (len(members) - 1) * point
-        log_evidence += self.evidence.log_allowed(members, int(np.argmax(noise_log)))
+        noise = int(np.argmax(noise_log))
+        log_evidence += self.evidence.log_allowed(members, noise)
         return Model(members, labels, log_evidence, self.log_prior(labels), noise_log)
+
+
+def inadequacy(explained: float) -> float:
+    """What the log evidence of a further cause must exceed, beside causes that explain so much chi-square.
+
+    No equation is the gyro itself: what it leaves of an effect is about `INADEQUACY` of it, and looks like another cause.
+    """
+    return 0.5 * INADEQUACY**2 * explained
 
 
 def posterior(models: Sequence[Model]) -> Array:

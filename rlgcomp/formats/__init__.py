@@ -37,6 +37,7 @@ def read(
     drop: Sequence[str] = (),
     metadata: Mapping[str, Any] | None = None,
     period_s: float | None = None,
+    computed: bool = False,
 ) -> Recording:
     """Read a recording, mend what can be mended, and say so.
 
@@ -53,6 +54,8 @@ def read(
         Values that go before those of the file.
     period_s : float, optional
         Sample period of a file without time stamps, whose rows are taken to follow each other without gaps. The .yaml may give it.
+    computed : bool
+        The file is a simulator's output: its gyro may stand still and need have no noise.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def read(
         table = _with_time(table, period_s, path.name)
     if "kind" not in said and any(column in table for column in TABLE_COLUMNS):
         merged = dataclasses.replace(merged, kind="turntable")
-    table, findings = repair(table, merged, name=path.name, vouched=vouched)
+    table, findings = repair(table, merged, name=path.name, vouched=vouched, computed=computed)
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
     truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
     return Recording(table.drop(columns=truths), merged, name=_stem(path), truth=truth if truths else None, findings=findings)

@@ -15,7 +15,7 @@ from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechan
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_HOUR
 
-_RATIO: Final = 1.3  # between the lock-in rates that diagnosis tries
+_RATIO: Final = 1.6  # between the lock-in rates that diagnosis tries
 _LOWEST_DEG_S: Final = 1e-4
 _SLOW: Final = 0.05  # of the highest rate: below, a table is near enough to rest for its gyro to lock
 _OFTEN: Final = 0.01  # of the rows
@@ -48,17 +48,18 @@ class LockIn(Mechanism):
     fast = True
 
     lock_in_deg_s: float = shape(0.03, "deg/s", 1e-5, 10.0)
-    fraction: float = amplitude(1.0, "1", limit=1e12)
+    fraction: float = amplitude(1.0, "1", limit=1e12, positive=True)
     acts_on: str = setting("total", choices=("total", "table"))
     offset_deg_h: float = setting(0.0, "deg/h")
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """A rate far below all others, and the lock-in rates that make about as much as is seen; at rest also with the bias locked.
+        """Lock-in rates in equal ratios up to the highest rate, and the best one; where a table rests, also with the bias locked.
 
         Error and lock-in rate go together: a lock-in rate in the midst of a programme's rates with a thousandth of its error is no
-        lock-in. Seen is what the gyros show beyond the table's rate, a scale factor and a bias. The best rate is among those tried:
-        lock-in can stand out a hundred times above the noise, and then no ratio between them is fine enough.
+        lock-in. So a rate that does not make about the error that is seen (what the gyros show beyond the table's rate and other
+        laws of it) gives its place to the lowest, whose shape is that of all that are far below. The best rate is among them
+        because lock-in can stand out a hundred times above the noise, and then no ratio between them is fine enough.
         """
         top = max(float(np.abs(rate_deg_s(run)).max()) for run in recordings)
         highest = min(max(0.9 * top, 2.0 * _LOWEST_DEG_S), 10.0)
@@ -119,9 +120,14 @@ def _locked_offset(rate: Array, beyond: Array, top: float) -> tuple[float, ...]:
 
 
 def _consistent(rate: Array, beyond: Array, rates: Sequence[float], offset_deg_h: float) -> list[float]:
-    """The lowest of the rates, those that least squares finds to make about their own error, and the best of all."""
+    """The rates, the lowest in place of those that least squares does not find to make about their own error, and the best.
+
+    None where the error has the wrong sign. Other laws of the rate are fitted beside, so that they do not pose as lock-in.
+    """
     felt = rate + offset_deg_h / SECONDS_PER_HOUR
-    plain = np.linalg.qr(np.column_stack([np.ones(len(rate)), rate]))[0]
+    scaled = rate / np.abs(rate).max()
+    other = [np.ones(len(rate)), scaled, np.abs(scaled), scaled * np.abs(scaled), scaled**3]
+    plain = np.linalg.qr(np.column_stack(other))[0]
     seen = beyond - plain @ (plain.T @ beyond)
 
     def left(logarithm: float) -> float:
@@ -138,5 +144,7 @@ def _consistent(rate: Array, beyond: Array, rates: Sequence[float], offset_deg_h
     nearest = float(min(logs, key=left))
     step = math.log(_RATIO)
     best = minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7}).x
-    alike = [value for value in rates[1:] if _RATIO**-2 <= share(value) <= _RATIO**2]
-    return sorted({rates[0], *alike, min(max(math.exp(best), rates[0]), rates[-1])})
+    if max(share(rates[0]), share(math.exp(best))) <= 0.0:
+        return []
+    fitting = [value if _RATIO**-2 <= share(value) <= _RATIO**2 else rates[0] for value in rates]
+    return [*fitting, min(max(math.exp(best), rates[0]), rates[-1])]

@@ -31,6 +31,7 @@ class ModeHop(Mechanism):
         "Aronowitz, W. L. Lim, Opt. Eng. 18, 184376 (1979) (bias against detuning)."
     )
     drivers = (TEMPERATURE,)
+    fast = True
 
     step_deg_h: float = amplitude(0.01, "deg/h")
     threshold_degC: float = shape(30.0, "degC", -80.0, 120.0)

@@ -30,6 +30,7 @@ class ScaleFactor(Mechanism):
     )
     drivers = (TABLE_RATE,)
     fast = True
+    constant = "bias_deg_h"
 
     k_ppm: float = amplitude(10.0, "ppm", limit=1e6)
     bias_deg_h: float = amplitude(0.01, "deg/h", limit=1e5)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.hysteresis import BoucWen, Play, Preisach
+from rlgcomp.hysteresis import BoucWen, Play, Preisach, play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
+
+_RADII: Final = 12  # of the law "plays"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,8 +24,9 @@ class ThermalHysteresis(Mechanism):
     .. math:: b = \sum_{j=1}^{3} k_j \, (P_{r_j}[T] - T), \qquad r_j = r \, (1/4,\, 1/2,\, 1)
 
     P_r is the play operator of radius r. The width of the loop does not depend on the ramp rate, and a turning point is
-    remembered until the temperature passes it. The laws "preisach" (relays on a triangle of thresholds `span_K` wide about
-    `centre_degC`) and "bouc_wen" (saturating over `radius_K`) give loops of other forms; they use k1 alone.
+    remembered until the temperature passes it. The law "plays" is the mean over radii spread exponentially about `radius_K`, as of
+    relays that are the rarer the wider they are. The laws "preisach" (relays on a triangle of thresholds `span_K` wide about
+    `centre_degC`) and "bouc_wen" (saturating over `radius_K`) give loops of other forms; these use k1 alone.
     """
 
     name = "thermal_hysteresis"
@@ -39,7 +42,7 @@ class ThermalHysteresis(Mechanism):
     k2_deg_h_K: float = amplitude(3e-4, "deg/h/K")
     k3_deg_h_K: float = amplitude(3e-4, "deg/h/K")
     radius_K: float = shape(12.0, "K", 0.2, 80.0)
-    law: str = setting("play", choices=("play", "preisach", "bouc_wen"))
+    law: str = setting("play", choices=("play", "plays", "preisach", "bouc_wen"))
     centre_degC: float = setting(10.0, "degC")
     span_K: float = setting(140.0, "K", low=1.0)
 
@@ -52,7 +55,7 @@ class ThermalHysteresis(Mechanism):
         coldest, warmest = min(float(r.min()) for r in readings), max(float(r.max()) for r in readings)
         centre, span = 0.5 * (coldest + warmest), max(1.0, warmest - coldest)
         radii = np.clip(np.geomspace(0.02, 0.5, 8) * span, 0.2, 80.0)
-        plays = [cls(law="play", radius_K=float(radius)) for radius in radii]
+        plays = [cls(law=law, radius_K=float(radius)) for law in ("play", "plays") for radius in radii]
         smooth = [cls(law="bouc_wen", radius_K=float(radius)) for radius in radii[::2]]
         relays = [cls(law="preisach", centre_degC=centre, span_K=factor * span) for factor in (1.0, 1.5)]
         return (*plays, *smooth, *relays)
@@ -63,6 +66,10 @@ class ThermalHysteresis(Mechanism):
             play = Play((0.25 * self.radius_K, 0.5 * self.radius_K, self.radius_K))
             states, _ = play.run(play.init(temperature[0]), temperature)
             return np.asarray(states - temperature[:, None])
+        if self.law == "plays":
+            radii = -self.radius_K * np.log((np.arange(_RADII) + 0.5) / _RADII)
+            states = play_paths(temperature[:, None], radii, np.full(_RADII, temperature[0]))
+            return np.asarray((states.mean(axis=1) - temperature)[:, None])
         if self.law == "preisach":
             relays = Preisach(self.centre_degC - 0.5 * self.span_K, self.centre_degC + 0.5 * self.span_K, concentration=4.0)
             output, _ = relays.run(relays.init(temperature[0]), temperature)
