@@ -297,19 +297,30 @@ def test_it_is_quiet_where_there_is_no_terminal(folder: Path) -> None:
 def test_demo_quick(tmp_path: Path) -> None:
     result = run("demo", "--quick", "--out", tmp_path / "demo", "--json")
     assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout)["pooled"]["factor"] > 1.2
+    told = json.loads(result.stdout)
+    assert told["pooled"]["factor"] > 1.2
+    assert [finding["mechanism"] for finding in told["diagnosis"]["findings"]] == [told["concealed"]]
+    assert told["diagnosis"]["fit"]["test"]["improvement_ci95"][0] > 0.0
     made = {item.name for item in (tmp_path / "demo").iterdir()}
     assert made == {
         "report.html",
         "evaluation.json",
         "model",
         "simulator.yaml",
+        "diagnosis",
         "train-1.parquet",
         "train-2.parquet",
         "held-out.parquet",
     }
     rlg.load(tmp_path / "demo" / "model")
-    assert run("demo", "--quick", "--out", tmp_path / "demo").exit_code == 0  # its own folder may be made again
+    diagnosis = tmp_path / "demo" / "diagnosis"
+    assert {item.name for item in diagnosis.iterdir()} == {"report.html", "diagnosis.json", "augmented.yaml", "simulator.yaml"}
+    assert json.loads((diagnosis / "diagnosis.json").read_text()) == told["diagnosis"]
+    lacking, augmented = (rlg.Simulator.from_yaml(diagnosis / f"{name}.yaml") for name in ("simulator", "augmented"))
+    assert {m.name for m in augmented.mechanisms} - {m.name for m in lacking.mechanisms} == {told["concealed"]}
+    again = run("demo", "--quick", "--out", tmp_path / "demo")  # its own folder may be made again
+    assert again.exit_code == 0, again.output
+    assert told["diagnosis"]["sentence"] in " ".join(again.stdout.split())
 
 
 def test_demo_leaves_other_folders_alone(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def _cell(value: Any) -> str:
         return (
             f"{value:.5g}"
             if abs(value) >= 1.0 or value == 0.0
-            else f"{value:.5f}".rstrip("0")
+            else f"{value:.5f}".rstrip("0").rstrip(".")
             if abs(value) >= 1e-4
             else f"{value:.3g}"
         )

@@ -118,6 +118,25 @@ def conceal(
     )
 
 
+def lacking(simulator: Simulator, name: str, *, seed: int = 0) -> Simulator:
+    """A simulator without one of its mechanisms, the amplitudes of the others free and about 30 % wrong, noise to be estimated.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    name : str
+    seed : int
+
+    Raises
+    ------
+    InputError
+        The simulator has no such mechanism.
+    """
+    others = simulator.without(name)
+    free = {m.name: frozenset(parameter.name for parameter in m.amplitude_parameters()) for m in others.mechanisms}
+    return _moved(dataclasses.replace(others, free=free, noise=None), stream(seed, "lacking"))
+
+
 @dataclasses.dataclass(frozen=True)
 class _Stand:
     """What every run of a challenge goes through."""

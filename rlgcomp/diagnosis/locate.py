@@ -1,47 +1,96 @@
-"""Where the mismatch is, before any mechanism is named: run and interval, regime of the monitors, frequency.
+r"""Where the mismatch is, before any mechanism is named: run and interval, regime, frequency, harmonic of the table's angle.
 
-Everything is measured on the whitened residual of the baseline against the same for replicates of noise, so each p-value is
-corrected for all that was searched within its kind, and for the number of kinds.
+Everything is a question to the whitened residual z of the calibrated simulator: does it hold the part of some columns B that the
+simulator's free parameters cannot take up (a constant offset in an interval, one in each part of a regime, a line)? The gain
+:math:`g = z^T B (B^T B)^{-1} B^T z` is :math:`\chi^2` under the null hypothesis, and its score is the logarithm of one over the
+chance of as much. The highest score wins; what it explains is taken out, and the question is asked again. A p-value is the chance
+that noise alone scores as high anywhere: it is corrected for everything that was searched.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Callable, Iterator
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy import special
 
 from rlgcomp.diagnosis.detect import tail_probability
+from rlgcomp.diagnosis.lines import Harmonic, Within, harmonics, level
 from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.regimes import BoolArray, Regime, regimes
 from rlgcomp.diagnosis.result import Place
-from rlgcomp.diagnosis.whitening import NoiseShape, simulate, whiten
-from rlgcomp.filters import rate_per_min
+from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate, whiten
 
 Array = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-REPLICATES: Final = 300
+REPLICATES: Final = 200
 SIGNIFICANT: Final = 0.05
-_SHORTEST: Final = 4  # rows of a scanned interval
-_PLACES: Final = 3  # of one kind at most
-_RESTING_K_MIN: Final = 0.1
-_REVERSAL_S: Final = 3600.0
-_KINDS: Final = 3
+_KINDS: Final = 2  # searches that are corrected one by one: in windows, and within them
+_MOST: Final = 6  # answers to the first
+_EDGES: Final = 64  # in each run, between which intervals lie
+_SHORTEST: Final = 4  # rows
+_SHORTEST_STAY: Final = 3  # rows in a regime that are worth a place of their own
+_CYCLES: Final = 6  # in a run, to be a line
+_PROMINENT: Final = 10.0  # power of a line over that beside it
+_TOLD: Final = 0.6  # of its rows: a place that is so much within those already found is none
+_SEEN: Final = 1e-3  # of a column's square, that the simulator must leave
 
 
 @dataclasses.dataclass(frozen=True)
-class _Scanned:
-    """Standardised intervals: start and stop rows, and the excess of each target over noise, shape (intervals, targets)."""
+class _Answer:
+    """The best of one kind: its score, that of noise in replicates, the columns that explain it, and its places."""
 
-    start: npt.NDArray[np.intp]
-    stop: npt.NDArray[np.intp]
-    excess: Array
+    score: float
+    noise: Array
+    columns: Array  # whitened
+    places: Callable[[float, float, Array], list[Place]]  # from share, p-value and what the columns explain
+    rows: BoolArray | slice | None = None  # where it is, unless it is everywhere
+    scatter: bool = False
+    harmonic: tuple[int, Array] | None = None  # which, and its weights
+
+
+@dataclasses.dataclass(frozen=True)
+class _Residual:
+    """What the simulator's free part leaves, of the gyro (first) and of replicates of noise; whitened, of unit variance."""
+
+    problem: Problem
+    shape: NoiseShape
+    design: Array
+    left: Array
+    quiet_deg_h: float
+
+    @classmethod
+    def of(cls, problem: Problem, shape: NoiseShape, rng: np.random.Generator) -> Self:
+        baseline, rows = problem.baseline, problem.rows
+        targets = np.column_stack([problem.target_deg_h, simulate(rows, shape, REPLICATES, rng)])
+        design, _ = np.linalg.qr(whiten(rows, baseline / np.sqrt((baseline**2).mean(axis=0) + 1e-300), (shape,))[0][0])
+        left = whiten(rows, targets, (shape,))[0][0]
+        left = left - design @ (design.T @ left)
+        quiet = 1.4826 * np.median(np.abs(np.diff(left, axis=0)), axis=0) / math.sqrt(2.0)  # white level, whatever drifts
+        return cls(problem, shape, design, left / quiet, float(quiet[0]))
+
+    def free(self, whitened: Array) -> Array:
+        """The part of whitened columns that neither the simulator nor an answer found before takes up."""
+        return np.asarray(whitened - self.design @ (self.design.T @ whitened))
+
+    def without(self, answer: _Answer) -> Self:
+        """The same less what an answer explains."""
+        if answer.scatter:
+            left = self.left.copy()
+            left[answer.rows] = 0.0
+            return dataclasses.replace(self, left=left)
+        basis = _basis(self.free(answer.columns))
+        left = self.left - basis @ (basis.T @ self.left)
+        return dataclasses.replace(self, design=np.column_stack([self.design, basis]), left=left)
 
 
 def locate(problem: Problem, noise: NoiseShape, rng: np.random.Generator) -> tuple[Place, ...]:
     """Places of the mismatch that noise does not explain, the most significant first.
+
+    A regime has one place for each stay in it, with the share of that stay.
 
     Parameters
     ----------
@@ -50,188 +99,276 @@ def locate(problem: Problem, noise: NoiseShape, rng: np.random.Generator) -> tup
         Of the best explanation, so that a mismatch is not mistaken for noise.
     rng : numpy.random.Generator
     """
-    baseline = problem.baseline
-    rows = problem.rows
-    targets = np.column_stack([problem.target_deg_h, simulate(rows, noise, REPLICATES, rng)])
-    design, _ = np.linalg.qr(whiten(rows, baseline / np.sqrt((baseline**2).mean(axis=0) + 1e-300), (noise,))[0][0])
-    left = whiten(rows, targets, (noise,))[0][0]
-    left = left - design @ (design.T @ left)
-    quiet = 1.4826 * float(np.median(np.abs(np.diff(left[:, 0])))) / math.sqrt(2.0)  # white level, whatever drifts
-    left[:, 0] /= quiet
-    places = [*_intervals(problem, left), *_regimes(problem, noise, design, left), *_frequencies(problem, left)]
-    return tuple(sorted(places, key=lambda place: (place.p_value, -place.share)))
-
-
-# --- intervals -------------------------------------------------------------------------------------------------------------------
-
-
-def _intervals(problem: Problem, left: Array) -> list[Place]:
-    """Multi-scale scan: intervals whose mean or whose scatter is beyond noise, taken greedily without overlap."""
-    scanned = _scan(problem, left)
-    if scanned is None:
-        return []
-    largest = scanned.excess[:, 1:].max(axis=0)
+    residual = _Residual.of(problem, noise, rng)
+    within = Within.of(problem)
+    turned = [] if within is None else harmonics(problem, within)
+    of_regimes = [regime for regime in regimes(problem) if regime.rows.sum() >= _SHORTEST]
+    parts = np.column_stack([part for regime in of_regimes for part in regime.parts]).astype(np.float64)
+    whitened = whiten(problem.rows, parts, (noise,))[0][0]
+    total = max(float((residual.left[:, 0] ** 2 - 1.0).sum()), 1e-12)
+    null: Array | None = None
     found: list[Place] = []
-    free = np.ones(len(problem.rows), dtype=np.bool_)
-    signal = np.maximum(left[:, 0] ** 2 - 1.0, 0.0)
-    order = np.argsort(-scanned.excess[:, 0])
-    for k in order:
-        p_value = min(1.0, _KINDS * tail_probability(float(scanned.excess[k, 0]), largest))
-        if p_value > SIGNIFICANT or len(found) == _PLACES * len(problem.runs):
+    told = np.zeros(len(problem.rows), dtype=np.bool_)
+    for _ in range(_MOST):
+        answers = [*_regimes(residual, of_regimes, whitened), *_intervals(residual), *_scatter(residual), *_slow_lines(residual)]
+        if within is not None and turned:
+            answers += _of_angle(residual, within, turned, rng)
+        if null is None:
+            null = np.max([answer.noise for answer in answers], axis=0)
+            residual = dataclasses.replace(residual, left=residual.left[:, :1])
+        best = max(answers, key=lambda answer: answer.score)
+        p_value = min(1.0, _KINDS * tail_probability(best.score, null))
+        if p_value > SIGNIFICANT:
             break
-        rows = slice(int(scanned.start[k]), int(scanned.stop[k]))
-        if not free[rows].all():
+        basis = _basis(residual.free(best.columns))
+        explained = basis @ (basis.T @ residual.left[:, 0])
+        places = best.places(min(1.0, float(explained @ explained) / total), p_value, explained)
+        again = told[best.rows].mean() >= _TOLD if best.rows is not None else _same_line(places, found)
+        if not again:  # else: more of the shape of what is already told
+            found += sorted(places, key=lambda place: -place.share)
+        if best.rows is not None:
+            told[best.rows] = True
+        residual = residual.without(best)
+        if within is not None and best.harmonic is not None:
+            which, weights = best.harmonic
+            within = within.without([columns @ weights for columns in turned[which].within])
+    if within is not None:
+        found += _fast_lines(problem, within, max(total, 0.0) * residual.quiet_deg_h**2 / len(problem.rows))
+    return tuple(sorted(found, key=lambda place: place.p_value))
+
+
+def _same_line(places: list[Place], found: list[Place]) -> bool:
+    return any(
+        place.angle_harmonic is not None and place.angle_harmonic == other.angle_harmonic for place in places for other in found
+    )
+
+
+# --- scores ----------------------------------------------------------------------------------------------------------------------
+
+
+def _score(gain: Array, freedom: int) -> Array:
+    """Logarithm of one over the chance of so large a chi-square: for one degree of freedom or an even number."""
+    if freedom == 1:
+        return np.asarray(-math.log(2.0) - special.log_ndtr(-np.sqrt(gain)))
+    half = np.maximum(0.5 * gain, 1e-300)
+    terms = np.arange(freedom // 2)
+    return np.asarray(half - special.logsumexp(terms * np.log(half)[..., None] - special.gammaln(terms + 1.0), axis=-1))
+
+
+def _highest(scores: Array) -> Array:
+    """Of noise, in each replicate."""
+    return np.asarray(scores[:, 1:].max(axis=0))
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal columns of the same span."""
+    if columns.shape[1] == 0:
+        return columns
+    u, w, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, w > 1e-6 * max(float(w[0]), 1e-12)])
+
+
+# --- regimes and intervals -------------------------------------------------------------------------------------------------------
+
+
+def _regimes(residual: _Residual, named: list[Regime], whitened: Array) -> Iterator[_Answer]:
+    """The regime in whose parts the gyro is off."""
+    free = residual.free(whitened)
+    edges = np.cumsum([0, *(len(regime.parts) for regime in named)])
+    scores = np.zeros((len(named), residual.left.shape[1]))
+    for k in range(len(named)):
+        columns, before = free[:, edges[k] : edges[k + 1]], whitened[:, edges[k] : edges[k + 1]]
+        if ((columns**2).sum(axis=0) < _SEEN * (before**2).sum(axis=0)).any():
             continue
-        free[rows] = False
-        run = problem.runs[int(problem.rows.run[rows.start])]
-        half = 0.5 * problem.rows.window_s
-        found.append(
-            Place(
-                run=run.name,
-                channel=problem.channel,
-                start_s=float(problem.rows.time_s[rows.start] - half),
-                end_s=float(problem.rows.time_s[rows.stop - 1] + half),
-                share=float(signal[rows].sum() / max(signal.sum(), 1e-12)),
-                p_value=p_value,
-            )
-        )
-    return found
+        basis = _basis(columns)
+        scores[k] = _score(((basis.T @ residual.left) ** 2).sum(axis=0), basis.shape[1])
+    k = int(np.argmax(scores[:, 0]))
+    problem, regime = residual.problem, named[k]
+
+    def places(share: float, p_value: float, explained: Array) -> list[Place]:
+        whole = max(float(explained @ explained), 1e-12)
+        stays = list(_stays(problem.rows, regime.rows))
+        if not stays:  # moments, as the accelerations of a table
+            run = problem.runs[int(np.bincount(problem.rows.run[regime.rows]).argmax())].name
+            return [Place(run, problem.channel, regime=regime.name, share=share, p_value=p_value)]
+        return [
+            _place(problem, rows, share * float(explained[rows] @ explained[rows]) / whole, p_value, regime=regime.name)
+            for rows in stays
+        ]
+
+    yield _Answer(float(scores[k, 0]), _highest(scores), whitened[:, edges[k] : edges[k + 1]], places, regime.rows)
 
 
-def _scan(problem: Problem, left: Array) -> _Scanned | None:
-    starts, stops, excess = [], [], []
+def _intervals(residual: _Residual) -> Iterator[_Answer]:
+    """In each run, the interval in which the gyro is off: between any two of many edges."""
+    problem, rows = residual.problem, residual.problem.rows
+    for part in rows.runs:
+        inside = Rows(rows.time_s[part], rows.run[part], rows.white[part], rows.window_s)
+        edges = np.unique(np.linspace(0, len(inside), min(_EDGES, len(inside) // 2) + 1).astype(np.intp))
+        steps = (np.arange(len(inside))[:, None] >= edges[None, :-1]).astype(np.float64)
+        columns = np.column_stack([whiten(inside, steps, (residual.shape,))[0][0], np.zeros(len(inside))])
+        taken = residual.design[part].T @ columns
+        gram = columns.T @ columns - taken.T @ taken
+        along = columns.T @ residual.left[part]  # the residual is free of the design already
+        first, last = (index for index in np.triu_indices(len(edges), 1))
+        long = edges[last] - edges[first] >= _SHORTEST
+        first, last = first[long], last[long]
+        before = columns.T @ columns
+        size = gram[first, first] + gram[last, last] - 2.0 * gram[first, last]
+        whole = before[first, first] + before[last, last] - 2.0 * before[first, last]
+        seen = size > _SEEN * whole
+        if not seen.any():
+            continue
+        first, last = first[seen], last[seen]
+        scores = _score((along[first] - along[last]) ** 2 / size[seen, None], 1)
+        k = int(np.argmax(scores[:, 0]))
+        here = slice(part.start + int(edges[first[k]]), part.start + int(edges[last[k]]))
+        column = np.zeros((len(rows), 1))
+        column[part, 0] = columns[:, first[k]] - columns[:, last[k]]
+
+        def places(share: float, p_value: float, _: Array, here: slice = here) -> list[Place]:
+            return [_place(problem, here, share, p_value)]
+
+        yield _Answer(float(scores[k, 0]), _highest(scores), column, places, here)
+
+
+def _scatter(residual: _Residual) -> Iterator[_Answer]:
+    """In each run, the interval in which the gyro scatters most, on scales from a few rows to half the run."""
+    problem = residual.problem
     for part in problem.rows.runs:
         rows = part.stop - part.start
-        sums = np.vstack([np.zeros(left.shape[1]), np.cumsum(left[part], axis=0)])
-        squares = np.vstack([np.zeros(left.shape[1]), np.cumsum(left[part] ** 2, axis=0)])
+        squares = np.vstack([np.zeros(residual.left.shape[1]), np.cumsum(residual.left[part] ** 2, axis=0)])
+        starts, stops, scores = [], [], []
         length = _SHORTEST
-        while length <= rows:
+        while length <= rows // 2:
             first = np.arange(0, rows - length + 1, max(1, length // 4))
-            mean = np.abs(sums[first + length] - sums[first]) / math.sqrt(length)
-            scatter = (squares[first + length] - squares[first] - length) / math.sqrt(2.0 * length)
-            starts.append(part.start + first)
-            stops.append(part.start + first + length)
-            excess.append(np.maximum(mean, scatter))
+            starts.append(first)
+            stops.append(first + length)
+            scores.append(_score_of_scatter(squares[first + length] - squares[first], length))
             length = math.ceil(1.5 * length)
-    if not starts:
-        return None
-    return _Scanned(np.concatenate(starts), np.concatenate(stops), np.vstack(excess))
-
-
-# --- regimes ---------------------------------------------------------------------------------------------------------------------
-
-
-def _regimes(problem: Problem, noise: NoiseShape, design: Array, left: Array) -> list[Place]:
-    """Regimes of the monitors in which the gyro's mean is off."""
-    named = [(name, rows) for name, rows in regimes(problem) if _SHORTEST <= rows.sum() <= 0.95 * len(rows)]
-    if not named:
-        return []
-    columns = np.column_stack([rows for _, rows in named]).astype(np.float64)
-    columns = whiten(problem.rows, columns, (noise,))[0][0]
-    columns -= design @ (design.T @ columns)
-    size = np.sqrt((columns**2).sum(axis=0))
-    seen = size > 1e-6 * math.sqrt(len(left))
-    score = (columns[:, seen] / size[seen]).T @ left
-    gain = score**2
-    largest = gain[:, 1:].max(axis=0)
-    total = max(float((left[:, 0] ** 2 - 1.0).sum()), 1e-12)
-    names = [name for (name, _), here in zip(named, seen, strict=True) if here]
-    members = [rows for (_, rows), here in zip(named, seen, strict=True) if here]
-    found = []
-    for k in np.argsort(-gain[:, 0])[:_PLACES]:
-        p_value = min(1.0, _KINDS * tail_probability(float(gain[k, 0]), largest))
-        if p_value <= SIGNIFICANT:
-            run, start_s, end_s = _longest_stay(problem, members[k])
-            share = min(1.0, float(gain[k, 0]) / total)
-            found.append(Place(run, problem.channel, start_s, end_s, regime=names[k], share=share, p_value=p_value))
-    return found
-
-
-def regimes(problem: Problem) -> Iterator[tuple[str, BoolArray]]:
-    """Names and rows: each monitor low, middle or high; heating, cooling, resting; after a reversal; and temperature with these."""
-    directions: list[tuple[str, BoolArray]] = []
-    thermal: list[tuple[str, BoolArray]] = []
-    monitors = [
-        column
-        for column in problem.runs[0].columns
-        if column != "time_s" and column not in problem.runs[0].gyro_columns and all(column in run for run in problem.runs)
-    ]
-    thermometer = next((column for column in ("temperature_block_degC",) if column in monitors), None) or next(
-        (column for column in monitors if column.startswith("temperature_")), None
-    )
-    if thermometer is not None:
-        rate = np.concatenate(
-            [part.means(rate_per_min(part.fine.column(thermometer), part.fine.time_s), of_fine=True) for part in problem.windows]
-        )
-        directions = [
-            ("heating", rate > _RESTING_K_MIN),
-            ("cooling", rate < -_RESTING_K_MIN),
-            ("temperature at rest", np.abs(rate) <= _RESTING_K_MIN),
-            (f"within {_REVERSAL_S / 3600.0:g} h after a reversal of temperature", _after_reversal(problem, rate)),
-        ]
-        yield from directions
-    for column in monitors:
-        values = problem.driver(column)
-        low, high = np.quantile(values, [1.0 / 3.0, 2.0 / 3.0])
-        if not low < high:
+        if not starts:
             continue
-        thirds = [
-            (f"{column} < {low:.4g}", values < low),
-            (f"{column} between {low:.4g} and {high:.4g}", (values >= low) & (values <= high)),
-            (f"{column} > {high:.4g}", values > high),
-        ]
-        yield from thirds
-        if column == thermometer:
-            thermal = thirds
-    for place, warm in thermal:
-        for direction, moving in directions[:3]:
-            yield f"{place}, {direction}", warm & moving
+        start, stop, score = np.concatenate(starts), np.concatenate(stops), np.vstack(scores)
+        k = int(np.argmax(score[:, 0]))
+        here = slice(part.start + int(start[k]), part.start + int(stop[k]))
+
+        def places(_: float, p_value: float, __: Array, here: slice = here) -> list[Place]:
+            square = residual.left[:, 0] ** 2 - 1.0
+            share = float(square[here].sum() / max(square.sum(), square[here].sum(), 1e-12))
+            return [_place(problem, here, share, p_value)]
+
+        yield _Answer(float(score[k, 0]), _highest(score), np.zeros((len(problem.rows), 0)), places, here, scatter=True)
 
 
-def _after_reversal(problem: Problem, rate: Array) -> BoolArray:
-    after = np.zeros(len(rate), dtype=np.bool_)
-    for part in problem.rows.runs:
-        time_s = problem.rows.time_s[part]
-        moving = np.flatnonzero(np.abs(rate[part]) > _RESTING_K_MIN)
-        signs = np.sign(rate[part][moving])
-        for k in moving[1:][np.diff(signs) != 0]:
-            after[part] |= (time_s >= time_s[k]) & (time_s < time_s[k] + _REVERSAL_S)
-    return after
+def _score_of_scatter(square: Array, rows: int) -> Array:
+    """The same for a sum of squares, by Wilson and Hilferty's approximation."""
+    ninth = 2.0 / (9.0 * rows)
+    return np.asarray(-special.log_ndtr(-((square / rows) ** (1.0 / 3.0) - 1.0 + ninth) / math.sqrt(ninth)))
 
 
-def _longest_stay(problem: Problem, rows: BoolArray) -> tuple[str, float, float]:
-    """The run and interval that spend most time in a regime."""
-    best = (0, 0, 0)
-    for part in problem.rows.runs:
-        edges = np.flatnonzero(np.diff(np.r_[False, rows[part], False].astype(np.int8)))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            if stop - start > best[0]:
-                best = (int(stop - start), part.start + int(start), part.start + int(stop))
-    _, start, stop = best
+def _stays(rows: Rows, inside: BoolArray) -> Iterator[slice]:
+    """Stretches of rows in a regime; one row out of it does not end a stretch."""
+    for part in rows.runs:
+        edges = np.flatnonzero(np.diff(np.r_[False, inside[part], False].astype(np.int8))) + part.start
+        starts, stops = edges[::2].tolist(), edges[1::2].tolist()
+        while len(starts) > 1 and min(b - a for a, b in zip(stops[:-1], starts[1:], strict=True)) <= 1:
+            k = next(k for k in range(len(starts) - 1) if starts[k + 1] - stops[k] <= 1)
+            del starts[k + 1], stops[k]
+        for start, stop in zip(starts, stops, strict=True):
+            if stop - start >= _SHORTEST_STAY:
+                yield slice(start, stop)
+
+
+def _place(problem: Problem, rows: slice, share: float, p_value: float, regime: str | None = None) -> Place:
     half = 0.5 * problem.rows.window_s
     time_s = problem.rows.time_s
-    return problem.runs[int(problem.rows.run[start])].name, float(time_s[start] - half), float(time_s[stop - 1] + half)
+    return Place(
+        run=problem.runs[int(problem.rows.run[rows.start])].name,
+        channel=problem.channel,
+        start_s=float(time_s[rows.start] - half),
+        end_s=float(time_s[rows.stop - 1] + half),
+        regime=regime,
+        share=min(1.0, max(0.0, share)),
+        p_value=p_value,
+    )
 
 
-# --- frequencies -----------------------------------------------------------------------------------------------------------------
+# --- lines -----------------------------------------------------------------------------------------------------------------------
 
 
-def _frequencies(problem: Problem, left: Array) -> list[Place]:
+def _slow_lines(residual: _Residual) -> Iterator[_Answer]:
     """The highest line of the periodogram, summed over runs, where a line is what it is."""
-    parts = problem.rows.runs
+    problem, parts = residual.problem, residual.problem.rows.runs
     longest = max(part.stop - part.start for part in parts)
-    size = 2 * longest
-    power = sum(np.abs(np.fft.rfft(left[part], size, axis=0)) ** 2 / longest for part in parts)
-    frequency_hz = np.fft.rfftfreq(size, problem.rows.window_s)
-    inside = slice(4, -1)
-    k = int(np.argmax(power[inside, 0])) + 4
-    near = np.r_[power[max(4, k - 24) : max(4, k - 6), 0], power[k + 7 : k + 25, 0]]
-    prominence = float(power[k, 0] / max(float(np.median(near)) if len(near) else 1.0, 1e-12))
-    p_value = min(1.0, _KINDS * tail_probability(float(power[k, 0]), power[inside, 1:].max(axis=0)))
-    if p_value > SIGNIFICANT or prominence < 10.0:
-        return []
-    total = max(float((left[:, 0] ** 2 - 1.0).sum()), 1e-12)
-    share = min(1.0, 2.0 * float(power[k, 0]) * longest / size * 2.0 / total)
-    strongest = max(range(len(parts)), key=lambda r: float(np.abs(np.fft.rfft(left[parts[r], 0], size)[k])))
-    run = problem.runs[strongest]
-    return [Place(run.name, problem.channel, frequency_hz=float(frequency_hz[k]), share=share, p_value=p_value)]
+    power = sum(2.0 * np.abs(np.fft.rfft(residual.left[p], 2 * longest, axis=0)) ** 2 / (p.stop - p.start) for p in parts)
+    frequency_hz = np.fft.rfftfreq(2 * longest, problem.rows.window_s)
+    first = 2 * _CYCLES
+    gain = np.asarray(power)[first:-1]
+    if len(gain) < first:
+        return
+    scores = _score(gain, 2 * len(parts))
+    k = int(np.argmax(gain[:, 0]))
+    beside = np.r_[gain[max(0, k - 24) : max(0, k - 5), 0], gain[k + 6 : k + 25, 0]]
+    plain = gain[k, 0] > _PROMINENT * float(np.median(beside))
+    phase = 2.0 * np.pi * frequency_hz[k + first] * problem.rows.time_s
+    columns = np.zeros((len(phase), 2 * len(parts)))
+    for r, part in enumerate(parts):
+        columns[part, 2 * r], columns[part, 2 * r + 1] = np.cos(phase[part]), np.sin(phase[part])
+
+    def places(share: float, p_value: float, explained: Array) -> list[Place]:
+        run = max(range(len(parts)), key=lambda r: float(explained[parts[r]] @ explained[parts[r]]))
+        frequency = float(frequency_hz[k + first])
+        return [Place(problem.runs[run].name, problem.channel, frequency_hz=frequency, share=share, p_value=p_value)]
+
+    yield _Answer(float(scores[k, 0]) if plain else 0.0, _highest(scores), columns, places)
+
+
+def _of_angle(residual: _Residual, within: Within, turned: list[Harmonic], rng: np.random.Generator) -> list[_Answer]:
+    """The harmonic of the table's angle that the gyro shows, in window means and within windows together."""
+    problem = residual.problem
+    whitened = whiten(problem.rows, np.column_stack([np.concatenate(h.means) for h in turned]), (residual.shape,))[0][0]
+    free = residual.free(whitened) / residual.quiet_deg_h
+    variance = within.variance_deg_h2
+    targets = [sum((c.T @ v for c, v in zip(h.within, within.left_deg_h, strict=True)), np.zeros(2)) for h in turned]
+    grams = [sum((c.T @ c for c in h.within), np.zeros((2, 2))) for h in turned]
+    alone = np.array([t @ np.linalg.pinv(g) @ t for t, g in zip(targets, grams, strict=True)]) / variance
+    variance *= level(alone[::2])
+    gains, weights = np.zeros((len(turned), residual.left.shape[1])), []
+    for k, (target, gram) in enumerate(zip(targets, grams, strict=True)):
+        columns = free[:, 2 * k : 2 * k + 2]
+        inverse = np.linalg.pinv(columns.T @ columns + gram / variance)
+        noise = np.linalg.cholesky(gram / variance + 1e-12 * np.eye(2)) @ rng.standard_normal((2, residual.left.shape[1] - 1))
+        along = columns.T @ residual.left + np.column_stack([target / variance, noise])
+        gains[k] = np.einsum("ij,ik,kj->j", along, inverse, along)
+        weights.append(inverse @ along[:, 0])
+    scores = _score(gains, 2)
+    k = int(np.argmax(scores[:, 0]))
+    amplitude = [
+        float(np.abs(np.vstack([m, w]) @ weights[k]).max()) for m, w in zip(turned[k].means, turned[k].within, strict=True)
+    ]
+    run, order = problem.runs[int(np.argmax(amplitude))], float(turned[k].order)
+    power = float(sum(((c @ weights[k]) ** 2).sum() for c in turned[k].within)) / max(1, sum(map(len, within.left_deg_h)))
+
+    def places(share: float, p_value: float, _: Array) -> list[Place]:
+        excess = max(float((residual.left[:, 0] ** 2 - 1.0).mean()), 0.0) * residual.quiet_deg_h**2
+        share = max(share, power / max(power + excess, 1e-300))
+        return [Place(run.name, problem.channel, angle_harmonic=order, share=share, p_value=p_value)]
+
+    columns = whitened[:, 2 * k : 2 * k + 2]
+    return [_Answer(float(scores[k, 0]), _highest(scores), columns, places, harmonic=(k, weights[k]))]
+
+
+def _fast_lines(problem: Problem, within: Within, slow_deg_h2: float) -> list[Place]:
+    """Lines above the windows' highest frequency."""
+    noise = problem.simulator.noise
+    stated = [] if noise is None or not noise.dither_residual_arcsec else [noise.dither_residual_frequency_hz]
+    period_s = problem.runs[0].period_s
+    known = [abs(hz - round(hz * period_s) / period_s) for hz in stated]  # as sampling shows them
+    found = []
+    for line in within.lines(known):
+        p_value = min(1.0, _KINDS * line.p_value)
+        if p_value <= SIGNIFICANT:
+            share = line.variance_deg_h2 / (line.variance_deg_h2 + slow_deg_h2)
+            run = problem.runs[line.run].name
+            found.append(Place(run, problem.channel, frequency_hz=line.frequency_hz, share=share, p_value=p_value))
+    return found

@@ -63,6 +63,19 @@ class Windows:
         means = (sums / counts[:, None])[self.kept]
         return means if values.ndim > 1 else means[:, 0]
 
+    def within(self, values: Array) -> Array:
+        """Rows of the kept windows less their window's mean, shape (rows,) or (rows, k)."""
+        starts = _starts(self.of_full)
+        counts = np.diff(np.r_[starts, len(values)])
+        means = np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
+        return self.rows_within(values) - np.repeat(means[self.kept], counts[self.kept], axis=0)
+
+    def rows_within(self, values: Array) -> Array:
+        """Rows of the kept windows."""
+        starts = _starts(self.of_full)
+        counts = np.diff(np.r_[starts, len(values)])
+        return np.asarray(values[starts[0] :][np.repeat(self.kept, counts)])
+
     @property
     def fine_starts(self) -> IntArray:
         """The fine row with which each window begins."""
@@ -91,6 +104,8 @@ class Problem:
         With its free shapes calibrated.
     channel : str
         The gyro column.
+    unexplained_deg_h : tuple of ndarray
+        Of each run at its full rate: the gyro less the simulator's fixed part.
     """
 
     windows: tuple[Windows, ...]
@@ -100,6 +115,7 @@ class Problem:
     baseline_names: tuple[tuple[str, str], ...]
     simulator: Simulator
     channel: str
+    unexplained_deg_h: tuple[Array, ...]
 
     @classmethod
     def of(
@@ -133,14 +149,15 @@ class Problem:
             raise InputError("no training runs; give at least one with --train")
         window_s = default_window_s(runs) if window_s is None else window_s
         windows = tuple(Windows.of(run, window_s) for run in runs)
-        target = np.concatenate([part.means(_unexplained(simulator, part.full, gyro, predicted)) for part in windows])
+        unexplained = tuple(_unexplained(simulator, part.full, gyro, predicted) for part in windows)
+        target = np.concatenate([part.means(values) for part, values in zip(windows, unexplained, strict=True)])
         rows = Rows(
             np.concatenate([part.middles_s for part in windows]),
             np.repeat(np.arange(len(windows)), [int(part.kept.sum()) for part in windows]),
             np.concatenate([window_s / (part.counts[part.kept] * part.full.period_s) for part in windows]),
             window_s,
         )
-        bare = cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, runs[0].gyro_column(gyro))
+        bare = cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, runs[0].gyro_column(gyro), unexplained)
         return bare._with_free_part()
 
     def columns(self, mechanism: Mechanism) -> Array:

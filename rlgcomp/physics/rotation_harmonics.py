@@ -68,7 +68,7 @@ class RotationHarmonics(Mechanism):
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """The lower orders that the sampling shows, one by one; of the higher ones, those beyond doubt, alone and together."""
-        highest = _highest_order(recordings)
+        highest = highest_order(recordings)
         points = []
         for scaling in ("constant", "rate"):
             for order in range(2, min(highest, LOWER) + 1):
@@ -87,7 +87,7 @@ class RotationHarmonics(Mechanism):
         return table if self.scaling == "constant" else table * (rate_deg_s(recording) / self.reference_deg_s)[:, None]
 
 
-def _highest_order(recordings: Sequence[Recording]) -> int:
+def highest_order(recordings: Sequence[Recording]) -> int:
     """The highest order that is sampled twice a cycle in a fair share of the rows in which the table turns."""
     steps = [np.abs(rate_deg_s(run)) * run.period_s for run in recordings]
     top = max(float(step.max()) for step in steps)
