@@ -234,7 +234,7 @@ def _baseline(rng: np.random.Generator, hidden: Sequence[str]) -> list[Part]:
     if chosen is not None and chosen.name == "thermal_lag" and set(hidden) & _KIN_OF_LAG:
         chosen = None  # with a free time constant it leaves nothing by which these could be told apart
     parts = [part for part in (polynomial, chosen) if part is not None and part.name not in hidden]
-    return parts or [others[0]]
+    return parts or [next(part for part in others if part.name not in hidden)]
 
 
 def _mapping(baseline: Sequence[Part], noise: Noise, rng: np.random.Generator) -> dict[str, Any]:

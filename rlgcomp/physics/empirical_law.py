@@ -61,7 +61,7 @@ class EmpiricalLaw(Mechanism):
     drivers = (TEMPERATURE,)
     open_set = True
 
-    amplitude_deg_h: float = amplitude(0.005, "deg/h", limit=1e6)
+    amplitude_deg_h: float = amplitude(0.005, "deg/h", limit=1e15)
     driver: str = setting(TEMPERATURE)
     driver_2: str = setting("")
     memory: str = setting("static", choices=MEMORIES)
