@@ -76,6 +76,15 @@ class _Residual:
         """The part of whitened columns that neither the simulator nor an answer found before takes up."""
         return np.asarray(whitened - self.design @ (self.design.T @ whitened))
 
+    def explained(self, answer: _Answer) -> Array:
+        """Of the gyro's residual, by an answer; where it only scatters, all that is beyond noise."""
+        if answer.scatter:
+            inside = np.zeros(len(self.left))
+            inside[answer.rows] = 1.0
+            return np.asarray(inside * (self.left[:, 0] - 1.0 / np.where(self.left[:, 0] == 0.0, np.inf, self.left[:, 0])))
+        basis = _basis(self.free(answer.columns))
+        return np.asarray(basis @ (basis.T @ self.left[:, 0]))
+
     def without(self, answer: _Answer) -> Self:
         """The same less what an answer explains."""
         if answer.scatter:
@@ -110,19 +119,21 @@ def locate(problem: Problem, noise: NoiseShape, rng: np.random.Generator) -> tup
     found: list[Place] = []
     told = np.zeros(len(problem.rows), dtype=np.bool_)
     for _ in range(_MOST):
-        answers = [*_regimes(residual, of_regimes, whitened), *_intervals(residual), *_scatter(residual), *_slow_lines(residual)]
+        answers = [*_regimes(residual, of_regimes, whitened), *_intervals(residual), *_slow_lines(residual)]
         if within is not None and turned:
             answers += _of_angle(residual, within, turned, rng)
+        bursts = list(_scatter(residual))
         if null is None:
-            null = np.max([answer.noise for answer in answers], axis=0)
+            null = np.max([answer.noise for answer in (*answers, *bursts)], axis=0)
             residual = dataclasses.replace(residual, left=residual.left[:, :1])
-        best = max(answers, key=lambda answer: answer.score)
-        p_value = min(1.0, _KINDS * tail_probability(best.score, null))
-        if p_value > SIGNIFICANT:
+        for best in (_best(answers), *([_best(bursts)] if bursts else [])):  # scatter is what is left to say
+            p_value = min(1.0, _KINDS * tail_probability(best.score, null))
+            if p_value <= SIGNIFICANT:
+                break
+        else:
             break
-        basis = _basis(residual.free(best.columns))
-        explained = basis @ (basis.T @ residual.left[:, 0])
-        places = best.places(min(1.0, float(explained @ explained) / total), p_value, explained)
+        explained = residual.explained(best)
+        places = best.places(min(1.0, max(0.0, float(explained @ residual.left[:, 0])) / total), p_value, explained)
         again = told[best.rows].mean() >= _TOLD if best.rows is not None else _same_line(places, found)
         if not again:  # else: more of the shape of what is already told
             found += sorted(places, key=lambda place: -place.share)
@@ -135,6 +146,10 @@ def locate(problem: Problem, noise: NoiseShape, rng: np.random.Generator) -> tup
     if within is not None:
         found += _fast_lines(problem, within, max(total, 0.0) * residual.quiet_deg_h**2 / len(problem.rows))
     return tuple(sorted(found, key=lambda place: place.p_value))
+
+
+def _best(answers: list[_Answer]) -> _Answer:
+    return max(answers, key=lambda answer: answer.score)
 
 
 def _same_line(places: list[Place], found: list[Place]) -> bool:
@@ -252,9 +267,7 @@ def _scatter(residual: _Residual) -> Iterator[_Answer]:
         k = int(np.argmax(score[:, 0]))
         here = slice(part.start + int(start[k]), part.start + int(stop[k]))
 
-        def places(_: float, p_value: float, __: Array, here: slice = here) -> list[Place]:
-            square = residual.left[:, 0] ** 2 - 1.0
-            share = float(square[here].sum() / max(square.sum(), square[here].sum(), 1e-12))
+        def places(share: float, p_value: float, _: Array, here: slice = here) -> list[Place]:
             return [_place(problem, here, share, p_value)]
 
         yield _Answer(float(score[k, 0]), _highest(score), np.zeros((len(problem.rows), 0)), places, here, scatter=True)
