@@ -42,7 +42,8 @@ _MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a riv
 _ALTERNATIVES: Final = 8
 _RIVALS: Final = 3  # told apart by the next experiment
 _UNRECORDED: Final = 0.5
-_SAME: Final = 0.995  # correlation from which a law is a mechanism of the catalogue by another name
+_BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
+_SAME: Final = 0.98  # correlation from which a law is a mechanism of the catalogue by another name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,6 +208,8 @@ def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
             continue
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
+        if model.members and score - model.log_posterior < _BEYOND:
+            continue
         if score > highest:
             chosen, highest = model, score
     if chosen is None:

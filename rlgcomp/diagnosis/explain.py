@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -123,14 +124,17 @@ def _zoomed(search: Search, models: Sequence[Model]) -> list[Candidate]:
     found: list[Candidate] = []
     for member in dict.fromkeys(m for model in models for m in model.members):
         best = evidence.candidates[member.candidate]
-        for parameter in best.mechanism.parameters():
-            if parameter.role != "shape" or best.known:
-                continue
-            for value, weight in _between(evidence.candidates, best, parameter.name):
-                mechanism = dataclasses.replace(best.mechanism, **{parameter.name: value})  # type: ignore[type-var]
-                if (mechanism, False) not in known:
-                    known.add((mechanism, False))
-                    found.append(Candidate(mechanism, evidence.problem.columns(mechanism), best.log_weight + weight))
+        if best.known:
+            continue
+        shapes = [parameter.name for parameter in best.mechanism.parameters() if parameter.role == "shape"]
+        axes = [[(getattr(best.mechanism, name), 0.0), *_between(evidence.candidates, best, name)] for name in shapes]
+        for point in itertools.product(*axes):
+            changes = {name: value for name, (value, _) in zip(shapes, point, strict=True)}
+            mechanism = dataclasses.replace(best.mechanism, **changes)  # type: ignore[type-var]
+            if (mechanism, False) not in known:
+                known.add((mechanism, False))
+                weight = best.log_weight + sum(share for _, share in point)
+                found.append(Candidate(mechanism, evidence.problem.columns(mechanism), weight))
     return found
 
 

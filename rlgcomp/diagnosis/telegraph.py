@@ -4,8 +4,8 @@ r"""Jumps between two values at random times, which no two runs repeat: a hidden
     \qquad P(s_{k+1} \ne s_k) = \tfrac12 (1 - e^{-2 \Delta t / \tau})
 
 Expectation and maximisation in turn (forward–backward for s, least squares for beta and a) from several starts; then Viterbi's
-path. The path is taken as a column whose prior is that of the path itself, so it competes with all other causes under all noises.
-Paths near the best one count as well: their part of the evidence is the ratio of the sum over paths to the largest.
+path. The path is taken as a column, so it competes with all other causes under all noises. Its prior is the likelihood summed
+over all paths over the largest that the column alone can reach: as much as is known of the path, and no more.
 
 References
 ----------
@@ -31,7 +31,7 @@ _ITERATIONS: Final = 12
 
 @dataclasses.dataclass(frozen=True)
 class Path:
-    """A path of signs, and the logarithm of its prior with that of the paths about it.
+    """A path of signs, and the logarithm of its prior.
 
     Parameters
     ----------
@@ -70,14 +70,12 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
         )
     _, log_likelihood = _smoothed(target[:, None] - smooth, half_step, noise, flip)
     best = int(np.argmax(log_likelihood))
-    signs, log_joint = _viterbi(target - smooth[:, best], float(half_step[best]), float(noise[best]), flip[:, best])
-    log_emission = _log_emission(target - smooth[:, best], float(half_step[best]) * signs, float(noise[best]))
-    log_path = log_joint - log_emission
+    signs = _viterbi(target - smooth[:, best], float(half_step[best]), float(noise[best]), flip[:, best])
     flips = sum(int((np.diff(signs[part]) != 0.0).sum()) for part in rows.runs)
     covered_s = sum(float(rows.time_s[part][-1] - rows.time_s[part][0]) for part in rows.runs)
     return Path(
         signs,
-        log_path + float(log_likelihood[best]) - log_joint - math.log(len(_DWELLS)),
+        float(log_likelihood[best]) - _log_likelihood_given(signs, left, orthonormal) - math.log(len(_DWELLS)),
         float(half_step[best]),
         covered_s / max(flips, 1),
         flips,
@@ -93,8 +91,11 @@ def _flip_probability(rows: Rows, dwell_s: Array) -> Array:
     return flip
 
 
-def _log_emission(values: Array, level: Array, noise: float) -> float:
-    return float(-0.5 * (((values - level) / noise) ** 2).sum() - len(values) * math.log(noise * math.sqrt(2.0 * math.pi)))
+def _log_likelihood_given(signs: Array, left: Array, orthonormal: Array) -> float:
+    """Largest log likelihood of a path that is known, half step, noise and smooth part fitted to it."""
+    column = signs - orthonormal @ (orthonormal.T @ signs)
+    square = float(left @ left) - float(column @ left) ** 2 / max(float(column @ column), 1e-12)
+    return -0.5 * len(left) * (math.log(2.0 * math.pi * max(square, 1e-300) / len(left)) + 1.0)
 
 
 def _smoothed(values: Array, half_step: Array, noise: Array, flip: Array) -> tuple[Array, Array]:
@@ -128,8 +129,8 @@ def _smoothed(values: Array, half_step: Array, noise: Array, flip: Array) -> tup
     return mean, log_likelihood
 
 
-def _viterbi(values: Array, half_step: float, noise: float, flip: Array) -> tuple[Array, float]:
-    """The likeliest path of signs and the log of its joint probability with the values."""
+def _viterbi(values: Array, half_step: float, noise: float, flip: Array) -> Array:
+    """The likeliest path of signs."""
     constant = -math.log(noise * math.sqrt(2.0 * math.pi))
     up = (constant - 0.5 * ((values - half_step) / noise) ** 2).tolist()
     down = (constant - 0.5 * ((values + half_step) / noise) ** 2).tolist()
@@ -146,4 +147,4 @@ def _viterbi(values: Array, half_step: float, noise: float, flip: Array) -> tupl
     for k in range(len(values) - 1, -1, -1):
         signs[k] = 1.0 if plus else -1.0
         plus = bool(from_up[k, 0 if plus else 1])
-    return signs, max(best_up, best_down)
+    return signs
