@@ -43,6 +43,23 @@ class Candidate:
         return self.mechanism.name
 
 
+def fast_candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> list[Mechanism]:
+    """Mechanisms at all shapes that vary within windows, as far as these recordings can show them."""
+    found: list[Mechanism] = []
+    for kind in catalogue.values():
+        if kind.kind != problem.simulator.kind or not kind.fast or kind.open_set:
+            continue
+        try:
+            tried = list(kind.grid(problem.runs))
+            for run in problem.runs:
+                for mechanism in tried[:1]:
+                    mechanism.basis(run)
+        except InputError:
+            continue
+        found += tried
+    return found
+
+
 def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tuple[list[Candidate], dict[str, str]]:
     """Candidates, and by name the mechanisms that these recordings cannot show, with the reason."""
     found: list[Candidate] = []

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import log_sum_exp
@@ -103,20 +103,23 @@ def diagnose(
     base, predicted, alignment = _known(simulator, simulated, train, test, gyro)
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
     told(0.05)
+    windowed = problem
+    if base.kind == "turntable":
+        problem = problem.with_contrasts(fast_candidates(problem, mechanisms))
     explanations = explain(problem, mechanisms)
     told(0.5)
     rng = stream(seed, "diagnosis")
     detection = detect(explanations.evidence, explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng)
     told(0.6)
-    conclusion = _concluded(problem, explanations)
+    conclusion = _concluded(windowed, explanations)
     told(0.75)
-    noise = _best_noise(problem, explanations, conclusion)
+    noise = _best_noise(windowed, explanations, conclusion)
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
     nothing = next(model for model in explanations.models if not model.members)
     before = fit(problem, [], explanations.evidence.noises[int(np.argmax(nothing.noise_log))])
     after = fit(problem, [*chosen, *laws], noise)
-    where = locate(problem, noise, rng)
+    where = locate(windowed, noise, rng)
     told(0.85)
     proof = prove(
         before.simulator,
@@ -134,7 +137,7 @@ def diagnose(
     told(0.98)
     rivals = _rivals(explanations, conclusion.model)
     verdict = _verdict(conclusion, rivals)
-    next_up = _what_to_run(problem, explanations, conclusion.model, noise, after, seed) if verdict == "ambiguous" else None
+    next_up = _what_to_run(windowed, explanations, conclusion.model, noise, after, seed) if verdict == "ambiguous" else None
     model = noise_model(noise, after.white_deg_h, problem.rows.window_s)
     return Diagnosis(
         verdict=verdict,
@@ -191,16 +194,16 @@ def _known(
 # --- conclusions ---------------------------------------------------------------------------------------------------------------
 
 
-def _concluded(problem: Problem, explanations: Explanations) -> _Conclusion:
+def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     """The best of: a set of causes; a law alone; a set and a law beyond it."""
     best = explanations.models[0]
     nothing = next(model for model in explanations.models if not model.members)
-    dictionary = Dictionary(problem)
+    dictionary = Dictionary(windowed)
     noises, prior = explanations.evidence.noises, explanations.search.noise_log_prior
     chosen, highest = None, best.log_posterior
     for model in (best,) if best is nothing else (best, nothing):
-        law = discover(problem, _design(problem, explanations, model), noises, prior, dictionary=dictionary)
-        if law is None or explanations.evidence.resembles(problem.columns(law.mechanism)) > _SAME:
+        law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
+        if law is None or explanations.evidence.resembles(explanations.evidence.problem.columns(law.mechanism)) > _SAME:
             continue
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
@@ -208,13 +211,14 @@ def _concluded(problem: Problem, explanations: Explanations) -> _Conclusion:
             chosen, highest = model, score
     if chosen is None:
         return _Conclusion(best, (), 0.0, explanations.unrecorded(best))
-    laws = discover_laws(problem, _design(problem, explanations, chosen), noises, prior, dictionary=dictionary)
+    laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary)
     lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
     return _Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
-    return np.column_stack([problem.baseline, *(candidate.columns for candidate in explanations.candidates(model))])
+    rows = len(problem.rows)
+    return np.column_stack([problem.baseline, *(candidate.columns[:rows] for candidate in explanations.candidates(model))])
 
 
 def _best_noise(problem: Problem, explanations: Explanations, conclusion: _Conclusion) -> NoiseShape:

@@ -23,6 +23,8 @@ FEWEST_WINDOWS: Final = 20
 _WINDOWS_A_RUN: Final = 200  # at least, where the window is not given
 _FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _RELATIVE_STEP: Final = 1e-3
+_WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
+_DEPENDENT: Final = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +89,47 @@ class Windows:
 
 
 @dataclasses.dataclass(frozen=True)
+class Contrasts:
+    r"""Orthonormal comparisons of samples within windows, in units in which white noise of a window mean has its own size.
+
+    .. math:: z = s \, V^T (x - \bar x), \qquad s = \sqrt{\Delta t / \tau} / \kappa
+
+    V spans what the fast columns do within windows; x̄ is the mean of each sample's window, Δt the sample period, tau the window.
+    kappa >= 1 is by how much the noise within windows exceeds white noise of the level seen at their length: rounding to whole
+    pulses makes it large.
+    """
+
+    windows: tuple[Windows, ...]
+    directions: tuple[Array, ...]  # V, a part for each run: (rows in kept windows, count)
+    scale: float
+
+    @classmethod
+    def made(cls, windows: tuple[Windows, ...], columns: Sequence[Array], noise: Sequence[Array]) -> Self | None:
+        """From fast columns of each run; None where they do nothing within windows."""
+        inside = [part.within(block) for part, block in zip(windows, columns, strict=True)]
+        norm = np.sqrt(sum(((block**2).sum(axis=0) for block in inside), np.zeros(inside[0].shape[1])))
+        whole = np.sqrt(sum(((block**2).sum(axis=0) for block in columns), np.zeros(len(norm))))
+        used = norm > _WITHIN * whole
+        if not used.any():
+            return None
+        scaled = [block[:, used] / norm[used] for block in inside]
+        values, vectors = np.linalg.eigh(sum((block.T @ block for block in scaled), np.zeros((int(used.sum()),) * 2)))
+        kept = values > _DEPENDENT * values[-1]
+        directions = tuple(block @ (vectors[:, kept] / np.sqrt(values[kept])) for block in scaled)
+        excess = max(1.0, _excess([part.within(values) for part, values in zip(windows, noise, strict=True)], windows))
+        return cls(windows, directions, math.sqrt(windows[0].full.period_s / windows[0].window_s) / excess)
+
+    @property
+    def count(self) -> int:
+        return int(self.directions[0].shape[1])
+
+    def of(self, columns: Sequence[Array]) -> Array:
+        """Contrasts of columns, (rows, k) for each run, shape (count, k)."""
+        parts = [v.T @ part.within(block) for v, part, block in zip(self.directions, self.windows, columns, strict=True)]
+        return np.asarray(self.scale * sum(parts, np.zeros((self.count, columns[0].shape[1]))))
+
+
+@dataclasses.dataclass(frozen=True)
 class Problem:
     """What is to be explained.
 
@@ -106,6 +149,8 @@ class Problem:
         The gyro column.
     unexplained_deg_h : tuple of ndarray
         Of each run at its full rate: the gyro less the simulator's fixed part.
+    contrasts : Contrasts, optional
+        Where causes act within windows as well, as on a turning table: further rows that compare samples within windows.
     """
 
     windows: tuple[Windows, ...]
@@ -116,6 +161,7 @@ class Problem:
     simulator: Simulator
     channel: str
     unexplained_deg_h: tuple[Array, ...]
+    contrasts: Contrasts | None = None
 
     @classmethod
     def of(
@@ -158,18 +204,46 @@ class Problem:
             window_s,
         )
         bare = cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, runs[0].gyro_column(gyro), unexplained)
-        return bare._with_free_part()
+        return bare.with_free_part()
 
     def columns(self, mechanism: Mechanism) -> Array:
         """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
+        if self.contrasts is not None and mechanism.fast and not mechanism.each_run:
+            bases = [mechanism.basis(part.full) for part in self.windows]
+            means = [part.means(basis) for part, basis in zip(self.windows, bases, strict=True)]
+            return np.concatenate([*means, self.contrasts.of(bases)])
         blocks = [self.run_columns(mechanism, part) for part in self.windows]
-        if not mechanism.each_run:
-            return np.concatenate(blocks)
         width = blocks[0].shape[1]
+        if not mechanism.each_run:
+            return np.concatenate([*blocks, np.zeros((self.rows.contrasts, width))])
         table = np.zeros((len(self.rows), width * len(blocks)))
         for k, (rows, block) in enumerate(zip(self.rows.runs, blocks, strict=True)):
             table[rows, k * width : (k + 1) * width] = block
         return table
+
+    @property
+    def ones(self) -> Array:
+        """The column of a constant, shape (n,): contrasts do not see it."""
+        return np.r_[np.ones(len(self.rows) - self.rows.contrasts), np.zeros(self.rows.contrasts)]
+
+    def with_contrasts(self, mechanisms: Sequence[Mechanism]) -> Self:
+        """The problem with rows that compare samples within windows, wherever these mechanisms differ there."""
+        fast = [mechanism for mechanism in (*self.simulator.mechanisms, *mechanisms) if mechanism.fast and not mechanism.each_run]
+        bases = [[mechanism.basis(part.full) for mechanism in fast] for part in self.windows]
+        contrasts = Contrasts.made(self.windows, [np.column_stack(blocks) for blocks in bases], self.unexplained_deg_h)
+        if contrasts is None:
+            return self
+        more = contrasts.count
+        rows = dataclasses.replace(
+            self.rows,
+            time_s=np.r_[self.rows.time_s, np.zeros(more)],
+            run=np.r_[self.rows.run, np.full(more, len(self.windows))],
+            white=np.r_[self.rows.white, np.ones(more)],
+            contrasts=more,
+        )
+        target = np.r_[self.target_deg_h, contrasts.of([values[:, None] for values in self.unexplained_deg_h])[:, 0]]
+        wider = dataclasses.replace(self, rows=rows, target_deg_h=target, contrasts=contrasts, baseline=np.empty((len(rows), 0)))
+        return wider.with_free_part()
 
     @staticmethod
     def run_columns(mechanism: Mechanism, part: Windows) -> Array:
@@ -198,7 +272,7 @@ class Problem:
     def fine(self) -> tuple[Recording, ...]:
         return tuple(part.fine for part in self.windows)
 
-    def _with_free_part(self) -> Self:
+    def with_free_part(self) -> Self:
         """The problem with the simulator's free parameters as columns, free shapes calibrated first."""
         simulator = self.simulator
         for mechanism in simulator.mechanisms:
@@ -218,14 +292,14 @@ class Problem:
             for name in _free(simulator, mechanism, "shape"):
                 columns.append(self._derivative(mechanism, name, amplitudes))
                 names.append((mechanism.name, name))
-        if not columns or not _spans_constant(np.column_stack(columns)):
-            columns.append(np.ones(len(self.rows)))
+        if not columns or not _spans(np.column_stack(columns), self.ones):
+            columns.append(self.ones)
             names.append(("", "constant_deg_h"))
         return dataclasses.replace(self, simulator=simulator, baseline=np.column_stack(columns), baseline_names=tuple(names))
 
     def _others(self, simulator: Simulator, mechanism: Mechanism) -> Array:
         others = [other for other in simulator.mechanisms if other.name != mechanism.name and _free(simulator, other, "amplitude")]
-        return np.column_stack([np.ones(len(self.rows)), *(self.columns(other) for other in others)])
+        return np.column_stack([self.ones, *(self.columns(other) for other in others)])
 
     def _calibrated(self, simulator: Simulator, mechanism: Mechanism, shapes: tuple[str, ...]) -> Mechanism:
         """Shapes by separable least squares: the grid's best point, then ever smaller steps about it."""
@@ -329,9 +403,9 @@ def _free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, .
     )
 
 
-def _spans_constant(columns: Array) -> bool:
-    left = _residual(columns, np.ones(len(columns)))
-    return float(left @ left) < 1e-6 * len(columns)
+def _spans(columns: Array, ones: Array) -> bool:
+    left = _residual(columns, ones)
+    return float(left @ left) < 1e-6 * float(ones @ ones)
 
 
 def _residual(design: Array, target: Array) -> Array:
@@ -342,6 +416,18 @@ def _residual(design: Array, target: Array) -> Array:
 def _norms(columns: Array) -> Array:
     norms = np.sqrt((columns**2).sum(axis=0))
     return np.where(norms > 0.0, norms, 1.0)
+
+
+def _excess(inside: Sequence[Array], windows: Sequence[Windows]) -> float:
+    """Noise within windows over white noise of the level seen at their length: square root of a ratio of median powers."""
+    everywhere, slow = [], []
+    for values, part in zip(inside, windows, strict=True):
+        power = np.abs(np.fft.rfft(values))[1:] ** 2
+        cycles = max(1, round(len(values) * part.full.period_s / part.window_s))  # of a window, in the whole run
+        everywhere.append(power[cycles:])
+        slow.append(power[cycles : max(4 * cycles, cycles + 8)])
+    level = float(np.median(np.concatenate(slow)))
+    return math.sqrt(float(np.median(np.concatenate(everywhere))) / level) if level > 0.0 else 1.0
 
 
 def _starts(window: IntArray) -> IntArray:

@@ -68,17 +68,22 @@ class NoiseShape:
 
 @dataclasses.dataclass(frozen=True)
 class Rows:
-    """Rows of several runs: where each run begins, the time of each row and the variance of its white noise (1: a full window)."""
+    """Rows of several runs: where each run begins, the time of each row and the variance of its white noise (1: a full window).
+
+    The last `contrasts` rows belong to no run: they compare samples within windows, where noise is white, and have unit variance.
+    """
 
     time_s: Array
     run: IntArray
     white: Array
     window_s: float
+    contrasts: int = 0
 
     @property
     def runs(self) -> list[slice]:
         """The rows of each run."""
-        edges = np.r_[0, np.flatnonzero(np.diff(self.run)) + 1, len(self.run)]
+        run = self.run[: len(self.run) - self.contrasts]
+        edges = np.r_[0, np.flatnonzero(np.diff(run)) + 1, len(run)]
         return [slice(int(start), int(stop)) for start, stop in itertools.pairwise(edges)]
 
     def __len__(self) -> int:
@@ -117,6 +122,7 @@ class Whitener:
 
     def __init__(self, rows: Rows, shapes: Sequence[NoiseShape]) -> None:
         self._runs = rows.runs
+        self._contrasts = slice(len(rows) - rows.contrasts, None)
         self.log_determinant = np.zeros(len(shapes))
         processes = [shape.processes(rows.window_s) for shape in shapes]
         used = [tuple(((stationary > 0.0) | (diffusion > 0.0)).tolist()) for _, stationary, diffusion in processes]
@@ -131,7 +137,7 @@ class Whitener:
     def keep(self, shapes: IntArray) -> Whitener:
         """The same for some of the shapes, in the order given."""
         other = object.__new__(Whitener)
-        other._runs = self._runs
+        other._runs, other._contrasts = self._runs, self._contrasts
         other.log_determinant = self.log_determinant[shapes]
         other._groups = []
         for group in self._groups:
@@ -144,6 +150,7 @@ class Whitener:
     def __call__(self, columns: Array) -> Array:
         """Innovations, shape (shapes, n, m)."""
         whitened = np.empty((len(self.log_determinant), *columns.shape))
+        whitened[:, self._contrasts] = columns[self._contrasts]
         for group in self._groups:
             for part, (gains, scale, decay) in zip(self._runs, group.filters, strict=True):
                 if gains.shape[2] == 0:
