@@ -1,17 +1,23 @@
-"""Run it and print, axis by axis, what each model leaves on the leg held out."""
+"""Run it and print, axis by axis, what compensations leave on the leg held out, and what a cubic polynomial is missing."""
 
 from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 import rlgcomp as rlg
+from experiments.mems_thermal_chamber.judgement import MEMORY, held_out, judgement
 from rlgcomp.compensation import MODELS
+from rlgcomp.units import SECONDS_PER_HOUR
 
-LEG_ENDS_S = 3127.0  # the temperature turns for the second time; `rlgcomp inspect` lists the legs
+# The first second is a turn-on outlier; then the temperature turns at its lowest and at its highest.
+TURNS_S = (1.0, 1360.0, 3127.0, np.inf)
+AVERAGING_S = 10.0
+AXES = "xyz"
 CANDIDATES = (
     ("cubic", "temperature"),
     ("dynamic", "temperature,temperature_rate"),
@@ -20,6 +26,87 @@ CANDIDATES = (
     ("lssvm", "temperature"),
     ("lssvm", "all"),
 )
+CUBIC = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
+
+
+def cycle(data: Path) -> rlg.Recording:
+    """The whole recording."""
+    columns = {"time_s": "t_s", "temperature_block_degC": "temp_C"} | {f"gyro_{axis}_deg_s": f"gyro_{axis}" for axis in AXES}
+    return rlg.read(data / "imu_thermal.csv.gz", columns=columns, drop=[f"acc_{axis}_mps2" for axis in AXES])
+
+
+def leg(whole: rlg.Recording, number: int, last: int | None = None) -> rlg.Recording:
+    """One leg, or all from one to another; what came before is its lead-in."""
+    return whole.between(TURNS_S[number - 1], TURNS_S[last or number], keep_history=True, name=f"leg {number}")
+
+
+def compensation(whole: rlg.Recording) -> None:
+    """What each model leaves on the leg held out."""
+    train, test = leg(whole, 1, last=2), leg(whole, 3)
+    print(f"# MEMS IMU, last leg held out: rms (and standard deviation) of {AVERAGING_S:g} s means in the recording's own unit\n")
+    print("| model | inputs | x | y | z |\n|---|---|---|---|---|")
+    best: dict[str, tuple[float, str]] = {}
+    for name, features in CANDIDATES:
+        cells = []
+        for axis in AXES:
+            gyro = f"gyro_{axis}_deg_s"
+            model = rlg.Compensator(MODELS[name].make(), features=features, averaging_s=AVERAGING_S, gyro=gyro).fit([train])
+            (run,) = rlg.evaluate(model, [test], compare=False).runs
+            rms, std = run.residual_rms_deg_h / SECONDS_PER_HOUR, run.residual_std_deg_h / SECONDS_PER_HOUR
+            cells.append(f"{rms:.2e} ({std:.1e})")
+            best[axis] = min(best.get(axis, (np.inf, "")), (rms, f"{name} on {features}"))
+        print(f"| {name} | {features} | {' | '.join(cells)} |")
+    print()
+    for axis, (rms, label) in best.items():
+        print(f"- {axis}: least rms {rms:.2e}, {label}.")
+    print()
+
+
+def diagnosed(whole: rlg.Recording, axis: str, candidates: Sequence[str]) -> rlg.Diagnosis:
+    """What a cubic polynomial in temperature is missing on one axis: a run for each leg, the third held out."""
+    return rlg.diagnose(
+        rlg.Simulator.from_mapping(CUBIC),
+        [leg(whole, 1), leg(whole, 2)],
+        [leg(whole, 3)],
+        gyro=f"gyro_{axis}_deg_s",
+        window_s=AVERAGING_S,
+        mechanisms={name: rlg.CATALOGUE[name] for name in candidates},
+    )
+
+
+def diagnosis(whole: rlg.Recording) -> None:
+    """What a cubic polynomial in temperature is missing, axis by axis, and what that gains on the leg held out."""
+    sentences = []
+    for title, candidates in (("those that remember temperature", MEMORY), ("the whole catalogue", tuple(rlg.CATALOGUE))):
+        print(f"# What a cubic polynomial in temperature is missing; candidates: {title}\n")
+        print(f"Rms of {AVERAGING_S:g} s means of leg 3, in the recording's own unit.\n")
+        print("| axis | verdict | found (probability) | cubic | with what was found | gain, 95 % interval | LS-SVM | noise |")
+        print("|---|---|---|---|---|---|---|---|")
+        for axis in AXES:
+            found = diagnosed(whole, axis, candidates)
+            print(f"| {axis} | {found.verdict} | {named(found)} | {' | '.join(numbers(found))} |")
+            sentences.append(f"- {axis}, {title}: {judgement(found)}")
+        print()
+    print("\n".join(sentences))
+
+
+def named(found: rlg.Diagnosis) -> str:
+    """Causes and law."""
+    names = [f"{cause.name} ({cause.probability:.2f})" for cause in found.causes]
+    if found.unexplained.equation is not None:
+        names.append(f"law, {found.unexplained.memory}: {found.unexplained.equation}")
+    return ", ".join(names) or "nothing"
+
+
+def numbers(found: rlg.Diagnosis) -> list[str]:
+    """Of the leg held out."""
+    fit = held_out(found)
+    low, high = fit.improvement_ci95
+    black_box = np.nan if fit.compensation_rms is None else fit.compensation_rms
+    before, after, boxed, noise = (
+        f"{size / SECONDS_PER_HOUR:.2e}" for size in (fit.baseline_rms, fit.augmented_rms, black_box, fit.noise_floor_rms)
+    )
+    return [before, after, f"{100 * fit.improvement:.0f} % ({100 * low:.0f} to {100 * high:.0f})", boxed, noise]
 
 
 def main() -> None:
@@ -28,29 +115,14 @@ def main() -> None:
     parser.add_argument(
         "--data", type=Path, default=Path("../shared/data/real/mems_imu_thermal_chamber"), help="folder of the recording"
     )
+    parser.add_argument("--section", choices=("both", "compensation", "diagnosis"), default="both", help="which part")
     options = parser.parse_args()
     logging.getLogger("rlgcomp").setLevel(logging.ERROR)
-    columns = {"time_s": "t_s", "temperature_block_degC": "temp_C"} | {f"gyro_{axis}_deg_s": f"gyro_{axis}" for axis in "xyz"}
-    cycle = rlg.read(options.data / "imu_thermal.csv.gz", columns=columns)
-    train = cycle.between(1.0, LEG_ENDS_S, keep_history=True)  # the first second is a turn-on outlier
-    test = cycle.between(LEG_ENDS_S, np.inf, keep_history=True)
-    print("# MEMS IMU, last leg held out: rms (and standard deviation) of 10 s means in the recording's own unit\n")
-    print("| model | inputs | x | y | z |\n|---|---|---|---|---|")
-    best: dict[str, tuple[float, str]] = {}
-    for name, features in CANDIDATES:
-        cells = []
-        for axis in "xyz":
-            model = rlg.Compensator(MODELS[name].make(), features=features, averaging_s=10.0, gyro=f"gyro_{axis}_deg_s").fit(
-                [train]
-            )
-            (run,) = rlg.evaluate(model, [test], compare=False).runs
-            rms, std = run.residual_rms_deg_h / 3600.0, run.residual_std_deg_h / 3600.0
-            cells.append(f"{rms:.2e} ({std:.1e})")
-            best[axis] = min(best.get(axis, (np.inf, "")), (rms, f"{name} on {features}"))
-        print(f"| {name} | {features} | {' | '.join(cells)} |")
-    print()
-    for axis, (rms, label) in best.items():
-        print(f"- {axis}: least rms {rms:.2e}, {label}.")
+    whole = cycle(options.data)
+    if options.section != "diagnosis":
+        compensation(whole)
+    if options.section != "compensation":
+        diagnosis(whole)
 
 
 if __name__ == "__main__":

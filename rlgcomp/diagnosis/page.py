@@ -59,12 +59,7 @@ def render(diagnosis: Diagnosis) -> str:
 
 
 def _places(diagnosis: Diagnosis) -> pd.DataFrame:
-    return pd.DataFrame(
-        [
-            {"where": wording.place_text(place), "share": f"{100 * place.share:.0f} %", "p": wording.p_text(place.p_value)}
-            for place in diagnosis.where
-        ]
-    )
+    return pd.DataFrame(wording.place_rows(diagnosis.where), columns=["where", "share", "p"])
 
 
 def _causes(diagnosis: Diagnosis) -> pd.DataFrame:

@@ -223,7 +223,7 @@ def _black_box(windows: Sequence[Windows], training: int, window_s: float) -> li
     """Window means of what an LS-SVM learned from the mismatch of the training runs; None where no monitor can teach it."""
     fine = [one.fine for one in windows]
     rows = sum(int(one.kept.sum()) for one in windows[:training])
-    averaging_s = window_s * math.ceil(rows / _BLACK_BOX_ROWS)
+    averaging_s = max(window_s * math.ceil(rows / _BLACK_BOX_ROWS), *(run.period_s for run in fine))  # windows may be rows
     common = set.intersection(*(set(run.columns) for run in fine)) - {TIME, "gyro_deg_h"}
     levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns
     for features in (levels,) if fine[0].metadata.kind == "turntable" else ("all", levels):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
@@ -65,9 +66,7 @@ def as_text(diagnosis: Diagnosis) -> str:
     """The whole diagnosis for a terminal: verdict first."""
     parts = [diagnosis.sentence]
     if diagnosis.where:
-        rows = [
-            [place_text(place), f"{100 * place.share:.0f} %", p_text(place.p_value)] for place in diagnosis.where[:SHOWN_PLACES]
-        ]
+        rows = place_rows(diagnosis.where)[:SHOWN_PLACES]
         parts.append(_table(f"Where (that nothing is missing: {p_text(diagnosis.p_value)})", ["place", "share", "p"], rows))
     if diagnosis.causes:
         rows = []
@@ -120,6 +119,21 @@ def place_text(place: Place) -> str:
     if place.angle_harmonic is not None:
         said.append(f"harmonic {place.angle_harmonic:g} of the angle")
     return ", ".join(said)
+
+
+def place_rows(places: Sequence[Place]) -> list[list[str]]:
+    """Place, share and p-value; all stays in one regime in one row."""
+    rows = []
+    for (regime, p_value), group in itertools.groupby(places, key=lambda place: (place.regime, place.p_value)):
+        stays = list(group)
+        if regime is None or len(stays) == 1:
+            rows += [[place_text(place), f"{100 * place.share:.0f} %", p_text(p_value)] for place in stays]
+            continue
+        hours = sum((place.end_s or 0.0) - (place.start_s or 0.0) for place in stays) / SECONDS_PER_HOUR
+        runs = listing(sorted({place.run for place in stays}))
+        said = f"{runs} {stays[0].channel}, {len(stays)} stays of together {hours:.2f} h, {regime}"
+        rows.append([said, f"{100 * sum(place.share for place in stays):.0f} %", p_text(p_value)])
+    return rows
 
 
 def set_text(names: Sequence[str]) -> str:

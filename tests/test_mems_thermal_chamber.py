@@ -1,0 +1,34 @@
+"""A real MEMS IMU in a thermal chamber: memory of the temperature is found, and what is said of the leg held out is honest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from experiments.mems_thermal_chamber.__main__ import cycle, diagnosed
+from experiments.mems_thermal_chamber.judgement import MEMORY, held_out, judgement, memories
+
+DATA = Path(__file__).parents[2] / "shared/data/real/mems_imu_thermal_chamber"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"real data are absent: {DATA}")
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_memory_is_found_and_the_leg_held_out_improves(axis: str) -> None:
+    found = diagnosed(cycle(DATA), axis, tuple(MEMORY))
+    fit = held_out(found)
+    assert found.p_value < 1e-6
+    assert memories(found)
+    assert fit.improvement_ci95[0] > 0.0
+    assert fit.compensation_rms is not None
+    assert fit.augmented_rms < fit.compensation_rms
+
+
+def test_the_hard_axis_gets_an_honest_answer() -> None:
+    """The third axis does not repeat: what no gain proves is not sold as one, and the rest is said to be unknown."""
+    found = diagnosed(cycle(DATA), "z", tuple(MEMORY))
+    said = judgement(found)
+    assert memories(found)
+    assert found.verdict == "unknown"
+    assert ("no gain can be claimed" in said) == (held_out(found).improvement_ci95[0] <= 0.0)
+    assert "the leg is not described" in said
