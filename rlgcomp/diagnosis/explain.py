@@ -95,8 +95,10 @@ def explain(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> Expla
     search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
     models = search.run()
     shares = [np.exp(model.noise_log - log_sum_exp(model.noise_log)) for model in models[:_WATCHED]]
-    healthy = np.where(ordinary, search.models[frozenset()].noise_log, -np.inf)  # the null hypothesis is tested with these
-    shares.append(np.exp(healthy - log_sum_exp(healthy)))
+    nothing = search.models[frozenset()].noise_log  # the null hypothesis is tested with these, and with what wanders
+    for allowed in (ordinary, ~ordinary):
+        healthy = np.where(allowed, nothing, -np.inf)
+        shares.append(np.exp(healthy - log_sum_exp(healthy)))
     kept = np.flatnonzero(np.max(shares, axis=0) > _NEGLIGIBLE)
     evidence.keep(kept)
     noise_log_prior, ordinary = noise_log_prior[kept], ordinary[kept]

@@ -107,6 +107,7 @@ class Cause:
             "mechanism": self.name,
             "probability": self.probability,
             "parameters": {name: dataclasses.asdict(estimate) for name, estimate in self.parameters.items()},
+            "settings": {p.name: getattr(self.mechanism, p.name) for p in self.mechanism.parameters() if p.role == "setting"},
             "equation": self.mechanism.stated(),
             "drivers": list(self.drivers or self.mechanism.driver_names()),
             "rms": {"value": self.rms_deg_h, "unit": "deg/h"},

@@ -1,0 +1,259 @@
+"""Evidence in closed form against integrals done another way; the search, the path of jumps, the measured null."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis import telegraph
+from rlgcomp.diagnosis.candidates import Candidate, candidates
+from rlgcomp.diagnosis.detect import detect, tail_probability
+from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
+from rlgcomp.diagnosis.explain import explain
+from rlgcomp.diagnosis.fit import fit
+from rlgcomp.diagnosis.noises import log_prior, ordinary_noise
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.search import Search, posterior
+from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate
+from rlgcomp.noise import NoiseModel
+from rlgcomp.physics import CATALOGUE
+
+SIMULATOR = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+
+
+def runs(shape: NoiseShape = NoiseShape(), *, seed: int = 0, hours: float = 4.0, white: float = 0.002) -> list[rlg.Recording]:
+    """Two small runs at 100 s: temperature up and down, two wandering monitors, noise of a shape."""
+    rng = np.random.default_rng(seed)
+    n = int(hours * 36)
+    found = []
+    for k in range(2):
+        time_s = 100.0 * np.arange(n)
+        phase = 2.0 * np.pi * time_s / (3600.0 * (2.0 + 0.7 * k))
+        rows = Rows(time_s, np.zeros(n, dtype=int), np.ones(n), 100.0)
+        table = pd.DataFrame(
+            {
+                "time_s": time_s,
+                "gyro_deg_h": white * simulate(rows, shape, 1, rng)[:, 0],
+                "temperature_block_degC": 10.0 + 30.0 * np.sin(phase + 0.4 * k) + 0.01 * rng.standard_normal(n),
+                "supply_voltage_V": 15.0 + 0.02 * np.cumsum(rng.standard_normal(n)) / 6.0,
+                "pressure_hPa": 1010.0 + np.cumsum(rng.standard_normal(n)) / 4.0,
+            }
+        )
+        found.append(rlg.Recording(table, name=f"run{k}"))
+    return found
+
+
+def with_effect(recordings: list[rlg.Recording], *mechanisms: rlg.Mechanism) -> list[rlg.Recording]:
+    """The recordings with what mechanisms add."""
+    found = []
+    for run in recordings:
+        added = sum(m.contribution(run, np.random.default_rng(0)) for m in mechanisms)
+        found.append(run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + added)))
+    return found
+
+
+@pytest.fixture(scope="module")
+def small() -> Evidence:
+    problem = Problem.of(SIMULATOR, runs(NoiseShape(0.3, 0.1)), window_s=100.0)
+    few = {name: CATALOGUE[name] for name in ("supply_voltage", "ambient_pressure", "temperature_rate", "thermal_lag")}
+    return Evidence(problem, candidates(problem, few)[0], (NoiseShape(), NoiseShape(0.3, 0.1)))
+
+
+def by_integration(evidence: Evidence, noise: int, members: tuple[Member, ...]) -> float:
+    """Log evidence with the noise's size integrated on a grid, and amplitudes and baseline put into the covariance."""
+    problem = evidence.problem
+    y = problem.target_deg_h / evidence.scale_deg_h
+    n, p = len(y), problem.baseline.shape[1]
+    from tests.test_whitening import dense
+
+    covariance = dense(problem.rows, evidence.noises[noise])
+    for member in members:
+        columns = evidence._table[:, evidence._slices[member.candidate]]
+        covariance = covariance + columns @ columns.T * SIZES[member.size] ** 2 / columns.shape[1]
+    inverse = np.linalg.inv(covariance)
+    x = evidence._orthogonal
+    normal = x.T @ inverse @ x
+    left = float(y @ inverse @ y - y @ inverse @ x @ np.linalg.solve(normal, x.T @ inverse @ y))
+    log_sigma = np.linspace(-6.0, 3.0, 4001)
+    logs = -(n - p) * log_sigma - 0.5 * left * np.exp(-2.0 * log_sigma)
+    integral = math.log(np.trapezoid(np.exp(logs - logs.max()), log_sigma)) + logs.max()
+    return integral - 0.5 * np.linalg.slogdet(covariance)[1] - 0.5 * np.linalg.slogdet(normal)[1]
+
+
+def test_closed_form_is_the_integral(small: Evidence) -> None:
+    one, two = Member(0, 3), Member(2, 5)
+    for noise in (0, 1):
+        start = by_integration(small, noise, ())
+        nothing = small.extensions(())
+        for members in ((one,), (one, two)):
+            expected = by_integration(small, noise, members) - start
+            assert small.extensions(members).point[noise] - nothing.point[noise] == pytest.approx(expected, abs=1e-4)
+    assert by_integration(small, 1, ()) - by_integration(small, 0, ()) == pytest.approx(
+        float(small.extensions(()).point[1] - small.extensions(()).point[0]), abs=1e-4
+    )
+
+
+def test_an_extension_is_the_model_with_one_more(small: Evidence) -> None:
+    held = Member(1, 4)
+    extension = small.extensions((held,))
+    for candidate in (0, 3):
+        sizes = [small.extensions((held, Member(candidate, k))).point for k in range(len(SIZES))]
+        averaged = np.log(np.mean(np.exp(np.array(sizes) - extension.point), axis=0)) + extension.point
+        np.testing.assert_allclose(extension.extended[:, candidate], averaged, atol=1e-8)
+
+
+def test_a_cause_that_the_baseline_has_is_no_candidate(small: Evidence) -> None:
+    before = len(small.candidates)
+    small.add([Candidate(CATALOGUE["thermal_polynomial"](degree=1), small.problem.baseline[:, :2], 0.0)])
+    assert len(small.candidates) == before
+
+
+def test_the_search_finds_a_pair_and_says_nothing_of_nothing() -> None:
+    few = {
+        name: CATALOGUE[name]
+        for name in ("supply_voltage", "ambient_pressure", "temperature_rate", "thermal_lag", "warm_up", "thermal_hysteresis")
+    }
+    hidden = (CATALOGUE["supply_voltage"](k_deg_h_V=0.08), CATALOGUE["thermal_lag"](k_deg_h_K=6e-4, time_constant_s=900.0))
+    for causes in ((), hidden):
+        problem = Problem.of(SIMULATOR, with_effect(runs(seed=5, hours=8.0), *causes), window_s=100.0)
+        noises = ordinary_noise()
+        search = Search(Evidence(problem, candidates(problem, few)[0], noises), log_prior(noises, None, 100.0))
+        models = search.run()
+        assert {name for name, _ in models[0].labels} == {cause.name for cause in causes}
+        assert posterior(models).sum() == pytest.approx(1.0)
+
+
+def test_priors_over_sets_sum_to_one(small: Evidence) -> None:
+    search = Search(small)
+    labels = [(name, False) for name in search.names]
+    total = sum(
+        math.exp(search.log_prior(frozenset(chosen)))
+        for k in range(len(labels) + 1)
+        for chosen in itertools.combinations(labels, k)
+    )
+    assert total == pytest.approx(1.0)
+
+
+def test_stated_noise_is_believed_but_not_blindly() -> None:
+    noises = ordinary_noise()
+    prior = np.exp(log_prior(noises, NoiseModel(angle_random_walk_deg_sqrt_h=3e-4, bias_instability_deg_h=4.5e-4), 100.0))
+    assert prior.sum() == pytest.approx(1.0)
+    assert noises[int(np.argmax(prior))] == NoiseShape(0.25, 0.0)
+    assert prior.min() > 0.004
+
+
+# --- jumps -------------------------------------------------------------------------------------------------------------------------
+
+
+def test_forward_and_backward_are_the_sum_over_all_paths() -> None:
+    rng = np.random.default_rng(8)
+    n, step, noise, flip = 8, 0.9, 0.7, 0.2
+    values = rng.standard_normal(n)
+    mean, log_likelihood = telegraph._smoothed(
+        values[:, None], np.array([step]), np.array([noise]), np.r_[0.5, np.full(n - 1, flip)][:, None]
+    )
+    paths = np.array(list(itertools.product((1.0, -1.0), repeat=n)))
+    joint = np.array(
+        [
+            math.log(0.5)
+            + sum(math.log(flip if a != b else 1.0 - flip) for a, b in itertools.pairwise(path))
+            + stats.norm.logpdf(values, step * path, noise).sum()
+            for path in paths
+        ]
+    )
+    assert log_likelihood[0] == pytest.approx(np.logaddexp.reduce(joint), abs=1e-10)
+    weights = np.exp(joint - np.logaddexp.reduce(joint))
+    np.testing.assert_allclose(mean[:, 0], weights @ paths, atol=1e-10)
+    signs = telegraph._viterbi(values, step, noise, np.r_[0.5, np.full(n - 1, flip)])
+    np.testing.assert_array_equal(signs, paths[int(np.argmax(joint))])
+
+
+def test_a_path_of_jumps_is_found_and_noise_has_none_to_speak_of() -> None:
+    rng = np.random.default_rng(9)
+    rows = Rows(100.0 * np.arange(400), np.zeros(400, dtype=int), np.ones(400), 100.0)
+    smooth = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, 400), 4))[0]
+    signs = np.where(np.cumsum(rng.random(400) < 0.03) % 2, 1.0, -1.0)
+    path = telegraph.best_path(rows, 1.5 * signs + rng.standard_normal(400) + smooth[:, 0] * 20.0, smooth)
+    assert np.mean(path.signs == signs) > 0.93
+    assert path.half_step == pytest.approx(1.5, abs=0.15)
+    quiet = telegraph.best_path(rows, rng.standard_normal(400), smooth)
+    column = quiet.signs - smooth @ (smooth.T @ quiet.signs)
+    assert quiet.log_weight < -0.4 * float(column @ column) / 400.0 * 10.0
+
+
+# --- the null ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_p_values_of_noise_are_uniform() -> None:
+    few = {name: CATALOGUE[name] for name in ("supply_voltage", "temperature_rate", "thermal_lag", "warm_up")}
+    noises = tuple(NoiseShape(f, w) for f in (0.0, 0.3) for w in (0.0, 0.2))
+    shapes = (NoiseShape(), NoiseShape(0.3, 0.0), NoiseShape(0.3, 0.2))
+    found = []
+    for seed in range(60):
+        problem = Problem.of(SIMULATOR, runs(shapes[seed % 3], seed=100 + seed), window_s=100.0)
+        evidence = Evidence(problem, candidates(problem, few)[0], noises)
+        prior = log_prior(noises, None, 100.0)
+        found.append(detect(evidence, prior, np.ones(4, dtype=bool), len(evidence.candidates), np.random.default_rng(seed)).p_value)
+    assert stats.kstest(found, "uniform").pvalue > 0.01
+
+
+def test_the_tail_goes_on_beyond_the_replicates() -> None:
+    replicates = np.random.default_rng(1).exponential(size=400)
+    assert tail_probability(1.0, replicates) == pytest.approx(math.exp(-1.0), abs=0.06)
+    assert tail_probability(20.0, replicates) == pytest.approx(math.exp(-20.0), rel=50.0)
+    assert tail_probability(20.0, replicates) < 1e-6
+
+
+# --- the fit -----------------------------------------------------------------------------------------------------------------------
+
+
+def test_parameters_are_recovered_within_their_errors() -> None:
+    ratios = []
+    for seed in range(12):
+        true = CATALOGUE["thermal_lag"](k_deg_h_K=1e-3, time_constant_s=800.0)
+        problem = Problem.of(SIMULATOR, with_effect(runs(seed=seed, hours=8.0), true), window_s=100.0)
+        start = dataclasses.replace(true, time_constant_s=900.0)
+        fitted = fit(problem, [Candidate(start, problem.columns(start), 0.0)], NoiseShape())
+        (cause,) = fitted.causes
+        ratios += [
+            (cause.estimates[name].value - getattr(true, name)) / cause.estimates[name].sd
+            for name in ("k_deg_h_K", "time_constant_s")
+        ]
+        assert fitted.white_deg_h == pytest.approx(0.002, rel=0.15)
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.6
+
+
+def test_wrong_numbers_are_not_missing_physics() -> None:
+    stated = rlg.Simulator.from_mapping(
+        {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}, {"supply_voltage": {"k_deg_h_V": 0.5}}]}
+    )
+    recordings = with_effect(runs(seed=3, hours=8.0), CATALOGUE["supply_voltage"](k_deg_h_V=0.1))
+    diagnosis = rlg.diagnose(stated, train=recordings, window_s=100.0, black_box=False)
+    assert diagnosis.verdict == "none"
+    assert any("supply_voltage" in remark and "do not fit" in remark for remark in diagnosis.remarks)
+    (voltage,) = (m for m in diagnosis.augmented.mechanisms if m.name == "supply_voltage")
+    assert voltage.k_deg_h_V == pytest.approx(0.1, abs=0.02)
+
+
+def test_an_unrecorded_wander_is_unknown_without_a_name() -> None:
+    recordings = runs(NoiseShape(wander=1.5, wander_s=1500.0), seed=4, hours=10.0)
+    diagnosis = rlg.diagnose(SIMULATOR, train=recordings, window_s=100.0, black_box=False)
+    assert diagnosis.verdict == "unknown"
+    assert not diagnosis.causes
+    assert diagnosis.unexplained.drivers == ()
+    assert any("no recorded column follows" in remark for remark in diagnosis.remarks)
+
+
+def test_explanations_hold_probabilities_and_reasons() -> None:
+    problem = Problem.of(SIMULATOR, with_effect(runs(seed=6), CATALOGUE["ambient_pressure"](k_deg_h_hPa=0.004)), window_s=100.0)
+    explanations = explain(problem, CATALOGUE)
+    assert explanations.models[0].labels == {("ambient_pressure", False)}
+    assert explanations.probabilities.sum() == pytest.approx(1.0)
+    assert "magnetic_field" in explanations.left_out

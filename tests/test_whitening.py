@@ -1,0 +1,76 @@
+"""Whitening: against dense matrices, and against the noise it is meant for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rlgcomp.diagnosis.whitening import NoiseShape, Rows, Whitener, simulate, whiten
+
+SHAPES = (
+    NoiseShape(),
+    NoiseShape(flicker=0.4),
+    NoiseShape(walk=0.3),
+    NoiseShape(0.2, 0.1),
+    NoiseShape(wander=0.8, wander_s=900.0),
+)
+
+
+def rows(*lengths: int, contrasts: int = 0) -> Rows:
+    times = [100.0 * np.arange(n) + (np.arange(n) > n // 2) * 700.0 for n in lengths]  # with a gap
+    run = np.repeat(np.arange(len(lengths)), lengths)
+    white = np.where(np.arange(len(run)) % 7 == 3, 1.25, 1.0)
+    more = np.zeros(contrasts)
+    return Rows(np.r_[np.concatenate(times), more], np.r_[run, more + 9].astype(int), np.r_[white, more + 1.0], 100.0, contrasts)
+
+
+def dense(rows: Rows, shape: NoiseShape) -> np.ndarray:
+    """Covariance by its definition."""
+    covariance = np.diag(rows.white).astype(float)
+    for part in rows.runs:
+        time_s = rows.time_s[part]
+        lag = np.abs(time_s[:, None] - time_s)
+        since = np.minimum(time_s[:, None], time_s) - time_s[0] + rows.window_s
+        for time_constant, stationary, diffusion in zip(*shape.processes(rows.window_s), strict=True):
+            covariance[part, part] += diffusion * since if np.isinf(time_constant) else stationary * np.exp(-lag / time_constant)
+    return covariance
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_innovations_are_those_of_the_dense_factor(shape: NoiseShape) -> None:
+    where = rows(40, 25, contrasts=4)
+    columns = np.random.default_rng(1).standard_normal((len(where), 3))
+    whitened, log_determinant = whiten(where, columns, (shape,))
+    factor = np.linalg.cholesky(dense(where, shape))
+    np.testing.assert_allclose(whitened[0], np.linalg.solve(factor, columns), atol=1e-9)
+    assert log_determinant[0] == pytest.approx(2.0 * np.log(np.diag(factor)).sum(), abs=1e-9)
+
+
+def test_many_shapes_at_once_are_each_alone() -> None:
+    where = rows(30, 30)
+    columns = np.random.default_rng(2).standard_normal((60, 2))
+    together = Whitener(where, SHAPES)
+    for k, shape in enumerate(SHAPES):
+        np.testing.assert_allclose(together(columns)[k], whiten(where, columns, (shape,))[0][0], atol=1e-12)
+    some = together.keep(np.array([4, 1]))
+    np.testing.assert_allclose(some(columns), together(columns)[[4, 1]], atol=1e-12)
+    np.testing.assert_allclose(some.log_determinant, together.log_determinant[[4, 1]])
+
+
+@pytest.mark.parametrize("shape", SHAPES[1:])
+def test_simulated_noise_is_white_once_whitened(shape: NoiseShape) -> None:
+    where = rows(60, 50)
+    noise = simulate(where, shape, 600, np.random.default_rng(3))
+    whitened = whiten(where, noise, (shape,))[0][0]
+    covariance = whitened @ whitened.T / 600.0
+    off = covariance - np.eye(len(where))
+    assert np.abs(np.diag(off)).mean() < 0.07  # sqrt(2 / 600) is 0.058
+    assert np.abs(off[~np.eye(len(where), dtype=bool)]).mean() < 0.04  # sqrt(1 / 600) times 0.8 is 0.033
+
+
+def test_flicker_has_the_allan_variance_of_its_coefficient() -> None:
+    where = Rows(100.0 * np.arange(4000), np.zeros(4000, dtype=int), np.ones(4000), 100.0)
+    noise = simulate(where, NoiseShape(flicker=1.0), 40, np.random.default_rng(4))
+    means = noise.reshape(-1, 16, 40).mean(axis=1)  # 1600 s: white noise adds 1/16
+    allan = 0.5 * np.mean(np.diff(means, axis=0) ** 2)
+    assert allan - 1.0 / 16.0 == pytest.approx(2.0 * np.log(2.0) / np.pi, rel=0.12)
