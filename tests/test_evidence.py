@@ -28,7 +28,10 @@ from rlgcomp.physics import CATALOGUE
 SIMULATOR = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
 
 
-def runs(shape: NoiseShape = NoiseShape(), *, seed: int = 0, hours: float = 4.0, white: float = 0.002) -> list[rlg.Recording]:
+WHITE = NoiseShape()
+
+
+def runs(shape: NoiseShape = WHITE, *, seed: int = 0, hours: float = 4.0, white: float = 0.002) -> list[rlg.Recording]:
     """Two small runs at 100 s: temperature up and down, two wandering monitors, noise of a shape."""
     rng = np.random.default_rng(seed)
     n = int(hours * 36)
@@ -149,7 +152,7 @@ def test_stated_noise_is_believed_but_not_blindly() -> None:
     assert prior.min() > 0.004
 
 
-# --- jumps -------------------------------------------------------------------------------------------------------------------------
+# --- jumps -----------------------------------------------------------------------------------------------------------------
 
 
 def test_forward_and_backward_are_the_sum_over_all_paths() -> None:
@@ -188,7 +191,7 @@ def test_a_path_of_jumps_is_found_and_noise_has_none_to_speak_of() -> None:
     assert quiet.log_weight < -0.4 * float(column @ column) / 400.0 * 10.0
 
 
-# --- the null ----------------------------------------------------------------------------------------------------------------------
+# --- the null --------------------------------------------------------------------------------------------------------------
 
 
 def test_p_values_of_noise_are_uniform() -> None:
@@ -211,7 +214,7 @@ def test_the_tail_goes_on_beyond_the_replicates() -> None:
     assert tail_probability(20.0, replicates) < 1e-6
 
 
-# --- the fit -----------------------------------------------------------------------------------------------------------------------
+# --- the fit ---------------------------------------------------------------------------------------------------------------
 
 
 def test_parameters_are_recovered_within_their_errors() -> None:

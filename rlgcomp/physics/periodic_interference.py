@@ -14,6 +14,7 @@ from rlgcomp.recording import Recording
 _PEAKS: Final = 2
 _OVERSAMPLING: Final = 3  # frequencies tried in each resolution cell
 _APART: Final = 3  # cells between two peaks
+_CYCLES: Final = 4  # in the longest run, at least: fewer are a drift
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +54,8 @@ class PeriodicInterference(Mechanism):
         longest = max(float(t[-1] - t[0]) for t in time_s)
         step_hz = 1.0 / (_OVERSAMPLING * longest)
         highest_hz = min(0.5, 0.5 / max(float(np.median(np.diff(t))) for t in time_s))
-        frequency_hz = step_hz * np.arange(_OVERSAMPLING, max(_OVERSAMPLING + 1, int(highest_hz / step_hz)), dtype=np.float64)
+        lowest = _CYCLES * _OVERSAMPLING
+        frequency_hz = step_hz * np.arange(lowest, max(lowest + 1, int(highest_hz / step_hz)), dtype=np.float64)
         waves = [_spectrum(t, values, step_hz, frequency_hz) for t, values in zip(time_s, left, strict=True)]
         found = []
         for phase, power in (("start", np.abs(np.sum(waves, axis=0)) ** 2), ("random", np.sum(np.abs(waves) ** 2, axis=0))):
