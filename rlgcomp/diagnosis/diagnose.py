@@ -40,6 +40,7 @@ LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue 
 AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
 _MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
 _ALTERNATIVES: Final = 8
+_NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _RIVALS: Final = 3  # told apart by the next experiment
 _UNRECORDED: Final = 0.5
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
@@ -156,7 +157,7 @@ def diagnose(
         noise=model,
         calibration=before.baseline,
         alignment=alignment,
-        remarks=_remarks(explanations, conclusion, after, noise),
+        remarks=_remarks(explanations, conclusion, after, noise, detection.p_value),
         traces=proof.traces,
     )
 
@@ -325,11 +326,18 @@ def _unexplained(conclusion: _Conclusion, whiteness: float | None) -> Unexplaine
     return Unexplained(left)
 
 
-def _remarks(explanations: Explanations, conclusion: _Conclusion, after: Fitted, noise: NoiseShape) -> tuple[str, ...]:
+def _remarks(
+    explanations: Explanations, conclusion: _Conclusion, after: Fitted, noise: NoiseShape, p_value: float
+) -> tuple[str, ...]:
     remarks = []
     if explanations.left_out:
         wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
         remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
+    if _verdict(conclusion, {}) == "none" and p_value < _NOTED:
+        remarks.append(
+            f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
+            "programme, would tell."
+        )
     for cause in after.causes:
         if cause.known:
             numbers = ", ".join(f"{name} = {estimate}" for name, estimate in cause.estimates.items())
