@@ -176,6 +176,8 @@ def _known(
     if not train:
         raise InputError("no training runs; give at least one with --train")
     kinds = {run.metadata.kind for run in (*train, *test)}
+    if simulator is not None and simulated is not None:
+        raise InputError("a simulator and simulated runs were given; give one of them")
     if isinstance(simulator, Simulator):
         base, predicted, alignment = simulator, None, ()
     else:
