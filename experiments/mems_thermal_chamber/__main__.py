@@ -80,8 +80,8 @@ def diagnosis(whole: rlg.Recording) -> None:
     for title, candidates in (("those that remember temperature", MEMORY), ("the whole catalogue", tuple(rlg.CATALOGUE))):
         print(f"# What a cubic polynomial in temperature is missing; candidates: {title}\n")
         print(
-            f"Rms of {AVERAGING_S:g} s means of leg 3, in the recording's own unit. Leg 3 takes no part in fitting, but averaging time "
-            "and candidates were settled with it in view: on y, other choices gain between -34 and 60 %.\n"
+            f"Rms of {AVERAGING_S:g} s means of leg 3, in the recording's own unit. Leg 3 takes no part in fitting, but averaging "
+            "time and candidates were settled with it in view: on y, other choices gain between -34 and 60 %.\n"
         )
         print("| axis | verdict | found (probability) | cubic | with what was found | gain, 95 % interval | LS-SVM | noise |")
         print("|---|---|---|---|---|---|---|---|")
