@@ -14,8 +14,9 @@ from rlgcomp.noise import NoiseModel
 from rlgcomp.units import arw_rate_sd_deg_h
 
 Array = npt.NDArray[np.float64]
-FLICKERS: Final = (0.0, 0.1, 0.25, 0.6, 1.3)
-WALKS: Final = (0.0, 0.06, 0.18, 0.5, 1.5)
+# Strengths that are tried, and how likely each is before the data are seen: at 100 s a ring laser gyro is mostly white.
+FLICKERS: Final = {0.0: 0.30, 0.1: 0.25, 0.25: 0.22, 0.6: 0.15, 1.3: 0.08}
+WALKS: Final = {0.0: 0.35, 0.06: 0.25, 0.18: 0.20, 0.5: 0.12, 1.5: 0.08}
 WANDERS: Final = (0.2, 0.5, 1.2, 3.0)
 WANDERS_S: Final = (500.0, 1500.0, 4500.0, 13500.0)
 _TRUSTED: Final = 0.8  # weight of the noise that a simulator file states
@@ -34,7 +35,7 @@ def unrecorded_cause() -> tuple[NoiseShape, ...]:
 
 
 def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseModel | None, window_s: float) -> Array:
-    """Log probability of ordinary noises: even, or most of it about what a simulator file states.
+    """Log probability of noises: the usual one, or most of it about what a simulator file states.
 
     Parameters
     ----------
@@ -42,9 +43,10 @@ def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseModel | None, window_
     stated : NoiseModel, optional
     window_s : float
     """
-    even = np.full(len(noises), 1.0 / len(noises))
+    usual = np.array([FLICKERS.get(noise.flicker, 1.0) * WALKS.get(noise.walk, 1.0) for noise in noises])
+    usual /= usual.sum()
     if stated is None or stated.angle_random_walk_deg_sqrt_h == 0.0:
-        return np.asarray(np.log(even))
+        return np.asarray(np.log(usual))
     white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, window_s)
     expected = stated.bias_instability_deg_h / white, stated.rate_random_walk_deg_h_sqrt_h / white
     distance = np.array(
@@ -57,4 +59,4 @@ def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseModel | None, window_
         ]
     )
     near = np.exp(-0.5 * distance / _DOUBT**2)
-    return np.asarray(np.log(_TRUSTED * near / near.sum() + (1.0 - _TRUSTED) * even))
+    return np.asarray(np.log(_TRUSTED * near / near.sum() + (1.0 - _TRUSTED) * usual))
