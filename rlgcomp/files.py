@@ -56,7 +56,10 @@ def whole_folder(path: str | Path, *, ours: str) -> Iterator[Path]:
     require_writable(path)
     if path.exists() and not (path.is_dir() and ((path / ours).exists() or not any(path.iterdir()))):
         raise InputError(f"{path} exists and holds no {ours}, so it is left untouched; give another name, or remove it first")
-    scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    try:
+        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}; give another place") from None
     try:
         yield scratch
         scratch.chmod(0o777 & ~_umask())

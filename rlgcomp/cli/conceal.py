@@ -40,10 +40,13 @@ def conceal(
     """
     from rlgcomp.diagnosis.conceal import conceal as make
     from rlgcomp.diagnosis.seal import CHALLENGE, SIMULATOR, TRUTH, seal
+    from rlgcomp.errors import InputError
     from rlgcomp.files import require_writable, sha256
     from rlgcomp.simulation.simulator import Simulator
 
     require_writable(out)
+    if (out / CHALLENGE).exists():
+        raise InputError(f"{out} holds a challenge already, and a seal that can be broken proves nothing; give another --out")
     with progress("simulating"):
         seal(make(Simulator.from_yaml(simulator), hide, seed=seed, strength=strength, step_s=step_s), out)
     if as_json:

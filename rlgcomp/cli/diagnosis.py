@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -113,7 +114,7 @@ def told_apart(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recordin
 
 
 def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> None:
-    """Refuse a run that is both trained on and held out.
+    """Refuse a run that is both trained on and held out, or given twice: it would count as two that agree.
 
     Raises
     ------
@@ -124,18 +125,17 @@ def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> N
 
     from rlgcomp.errors import InputError
 
-    for held_out in test:
-        for seen in train:
-            column = held_out.gyro_columns[0]
-            if column not in seen:
-                continue
-            _, ours, theirs = np.intersect1d(held_out.time_s[held_out.scored], seen.time_s[seen.scored], return_indices=True)
-            same = held_out.column(column)[held_out.scored][ours] == seen.column(column)[seen.scored][theirs]
-            if len(same) and same.all() and np.ptp(held_out.column(column)) > 0.0:
-                raise InputError(
-                    f"{held_out.name} is given both to train and to test, at least in part; hold out another run, or another "
-                    "interval as RUN@START:STOP"
-                )
+    for one, other in [*itertools.product(test, train), *itertools.combinations(train, 2)]:
+        column = one.gyro_columns[0]
+        if column not in other:
+            continue
+        _, ours, theirs = np.intersect1d(one.time_s[one.scored], other.time_s[other.scored], return_indices=True)
+        same = one.column(column)[one.scored][ours] == other.column(column)[other.scored][theirs]
+        if len(same) and same.all() and np.ptp(one.column(column)) > 0.0:
+            where = "to train and to test" if one in test else "twice to train"
+            raise InputError(
+                f"{one.name} is given {where}, at least in part; give another run, or another interval as RUN@START:STOP"
+            )
 
 
 def _simulator(

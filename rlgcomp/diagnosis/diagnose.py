@@ -22,11 +22,11 @@ from rlgcomp.diagnosis.laws import Dictionary
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.proof import prove
+from rlgcomp.diagnosis.proof import prove, whiteness_p_value
 from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, NextExperiment, Unexplained, Verdict
 from rlgcomp.diagnosis.search import Model, inadequacy
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 from rlgcomp.errors import InputError
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
@@ -140,15 +140,17 @@ def diagnose(
     told(0.98)
     rivals = _rivals(explanations, conclusion.model)
     verdict = _verdict(conclusion, rivals)
+    # a path of jumps or a line is seen by the search alone: the null's own probability then bounds the p-value
+    p_value = min(detection.p_value, _healthy(explanations)) if verdict != "none" else detection.p_value
     next_up = _what_to_run(windowed, explanations, conclusion.model, noise, after, seed) if verdict == "ambiguous" else None
     model = noise_model(noise, after.white_deg_h, problem.rows.window_s)
     return Diagnosis(
         verdict=verdict,
-        p_value=detection.p_value,
+        p_value=p_value,
         where=where,
         causes=_causes(explanations, conclusion, after, rivals),
         alternatives=_alternatives(explanations, conclusion),
-        unexplained=_unexplained(conclusion, proof.train.whiteness_p_value),
+        unexplained=_unexplained(conclusion, _whiteness(problem, after, noise)),
         train=proof.train,
         test=proof.test,
         next_experiment=next_up,
@@ -157,7 +159,7 @@ def diagnose(
         noise=model,
         calibration=before.baseline,
         alignment=alignment,
-        remarks=_remarks(explanations, conclusion, after, noise, detection.p_value),
+        remarks=(*_yours(predicted is not None, after), *_remarks(explanations, conclusion, after, noise, detection.p_value)),
         traces=proof.traces,
     )
 
@@ -255,6 +257,12 @@ def _rivals(explanations: Explanations, best: Model) -> dict[str, dict[str, floa
     }
 
 
+def _healthy(explanations: Explanations) -> float:
+    """Probability that nothing is missing and nothing unrecorded wanders."""
+    nothing = next(k for k, model in enumerate(explanations.models) if not model.members)
+    return float(explanations.probabilities[nothing]) * (1.0 - explanations.unrecorded(explanations.models[nothing]))
+
+
 def _verdict(conclusion: _Conclusion, rivals: Mapping[str, Mapping[str, float]]) -> Verdict:
     if conclusion.laws or conclusion.unrecorded > _UNRECORDED:
         return "unknown"
@@ -317,8 +325,13 @@ def _what_to_run(
     )
 
 
-def _unexplained(conclusion: _Conclusion, whiteness: float | None) -> Unexplained:
-    left = 1.0 if whiteness is None else whiteness
+def _whiteness(problem: Problem, after: Fitted, noise: NoiseShape) -> float:
+    """That what all causes leave of the training runs, paths of jumps among them, is noise."""
+    left = whiten(problem.rows, after.residual_deg_h[:, None], (noise,))[0][0][:, 0]
+    return whiteness_p_value([left[part] for part in problem.rows.runs])
+
+
+def _unexplained(conclusion: _Conclusion, left: float) -> Unexplained:
     if conclusion.laws:
         first = conclusion.laws[0]
         drivers = tuple(dict.fromkeys(driver for law in conclusion.laws for driver in law.drivers))
@@ -326,6 +339,12 @@ def _unexplained(conclusion: _Conclusion, whiteness: float | None) -> Unexplaine
     if conclusion.unrecorded > _UNRECORDED:
         return Unexplained(min(left, 1.0 - conclusion.unrecorded), (), "none", None)
     return Unexplained(left)
+
+
+def _yours(theirs: bool, after: Fitted) -> tuple[str, ...]:
+    if not theirs or not after.causes:
+        return ()
+    return ("augmented.yaml holds what is to be added to what your simulator says, not your simulator.",)
 
 
 def _remarks(

@@ -27,6 +27,7 @@ _LIKELY: Final = 0.02  # models less probable are not refined
 _REFINED: Final = 4  # models at most, a round
 _FIRST_LOOK: Final = 2  # causes at most, while all noises are kept
 _WATCHED: Final = 12  # models whose noises are kept
+_CALM: Final = 0.1  # strengths that are kept whatever they seem
 _NEGLIGIBLE: Final = 1e-3  # share of a noise that is dropped
 
 
@@ -99,7 +100,8 @@ def explain(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> Expla
     for allowed in (ordinary, ~ordinary):
         healthy = np.where(allowed, nothing, -np.inf)
         shares.append(np.exp(healthy - log_sum_exp(healthy)))
-    kept = np.flatnonzero(np.max(shares, axis=0) > _NEGLIGIBLE)
+    calm = np.array([noise.flicker <= _CALM and noise.walk <= _CALM and noise.wander == 0.0 for noise in evidence.noises])
+    kept = np.flatnonzero((np.max(shares, axis=0) > _NEGLIGIBLE) | calm)  # calm ones: a law may leave nothing but white noise
     evidence.keep(kept)
     noise_log_prior, ordinary = noise_log_prior[kept], ordinary[kept]
     search = Search(evidence, noise_log_prior)

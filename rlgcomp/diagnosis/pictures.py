@@ -161,7 +161,8 @@ def probabilities(diagnosis: Diagnosis) -> str:
         return ""
     chosen = tuple(cause.name for cause in diagnosis.causes)
     shares = {item.mechanisms: item.probability for item in diagnosis.alternatives if set(item.mechanisms) != set(chosen)}
-    shown = [(chosen, max(0.0, 1.0 - sum(shares.values()))), *sorted(shares.items(), key=lambda item: -item[1])[:8]]
+    beyond = ("something outside the catalogue",) if diagnosis.verdict == "unknown" else ()
+    shown = [((*chosen, *beyond), max(0.0, 1.0 - sum(shares.values()))), *sorted(shares.items(), key=lambda item: -item[1])[:8]]
     with rc_context(STYLE):
         figure, ((axes,),) = _figure(0.9 + 0.32 * len(shown), left_in=3.6)
         axes.barh(range(len(shown)), [share for _, share in shown], color=[FIT, *[RESIDUAL] * (len(shown) - 1)], height=0.6)

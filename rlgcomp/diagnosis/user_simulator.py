@@ -5,7 +5,9 @@ Both answer `predict_deg_h(recording)`, so that the engine subtracts them from t
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol, Self
 
@@ -141,8 +143,9 @@ class PythonSimulator:
         table = recording.table
         blind = recording.replace(table=table.assign(**dict.fromkeys(recording.gyro_columns, 0.0)), truth=None)
         try:
-            answer = self.function(blind)
-        except Exception as error:  # noqa: BLE001 - whatever the user's code raises is the input's fault
+            with contextlib.redirect_stdout(sys.stderr):  # standard output is for results
+                answer = self.function(blind)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever the user's code raises is the input's fault
             place = said_line(error, self.name.rpartition(":")[0])
             raise InputError(
                 f"{self.name} failed on {recording.name}{place}: {type(error).__name__}: {error}; correct it, or try it by itself "
