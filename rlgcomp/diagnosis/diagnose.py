@@ -19,6 +19,7 @@ from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.laws import Dictionary
+from rlgcomp.diagnosis.lines import mechanisms_at_lines
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
@@ -106,9 +107,10 @@ def diagnose(
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
     told(0.05)
     windowed = problem
-    if base.kind == "turntable":
-        problem = problem.with_contrasts(fast_candidates(problem, mechanisms))
-    explanations = explain(problem, mechanisms)
+    lines, among = mechanisms_at_lines(problem, mechanisms)
+    if base.kind == "turntable" or lines:
+        problem = problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
+    explanations = explain(problem, mechanisms, lines, among)
     told(0.5)
     rng = stream(seed, "diagnosis")
     detection = detect(explanations.evidence, explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng)

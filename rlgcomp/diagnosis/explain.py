@@ -72,13 +72,19 @@ class Explanations:
         )
 
 
-def explain(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> Explanations:
+def explain(
+    problem: Problem, catalogue: Mapping[str, type[Mechanism]], lines: Sequence[Mechanism] = (), among: float = 1.0
+) -> Explanations:
     """Posterior probabilities over sets of mechanisms.
 
     Parameters
     ----------
     problem : Problem
     catalogue : mapping of str to type
+    lines : sequence of Mechanism
+        Those that could make a line within windows.
+    among : float
+        Frequencies that these were sought among.
     """
     tried, left_out = candidates(problem, catalogue)
     usual, unusual = ordinary_noise(), unrecorded_cause()
@@ -92,7 +98,8 @@ def explain(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> Expla
     kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
     search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
     likely = _likely(search.run())
-    evidence.add([*_proposed(search, likely, kinds), *_jumping(search, likely, kinds)])
+    at_lines = [Candidate(mechanism, problem.columns(mechanism), -math.log(among)) for mechanism in lines]
+    evidence.add([*at_lines, *_proposed(search, likely, kinds), *_jumping(search, likely, kinds)])
     search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
     models = search.run()
     shares = [np.exp(model.noise_log - log_sum_exp(model.noise_log)) for model in models[:_WATCHED]]

@@ -21,7 +21,7 @@ from rlgcomp.diagnosis.problem import Problem, neighbours
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 from rlgcomp.noise import NoiseModel
-from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.mechanism import Mechanism, Parameter
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
@@ -98,7 +98,7 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
         weights, covariance, _ = _solve(problem, design, noise)
         if step == _STEPS:
             break
-        moved = _moved(mechanisms, slopes, weights[plain.shape[1] :])
+        moved = _moved(problem, mechanisms, slopes, weights[plain.shape[1] :])
         trial = [problem.columns(m) if _steady(c) else block for c, m, block in zip(chosen, moved, columns, strict=True)]
         if moved == mechanisms or _solve(problem, np.column_stack([problem.baseline, *trial]), noise)[2] >= lowest:
             break
@@ -157,7 +157,7 @@ def _slopes(problem: Problem, mechanism: Mechanism, weights: Array) -> list[tupl
     for parameter in mechanism.parameters():
         if parameter.role != "shape":
             continue
-        low, high = neighbours(mechanism, parameter.name, _DERIVATIVE)
+        low, high = _beside(problem, mechanism, parameter, _DERIVATIVE)
         step = getattr(high, parameter.name) - getattr(low, parameter.name)
         if step > 0.0:
             column = (problem.columns(high) - problem.columns(low)) @ weights / step
@@ -166,14 +166,27 @@ def _slopes(problem: Problem, mechanism: Mechanism, weights: Array) -> list[tupl
     return found
 
 
-def _moved(mechanisms: Sequence[Mechanism], slopes: Sequence[list[tuple[str, Array]]], steps: Array) -> list[Mechanism]:
+def _beside(problem: Problem, mechanism: Mechanism, parameter: Parameter, relative: float) -> tuple[Mechanism, Mechanism]:
+    """The mechanism with a shape a little smaller and larger; a frequency by a small part of what the longest run resolves."""
+    if parameter.unit != "Hz":
+        return neighbours(mechanism, parameter.name, relative)
+    step = 5.0 * relative / max(run.duration_s for run in problem.runs)
+    value = getattr(mechanism, parameter.name)
+    low, high = (float(np.clip(value + sign * step, parameter.low, parameter.high)) for sign in (-1.0, 1.0))
+    return dataclasses.replace(mechanism, **{parameter.name: low}), dataclasses.replace(mechanism, **{parameter.name: high})  # type: ignore[type-var]
+
+
+def _moved(
+    problem: Problem, mechanisms: Sequence[Mechanism], slopes: Sequence[list[tuple[str, Array]]], steps: Array
+) -> list[Mechanism]:
     """The mechanisms with shapes moved, by no more than a tenth of their size or bounds."""
     moved = []
     k = 0
     for mechanism, found in zip(mechanisms, slopes, strict=True):
         changes = {}
         for name, _ in found:
-            low, high = neighbours(mechanism, name, 5.0 * _DERIVATIVE)
+            parameter = next(parameter for parameter in mechanism.parameters() if parameter.name == name)
+            low, high = _beside(problem, mechanism, parameter, 5.0 * _DERIVATIVE)
             changes[name] = float(np.clip(getattr(mechanism, name) + steps[k], getattr(low, name), getattr(high, name)))
             k += 1
         moved.append(dataclasses.replace(mechanism, **changes))  # type: ignore[type-var]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -22,6 +22,7 @@ from rlgcomp.diagnosis.problem import Problem, Windows
 from rlgcomp.diagnosis.regimes import AT_REST
 from rlgcomp.errors import InputError
 from rlgcomp.motion import angle_deg, rate_deg_s, worth_trying
+from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.rotation_harmonics import highest_order
 from rlgcomp.units import DEG_PER_TURN, RAD_PER_DEG
 
@@ -30,6 +31,7 @@ _FEWEST: Final = 4  # rows in a window, for anything to be seen within it
 _NEIGHBOURS: Final = 256  # on either side of a line
 _MEDIAN_ODDS: Final = math.log(2.0)  # median of an exponential variable of mean one
 _MEDIAN_COST: Final = 2.08  # a median of M is as uncertain as a mean of M / 2.08
+_CERTAIN: Final = 1e-3  # p-value below which a line is taken up by the search for causes
 _ORDERS: Final = 8  # searched, for their median to be a level
 
 
@@ -132,6 +134,20 @@ class Within:
             variance = 2.0 * float(power[inside][best]) / len(values) ** 2
             found.append(Line(k, float(frequency_hz[inside][best]), variance, p_value))
         return sorted(found, key=lambda line: line.p_value)
+
+
+def mechanisms_at_lines(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tuple[list[Mechanism], float]:
+    """Mechanisms that could make the lines within windows, and among how many frequencies these were sought."""
+    within = Within.of(problem)
+    if within is None or problem.simulator.kind != "chamber":
+        return [], 1.0
+    noise = problem.simulator.noise
+    known = () if noise is None or not noise.dither_residual_arcsec else (noise.dither_residual_frequency_hz,)
+    found = [line for line in within.lines(known) if line.p_value < _CERTAIN][:1]
+    longest_s = max(part.full.duration_s for part in problem.windows)
+    rows = max(len(part.full) for part in problem.windows)
+    kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
+    return [m for line in found for kind in kinds for m in kind.at_line(line.frequency_hz, 1.0 / longest_s)], float(rows)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -208,10 +208,17 @@ class Problem:
 
     def columns(self, mechanism: Mechanism) -> Array:
         """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
-        if self.contrasts is not None and mechanism.fast and not mechanism.each_run:
+        if self.contrasts is not None and mechanism.fast:
             bases = [mechanism.basis(part.full) for part in self.windows]
-            means = [part.means(basis) for part, basis in zip(self.windows, bases, strict=True)]
-            return np.concatenate([*means, self.contrasts.of(bases)])
+            if not mechanism.each_run:
+                means = [part.means(basis) for part, basis in zip(self.windows, bases, strict=True)]
+                return np.concatenate([*means, self.contrasts.of(bases)])
+            alone = [[basis * (k == j) for j, basis in enumerate(bases)] for k in range(len(bases))]
+            own = [
+                np.concatenate([*(p.means(b) for p, b in zip(self.windows, one, strict=True)), self.contrasts.of(one)])
+                for one in alone
+            ]
+            return np.column_stack(own)
         blocks = [self.run_columns(mechanism, part) for part in self.windows]
         width = blocks[0].shape[1]
         if not mechanism.each_run:
@@ -228,9 +235,11 @@ class Problem:
 
     def with_contrasts(self, mechanisms: Sequence[Mechanism]) -> Self:
         """The problem with rows that compare samples within windows, wherever these mechanisms differ there."""
-        fast = [mechanism for mechanism in (*self.simulator.mechanisms, *mechanisms) if mechanism.fast and not mechanism.each_run]
-        bases = [[mechanism.basis(part.full) for mechanism in fast] for part in self.windows]
-        contrasts = Contrasts.made(self.windows, [np.column_stack(blocks) for blocks in bases], self.unexplained_deg_h)
+        fast = [mechanism for mechanism in (*self.simulator.mechanisms, *mechanisms) if mechanism.fast]
+        bases = [np.column_stack([mechanism.basis(part.full) for mechanism in fast]) for part in self.windows]
+        if any(mechanism.each_run for mechanism in fast):  # directions of each run by itself
+            bases = [np.column_stack([basis * (k == j) for j in range(len(bases))]) for k, basis in enumerate(bases)]
+        contrasts = Contrasts.made(self.windows, bases, self.unexplained_deg_h)
         if contrasts is None:
             return self
         more = contrasts.count

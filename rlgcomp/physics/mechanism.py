@@ -173,6 +173,12 @@ class Mechanism(abc.ABC):
         return (), 1.0
 
     @classmethod
+    def at_line(cls, frequency_hz: float, resolution_hz: float) -> tuple[Self, ...]:
+        """Shapes about a line of the spectrum, for a mechanism that makes one."""
+        del frequency_hz, resolution_hz
+        return ()
+
+    @classmethod
     def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
         """The mechanism that jumps between two values at random times; None for one that does not jump."""
         del half_step_deg_h, dwell_s

@@ -69,6 +69,11 @@ class PeriodicInterference(Mechanism):
                 power[near] = 0.0
         return tuple(found), 2.0 * len(frequency_hz)
 
+    @classmethod
+    def at_line(cls, frequency_hz: float, resolution_hz: float) -> tuple[Self, ...]:
+        near = [frequency_hz + share * resolution_hz for share in (-0.5, -0.25, 0.0, 0.25, 0.5)]
+        return tuple(cls(frequency_hz=value, phase=phase) for phase in ("start", "random") for value in near if value <= 0.5)
+
     def contribution(self, recording: Recording, rng: np.random.Generator) -> Array:
         weights = np.array([self.cosine_deg_h, self.sine_deg_h])
         if self.each_run:
