@@ -181,6 +181,10 @@ WRONG = {
     "both": (["--simulator", "{files}/my_sim.py:gyro", "--simulated", RUN0, "--train", RUN0], "give one of them"),
     "run is not there": (["--simulator", SIM, "--train", "nowhere.parquet"], "nowhere.parquet"),
     "trained on and held out": (["--simulator", SIM, "--train", RUN0, RUN1, "--test", RUN1], "both to train and to test"),
+    "a run given twice": (
+        ["--simulator", "{files}/sim.yaml", "--train", "{files}/run0.parquet", "{files}/run0.parquet"],
+        "twice to train",
+    ),
     "parts overlap": (
         ["--simulator", SIM, "--train", f"{RUN0}@0:6000", "--test", f"{RUN0}@5000:12000"],
         "both to train and to test",

@@ -132,7 +132,7 @@ def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> N
         _, ours, theirs = np.intersect1d(one.time_s[one.scored], other.time_s[other.scored], return_indices=True)
         same = one.column(column)[one.scored][ours] == other.column(column)[other.scored][theirs]
         if len(same) and same.all() and np.ptp(one.column(column)) > 0.0:
-            where = "to train and to test" if one in test else "twice to train"
+            where = "both to train and to test" if one in test else "twice to train"
             raise InputError(
                 f"{one.name} is given {where}, at least in part; give another run, or another interval as RUN@START:STOP"
             )
