@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis.lines import Within
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Place
@@ -58,7 +59,8 @@ def on_table(seed: int, error: Error) -> list[rlg.Recording]:
 
 
 def places(simulator: rlg.Simulator, runs: list[rlg.Recording], window_s: float = WINDOW_S) -> tuple[Place, ...]:
-    return locate(Problem.of(simulator, runs, window_s=window_s), WHITE, np.random.default_rng(0))
+    problem = Problem.of(simulator, runs, window_s=window_s)
+    return locate(problem, Within.of(problem), WHITE, np.random.default_rng(0))
 
 
 def overlap(found: tuple[Place, ...], inside: np.ndarray, time_s: np.ndarray, run: str) -> float:

@@ -18,8 +18,9 @@ from experiments.tables import show_table
 from rlgcomp.diagnosis.discover import discover
 from rlgcomp.diagnosis.laws import MEMORY_CLASS, Dictionary, recorded_drivers
 from rlgcomp.diagnosis.noises import ordinary_noise, unrecorded_cause
-from rlgcomp.diagnosis.problem import Problem, Windows
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.windows import Windows
 
 Array = npt.NDArray[np.float64]
 METHODS = ("laws", "laws, white noise alone", "laws, static alone", "STLSQ")

@@ -27,6 +27,7 @@ from scipy import stats
 
 from rlgcomp.diagnosis.proof import whiteness_p_value
 from rlgcomp.diagnosis.result import Alignment
+from rlgcomp.diagnosis.whitening import norms
 from rlgcomp.errors import InputError
 from rlgcomp.filters import lag, rate_per_min
 from rlgcomp.hysteresis import Play
@@ -202,7 +203,7 @@ class _Grid:
             gain = float(_solved(white[:, :-2], aim)[-1])
             freedom = max(1, len(aim) - white.shape[1])
             variance = max(float(np.sum((aim - _projected(white, aim)) ** 2)) / freedom, least)
-            if gain == 0.0 or np.linalg.matrix_rank(white / _norms(white)) < white.shape[1]:
+            if gain == 0.0 or np.linalg.matrix_rank(white / norms(white)) < white.shape[1]:
                 return _UNSETTLED
             held = np.zeros(white.shape[1])
             held[-1] = math.sqrt(variance) / (gain * _CLOCK_DRIFT)
@@ -214,7 +215,7 @@ class _Grid:
                 break
         if abs(offset_s) >= limit_s:
             return _UNSETTLED
-        scale = _norms(white)
+        scale = norms(white)
         inverse = np.linalg.inv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
         sd = np.sqrt(variance * np.diag(inverse)[-2:]) / abs(gain)
         still, _, there = self._shifted(simulated, 0.0, 0.0)
@@ -310,14 +311,9 @@ def _quasi_difference(rows: Array, keep: float) -> Array:
 
 
 def _solved(design: Array, target: Array) -> Array:
-    scale = _norms(design)
+    scale = norms(design)
     return np.asarray(np.linalg.lstsq(design / scale, target, rcond=1e-10)[0] / scale)
 
 
 def _projected(design: Array, target: Array) -> Array:
     return np.asarray(design @ _solved(design, target))
-
-
-def _norms(design: Array) -> Array:
-    norms = np.sqrt((design**2).sum(axis=0))
-    return np.asarray(np.where(norms > 0.0, norms, 1.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -19,7 +18,7 @@ from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.laws import Dictionary
-from rlgcomp.diagnosis.lines import mechanisms_at_lines
+from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
@@ -36,7 +35,6 @@ from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
-log = logging.getLogger(__name__)
 LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue acts
 AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
 _MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
@@ -107,7 +105,8 @@ def diagnose(
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
     told(0.05)
     windowed = problem
-    lines, among = mechanisms_at_lines(problem, mechanisms)
+    within = Within.of(problem)
+    lines, among = mechanisms_at_lines(problem, within, mechanisms)
     if base.kind == "turntable" or lines:
         problem = problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
     explanations = explain(problem, mechanisms, lines, among)
@@ -120,11 +119,10 @@ def diagnose(
     noise = _best_noise(windowed, explanations, conclusion)
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
-    nothing = next(model for model in explanations.models if not model.members)
-    before = fit(problem, [], explanations.evidence.noises[int(np.argmax(nothing.noise_log))])
+    before = fit(problem, [], explanations.evidence.noises[int(np.argmax(explanations.nothing.noise_log))])
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
     after = fit(problem, [*chosen, *laws], dataclasses.replace(noise, wander=0.0))
-    where = locate(windowed, noise, rng)
+    where = locate(windowed, within, noise, rng)
     told(0.85)
     proof = prove(
         before.simulator,
@@ -206,7 +204,7 @@ def _known(
 def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     """The best of: a set of causes; a law alone; a set and a law beyond it."""
     best = explanations.models[0]
-    nothing = next(model for model in explanations.models if not model.members)
+    nothing = explanations.nothing
     dictionary = Dictionary(windowed)
     noises, prior = explanations.evidence.noises, explanations.search.noise_log_prior
     chosen, highest = None, best.log_posterior
@@ -261,8 +259,8 @@ def _rivals(explanations: Explanations, best: Model) -> dict[str, dict[str, floa
 
 def _healthy(explanations: Explanations) -> float:
     """Probability that nothing is missing and nothing unrecorded wanders."""
-    nothing = next(k for k, model in enumerate(explanations.models) if not model.members)
-    return float(explanations.probabilities[nothing]) * (1.0 - explanations.unrecorded(explanations.models[nothing]))
+    nothing = explanations.nothing
+    return float(explanations.probabilities[explanations.models.index(nothing)]) * (1.0 - explanations.unrecorded(nothing))
 
 
 def _verdict(conclusion: _Conclusion, rivals: Mapping[str, Mapping[str, float]]) -> Verdict:

@@ -35,7 +35,7 @@ from scipy.special import log_ndtr
 
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.whitening import NoiseShape, Whitener
+from rlgcomp.diagnosis.whitening import NoiseShape, Whitener, norms
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -95,7 +95,7 @@ class Evidence:
         self._whitened_baseline: list[Array] = []
         self._constant = np.empty(len(self.noises))
         self._targets = np.empty((len(self.noises), len(problem.rows)))
-        baseline = problem.baseline / _norms(problem.baseline)
+        baseline = problem.baseline / norms(problem.baseline)
         self._orthogonal = np.linalg.qr(baseline)[0]
         self.whitener = Whitener(problem.rows, self.noises)
         log_determinant = self.whitener.log_determinant
@@ -160,7 +160,7 @@ class Evidence:
 
     def _prepared(self, columns: Array) -> Array:
         """An orthogonal basis of what the baseline leaves of the columns, with unit mean square; empty where it leaves nothing."""
-        scaled = columns / _norms(columns)
+        scaled = columns / norms(columns)
         left = scaled - self._orthogonal @ (self._orthogonal.T @ scaled)
         left -= self._orthogonal @ (self._orthogonal.T @ left)
         u, w, _ = np.linalg.svd(left, full_matrices=False)
@@ -182,7 +182,6 @@ class Evidence:
             cross = cross - (np.swapaxes(half[:, :, -1:], 1, 2) @ half)[:, 0, :-1]
             left = left - (half[:, :, -1] ** 2).sum(axis=1)
         point = point - 0.5 * self.freedom * np.log(left)
-        extended = np.empty((len(self.noises), len(self.candidates)))
         gains = np.empty((len(SIZES), len(self.noises), len(self.candidates)))
         for width, which, starts in self._groups:
             places = starts[:, None] + np.arange(width)
@@ -194,12 +193,7 @@ class Evidence:
                 block = self._blocks[width] - np.einsum("epcj,epck->ecjk", reached, reached)
                 values, vectors = np.linalg.eigh(block)
                 squares = np.einsum("ecji,ecj->eci", vectors, cross[:, places]) ** 2
-            values = np.maximum(values, 0.0)
-            for k, size in enumerate(SIZES):
-                prior = width / size**2
-                explained = (squares / (values + prior)).sum(axis=2) / left[:, None]
-                occam = 0.5 * np.log1p(values / prior).sum(axis=2)
-                gains[k][:, which] = -occam - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12))
+            gains[:, :, which] = self._gains(values, squares, left[:, None])
         gains -= math.log(len(SIZES))
         extended = log_sum_exp(gains, axis=0)
         overall = log_sum_exp(gains + point[:, None], axis=1)
@@ -228,14 +222,28 @@ class Evidence:
             here = which < count
             places = starts[here][:, None] + np.arange(width)
             values, vectors = np.linalg.eigh(self._blocks[width][noise][here])
-            squares = np.einsum("cji,cjt->cit", vectors, cross[places]) ** 2
-            values = np.maximum(values, 0.0)
-            for k, size in enumerate(SIZES):
-                prior = width / size**2
-                explained = np.einsum("cit,ci->ct", squares, 1.0 / (values + prior)) / left
-                occam = 0.5 * np.log1p(values / prior).sum(axis=1)
-                gains[k][which[here]] = -occam[:, None] - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12))
+            squares = np.einsum("cji,cjt->cti", vectors, cross[places]) ** 2
+            gains[:, which[here]] = self._gains(values[:, None], squares, left)
         return left, gains - math.log(len(SIZES))
+
+    def _gains(self, values: Array, squares: Array, left: Array) -> Array:
+        """Log evidence that columns add at each size: from the eigenvalues of their Gram matrix and the squares of their products
+        with the target along its vectors, shapes (..., width), and what was left of the target's square; shape (sizes, ...)."""
+        values = np.maximum(values, 0.0)
+        gains = []
+        for size in SIZES:
+            prior = squares.shape[-1] / size**2
+            explained = (squares / (values + prior)).sum(axis=-1) / left
+            occam = 0.5 * np.log1p(values / prior).sum(axis=-1)
+            gains.append(-occam - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12)))
+        return np.array(gains)
+
+    def _amplitudes(self, members: Sequence[Member], noise: int) -> tuple[IntArray, Array, Array]:
+        """Places of the members' columns, their likeliest amplitudes, and the inverse of their precision."""
+        inside = self._places(members)
+        weights = np.concatenate([self._precision(member) for member in members])
+        inverse = np.linalg.inv(self.gram[noise][np.ix_(inside, inside)] + np.diag(weights))
+        return inside, inverse @ self.gram[noise][inside, -1], inverse
 
     def left(self, noise: int, whitened: Array) -> Array:
         """What the baseline leaves of targets whitened with one noise, shape (n, targets)."""
@@ -255,9 +263,9 @@ class Evidence:
         """Chi-square that members take from what the baseline leaves, for one noise."""
         if not members:
             return 0.0
-        inside, gram = self._places(members), self.gram[noise]
-        weights = np.concatenate([self._precision(member) for member in members])
-        taken = gram[inside, -1] @ np.linalg.solve(gram[np.ix_(inside, inside)] + np.diag(weights), gram[inside, -1])
+        inside, amplitudes, _ = self._amplitudes(members, noise)
+        gram = self.gram[noise]
+        taken = gram[inside, -1] @ amplitudes
         return float(self.freedom * taken / max(gram[-1, -1] - taken, 1e-300))
 
     def resembles(self, column: Array) -> float:
@@ -273,11 +281,8 @@ class Evidence:
         bound = [k for k, member in enumerate(members) if self._positive(member)]
         if not bound:
             return 0.0
-        inside, gram = self._places(members), self.gram[noise]
-        weights = np.concatenate([self._precision(member) for member in members])
-        inverse = np.linalg.inv(gram[np.ix_(inside, inside)] + np.diag(weights))
-        solution = inverse @ gram[inside, -1]
-        left = float(gram[-1, -1] - gram[inside, -1] @ solution)
+        inside, solution, inverse = self._amplitudes(members, noise)
+        left = float(self.gram[noise][-1, -1] - self.gram[noise][inside, -1] @ solution)
         sd = np.sqrt(np.diag(inverse) * left / self.freedom)
         places = [self._places([members[k]])[0] for k in bound]
         signed = [self._signs[place] * solution[inside == place][0] / sd[inside == place][0] for place in places]
@@ -293,21 +298,13 @@ class Evidence:
         target = self._targets[noise]
         if not members:
             return target
-        inside = self._places(members)
-        gram = self.gram[noise]
-        weights = np.concatenate([self._precision(member) for member in members])
-        solution = np.linalg.solve(gram[np.ix_(inside, inside)] + np.diag(weights), gram[inside, -1])
-        return np.asarray(target - self._columns[noise][:, inside] @ solution)
+        inside, amplitudes, _ = self._amplitudes(members, noise)
+        return np.asarray(target - self._columns[noise][:, inside] @ amplitudes)
 
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:
-    """Logarithm of a sum of exponentials."""
+    """Logarithm of a sum of exponentials; the search calls it thousands of times, and SciPy's checks would be most of its time."""
     largest = values.max(axis=axis, keepdims=True)
     largest = np.where(np.isfinite(largest), largest, 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(np.exp(values - largest).sum(axis=axis)) + np.squeeze(largest, axis=axis))
-
-
-def _norms(columns: Array) -> Array:
-    norms = np.sqrt((columns**2).sum(axis=0))
-    return np.where(norms > 0.0, norms, 1.0)

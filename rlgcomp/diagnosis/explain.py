@@ -59,6 +59,11 @@ class Explanations:
     def evidence(self) -> Evidence:
         return self.search.evidence
 
+    @property
+    def nothing(self) -> Model:
+        """The model without a cause; it is always among them."""
+        return next(model for model in self.models if not model.members)
+
     def candidates(self, model: Model) -> list[Candidate]:
         """The members of a model."""
         return [self.evidence.candidates[member.candidate] for member in model.members]

@@ -19,7 +19,8 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.problem import Problem, Windows
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, form_of, played, remembered, smoothed
 from rlgcomp.recording import TIME, Recording, is_gyro
 

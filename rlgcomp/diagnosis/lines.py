@@ -18,8 +18,9 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.problem import Problem, Windows
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.regimes import AT_REST
+from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
 from rlgcomp.motion import angle_deg, rate_deg_s, worth_trying
 from rlgcomp.physics.mechanism import Mechanism
@@ -136,9 +137,10 @@ class Within:
         return sorted(found, key=lambda line: line.p_value)
 
 
-def mechanisms_at_lines(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tuple[list[Mechanism], float]:
+def mechanisms_at_lines(
+    problem: Problem, within: Within | None, catalogue: Mapping[str, type[Mechanism]]
+) -> tuple[list[Mechanism], float]:
     """Mechanisms that could make the lines within windows, and among how many frequencies these were sought."""
-    within = Within.of(problem)
     if within is None or problem.simulator.kind != "chamber":
         return [], 1.0
     noise = problem.simulator.noise

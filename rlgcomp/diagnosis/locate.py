@@ -96,7 +96,7 @@ class _Residual:
         return dataclasses.replace(self, design=np.column_stack([self.design, basis]), left=left)
 
 
-def locate(problem: Problem, noise: NoiseShape, rng: np.random.Generator) -> tuple[Place, ...]:
+def locate(problem: Problem, within: Within | None, noise: NoiseShape, rng: np.random.Generator) -> tuple[Place, ...]:
     """Places of the mismatch that noise does not explain, the most significant first.
 
     A regime has one place for each stay in it, with the share of that stay.
@@ -104,12 +104,13 @@ def locate(problem: Problem, noise: NoiseShape, rng: np.random.Generator) -> tup
     Parameters
     ----------
     problem : Problem
+    within : Within, optional
+        What is left within the windows; without it, nothing is sought there.
     noise : NoiseShape
         Of the best explanation, so that a mismatch is not mistaken for noise.
     rng : numpy.random.Generator
     """
     residual = _Residual.of(problem, noise, rng)
-    within = Within.of(problem)
     turned = [] if within is None else harmonics(problem, within)
     of_regimes = [regime for regime in regimes(problem) if regime.rows.sum() >= _SHORTEST]
     parts = np.column_stack([part for regime in of_regimes for part in regime.parts]).astype(np.float64)

@@ -23,9 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.feasible import chamber_programmes, table_programmes
-from rlgcomp.diagnosis.problem import Problem, Windows, neighbours
+from rlgcomp.diagnosis.problem import Problem, neighbours
 from rlgcomp.diagnosis.result import NextExperiment
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, Whitener
+from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.simulation.programme import Programme

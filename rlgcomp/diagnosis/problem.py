@@ -9,124 +9,18 @@ from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
-from rlgcomp.diagnosis.whitening import IntArray, Rows
+from rlgcomp.diagnosis.whitening import Rows, norms
+from rlgcomp.diagnosis.windows import Contrasts, Windows
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
+from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
-FEWEST_WINDOWS: Final = 20
 _WINDOWS_A_RUN: Final = 200  # at least, where the window is not given
-_FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _RELATIVE_STEP: Final = 1e-3
-_WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
-_DEPENDENT: Final = 1e-9
-
-
-@dataclasses.dataclass(frozen=True)
-class Windows:
-    """The averaging windows of one run, and its rows on which slow causes are computed."""
-
-    full: Recording
-    fine: Recording
-    of_full: IntArray  # the window of each row; negative before the first
-    of_fine: IntArray
-    counts: IntArray  # rows in each window
-    kept: npt.NDArray[np.bool_]
-    window_s: float
-
-    @classmethod
-    def of(cls, run: Recording, window_s: float) -> Self:
-        scored_s = run.time_s[run.scored]
-        if not len(scored_s):
-            raise InputError(
-                f"{run.name}: nothing is left after its lead-in of {run.metadata.lead_in_s:g} s; give a longer interval"
-            )
-        first_s = float(scored_s[0])
-        fine, of_fine, of_full = _decimated(run, first_s, window_s)
-        counts = np.unique(of_full[of_full >= 0], return_counts=True)[1]
-        kept = counts >= LEAST_COVERAGE * window_s / run.period_s
-        if kept.sum() < FEWEST_WINDOWS:
-            raise InputError(
-                f"{run.name}: {run.duration_s:g} s fill {int(kept.sum())} windows of {window_s:g} s; at least {FEWEST_WINDOWS} are "
-                "needed; give a longer run or a smaller --averaging-s"
-            )
-        return cls(run, fine, of_full, of_fine, counts, kept, window_s)
-
-    def means(self, values: Array, *, of_fine: bool = False) -> Array:
-        """Window means of rows, shape (n,) or (n, k), of the run itself or of its fine version."""
-        starts = _starts(self.of_fine if of_fine else self.of_full)
-        counts = np.diff(np.r_[starts, len(values)])
-        sums = np.add.reduceat(values.reshape(len(values), -1), starts, axis=0)
-        means = (sums / counts[:, None])[self.kept]
-        return means if values.ndim > 1 else means[:, 0]
-
-    def within(self, values: Array) -> Array:
-        """Rows of the kept windows less their window's mean, shape (rows,) or (rows, k)."""
-        starts = _starts(self.of_full)
-        counts = np.diff(np.r_[starts, len(values)])
-        means = np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
-        return self.rows_within(values) - np.repeat(means[self.kept], counts[self.kept], axis=0)
-
-    def rows_within(self, values: Array) -> Array:
-        """Rows of the kept windows."""
-        starts = _starts(self.of_full)
-        counts = np.diff(np.r_[starts, len(values)])
-        return np.asarray(values[starts[0] :][np.repeat(self.kept, counts)])
-
-    @property
-    def fine_starts(self) -> IntArray:
-        """The fine row with which each window begins."""
-        return _starts(self.of_fine)
-
-    @property
-    def middles_s(self) -> Array:
-        return self.means(self.full.time_s)
-
-
-@dataclasses.dataclass(frozen=True)
-class Contrasts:
-    r"""Orthonormal comparisons of samples within windows, in units in which white noise of a window mean has its own size.
-
-    .. math:: z = s \, V^T (x - \bar x), \qquad s = \sqrt{\Delta t / \tau} / \kappa
-
-    V spans what the fast columns do within windows; x̄ is the mean of each sample's window, Δt the sample period, tau the window.
-    kappa >= 1 is by how much the noise within windows exceeds white noise of the level seen at their length: rounding to whole
-    pulses makes it large.
-    """
-
-    windows: tuple[Windows, ...]
-    directions: tuple[Array, ...]  # V, a part for each run: (rows in kept windows, count)
-    scale: float
-
-    @classmethod
-    def made(cls, windows: tuple[Windows, ...], columns: Sequence[Array], noise: Sequence[Array]) -> Self | None:
-        """From fast columns of each run; None where they do nothing within windows."""
-        inside = [part.within(block) for part, block in zip(windows, columns, strict=True)]
-        norm = np.sqrt(sum(((block**2).sum(axis=0) for block in inside), np.zeros(inside[0].shape[1])))
-        whole = np.sqrt(sum(((block**2).sum(axis=0) for block in columns), np.zeros(len(norm))))
-        used = norm > _WITHIN * whole
-        if not used.any():
-            return None
-        scaled = [block[:, used] / norm[used] for block in inside]
-        values, vectors = np.linalg.eigh(sum((block.T @ block for block in scaled), np.zeros((int(used.sum()),) * 2)))
-        kept = values > _DEPENDENT * values[-1]
-        directions = tuple(block @ (vectors[:, kept] / np.sqrt(values[kept])) for block in scaled)
-        excess = max(1.0, _excess([part.within(values) for part, values in zip(windows, noise, strict=True)], windows))
-        return cls(windows, directions, math.sqrt(windows[0].full.period_s / windows[0].window_s) / excess)
-
-    @property
-    def count(self) -> int:
-        return int(self.directions[0].shape[1])
-
-    def of(self, columns: Sequence[Array]) -> Array:
-        """Contrasts of columns, (rows, k) for each run, shape (count, k)."""
-        parts = [v.T @ part.within(block) for v, part, block in zip(self.directions, self.windows, columns, strict=True)]
-        return np.asarray(self.scale * sum(parts, np.zeros((self.count, columns[0].shape[1]))))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -343,7 +237,7 @@ class Problem:
         columns = self.columns(mechanism)
         others = self._others(simulator, mechanism)
         design = np.column_stack([columns, others])
-        solution = np.linalg.lstsq(design / _norms(design), self.target_deg_h, rcond=None)[0] / _norms(design)
+        solution = np.linalg.lstsq(design / norms(design), self.target_deg_h, rcond=None)[0] / norms(design)
         return solution[: columns.shape[1]]
 
     def _derivative(self, mechanism: Mechanism, name: str, amplitudes: Array) -> Array:
@@ -418,45 +312,5 @@ def _spans(columns: Array, ones: Array) -> bool:
 
 
 def _residual(design: Array, target: Array) -> Array:
-    scaled = design / _norms(design)
+    scaled = design / norms(design)
     return np.asarray(target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0])
-
-
-def _norms(columns: Array) -> Array:
-    norms = np.sqrt((columns**2).sum(axis=0))
-    return np.where(norms > 0.0, norms, 1.0)
-
-
-def _excess(inside: Sequence[Array], windows: Sequence[Windows]) -> float:
-    """Noise within windows over white noise of the level seen at their length: square root of a ratio of median powers."""
-    everywhere, slow = [], []
-    for values, part in zip(inside, windows, strict=True):
-        power = np.abs(np.fft.rfft(values))[1:] ** 2
-        cycles = max(1, round(len(values) * part.full.period_s / part.window_s))  # of a window, in the whole run
-        everywhere.append(power[cycles:])
-        slow.append(power[cycles : max(4 * cycles, cycles + 8)])
-    level = float(np.median(np.concatenate(slow)))
-    return math.sqrt(float(np.median(np.concatenate(everywhere))) / level) if level > 0.0 else 1.0
-
-
-def _starts(window: IntArray) -> IntArray:
-    """The row with which each window begins, from the window of each row."""
-    begin = int(np.searchsorted(window, 0))
-    return begin + np.flatnonzero(np.r_[True, np.diff(window[begin:]) > 0])
-
-
-def _decimated(run: Recording, first_s: float, window_s: float) -> tuple[Recording, IntArray, IntArray]:
-    """Means over 20 s, lead-in included, or the run itself where it is not finer; and the window of each row of either."""
-    time_s = run.time_s
-    pieces = max(1, math.floor(window_s / max(_FINE_S, run.period_s)))
-    piece_s = window_s / pieces
-    piece = np.floor((time_s - first_s + 1e-6 * run.period_s) / piece_s).astype(np.intp)
-    window = np.maximum(piece // pieces, -1)
-    if piece_s < 2.0 * run.period_s:
-        return run, window, window
-    starts = np.flatnonzero(np.r_[True, np.diff(piece) > 0])
-    counts = np.diff(np.r_[starts, len(piece)])
-    table = run.table
-    means = np.add.reduceat(table.to_numpy(), starts, axis=0) / counts[:, None]
-    fine = Recording(pd.DataFrame(means, columns=table.columns), run.metadata, name=run.name)
-    return fine, window[starts], window

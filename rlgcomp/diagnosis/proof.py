@@ -25,9 +25,9 @@ from scipy import stats
 
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.lssvm import LSSVMRegressor
-from rlgcomp.diagnosis.problem import Windows
 from rlgcomp.diagnosis.result import Fit, RunFit, Trace
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
+from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.simulation.simulator import Simulator

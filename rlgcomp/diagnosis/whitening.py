@@ -229,3 +229,9 @@ def simulate(rows: Rows, shape: NoiseShape, draws: int, rng: np.random.Generator
                 kicks[k] += keep[k - 1] * kicks[k - 1]
             noise[part] += kicks
     return noise
+
+
+def norms(columns: Array) -> Array:
+    """Length of each column, one where a column is nothing: to scale a design by."""
+    lengths = np.sqrt((columns**2).sum(axis=0))
+    return np.asarray(np.where(lengths > 0.0, lengths, 1.0))

@@ -23,7 +23,7 @@ from rlgcomp.noise import stream
 from rlgcomp.recording import TIME
 from rlgcomp.simulation.optics import Readout
 from rlgcomp.simulation.plant import PlatinumThermometer, ThermalPlant
-from rlgcomp.simulation.programme import Programme
+from rlgcomp.simulation.programme import Programme, sample_count
 
 Array = npt.NDArray[np.float64]
 NOMINAL_DEG_C: Final = 20.0
@@ -153,9 +153,7 @@ class Monitors:
         actual, recorded : pandas.DataFrame
             The mechanisms act on the first; a recording holds the second.
         """
-        samples = int(programme.duration_s / step_s + 1e-9)
-        if samples < 10:
-            raise InputError(f"the programme lasts {programme.duration_s:g} s: less than ten samples of {step_s:g} s")
+        samples = sample_count(programme.duration_s, step_s)
         time_s: Array = step_s * np.arange(samples, dtype=np.float64)
         shell, block = self.plant.temperatures(programme.set_point_degC(time_s), step_s)
         cw_m, ccw_m = self.beams.shifts_m(block, time_s, seed)

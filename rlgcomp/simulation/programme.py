@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, Self
 
@@ -22,6 +23,7 @@ Array = npt.NDArray[np.float64]
 COLDEST_DEG_C: Final = -90.0
 HOTTEST_DEG_C: Final = 180.0
 FASTEST_DEG_C_MIN: Final = 30.0
+_FEWEST_SAMPLES: Final = 10
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,11 +89,7 @@ class Programme:
         >>> Programme.parse("paper").duration_s / 60
         680.0
         """
-        if text.strip() in PRESETS:
-            text = PRESETS[text.strip()]
-        elif text.endswith((".yaml", ".yml")):
-            text = text_of_file(Path(text), "start 20, hold 60, ramp -40 1, ...")
-        words = [part.split() for part in text.replace("\n", ",").split(",") if part.strip()]
+        text, words = words_of(text, PRESETS, "start 20, hold 60, ramp -40 1, ...")
         try:
             if words[0][0] != "start" or len(words[0]) != 2:
                 raise ValueError
@@ -153,7 +151,36 @@ PRESETS: Final[dict[str, str]] = {
 }
 
 
-def text_of_file(path: Path, example: str) -> str:
+def words_of(text: str, presets: Mapping[str, str], example: str) -> tuple[str, list[list[str]]]:
+    """A programme's text, a preset and a file resolved, and the words of each step.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, or holds no programme.
+    """
+    if text.strip() in presets:
+        text = presets[text.strip()]
+    elif text.endswith((".yaml", ".yml")):
+        text = _text_of_file(Path(text), example)
+    return text, [part.split() for part in text.replace("\n", ",").split(",") if part.strip()]
+
+
+def sample_count(duration_s: float, step_s: float) -> int:
+    """Whole samples in a programme.
+
+    Raises
+    ------
+    InputError
+        They are fewer than ten.
+    """
+    samples = int(duration_s / step_s + 1e-9)
+    if samples < _FEWEST_SAMPLES:
+        raise InputError(f"the programme lasts {duration_s:g} s: less than ten samples of {step_s:g} s")
+    return samples
+
+
+def _text_of_file(path: Path, example: str) -> str:
     """The programme that a YAML file holds as `programme: TEXT`.
 
     Raises

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.simulation.programme import text_of_file
+from rlgcomp.simulation.programme import words_of
 
 Array = npt.NDArray[np.float64]
 FASTEST_DEG_S: Final = 2000.0
@@ -90,11 +89,7 @@ class TableProgramme:
         >>> TableProgramme.parse("acceleration 5, rate 10 600, rest 60").duration_s
         664.0
         """
-        if text.strip() in PRESETS:
-            text = PRESETS[text.strip()]
-        elif text.endswith((".yaml", ".yml")):
-            text = text_of_file(Path(text), "rate 10 600, rate -10 600, rest 120, ...")
-        words = [part.split() for part in text.replace("\n", ",").split(",") if part.strip()]
+        text, words = words_of(text, PRESETS, "rate 10 600, rate -10 600, rest 120, ...")
         acceleration, steps = USUAL_DEG_S2, list[Rate | Sweep]()
         try:
             for place, word in enumerate(words):

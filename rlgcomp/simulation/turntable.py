@@ -15,6 +15,7 @@ from rlgcomp.noise import stream
 from rlgcomp.recording import TIME, Metadata
 from rlgcomp.simulation.monitors import wander
 from rlgcomp.simulation.plant import PlatinumThermometer
+from rlgcomp.simulation.programme import sample_count
 from rlgcomp.simulation.table_programme import TableProgramme
 from rlgcomp.units import ARCSEC_PER_DEG, DEG_PER_TURN
 
@@ -90,9 +91,7 @@ class Turntable:
         actual, recorded : pandas.DataFrame
             The mechanisms act on the first; a recording holds the second.
         """
-        samples = int(programme.duration_s / step_s + 1e-9)
-        if samples < 10:
-            raise InputError(f"the programme lasts {programme.duration_s:g} s: less than ten samples of {step_s:g} s")
+        samples = sample_count(programme.duration_s, step_s)
         edges_s = step_s * np.arange(samples + 1, dtype=np.float64)
         angle = self.start_deg + programme.angle_deg(edges_s)
         rate = np.diff(angle) / step_s
