@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from rlgcomp.compensation.compensator import Compensator as Compensator
     from rlgcomp.compensation.compensator import load as load
     from rlgcomp.compensation.cubic import CubicLeastSquares as CubicLeastSquares
+    from rlgcomp.compensation.fixed_size import FixedSizeLSSVM as FixedSizeLSSVM
     from rlgcomp.compensation.lssvm import LSSVMRegressor as LSSVMRegressor
     from rlgcomp.compensation.sequence import SequenceRegressor as SequenceRegressor
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose
@@ -98,6 +99,7 @@ _HOMES = {
     "CubicLeastSquares": "compensation.cubic",
     "Evaluation": "evaluation",
     "FeatureRecipe": "recipe",
+    "FixedSizeLSSVM": "compensation.fixed_size",
     "InputError": "errors",
     "KernelBaselines": "compensation.baselines",
     "LSSVMRegressor": "compensation.lssvm",

@@ -24,7 +24,7 @@ ROWS = [
     ["recording"],
     ["repair"],
     ["formats"],
-    ["hysteresis_loops"],
+    ["hysteresis_loops", "sparse"],
     ["filters", "hysteresis", "frames", "triad", "motion"],
     ["noise"],
     ["allan"],
@@ -40,6 +40,7 @@ ROWS = [
     ["evaluation"],
     ["report"],
     ["diagnosis"],
+    ["bench"],
     ["cli"],
 ]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))

@@ -18,6 +18,7 @@ COMMANDS = (
     "compensation",
     "conceal",
     "sensitivity",
+    "bench",
 )  # the order in which --help lists them
 
 

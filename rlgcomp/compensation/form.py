@@ -32,6 +32,16 @@ def refit_residuals(model: Any, candidates: Candidates, X: Array, y: Array, grou
     return residuals
 
 
+def refit_rmse(model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Array:
+    """Root mean square of :func:`refit_residuals`, one a candidate."""
+    return rms(refit_residuals(model, candidates, X, y, groups))
+
+
+def rms(residuals: Array) -> Array:
+    """Root mean squares of rows."""
+    return np.asarray(np.sqrt(np.mean(residuals**2, axis=1)))
+
+
 def sequential(model: Any) -> bool:
     """Whether the model reads rows as a sequence, so that `fit` must be told which recording each belongs to."""
     return bool(getattr(model, "reads_sequences", False))
@@ -51,8 +61,10 @@ class ModelForm:
         Parameters that make this form of the estimator.
     batches : callable
         Number of features to batches of candidates; a batch is scored in one piece of work.
-    residuals : callable
-        Scores a batch; see :func:`refit_residuals`.
+    rmse : callable
+        Scores a batch: the error of each candidate with groups left out; see :func:`refit_rmse`.
+    threads : bool
+        Whether that is all linear algebra, which threads do side by side; processes, which cost more to start, serve the others.
     reach : float
         How far beyond the training range the model may be asked, in spans of it; further out its inputs are held. 0 for a model
         that diverges there, such as a cubic.
@@ -66,7 +78,8 @@ class ModelForm:
     numbers: tuple[str, ...]
     arrays: tuple[str, ...]
     defaults: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    residuals: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_residuals
+    rmse: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_rmse
+    threads: bool = False
     reach: float = 0.0
 
     def make(self) -> Any:
