@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -88,38 +89,29 @@ def _slope(z: Any, velocity: Any) -> Any:
     return SLOPE * velocity - strength * ((1.0 - SHAPE) * np.abs(z) * velocity + SHAPE * z * np.abs(velocity))
 
 
-def _smooth(steps: int) -> tuple[Array, Array]:
-    """An input that a solver can follow: straight between its samples."""
-    time_s = np.arange(float(steps))
-    return time_s, 20.0 * np.sin(time_s / 3000.0)
-
-
 def _bouc_wen(quick: bool) -> Case:
-    time_s, u = _smooth(4320 if quick else STEPS)
-    velocity = np.diff(u)
-    last = len(velocity) - 1
+    time_s = np.arange(4320.0 if quick else float(STEPS))
+    u = 20.0 * np.sin(time_s / 3000.0)
     operator = BoucWen(SLOPE, SATURATION, SHAPE, 1.0)
-    rates = velocity.tolist()
+
+    def rate(t: float, z: Any) -> Any:
+        return _slope(z, 20.0 / 3000.0 * math.cos(t / 3000.0))
 
     def odeint() -> Array:
         from scipy.integrate import odeint as solve
 
-        return np.asarray(solve(lambda z, t: _slope(z, rates[min(int(t), last)]), 0.0, time_s, rtol=1e-8, atol=1e-10, hmax=1.0))[
-            :, 0
-        ]
+        return np.asarray(solve(rate, 0.0, time_s, tfirst=True, rtol=1e-8, atol=1e-10, hmax=1.0))[:, 0]
 
     def solve_ivp() -> Array:
         from scipy.integrate import solve_ivp as solve
 
-        span = (0.0, float(time_s[-1]))
-        return np.asarray(
-            solve(lambda t, z: _slope(z, rates[min(int(t), last)]), span, [0.0], t_eval=time_s, rtol=1e-6, max_step=1.0).y[0]
-        )
+        found = solve(rate, (0.0, float(time_s[-1])), [0.0], t_eval=time_s, rtol=1e-6, atol=1e-8, max_step=1.0)
+        return np.asarray(found.y[0])
 
     def runge_kutta() -> Array:
         strength, against, z = SLOPE / SATURATION, 1.0 - SHAPE, 0.0
         output = [z]
-        for h in rates:
+        for h in np.diff(u).tolist():
             turned = SHAPE if h > 0.0 else -SHAPE
             k1 = SLOPE - strength * (against * abs(z) + turned * z)
             at = z + 0.5 * h * k1

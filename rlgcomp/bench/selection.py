@@ -64,7 +64,7 @@ def _case(n: int, few: int, goals: tuple[float | None, float | None]) -> Callabl
         ]
         if len(y) <= 5000:
             best = _ours(X, y, groups).best
-            peers.append(Peer("the exact folds, at our winner", lambda: _exact(X, y, groups), _error_apart, 1e-4))
+            peers.append(Peer("the exact folds, at our winner", lambda: _exact(best, X, y, groups), _error_apart, 1e-4))
             share = 1.0 if len(y) < 1000 else 1.0 / 225.0 / FOLDS
             peers.append(
                 Peer("scikit-learn GridSearchCV(KernelRidge)", lambda: _grid(X, y, groups, share), _anything, 0.05, goals[0], share)
