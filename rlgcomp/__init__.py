@@ -42,6 +42,8 @@ Modules, each importing only from those before it:
     comparison evaluation       which input helps with which model; held-out results
     report                      pages that show them
     diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
+    fleet                       many gyros at once, on one machine or a cluster
+    bench sparse                how fast all this is beside its peers; sparse least squares
     cli                         the command line
 """
 

@@ -40,6 +40,7 @@ ROWS = [
     ["evaluation"],
     ["report"],
     ["diagnosis"],
+    ["fleet"],
     ["bench"],
     ["cli"],
 ]

@@ -18,6 +18,7 @@ COMMANDS = (
     "compensation",
     "conceal",
     "sensitivity",
+    "fleet",
     "bench",
 )  # the order in which --help lists them
 
