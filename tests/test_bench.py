@@ -105,3 +105,14 @@ def test_bad_input_ends_with_one_message(arguments: list[str]) -> None:
     done = CliRunner().invoke(app, ["bench", "--quick", *arguments])
     assert done.exit_code == 2
     assert done.output.count("error:") == 1
+
+
+def test_growth_is_the_exponent_of_the_work() -> None:
+    def prepare(quick: bool) -> Case:
+        n = 300 if quick else 1200
+        a = np.random.default_rng(0).normal(size=(n, n))
+        return Case(lambda: a @ a, n=n)
+
+    found = bench.growth(Row("product", "a product of matrices", prepare), 5)
+    assert found["exponent"] == pytest.approx(3.0, abs=1.0)
+    assert bench.growth(Row("toy", "a toy", lambda quick: Case(lambda: 1.0)), 1) is None

@@ -11,6 +11,7 @@ from typing import Final
 from rlgcomp.bench import allan, hysteresis, laws, reading, selection, start, whole
 from rlgcomp.bench.measure import Measured as Measured
 from rlgcomp.bench.measure import Row
+from rlgcomp.bench.measure import growth as growth
 from rlgcomp.bench.measure import measure as measure
 from rlgcomp.errors import InputError
 

@@ -54,6 +54,7 @@ def _case(
             [Peer("allantools oadev", lambda: _allantools(rate, counts), _difference, TOLERANCE, goal)],
             size=f"{samples / 1e6:g} M samples, {len(counts)} tau",
             memory=not whole,
+            n=samples,
         )
 
     return prepare

@@ -59,6 +59,7 @@ def _plays(quick: bool) -> Case:
             Peer("NumPy, an array a step", lambda: _numpy_plays(u), _apart, 1e-11),
         ],
         size=f"{len(u)} steps x {len(RADII)} operators",
+        n=u.size,
     )
 
 
@@ -80,6 +81,7 @@ def _plays_of_fleet(quick: bool) -> Case:
         lambda: play_sums(u, RADII, WEIGHTS, start, 2),
         [Peer("NumPy, a batch a step", lambda: _numpy_plays(u), _apart, 1e-11)],
         size=f"{len(u)} steps x {len(RADII)} operators x {u.shape[1]} gyros",
+        n=u.size,
     )
 
 
@@ -135,6 +137,7 @@ def _bouc_wen(quick: bool) -> Case:
             Peer("Python Runge–Kutta", runge_kutta, relative, 1e-12),
         ],
         size=f"{len(u)} steps",
+        n=u.size,
     )
 
 
@@ -164,6 +167,7 @@ def _bouc_wen_of_fleet(quick: bool) -> Case:
         lambda: bouc_wen_fleet(u, SLOPE, SATURATION, SHAPE, 1.0, 2),
         [Peer("NumPy, a batch a step", numpy_batch, _apart, 1e-10)],
         size=f"{len(u)} steps x {u.shape[1]} gyros",
+        n=u.size,
     )
 
 

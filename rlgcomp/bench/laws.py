@@ -41,6 +41,7 @@ def _case(terms: int, targets: int, goal: float, threads: int) -> Callable[[bool
             ours,
             [Peer("pysindy STLSQ", pysindy, lambda a, b: float(np.max(np.abs(a - b))), 1e-8, goal)],
             size=f"{samples} x {terms} terms, {targets} targets",
+            n=samples,
         )
 
     return prepare

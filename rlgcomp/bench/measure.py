@@ -61,12 +61,15 @@ class Case:
         What was worked on, in words.
     memory : bool
         Whether the most memory that arrays take is measured as well.
+    n : int
+        How much there is to work on, in whatever grows; 0 where nothing does.
     """
 
     ours: Callable[[], Any]
     peers: Sequence[Peer] = ()
     size: str = ""
     memory: bool = False
+    n: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,6 +138,20 @@ def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Me
             ours = _times(case.ours, repeats)
             return [_judged(row, _alone(row, case, ours), quick, None)]
         return [_against(row, case, peer, result, quick, repeats) for peer in case.peers]
+
+
+def growth(row: Row, repeats: int = REPEATS) -> dict[str, Any] | None:
+    """How our processor time grows from small data to full, as an exponent of n; None for a row without a size."""
+    small, full = row.prepare(True), row.prepare(False)
+    if not small.n:
+        return None
+    seconds = []
+    with threadpool_limits(1, user_api="blas"):
+        for case in (small, full):
+            case.ours()
+            seconds.append(float(np.min(_times(case.ours, repeats), axis=0)[1]))
+    exponent = float(np.log(seconds[1] / seconds[0]) / np.log(full.n / small.n))
+    return {"row": row.name, "n": [small.n, full.n], "cpu_s": seconds, "exponent": exponent}
 
 
 def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats: int) -> Measured:

@@ -44,7 +44,7 @@ def _case(suffix: str) -> Callable[[bool], Case]:
         table = recording_table(100_000 if quick else 3_600_000)
         table.to_csv(path, index=False) if suffix == ".csv" else table.to_parquet(path, compression="zstd")
         peers = _csv_peers(path) if suffix == ".csv" else _parquet_peers(path)
-        return Case(lambda: read(path).table, peers, size=f"{len(table) / 1e6:g} M x {len(COLUMNS)}")
+        return Case(lambda: read(path).table, peers, size=f"{len(table) / 1e6:g} M x {len(COLUMNS)}", n=len(table))
 
     return prepare
 

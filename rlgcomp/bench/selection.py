@@ -71,7 +71,7 @@ def _case(n: int, few: int, goals: tuple[float | None, float | None]) -> Callabl
             )
         if len(y) < 1000:
             peers.append(Peer("neo-ls-svm, which has no widths to select", lambda: _neo(X, y), lambda ours, theirs: 0.0, 1.0))
-        return Case(lambda: _ours(X, y, groups), peers, size=f"n = {len(y)}, d = {X.shape[1]}", memory=len(y) > 10_000)
+        return Case(lambda: _ours(X, y, groups), peers, size=f"n = {len(y)}, d = {X.shape[1]}", memory=len(y) > 10_000, n=len(y))
 
     return prepare
 

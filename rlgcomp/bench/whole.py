@@ -60,7 +60,11 @@ def _diagnosis(quick: bool) -> Case:
     simulator = lacking(unit, "readout_incoherence", seed=1)
     last = len(runs) - 1
     hours = sum(run.duration_s for run in runs) / 3600.0
-    return Case(lambda: diagnose(simulator, runs[:last], runs[last:], seed=1), size=f"{len(runs)} runs, {hours:.1f} h in all")
+    return Case(
+        lambda: diagnose(simulator, runs[:last], runs[last:], seed=1),
+        size=f"{len(runs)} runs, {hours:.1f} h in all",
+        n=sum(map(len, runs)),
+    )
 
 
 ROWS: Final = (

@@ -16,6 +16,7 @@ def bench(
     only: Annotated[list[str] | None, typer.Option("--only", metavar="ROW...", help="Rows whose names begin so.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small data: what runs and agrees, not how fast it is.")] = False,
     repeats: Annotated[int, typer.Option(min=1, help="Paired repeats of what is short; what is long has two.")] = 5,
+    grows: Annotated[bool, typer.Option("--growth", help="Instead: how our own time grows from small data to full.")] = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="JSON file to write as well.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -26,13 +27,22 @@ def bench(
 
     Example: `rlgcomp bench --only allan bouc --out bench.json`
     """
-    from rlgcomp.bench import chosen, measure
+    from rlgcomp.bench import chosen, growth, measure
     from rlgcomp.bench.machine import machine
     from rlgcomp.files import require_writable, write_json
 
     if out is not None:
         require_writable(out)
     rows = chosen(only)
+    if grows:
+        found = [one for one in (growth(row, repeats) for row in rows) if one is not None]
+        if out is not None:
+            write_json(out, {"machine": machine(), "growth": found})
+        if as_json:
+            show_json(found)
+        else:
+            show_table("Processor time as a power of n", [_grown(one) for one in found])
+        return
     measured = []
     with progress("measuring", len(rows)) as advance:
         for done, row in enumerate(rows, start=1):
@@ -46,6 +56,11 @@ def bench(
         return
     show_table("Measured against peers" + (" (small data: no goal is judged)" if quick else ""), [_row(one) for one in measured])
     say(", ".join(f"{key} {value}" for key, value in result["machine"].items()))  # type: ignore[attr-defined]
+
+
+def _grown(one: dict[str, Any]) -> dict[str, Any]:
+    (small, full), (few, many) = one["n"], one["cpu_s"]
+    return {"row": one["row"], "n": f"{small} to {full}", "cpu s": f"{few:.3g} to {many:.3g}", "exponent": f"{one['exponent']:.2f}"}
 
 
 def _row(one: Any) -> dict[str, Any]:
