@@ -43,7 +43,7 @@ from rlgcomp.compiled import compiled
 Array = npt.NDArray[np.float64]
 _KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid")
 MANY_ROWS: Final = 1500  # from which candidates are compared on so many centres that hold the kernel to rounding where it matters
-CENTRES_OF_MANY: Final = 400
+CENTRES_OF_MANY: Final = 300
 _ROBUST_PASSES: Final = 3
 _FEW_GROUPS: Final = 3
 _THIN: Final = 0.7  # rank over rows up to which a factor pays
