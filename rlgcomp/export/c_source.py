@@ -19,13 +19,22 @@ from rlgcomp.export.c_features import feature_code, identifiers
 from rlgcomp.export.expansion import Expansion
 from rlgcomp.export.golden import Stream
 from rlgcomp.export.target import Precision
+from rlgcomp.features import ReadoutDifference
 from rlgcomp.units import column_unit
 
 Array = npt.NDArray[np.float64]
 LANES: Final[Mapping[Precision, int]] = {"double": 8, "float": 16}
 BYTES: Final[Mapping[Precision, int]] = {"double": 8, "float": 4}
+KINDS: Final[Mapping[str, str]] = {
+    "polynomial": "polynomial",
+    "gaussian": "Gaussian kernel",
+    "wide": "Gaussian kernel with its first three orders summed beforehand",
+    "matern": "Matern kernel",
+    "power": "polynomial kernel",
+    "sigmoid": "sigmoid kernel",
+}
 _NAME: Final = re.compile(r"^[a-z][a-z0-9_]{0,39}$")
-# Range reduction exp(t) = 2^k exp(r): Cody and Waite's split of ln 2, so that k ln2_high is exact; the series is cut below a rounding.
+# exp(t) = 2^k exp(r), with Cody and Waite's split of ln 2, so that k ln2_high is exact; the series is cut below a rounding.
 _EXP: Final[Mapping[Precision, Mapping[str, Any]]] = {
     "double": {
         "bits": "uint64_t",
@@ -106,6 +115,34 @@ def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int
     return BYTES[precision] * (numbers + expansion.powers.size)
 
 
+def state_bytes(design: Design) -> int:
+    """Bytes of the state, the only memory that lasts, on a machine with 4-byte integers and doubles aligned to 8 bytes."""
+    numbers = 1 + feature_code(design.compensator.recipe_, "", design.precision, str).slots
+    return -(-(8 + BYTES[design.precision] * numbers + 4) // 8) * 8
+
+
+def operations(design: Design) -> dict[str, int]:
+    """Operations of one step, counted from its text; a multiplication counts together with its addition."""
+    e = design.expansion
+    code = feature_code(design.compensator.recipe_, "", design.precision, str)
+    d, padded = e.features, design.blocks * LANES[design.precision]
+    a_centre = {"wide": d + 3 + series_terms(e, design.precision), "gaussian": 2 * d + 2, "matern": 2 * d + 3}.get(e.form, d + 1)
+    a_centre += e.kernel_degree if e.form == "power" else 0
+    whole = d * (d + 1) // 2 + 2 * d + 4 if e.form == "wide" else e.powers.size
+    return {
+        "multiply_adds": d + code.filters * 3 + code.plays + whole + padded * a_centre + 1,
+        "divisions": code.filters + sum(isinstance(feature, ReadoutDifference) for feature in design.compensator.recipe_.features),
+        "exponentials": int(e.form == "wide") + padded * (e.form in ("gaussian", "matern", "sigmoid")),
+        "square_roots": padded * (e.form == "matern"),
+        "comparisons": 4 * d + 2 * code.plays + code.filters + d + len(design.compensator.recipe_.columns) + 2,
+    }
+
+
+def series_terms(expansion: Expansion, precision: Precision) -> int:
+    """Terms of r_3's series in that precision."""
+    return expansion.series_terms(2.0**-54 if precision == "double" else 2.0**-26)
+
+
 def render(design: Design, golden: Stream, allowed_deg_h: Array, status: npt.NDArray[np.int64], quiet_rows: int) -> dict[str, str]:
     """File names and their text.
 
@@ -150,7 +187,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
     upper = e.quadratic - 0.5 * np.diag(np.diag(e.quadratic))
     features = feature_code(compensator.recipe_, design.name.upper(), precision, number)
     notes = [run.get("notes") or {} for run in compensator.provenance_]
-    terms = e.series_terms(2.0**-54 if precision == "double" else 2.0**-26)
+    terms = series_terms(e, precision)
     monitors = list(zip(identifiers(compensator.recipe_.columns), map(_monitor_comment, compensator.recipe_.columns), strict=True))
     return {
         "feature_lines": features.lines,
@@ -191,10 +228,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "averaging_s": f"{compensator.averaging_s:g}",
         "table_bytes": design.table_bytes,
         "monitors": monitors,
-        "inputs": [
-            (_said(name), f"{low:.6g}", f"{high:.6g}")
-            for name, low, high in zip(compensator.recipe_.names, e.low, e.high, strict=True)
-        ],
+        "inputs": list(zip(map(_said, compensator.recipe_.names), map(_short, e.low), map(_short, e.high), strict=True)),
     }
 
 
@@ -211,6 +245,10 @@ def _number(precision: Precision) -> Callable[[float], str]:
 
     with np.errstate(over="ignore"):
         return literal
+
+
+def _short(value: float) -> str:
+    return f"{value:.6g}"
 
 
 def _exact(value: float) -> str:
@@ -240,10 +278,9 @@ def _largest_argument(expansion: Expansion) -> float:
 
 
 def _kind(design: Design) -> str:
-    form, model = design.expansion.form, design.compensator.model_
-    shown = {"wide": "Gaussian kernel, its first three orders summed beforehand", "power": "polynomial kernel"}.get(form, form)
+    model = design.compensator.model_
     parameters = ", ".join(f"{key} = {value}" for key, value in sorted(model.get_params().items()))
-    return f"{type(model).__name__}({parameters}), as {shown}"
+    return f"{type(model).__name__}({parameters}), as {KINDS[design.expansion.form]}"
 
 
 def _monitor_comment(column: str) -> str:

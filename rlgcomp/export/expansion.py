@@ -9,11 +9,11 @@ A clipped input X becomes :math:`x = (X - o) / s`, and the bias is y_mean + y_sc
          + \sum_i b_i\, r_3(x \cdot z_i) \Big),\quad w = e^{-|x|^2/2}       && \text{wide}
 
 The third is the Gaussian kernel again, whose width is then within s, written as
-:math:`e^{-|x - z|^2/2} = e^{-|x|^2/2}\, e^{-|z|^2/2}\, e^{x \cdot z}` with the first three terms of the last factor's series summed over all
-centres once and for all: :math:`r_3(u) = e^u - 1 - u - u^2/2`. Selection on smooth thermal biases picks kernels much wider than the
-data, whose weights are large and cancel; here what cancels has been added up beforehand in extended precision. What is left in the
-sum over centres is small, so single precision is enough for it, a short polynomial takes the place of the exponential, and often
-few centres or none are needed.
+:math:`e^{-|x - z|^2/2} = e^{-|x|^2/2}\, e^{-|z|^2/2}\, e^{x \cdot z}` with the first three terms of the last factor's series summed
+over all centres once and for all: :math:`r_3(u) = e^u - 1 - u - u^2/2`. Selection on smooth thermal biases picks kernels much wider
+than the data, whose weights are large and cancel; here what cancels has been added up beforehand in extended precision. What is
+left in the sum over centres is small, so single precision is enough for it, a short polynomial takes the place of the exponential,
+and often few centres or none are needed.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.cubic import CubicLeastSquares
 from rlgcomp.compensation.kernels import kernel
 from rlgcomp.compensation.lssvm import LSSVMRegressor
+from rlgcomp.compensation.rows import Scaling
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -132,6 +133,14 @@ class Expansion:
             return kernel("sigmoid", {"slope": 1.0, "offset": self.kernel_offset}, x, z)
         return kernel(self.form, {"sigma": 1.0}, x, z)
 
+    def gram(self, x: Array, z: Array) -> Array:
+        """The kernel that the centres' functions are of, symmetric: shape (n, centres)."""
+        return self.basis(x, z) * self.falls(z)
+
+    def falls(self, z: Array) -> Array:
+        """What a centre's weight holds beside its coefficient: e^(-|z|²/2) in the wide form, else 1."""
+        return np.exp(-0.5 * np.einsum("ij,ij->i", z, z)) if self.form == "wide" else np.ones(len(z))
+
     def series_terms(self, unit: float) -> int:
         """Terms of r_3's series after which what is cut off stays below `unit` of v's span on the centres, wherever inputs are."""
         if self.form != "wide" or not len(self.weights):
@@ -159,14 +168,18 @@ def third_remainder(u: Array) -> Array:
 
 
 def expansion_of(compensator: Compensator) -> Expansion:
-    """The expansion of a fitted compensator.
+    """The expansion of a fitted compensator; raises as :func:`expansion_of_model`."""
+    return expansion_of_model(compensator.model_, compensator.scaling_, compensator.reference_deg_h)
+
+
+def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.0) -> Expansion:
+    """The expansion of a fitted estimator behind a scaling.
 
     Raises
     ------
     InputError
         The model has no sample-by-sample form, or is of the user's own.
     """
-    model, scaling = compensator.model_, compensator.scaling_
     beyond = scaling.reach * (scaling.high - scaling.low)
     d = len(scaling.mean)
     common: dict[str, Any] = {
@@ -178,7 +191,7 @@ def expansion_of(compensator: Compensator) -> Expansion:
         "scale": scaling.scale,
         "y_mean_deg_h": scaling.y_mean_deg_h,
         "y_scale_deg_h": scaling.y_scale_deg_h,
-        "reference_deg_h": compensator.reference_deg_h,
+        "reference_deg_h": reference_deg_h,
         "level": 0.0,
         "powers": np.zeros((0, d)),
         "linear": np.zeros(d),
