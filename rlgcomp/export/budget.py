@@ -15,8 +15,8 @@ from rlgcomp.export.target import Options
 def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple[Expansion, pd.DataFrame, str | None]:
     """The expansion to export, the curve of stability against size, and what that was measured on.
 
-    Without a budget that is the whole model. A budget alone takes the largest model within it; `smallest` takes the smallest that is
-    within 1 % of the best that the budget leaves.
+    Without a budget that is the whole model. A budget alone takes the largest model within it; `smallest` takes the smallest that
+    is within 1 % of the best that the budget leaves.
 
     Raises
     ------
