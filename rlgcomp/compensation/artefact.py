@@ -7,9 +7,9 @@
       card.md           the model card, for people
       SHA256SUMS        of all of these; `sha256sum -c SHA256SUMS` checks them
 
-Nothing in it is code and nothing is pickled. Reading takes no file's word for anything: names, sizes, checksums, the JSON's depth and
-keys, the arrays' headers and every number are checked before anything is handed over. A checksum finds damage, not intent: who can
-write the folder can write its checksums as well, so compare `identity` with one that came another way where that matters.
+Nothing in it is code and nothing is pickled. Reading takes no file's word for anything: names, sizes, checksums,
+the JSON's depth and keys, the arrays' headers and every number are checked before anything is handed over. A checksum
+finds damage, not intent: who can write the folder can write its checksums as well, so compare `identity` with one that came another way where that matters.
 
 Schema 2 has the interval of the bias. Of schema 1, which had none, it is calibrated anew from the training rows on loading.
 """
@@ -188,10 +188,9 @@ def _checked_files(folder: Path) -> dict[str, bytes]:
         expected, _, name = line.partition("  ")
         if not (_DIGEST.fullmatch(expected) and _FILE.fullmatch(name)) or name in contents:
             raise InputError(f"{folder}: {SUMS} lists {line[:120]!r}, which is no file of a model")
+        largest = min(left, _LARGEST_BYTES if name.startswith("arrays/") else _LARGEST_TEXT_BYTES)
         try:
-            contents[name] = _limited(
-                folder / name, min(left, _LARGEST_BYTES if name.startswith("arrays/") else _LARGEST_TEXT_BYTES)
-            )
+            contents[name] = _limited(folder / name, largest)
         except OSError:
             raise InputError(f"{folder}: {name} is missing; copy the whole model folder again") from None
         left -= len(contents[name])

@@ -352,9 +352,8 @@ def load(path: str | Path) -> Compensator:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (KeyError, TypeError, AttributeError, ValueError, IndexError, OverflowError) as error:
-        raise InputError(
-            f"{path}: not what schema {artefact.SCHEMA} requires: {type(error).__name__}: {str(error)[:200]}"
-        ) from None
+        said = f"{type(error).__name__}: {str(error)[:200]}"
+        raise InputError(f"{path}: not what schema {artefact.SCHEMA} requires: {said}") from None
 
 
 def _assemble(held: artefact.Artefact) -> Compensator:
@@ -398,9 +397,7 @@ def _assemble(held: artefact.Artefact) -> Compensator:
         _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     else:
         compensator.interval_ = _calibrated_interval(compensator)
-        logger.info(
-            "schema %s: the interval was calibrated anew from the training rows; save it again to keep it", manifest["schema"]
-        )
+        logger.info("schema %s: its interval was calibrated anew from its training rows; save it to keep it", manifest["schema"])
     with np.errstate(all="ignore"):
         _require_golden(compensator.predict_rows(arrays["golden_X"]), arrays["golden_bias_deg_h"])
     return compensator
@@ -444,6 +441,6 @@ def _calibrated_interval(compensator: Compensator) -> Interval:
 
 
 def _golden_rows(training_X: Array, low: Array, high: Array) -> Array:
-    """Inputs whose bias is kept with the model: from all over the training rows, and half a span and three spans beyond their range."""
+    """Inputs whose bias is kept with the model: from all over training, and half a span and three spans beyond its range."""
     within = training_X[np.unique(np.linspace(0, len(training_X) - 1, GOLDEN_ROWS).astype(np.int64))]
     return np.vstack([within, *(high + beyond * (high - low) for beyond in (-4.0, -1.5, 0.5, 3.0))])

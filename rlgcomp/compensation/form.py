@@ -60,8 +60,8 @@ class ModelForm:
     numbers, arrays : tuple of str
         Fitted attributes to save; an array may also be a list of arrays.
     check : callable
-        Given a model that was read from a file and its number of features, raises `InputError` unless its parameters are allowed and
-        its arrays fit each other: what is read is not to be trusted.
+        Given a model that was read from a file and its number of features, raises `InputError` unless its parameters are
+        allowed and its arrays fit each other: what is read is not to be trusted.
     """
 
     name: str

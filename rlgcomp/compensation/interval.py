@@ -1,21 +1,22 @@
 r"""How far a gyro may be from its estimated bias: a half width calibrated on runs left out of training.
 
-What is covered is a mean over the averaging time, as in training and in bias stability, noise of that mean included. With run r left
-out of training, :math:`s_i = |y_i - \hat B_{-r}(x_i)|` are the scores of its windows. The interval of a window of a new run is
+What is covered is a mean over the averaging time, as in training and in bias stability, noise of that mean included. With run r
+left out of training, :math:`s_i = |y_i - \hat B_{-r}(x_i)|` are the scores of its windows. The interval of a window of a new run is
 
 .. math:: \hat B(x) \pm \big( q + w\, e(x) \big), \qquad e(x) = \sum_j \max(0,\; l_j - x_j,\; x_j - h_j) / (h_j - l_j)
 
 e says by how many spans the inputs lie beyond the training range. No run can calibrate what happens there: w is the span of the
 bias in training, so that a bias that goes on changing as steeply as it ever did over the whole range of an input stays inside.
 
-q is calibrated. Windows of a run resemble each other, runs are drawn anew: every run counts the same, and what a few runs cannot know
-of the next is found by leaving runs out once more. With Q the 90 % quantile of the scores of all runs and Q_{-r} that of all but r,
+q is calibrated. Windows of a run resemble each other, runs are drawn anew: every run counts the same, and what a few runs cannot
+know of the next is found by leaving runs out once more. With Q the 90 % quantile of the scores of all runs and
+Q_{-r} that of all but r,
 
 .. math:: q = Q + m, \qquad m \text{ being the 90 % quantile of } s_i - Q_{-r}:
 
 a quantile taken from the other runs, raised by m, covers 90 % of the windows of the run that it has not seen, on average over runs.
-Windows beyond the range of the runs trained on tell of w, not of q, and are not counted; a run that has hardly any others counts with
-what w leaves of their scores.
+Windows beyond the range of the runs trained on tell of w, not of q, and are not counted; a run that has hardly any others counts
+with what w leaves of their scores.
 
 References
 ----------
