@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
 
@@ -136,10 +137,30 @@ class FeatureRecipe:
                 raise InputError(f"feature recipe: unknown kind {item.get('kind')!r}; known are {', '.join(FEATURES)}")
             values = {key: tuple(value) if isinstance(value, list) else value for key, value in item.items() if key != "kind"}
             try:
-                features.append(form(**values))
+                feature = form(**values)
             except TypeError as error:
                 raise InputError(f"feature recipe: {item.get('kind')}: {error}") from None
+            _require_usable(feature)
+            features.append(feature)
         return cls(tuple(features))
+
+
+def _require_usable(feature: Any) -> None:
+    """Refuse values that no recipe made here has: what is read from a file is not to be trusted."""
+    for field in dataclasses.fields(feature):
+        value = getattr(feature, field.name)
+        if isinstance(field.default, str):
+            good = isinstance(value, str) and value.isprintable() and 0 < len(value) <= _LONGEST_NAME
+        elif isinstance(field.default, tuple):
+            good = isinstance(value, tuple) and 0 < len(value) <= _MOST_NUMBERS and all(_positive(part) for part in value)
+        else:
+            good = _positive(value) or value == field.default
+        if not good:
+            raise InputError(f"feature recipe: {feature.kind}: {field.name} is {str(value)[:60]!r}, which is not allowed")
+
+
+def _positive(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
 
 
 GROUPS: Final = ("temperature", "gradient", "temperature_rate", "lag", "memory", "light_intensity", "readout_difference")
@@ -147,6 +168,8 @@ DYNAMIC: Final = ("gradient", "temperature_rate", "lag", "memory")
 _LAGS_S: Final = (300.0, 900.0, 2700.0)
 _RADII_OF_SPAN: Final = (0.05, 0.1, 0.2)
 _LAGS_IN_A_RUN: Final = 3.0
+_LONGEST_NAME: Final = 200
+_MOST_NUMBERS: Final = 64
 
 
 def recipe_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> FeatureRecipe:

@@ -87,7 +87,8 @@ def test_every_format_file_is_in_the_list() -> None:
 def test_every_model_file_is_in_the_list() -> None:
     used = {form.estimator.__module__.rsplit(".", 1)[1] for form in MODELS.values()}
     assert (
-        _names_in("compensation") - {"artefact", "card", "compensator", "form", "kernels", "parameters", "rows", "selection"}
+        _names_in("compensation")
+        - {"artefact", "card", "compensator", "form", "interval", "kernels", "parameters", "rows", "selection"}
         == used
     )
 
