@@ -240,15 +240,15 @@ def _number(precision: Precision) -> Callable[[float], str]:
     """C literals that read back as the number they were written from."""
 
     def literal(value: float) -> str:
-        exact = float(value) if precision == "double" else float(np.float32(value))
+        with np.errstate(over="ignore"):
+            exact = float(value) if precision == "double" else float(np.float32(value))
         if not math.isfinite(exact):
             raise InputError(f"the model holds {value!r}, which {precision} cannot; export it with --precision double")
         text = repr(exact) if precision == "double" else f"{exact:.9g}"
         text += "" if any(mark in text for mark in ".en") else ".0"
         return text if precision == "double" else f"{text}f"
 
-    with np.errstate(over="ignore"):
-        return literal
+    return literal
 
 
 def _short(value: float) -> str:
