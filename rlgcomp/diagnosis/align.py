@@ -93,7 +93,7 @@ def align(recording: Recording, simulated: Recording, *, gyro: str | None = None
     InputError
         The simulation does not cover the run, or its gyro cannot be told.
     """
-    rate = simulated.rate_deg_h(_same_axis(recording.gyro_column(gyro), simulated))
+    rate = simulated.rate_deg_h(same_axis(recording.gyro_column(gyro), simulated))
     epoch_s = _epoch(recording, simulated)
     column, clock, certain = _clock(recording, simulated, rate, epoch_s, gyro)
     taken_out = certain and clock.p_value < SIGNIFICANT
@@ -253,7 +253,8 @@ def _slow_physics(recording: Recording) -> list[Array]:
     return columns
 
 
-def _same_axis(column: str, simulated: Recording) -> str | None:
+def same_axis(column: str, simulated: Recording) -> str | None:
+    """The simulation's gyro column of the same axis; None where it has none of that name."""
     same = [other for other in simulated.gyro_columns if rate_name(other) == rate_name(column)]
     return same[0] if same else None
 
