@@ -129,7 +129,16 @@ def _clock(recording: Recording, simulated: Recording, rate: Array, epoch_s: flo
     measured, slow = recording.rate_deg_h(gyro), _slow_physics(recording)
     clock = grid.compare(measured, rate)
     certain = clock.p_value < SIGNIFICANT and grid.settles(measured, rate, clock, slow)
-    return recording.gyro_column(gyro), clock if certain else grid.compare(measured, rate, slow), certain
+    return recording.gyro_column(gyro), clock if certain else _doubted(grid.compare(measured, rate, slow), clock), certain
+
+
+def _doubted(clock: _Clock, plain: _Clock) -> _Clock:
+    """A clock whose standard deviations hold what slow physics changes of it, for it may be there or not."""
+    return dataclasses.replace(
+        clock,
+        offset_sd_s=math.hypot(clock.offset_sd_s, clock.offset_s - plain.offset_s),
+        drift_sd=math.hypot(clock.drift_sd, clock.drift - plain.drift),
+    )
 
 
 @dataclasses.dataclass(frozen=True)
