@@ -7,9 +7,10 @@
       card.md           the model card, for people
       SHA256SUMS        of all of these; `sha256sum -c SHA256SUMS` checks them
 
-Nothing in it is code and nothing is pickled. Reading takes no file's word for anything: names, sizes, checksums,
-the JSON's depth and keys, the arrays' headers and every number are checked before anything is handed over. A checksum
-finds damage, not intent: who can write the folder can write its checksums as well, so compare `identity` with one that came another way where that matters.
+Nothing in it is code and nothing is pickled. Reading takes no file's word for anything: names, sizes, checksums, the JSON's
+depth and keys, the arrays' headers and every number are checked before anything is handed over. A checksum finds damage, not
+intent: who can write the folder can write its checksums as well, so compare `identity` with one that came another way where
+that matters.
 
 Schema 2 has the interval of the bias. Of schema 1, which had none, it is calibrated anew from the training rows on loading.
 """
