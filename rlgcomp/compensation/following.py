@@ -24,10 +24,9 @@ from rlgcomp.errors import InputError
 from rlgcomp.formats.csv import separator_of
 from rlgcomp.formats.mapping import apply_mapping
 from rlgcomp.recording import TIME, is_gyro, rate_name
-from rlgcomp.repair import LARGEST_VALUE, LONGEST_HOLD_S
+from rlgcomp.repair import LARGEST_VALUE, LONGEST_HOLD_S, ROUNDING
 
 Array = npt.NDArray[np.float64]
-_ROUNDING: Final = 1e-9
 AGREEMENT: Final = 1e-9  # by which numbers written by an earlier run may differ from those computed again, relatively
 
 
@@ -77,39 +76,42 @@ class Follower:
                     f"pulses of {pulse_arcsec:g} arcsec, calibrated with {calibration.pulse_arcsec:g} arcsec: not one gyro"
                 )
             self.pulse_arcsec = calibration.pulse_arcsec
-        self.header, self.separator = header.strip("\r\n"), separator_of(header)
+        self.separator = separator_of(header)
+        self._names = [str(name) for name in pd.read_csv(io.StringIO(header), sep=self.separator, skipinitialspace=True).columns]
         self.left_out: Counter[str] = Counter()
         self._rows = 0
         self._last_s = -np.inf
         self._held: dict[str, tuple[float, float]] = {}
         compensator.restart()
-        table = self._mapped(self._parsed(""))
+        table = self._mapped(self._parsed([]))
         self._check(table)
         self.columns = tuple(self._corrected(table, live=False).columns)
 
     def feed(self, lines: Sequence[str]) -> pd.DataFrame:
         """Corrected rows of the next whole lines; fewer than lines where rows are left out."""
-        table = self._mapped(self._parsed("\n".join(line.strip("\r\n") for line in lines)))
+        table = self._mapped(self._parsed([line.strip("\r\n") for line in lines]))
         return self._corrected(self._mended(table), live=True)
 
     # --- inside ------------------------------------------------------------------------------------------------------------
 
-    def _parsed(self, text: str) -> pd.DataFrame:
-        try:
-            read = pd.read_csv(
-                io.StringIO(f"{self.header}\n{text}"), sep=self.separator, comment="#", skipinitialspace=True, low_memory=False
-            )
-        except pd.errors.ParserError:
-            lines = text.splitlines()
-            if len(lines) > 1:
-                parts = [part for part in (self._parsed(line) for line in lines) if len(part)]
-                return pd.concat(parts, ignore_index=True) if parts else self._parsed("")
-            self.left_out["with more entries than columns"] += 1
-            return self._parsed("")
-        if self.period_s is not None and TIME not in read:
-            read[TIME] = self.period_s * np.arange(self._rows, self._rows + len(read))
-        self._rows += len(read)
-        return read
+    def _parsed(self, lines: Sequence[str]) -> pd.DataFrame:
+        fitting = [line for line in lines if line.count(self.separator) < len(self._names)]
+        if len(fitting) < len(lines):
+            self.left_out["with more entries than columns"] += len(lines) - len(fitting)
+        table = pd.read_csv(
+            io.StringIO("".join(f"{line}\n" for line in fitting).replace('"', "")),
+            sep=self.separator,
+            names=self._names,
+            header=None,
+            index_col=False,
+            comment="#",
+            skipinitialspace=True,
+            low_memory=False,
+        )
+        if self.period_s is not None and TIME not in table:
+            table[TIME] = self.period_s * np.arange(self._rows, self._rows + len(table))
+        self._rows += len(table)
+        return table
 
     def _mapped(self, table: pd.DataFrame) -> pd.DataFrame:
         unknown = [column for column in self.drop if column not in table.columns]
@@ -163,7 +165,7 @@ class Follower:
             for k, name in monitors:
                 if not np.isnan(values[row, k]):
                     self._held[name] = (values[row, k], now_s)
-                elif name in self._held and self._held[name][1] >= min(now_s - LONGEST_HOLD_S * (1.0 + _ROUNDING), before_s):
+                elif name in self._held and self._held[name][1] >= min(now_s - LONGEST_HOLD_S * (1.0 + ROUNDING), before_s):
                     values[row, k] = self._held[name][0]
             if np.isnan(values[row, gyros]).any():
                 self.left_out["without a gyro value"] += 1
@@ -217,7 +219,7 @@ def agrees(written: str, computed: str) -> bool:
         old, new = (np.array([float(part) for part in line.split(",")]) for line in (written, computed))
     except ValueError:
         return False
-    return old.shape == new.shape and bool((np.abs(old - new) <= AGREEMENT * np.maximum(np.abs(new), _ROUNDING)).all())
+    return old.shape == new.shape and bool((np.abs(old - new) <= AGREEMENT * np.maximum(np.abs(new), ROUNDING)).all())
 
 
 _NOTHING: Final[Any] = pd.DataFrame(

@@ -160,6 +160,7 @@ class Output:
             if not self._old:
                 new.append(line)
             elif not agrees(self._old.pop(), line):
+                self.close()
                 place = self.found_there - len(self._old) + 1
                 raise InputError(
                     f"line {place} of {self.path} is not what this model makes of this input, so it is left as it was; "
