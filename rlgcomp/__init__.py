@@ -41,6 +41,7 @@ Modules, each importing only from those before it:
     comparison evaluation       which input helps with which model; held-out results
     report                      pages that show them
     diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
+    export                      a compensation as code for the box, proved against Python by running it
     cli                         the command line
 """
 

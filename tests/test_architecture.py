@@ -39,6 +39,7 @@ ROWS = [
     ["evaluation"],
     ["report"],
     ["diagnosis"],
+    ["export"],
     ["cli"],
 ]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))

@@ -16,6 +16,7 @@ COMMANDS = (
     "simulation",
     "diagnosis",
     "compensation",
+    "export",
     "conceal",
     "sensitivity",
 )  # the order in which --help lists them
