@@ -37,6 +37,7 @@ ROWS = [
     ["compensation"],
     ["comparison"],
     ["evaluation"],
+    ["collection"],
     ["report"],
     ["diagnosis"],
     ["export"],

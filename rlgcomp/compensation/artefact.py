@@ -159,6 +159,8 @@ def plain_json(content: bytes) -> dict[str, Any]:
     for leaf in _leaves(value, 0):
         if isinstance(leaf, float) and not math.isfinite(leaf):
             raise InputError(f"{MANIFEST} holds a number that is not finite")
+        if isinstance(leaf, str) and any("\ud800" <= character <= "\udfff" for character in leaf):
+            raise InputError(f"{MANIFEST} holds text that is no text: half of a surrogate pair")
     return value
 
 
@@ -166,7 +168,8 @@ def _leaves(value: Any, depth: int) -> Iterator[Any]:
     if depth > _DEEPEST:
         raise InputError(f"{MANIFEST} is nested deeper than {_DEEPEST} levels")
     if isinstance(value, dict):
-        for item in value.values():
+        for key, item in value.items():
+            yield key
             yield from _leaves(item, depth + 1)
     elif isinstance(value, list):
         for item in value:

@@ -88,6 +88,8 @@ class Compensator:
         What it was trained on.
     provenance_ : list of dict
         Where the training runs came from.
+    schema_ : str
+        Of the artefact that it was read from, or would be saved to.
 
     Examples
     --------
@@ -163,6 +165,7 @@ class Compensator:
         self.provenance_ = [
             {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in runs
         ]
+        self.schema_ = artefact.SCHEMA
         self.restart()
         return self
 
@@ -438,15 +441,17 @@ def _assemble(held: artefact.Artefact) -> Compensator:
     selection = manifest["selection"]
     rmse = None if selection["rmse"] is None else finite(selection["rmse"], "rmse")
     compensator.selection_ = Selection(dict(selection["best"]), rmse, held.selection)
-    compensator.provenance_ = list(manifest["runs"])
+    compensator.provenance_ = [{**run, "hours": finite(run["hours"], "hours", low=0.0)} for run in manifest["runs"]]
+    compensator.schema_ = manifest["schema"]
     if manifest["schema"] == artefact.SCHEMA:
         compensator.interval_ = Interval.from_mapping(manifest["interval"])
-        _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     else:
         compensator.interval_ = _calibrated_interval(compensator)
         logger.info("schema %s: its interval was calibrated anew from its training rows; save it to keep it", manifest["schema"])
     with np.errstate(all="ignore"):
         _require_golden(compensator.predict_rows(arrays["golden_X"]), arrays["golden_bias_deg_h"])
+        if manifest["schema"] == artefact.SCHEMA:
+            _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     return compensator
 
 
