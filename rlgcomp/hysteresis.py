@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
+from rlgcomp.hysteresis_loops import bouc_wen, bouc_wen_constants, pays, play_states
 
 Array = npt.NDArray[np.float64]
 _TOGETHER: Final = 5  # radii from which one array a sample is faster than one number a sample and radius
@@ -53,11 +54,11 @@ class Play:
 
     def run(self, state: Array, u: Array) -> tuple[Array, Array]:
         """States after each input, shape (n, radii), and the last of them."""
-        states = np.empty((len(u), len(self.radii)))
-        inputs = u.tolist()
-        if len(self.radii) >= _TOGETHER:
+        if len(self.radii) >= _TOGETHER or pays(len(u) * len(self.radii)):
             states = play_paths(u[:, None], np.array(self.radii), np.asarray(state))
             return states, (states[-1].copy() if len(u) else state)
+        states = np.empty((len(u), len(self.radii)))
+        inputs = u.tolist()
         for j, radius in enumerate(self.radii):
             w = float(state[j])
             path = []
@@ -82,6 +83,9 @@ def play_paths(u: Array, radii: Array, start: Array) -> Array:
         In the input's unit.
     """
     states = np.empty((len(u), len(radii)))
+    if pays(states.size):
+        play_states(np.ascontiguousarray(u), np.ascontiguousarray(radii), np.ascontiguousarray(start), states)
+        return states
     now = start
     for k in range(len(u)):
         now = np.maximum(u[k] - radii, np.minimum(u[k] + radii, now))
@@ -189,26 +193,8 @@ class BoucWen:
 
     def run(self, state: Array, u: Array) -> tuple[Array, Array]:
         """z after each input, shape (n,), and the last state."""
-        strength = self.slope / self.saturation**self.exponent
-        beta, gamma, n = self.shape * strength, (1.0 - self.shape) * strength, self.exponent
-        longest = 0.02 * self.saturation / self.slope
-
-        def slope(z: float, direction: float) -> float:
-            return self.slope - abs(z) ** n * (gamma + beta * math.copysign(1.0, z * direction))
-
-        z, before = float(state[0]), float(state[1])
+        constants = bouc_wen_constants(self.slope, self.saturation, self.shape, self.exponent)
         output = np.empty(len(u))
-        for k, x in enumerate(u.tolist()):
-            move = x - before
-            if move != 0.0:
-                pieces = max(1, math.ceil(abs(move) / longest))
-                h, direction = move / pieces, math.copysign(1.0, move)
-                for _ in range(pieces):
-                    k1 = slope(z, direction)
-                    k2 = slope(z + 0.5 * h * k1, direction)
-                    k3 = slope(z + 0.5 * h * k2, direction)
-                    k4 = slope(z + h * k3, direction)
-                    z += h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-                before = x
-            output[k] = z
+        inputs, loop = (np.ascontiguousarray(u), bouc_wen) if pays(len(u)) else (u.tolist(), bouc_wen.plain)
+        z, before = loop(float(state[0]), float(state[1]), inputs, *constants, output)
         return output, np.array([z, before])

@@ -20,10 +20,11 @@ PACKAGE = Path(rlgcomp.__file__).parent
 # Bottom to top; a module imports only from rows before its own, or from its own package.
 ROWS = [
     ["errors"],
-    ["units", "files", "plugins"],
+    ["units", "files", "plugins", "compiled"],
     ["recording"],
     ["repair"],
     ["formats"],
+    ["hysteresis_loops"],
     ["filters", "hysteresis", "frames", "triad", "motion"],
     ["noise"],
     ["allan"],

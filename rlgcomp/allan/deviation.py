@@ -28,6 +28,7 @@ import pandas as pd
 from scipy import stats
 
 from rlgcomp.allan.power_law import NAMES, degrees_of_freedom, identify
+from rlgcomp.allan.sums import angle_of, sums_of_squares
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -165,23 +166,19 @@ def allan_deviation(
         raise InputError("some rates are not finite; leave those samples out: gaps are allowed")
     period_s, ends = _parts(time)
     parts = np.diff(np.r_[0, ends])
-    angle = np.empty(len(rate) + 1)  # in periods of deg/h, parts in one row without their gaps
-    angle[0] = 0.0
-    np.cumsum(rate - rate.mean(), out=angle[1:])
-    part = np.repeat(np.arange(len(parts), dtype=np.int32), parts) if len(parts) > 1 else None
+    angle = angle_of(rate)  # in periods of deg/h, parts in one row without their gaps
 
     order, overlapping = _ORDER[estimator], not estimator.startswith("plain")
     counts = _counts(tau_s, period_s, int(parts.max()), per_decade)
+    counts = counts[order * counts <= int(parts.max())]
+    if overlapping:
+        sums, numbers = sums_of_squares(angle, ends, counts, order)
     rows: list[tuple[float, float, int, float, int]] = []
     alpha = 0
-    for m in counts[order * counts <= int(parts.max())].tolist():
-        if overlapping:
-            total, taken = _sum_of_squares(angle, part, m, order)
-        else:
-            total, taken = _sum_of_squares_plain(angle, parts, m, order)
+    for k, m in enumerate(counts.tolist()):
+        total, taken = (float(sums[k]), int(numbers[k])) if overlapping else _sum_of_squares_plain(angle, parts, m, order)
         deviation = float(np.sqrt(total / taken / (2.0 if order == 2 else 6.0))) / m
-        first, groups = _starts(parts, m, 1)
-        found = identify((angle[first + m] - angle[first]) / m, groups, lowest=-2 if order == 2 else -4)
+        found = identify(*_means(angle, parts, m), lowest=-2 if order == 2 else -4)
         alpha = alpha if found is None else found
         if alpha > 0 and not _steep(rows, m * period_s, deviation):
             alpha = 0
@@ -250,27 +247,20 @@ def _counts(tau_s: npt.ArrayLike | None, period_s: float, longest: int, per_deca
     return counts[counts >= 1].astype(np.int64)
 
 
-def _sum_of_squares(angle: Array, part: npt.NDArray[np.int32] | None, m: int, order: int) -> tuple[float, int]:
-    """Sum of squared differences at every sample, and how many they are; `part` says which part a sample is from."""
-    stop = len(angle) - order * m
-    if order == 2:
-        difference = angle[m : m + stop] * -2.0
-        difference += angle[:stop]
-    else:
-        difference = angle[m : m + stop] - angle[2 * m : 2 * m + stop]
-        difference *= 3.0
-        difference -= angle[:stop]
-    difference += angle[order * m :]
-    if part is not None:
-        difference = difference[part[order * m - 1 :] == part[:stop]]
-    return float(np.dot(difference, difference)), len(difference)
-
-
 def _sum_of_squares_plain(angle: Array, parts: Whole, m: int, order: int) -> tuple[float, int]:
     """Sum of squared differences at every m-th sample of each part, and how many they are."""
     first, _ = _starts(parts, m, order)
     difference = np.diff(angle[first[:, None] + m * np.arange(order + 1)], order)[:, 0]
     return float(np.dot(difference, difference)), len(difference)
+
+
+def _means(angle: Array, parts: Whole, m: int) -> tuple[Array, Whole]:
+    """Means over m samples, one after the other, and the part of each."""
+    if len(parts) == 1:
+        means = np.diff(angle[::m]) / m
+        return means, np.zeros(len(means), dtype=np.int64)
+    first, groups = _starts(parts, m, 1)
+    return (angle[first + m] - angle[first]) / m, groups
 
 
 def _starts(parts: Whole, m: int, spanned: int) -> tuple[Whole, Whole]:

@@ -21,6 +21,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compiled import available
+from rlgcomp.diagnosis.loops import forward_backward
 from rlgcomp.diagnosis.whitening import Rows
 
 Array = npt.NDArray[np.float64]
@@ -108,6 +110,10 @@ def _smoothed(values: Array, half_step: Array, noise: Array, flip: Array) -> tup
     n, models = values.shape
     ahead = np.empty((n, models))  # probability of plus given the rows so far
     log_likelihood = scale.sum(axis=0)
+    mean = np.empty((n, models))
+    if available():
+        forward_backward(plus, minus, flip, ahead, mean, log_likelihood)
+        return mean, log_likelihood
     before = np.full(models, 0.5)
     for k in range(n):
         prior = before + flip[k] * (1.0 - 2.0 * before)
@@ -115,7 +121,6 @@ def _smoothed(values: Array, half_step: Array, noise: Array, flip: Array) -> tup
         total = up + down
         log_likelihood += np.log(total)
         before = ahead[k] = up / total
-    mean = np.empty((n, models))
     back_up = np.ones(models)
     back_down = np.ones(models)
     for k in range(n - 1, -1, -1):

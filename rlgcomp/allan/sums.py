@@ -1,0 +1,178 @@
+r"""The sums behind Allan and Hadamard variances: squared differences of the angle at every sample, for many averaging times.
+
+For long records all averaging times are taken in one pass over blocks of the angle that stay in the processor's cache, compiled
+and in threads; for short ones NumPy takes one averaging time after the other. Both add up the same squares, in another order.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.compiled import available, compiled, in_threads, threads
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+MANY: Final = 300_000  # samples from which compiling pays
+_BLOCK: Final = 2048  # samples: those of one averaging time stay in the first-level cache
+_PIECE: Final = 1 << 17  # samples a piece of work; fixed, so that the sums do not depend on the number of threads
+
+
+def angle_of(rate: Array, workers: int | None = None) -> Array:
+    """Cumulative sums of a rate less its mean, from zero: n + 1 values, in periods of the rate's unit."""
+    angle = np.empty(len(rate) + 1)
+    angle[0] = 0.0
+    if len(rate) < MANY or not available():
+        np.cumsum(rate - rate.mean(), out=angle[1:])
+        return angle
+    firsts = list(range(0, len(rate), _PIECE))
+    lasts = [*firsts[1:], len(rate)]
+    totals = np.empty((len(firsts), 1))
+    in_threads(_total, [(rate, first, last, totals[k]) for k, (first, last) in enumerate(zip(firsts, lasts, strict=True))], workers)
+    mean = float(totals.sum()) / len(rate)
+    before = np.cumsum(totals[:, 0] - mean * (np.array(lasts) - firsts))
+    starts = [0.0, *before[:-1].tolist()]
+    pieces = [(rate, mean, first, last, start, angle) for first, last, start in zip(firsts, lasts, starts, strict=True)]
+    in_threads(_accumulate, pieces, workers)
+    return angle
+
+
+def sums_of_squares(angle: Array, ends: Whole, counts: Whole, order: int, workers: int | None = None) -> tuple[Array, Whole]:
+    """Sums of squared differences of second or third order at every sample, and how many they are.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n + 1,)
+        The parts between gaps in one row.
+    ends : ndarray of int, shape (parts,)
+        Where each part ends, the last at n; no difference spans two parts.
+    counts : ndarray of int, shape (m,)
+        Averaging times in samples.
+    order : int
+        2 for Allan, 3 for Hadamard.
+    workers : int, optional
+        Threads; by default the cores that this process has.
+
+    Returns
+    -------
+    sums : ndarray, shape (m,)
+    taken : ndarray of int, shape (m,)
+    """
+    lengths = np.diff(np.r_[0, ends])
+    taken = np.array([int(np.maximum(lengths - order * m + 1, 0).sum()) for m in counts.tolist()], dtype=np.int64)
+    if len(angle) <= MANY or not available():
+        part = np.repeat(np.arange(len(ends), dtype=np.int32), lengths) if len(ends) > 1 else None
+        return np.array([_one_sum(angle, part, m, order) for m in counts.tolist()]), taken
+    starts = np.arange(0, len(angle), _PIECE)
+    sums = np.zeros((len(starts), len(counts)))
+    begins = np.r_[0, ends[:-1]]
+    loop = _squares_2 if order == 2 else _squares_3
+    in_threads(
+        loop,
+        [(angle, begins, ends, counts, int(start), int(start) + _PIECE, _BLOCK, sums[k]) for k, start in enumerate(starts)],
+        threads() if workers is None else workers,
+    )
+    return sums.sum(axis=0), taken
+
+
+def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None) -> Array:
+    """Overlapping Allan deviations alone, of a record without gaps: no intervals, no noise identified.
+
+    Parameters
+    ----------
+    rate : ndarray, shape (n,)
+    counts : ndarray of int, shape (m,)
+        Averaging times in samples, at most n / 2.
+    workers : int, optional
+        Threads.
+    """
+    sums, taken = sums_of_squares(angle_of(rate, workers), np.array([len(rate)]), counts, 2, workers)
+    return np.sqrt(sums / (2.0 * taken)) / counts
+
+
+def _one_sum(angle: Array, part: npt.NDArray[np.int32] | None, m: int, order: int) -> float:
+    stop = len(angle) - order * m
+    if stop <= 0:
+        return 0.0
+    if order == 2:
+        difference = angle[m : m + stop] * -2.0
+        difference += angle[:stop]
+    else:
+        difference = angle[m : m + stop] - angle[2 * m : 2 * m + stop]
+        difference *= 3.0
+        difference -= angle[:stop]
+    difference += angle[order * m :]
+    if part is not None:
+        difference = difference[part[order * m - 1 :] == part[:stop]]
+    return float(np.dot(difference, difference))
+
+
+@compiled()
+def _accumulate(rate: Array, mean: float, first: int, last: int, start: float, angle: Array) -> None:
+    total = start
+    for k in range(first, last):
+        total += rate[k] - mean
+        angle[k + 1] = total
+
+
+@compiled(reassociate=True)
+def _total(rate: Array, first: int, last: int, out: Array) -> None:
+    total = 0.0
+    for k in range(first, last):
+        total += rate[k]
+    out[0] = total
+
+
+@compiled(reassociate=True)
+def _squares_2(angle: Array, begins: Whole, ends: Whole, counts: Whole, low: int, high: int, block: int, sums: Array) -> None:
+    for p in range(len(ends)):
+        first = max(low, begins[p])
+        while first < min(high, ends[p]):
+            last = min(first + block, high, ends[p])
+            j = 0
+            while j < len(counts):
+                m = counts[j]
+                octaves = j + 2 < len(counts) and counts[j + 1] == 2 * m and counts[j + 2] == 4 * m
+                if octaves and last + 8 * m <= ends[p] + 1:  # three octaves share their samples: five loads for nine
+                    near, one, two = angle[first:last], angle[first + m : last + m], angle[first + 2 * m : last + 2 * m]
+                    four, eight = angle[first + 4 * m : last + 4 * m], angle[first + 8 * m : last + 8 * m]
+                    total_1 = total_2 = total_4 = 0.0
+                    for k in range(last - first):
+                        by_1 = two[k] - 2.0 * one[k] + near[k]
+                        by_2 = four[k] - 2.0 * two[k] + near[k]
+                        by_4 = eight[k] - 2.0 * four[k] + near[k]
+                        total_1 += by_1 * by_1
+                        total_2 += by_2 * by_2
+                        total_4 += by_4 * by_4
+                    sums[j] += total_1
+                    sums[j + 1] += total_2
+                    sums[j + 2] += total_4
+                    j += 3
+                    continue
+                stop = max(first, min(last, ends[p] - 2 * m + 1))
+                near, one, two = angle[first:stop], angle[first + m : stop + m], angle[first + 2 * m : stop + 2 * m]
+                total = 0.0
+                for k in range(stop - first):
+                    difference = two[k] - 2.0 * one[k] + near[k]
+                    total += difference * difference
+                sums[j] += total
+                j += 1
+            first = last
+
+
+@compiled(reassociate=True)
+def _squares_3(angle: Array, begins: Whole, ends: Whole, counts: Whole, low: int, high: int, block: int, sums: Array) -> None:
+    for p in range(len(ends)):
+        first = max(low, begins[p])
+        while first < min(high, ends[p]):
+            last = min(first + block, high, ends[p])
+            for j in range(len(counts)):
+                m = counts[j]
+                total = 0.0
+                for k in range(first, min(last, ends[p] - 3 * m + 1)):
+                    difference = angle[k + 3 * m] - angle[k] - 3.0 * (angle[k + 2 * m] - angle[k + m])
+                    total += difference * difference
+                sums[j] += total
+            first = last

@@ -1,0 +1,81 @@
+"""Loops that carry state, compiled by Numba when first called and kept on disk; without Numba the same lines run as Python.
+
+Importing this module costs nothing: Numba is imported by the first call of a compiled loop. Where the data are few, callers take
+their plain path instead, so that no command waits for a compiler that it does not need. `RLGCOMP_NUMBA=0` turns compiling off.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import types
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+
+class Compiled:
+    """A function over arrays and numbers, compiled when first called. Its `plain` is the function as it was written."""
+
+    def __init__(self, function: Callable[..., Any], *, reassociate: bool) -> None:
+        self.plain = function
+        self._reassociate = reassociate
+        self._fast: Callable[..., Any] | None = None
+        functools.update_wrapper(self, function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        if not available():
+            return self.plain(*arguments)
+        if self._fast is None:
+            self._fast = self._compile(self.plain)
+        return self._fast(*arguments)
+
+    def _compile(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function compiled, with those of its own module that it calls."""
+        import numba
+
+        names = dict(function.__globals__)
+        for name in function.__code__.co_names:
+            helper = names.get(name)
+            if isinstance(helper, types.FunctionType) and helper.__module__ == function.__module__:
+                names[name] = self._compile(helper)
+        bound = functools.update_wrapper(types.FunctionType(function.__code__, names, function.__name__), function)
+        # sums may be taken in another order, but a number that is not finite stays one
+        fastmath = {"reassoc", "contract", "nsz"} if self._reassociate else False
+        return numba.njit(cache=True, nogil=True, fastmath=fastmath, error_model="numpy")(bound)
+
+
+def compiled(*, reassociate: bool = False) -> Callable[[Callable[..., Any]], Compiled]:
+    """Decorator: compile the loop. Unless its sums may be reassociated, it gives the same bits as the plain function."""
+    return lambda function: Compiled(function, reassociate=reassociate)
+
+
+def available() -> bool:
+    """Whether loops are compiled: Numba is there, and `RLGCOMP_NUMBA` does not forbid it."""
+    return os.environ.get("RLGCOMP_NUMBA", "1") != "0" and _installed()
+
+
+def threads() -> int:
+    """Threads that a compiled loop may use: the cores of this process, or fewer in a worker of joblib, which says how many."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    told = os.environ.get("NUMBA_NUM_THREADS", "")
+    return max(1, min(cores, int(told))) if told.isdigit() else cores
+
+
+def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], workers: int | None = None) -> None:
+    """Call a compiled loop once a piece, in threads: it holds no lock of the interpreter while it runs."""
+    workers = min(threads() if workers is None else workers, len(pieces))
+    if workers <= 1 or not available():
+        for piece in pieces:
+            function(*piece)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        waiting = [pool.submit(function, *piece) for piece in pieces]
+    for done in waiting:
+        done.result()
+
+
+@functools.cache
+def _installed() -> bool:
+    return importlib.util.find_spec("numba") is not None

@@ -1,0 +1,226 @@
+r"""The loops of hysteresis operators: one input or a fleet's, many operators at once, compiled where that pays.
+
+`play_states` and `bouc_wen` give the same bits compiled and plain; so does a gyro of a fleet alone. Sums of play operators are
+taken in another order where they are compiled, and agree to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.compiled import available, compiled, in_threads
+from rlgcomp.errors import InputError
+
+Array = npt.NDArray[np.float64]
+MANY: Final = 100_000  # updates of an operator from which compiling pays
+_TOGETHER: Final = 128  # gyros of one piece of work
+
+
+def pays(updates: int) -> bool:
+    """Whether so many updates are worth a compiled loop."""
+    return updates >= MANY and available()
+
+
+def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int | None = None) -> Array:
+    r"""Weighted sums of play operators (Prandtl–Ishlinskii), :math:`\sum_j c_j w_j`, after each input.
+
+    Parameters
+    ----------
+    u : ndarray, shape (n,) or (n, gyros)
+        Inputs of one gyro, or of many.
+    radii, weights : ndarray, shape (operators,)
+        r in the input's unit, and c.
+    start : ndarray, shape (operators,) or (operators, gyros)
+        States before the first input.
+    workers : int, optional
+        Threads; by default the cores that this process has.
+
+    Returns
+    -------
+    ndarray, shape of u
+
+    Raises
+    ------
+    InputError
+        The shapes do not fit.
+    """
+    expected = (len(radii), *u.shape[1:])
+    if u.ndim not in (1, 2) or weights.shape != radii.shape or start.shape != expected:
+        raise InputError(
+            f"inputs of shape {u.shape}, {len(radii)} radii, {len(weights)} weights and states of shape {start.shape}; give inputs "
+            f"of shape (n,) or (n, gyros), as many weights as radii, and states of shape {expected}"
+        )
+    sums = np.empty(u.shape)
+    states = np.array(start, dtype=np.float64, order="C")
+    if not pays(u.size * len(radii)):
+        for k in range(len(u)):
+            reach = radii if u.ndim == 1 else radii[:, None]
+            states = np.maximum(u[k] - reach, np.minimum(u[k] + reach, states))
+            sums[k] = weights @ states
+    elif u.ndim == 1:
+        _sums_of_one(u, radii, weights, states, sums)
+    else:
+        pieces = _pieces(u.shape[1])
+        in_threads(
+            _sums_of_many, [(u, radii, weights, np.ascontiguousarray(states[:, a:b]), a, b, sums) for a, b in pieces], workers
+        )
+    return sums
+
+
+def bouc_wen_fleet(u: Array, slope: float, saturation: float, shape: float, exponent: float, workers: int | None = None) -> Array:
+    """Bouc–Wen's z of many gyros from rest, shape (n, gyros), for inputs of that shape; see `rlgcomp.hysteresis.BoucWen`."""
+    constants = bouc_wen_constants(slope, saturation, shape, exponent)
+    output = np.empty(u.shape)
+    if pays(u.size):
+        in_threads(_bouc_wen_of_many, [(u, *constants, a, b, output) for a, b in _pieces(u.shape[1])], workers)
+        return output
+    for g in range(u.shape[1]):
+        bouc_wen.plain(0.0, float(u[0, g]), u[:, g].tolist(), *constants, output[:, g])
+    return output
+
+
+def bouc_wen_constants(slope: float, saturation: float, shape: float, exponent: float) -> tuple[float, float, float, float, float]:
+    """What the loops take: A, gamma + beta, gamma - beta, n, and the longest substep in u."""
+    strength = slope / saturation**exponent
+    beta, gamma = shape * strength, (1.0 - shape) * strength
+    return slope, gamma + beta, gamma - beta, exponent, 0.02 * saturation / slope
+
+
+def _pieces(gyros: int) -> list[tuple[int, int]]:
+    return [(a, min(a + _TOGETHER, gyros)) for a in range(0, gyros, _TOGETHER)]
+
+
+@compiled()
+def play_states(u: Array, radii: Array, start: Array, states: Array) -> None:
+    """States after each input, into `states` of shape (n, operators); u has that shape, or (n, 1)."""
+    shared = u.shape[1] == 1
+    for k in range(len(u)):
+        before = start if k == 0 else states[k - 1]
+        for j in range(len(radii)):
+            x = u[k, 0] if shared else u[k, j]
+            states[k, j] = max(x - radii[j], min(x + radii[j], before[j]))
+
+
+@compiled(reassociate=True)
+def _sums_of_one(u: Array, radii: Array, weights: Array, states: Array, sums: Array) -> None:
+    whole = len(u) - len(u) % 4
+    for k in range(0, whole, 4):  # four inputs at once: a state is read and written once for them
+        a, b, c, d = u[k], u[k + 1], u[k + 2], u[k + 3]
+        sum_a = sum_b = sum_c = sum_d = 0.0
+        for j in range(len(radii)):
+            r, weight = radii[j], weights[j]
+            w = max(a - r, min(a + r, states[j]))
+            sum_a += weight * w
+            w = max(b - r, min(b + r, w))
+            sum_b += weight * w
+            w = max(c - r, min(c + r, w))
+            sum_c += weight * w
+            w = max(d - r, min(d + r, w))
+            sum_d += weight * w
+            states[j] = w
+        sums[k], sums[k + 1], sums[k + 2], sums[k + 3] = sum_a, sum_b, sum_c, sum_d
+    for k in range(whole, len(u)):
+        total = 0.0
+        for j in range(len(radii)):
+            states[j] = max(u[k] - radii[j], min(u[k] + radii[j], states[j]))
+            total += weights[j] * states[j]
+        sums[k] = total
+
+
+@compiled(reassociate=True)
+def _sums_of_many(u: Array, radii: Array, weights: Array, states: Array, first: int, last: int, sums: Array) -> None:
+    gyros = last - first
+    whole = len(u) - len(u) % 2
+    for k in range(0, whole, 2):
+        one, two = u[k, first:last], u[k + 1, first:last]
+        sum_1, sum_2 = sums[k, first:last], sums[k + 1, first:last]
+        for g in range(gyros):
+            sum_1[g] = 0.0
+            sum_2[g] = 0.0
+        j = 0
+        while j + 2 <= len(radii):  # two inputs and two operators at once: sums and states are read and written less often
+            r, c, state = radii[j], weights[j], states[j]
+            r_, c_, state_ = radii[j + 1], weights[j + 1], states[j + 1]
+            for g in range(gyros):
+                w = max(one[g] - r, min(one[g] + r, state[g]))
+                w_ = max(one[g] - r_, min(one[g] + r_, state_[g]))
+                sum_1[g] += c * w + c_ * w_
+                w = max(two[g] - r, min(two[g] + r, w))
+                w_ = max(two[g] - r_, min(two[g] + r_, w_))
+                sum_2[g] += c * w + c_ * w_
+                state[g] = w
+                state_[g] = w_
+            j += 2
+        if j < len(radii):
+            for g in range(gyros):
+                w = max(one[g] - radii[j], min(one[g] + radii[j], states[j, g]))
+                sum_1[g] += weights[j] * w
+                w = max(two[g] - radii[j], min(two[g] + radii[j], w))
+                sum_2[g] += weights[j] * w
+                states[j, g] = w
+    for k in range(whole, len(u)):
+        for g in range(gyros):
+            total = 0.0
+            for j in range(len(radii)):
+                x = u[k, first + g]
+                states[j, g] = max(x - radii[j], min(x + radii[j], states[j, g]))
+                total += weights[j] * states[j, g]
+            sums[k, first + g] = total
+
+
+def _runge_kutta(z: float, h: float, slope: float, along: float, against: float, n: float) -> float:
+    """z after a substep h of the input."""
+    above, below = (along, against) if h > 0.0 else (against, along)  # for z above and below zero
+    k1 = slope - (abs(z) if n == 1.0 else abs(z) ** n) * (above if z > 0.0 else below)
+    at = z + 0.5 * h * k1
+    k2 = slope - (abs(at) if n == 1.0 else abs(at) ** n) * (above if at > 0.0 else below)
+    at = z + 0.5 * h * k2
+    k3 = slope - (abs(at) if n == 1.0 else abs(at) ** n) * (above if at > 0.0 else below)
+    at = z + h * k3
+    k4 = slope - (abs(at) if n == 1.0 else abs(at) ** n) * (above if at > 0.0 else below)
+    return z + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+
+
+@compiled()
+def bouc_wen(
+    z: float, before: float, u: Array, slope: float, along: float, against: float, n: float, longest: float, output: Array
+) -> tuple[float, float]:
+    """z after each input, into `output`, and the last (z, u)."""
+    for k in range(len(u)):
+        move = u[k] - before
+        if abs(move) <= longest:
+            z = _runge_kutta(z, move, slope, along, against, n)
+        else:
+            pieces = math.ceil(abs(move) / longest)
+            for _ in range(pieces):
+                z = _runge_kutta(z, move / pieces, slope, along, against, n)
+        before = u[k]
+        output[k] = z
+    return z, before
+
+
+@compiled()
+def _bouc_wen_of_many(
+    u: Array, slope: float, along: float, against: float, n: float, longest: float, first: int, last: int, output: Array
+) -> None:
+    z = np.zeros(last - first)
+    output[0, first:last] = 0.0
+    for row in range(1, len(u)):
+        old, new = u[row - 1, first:last], u[row, first:last]
+        most = 0.0
+        for g in range(last - first):
+            most = max(most, abs(new[g] - old[g]))
+        if n == 1.0 and most <= longest:  # no gyro needs substeps: nothing branches, and the gyros go side by side
+            for g in range(last - first):
+                z[g] = _runge_kutta(z[g], new[g] - old[g], slope, along, against, 1.0)
+        else:
+            for g in range(last - first):
+                move = new[g] - old[g]
+                pieces = max(1, math.ceil(abs(move) / longest))
+                for _ in range(pieces):
+                    z[g] = _runge_kutta(z[g], move / pieces, slope, along, against, n)
+        output[row, first:last] = z

@@ -1,0 +1,112 @@
+"""Compiled loops: the same bits as plain Python where that is promised, rounding elsewhere; threads, and life without Numba."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from rlgcomp import compiled, hysteresis_loops
+from rlgcomp.errors import InputError
+from rlgcomp.hysteresis import BoucWen, Play, play_paths
+
+needs_numba = pytest.mark.skipif(not compiled.available(), reason="Numba is not installed, or switched off")
+RADII = np.linspace(0.0, 12.0, 7)
+WEIGHTS = np.random.default_rng(1).normal(size=7)
+
+
+@pytest.fixture(autouse=True)
+def _few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hysteresis_loops, "MANY", 50)
+    monkeypatch.setattr(hysteresis_loops, "_TOGETHER", 3)
+
+
+def inputs(n: int = 301, gyros: int = 7) -> np.ndarray:
+    rng = np.random.default_rng(2)
+    slow = 10.0 * np.sin(np.linspace(0.0, 12.0, n))[:, None] * rng.uniform(0.5, 1.5, gyros)
+    return slow + 0.02 * rng.normal(size=(n, gyros)) + np.where(rng.uniform(size=(n, gyros)) < 0.01, 5.0, 0.0)
+
+
+def plainly(function: object, *arguments: object) -> object:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RLGCOMP_NUMBA", "0")
+        return function(*arguments)
+
+
+@needs_numba
+def test_play_states_have_the_same_bits() -> None:
+    u = inputs()
+    for inputs_of in (u[:, :1], u):
+        start = inputs_of[0] + np.zeros(7)
+        assert np.array_equal(play_paths(inputs_of, RADII, start), plainly(play_paths, inputs_of, RADII, start))
+    play = Play((0.5, 2.0))
+    fast, slow = play.run(play.init(u[0, 0]), u[:, 0]), plainly(play.run, play.init(u[0, 0]), u[:, 0])
+    assert np.array_equal(fast[0], slow[0])
+    assert np.array_equal(fast[1], slow[1])
+
+
+@needs_numba
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0])
+def test_bouc_wen_has_the_same_bits_alone_in_a_fleet_and_without_numba(exponent: float) -> None:
+    u = inputs()
+    operator = BoucWen(1.0, 6.0, 0.8, exponent)
+    plain = np.column_stack([plainly(operator.run, operator.init(x[0]), x)[0] for x in u.T])
+    alone = np.column_stack([operator.run(operator.init(x[0]), x)[0] for x in u.T])
+    assert np.array_equal(alone, plain)
+    assert np.array_equal(hysteresis_loops.bouc_wen_fleet(u, 1.0, 6.0, 0.8, exponent), plain)
+    assert np.array_equal(plainly(hysteresis_loops.bouc_wen_fleet, u, 1.0, 6.0, 0.8, exponent), plain)
+
+
+@needs_numba
+@pytest.mark.parametrize("n", [9, 300, 301, 302, 303])
+def test_sums_of_plays_are_weighted_states(n: int) -> None:
+    u = inputs(n)
+    states = np.stack([plainly(play_paths, x[:, None], RADII, np.full(7, x[0])) for x in u.T])
+    expected = np.einsum("gnj,j->ng", states, WEIGHTS)
+    fleet = hysteresis_loops.play_sums(u, RADII, WEIGHTS, np.tile(u[0], (7, 1)))
+    np.testing.assert_allclose(fleet, expected, atol=1e-12)
+    np.testing.assert_allclose(plainly(hysteresis_loops.play_sums, u, RADII, WEIGHTS, np.tile(u[0], (7, 1))), expected, atol=1e-12)
+    for g in range(2):
+        one = hysteresis_loops.play_sums(u[:, g], RADII, WEIGHTS, np.full(7, u[0, g]))
+        np.testing.assert_allclose(one, expected[:, g], atol=1e-12)
+
+
+def test_shapes_that_do_not_fit_are_refused() -> None:
+    u = inputs()
+    for bad in (
+        (u, RADII, WEIGHTS[:3], np.zeros((7, 7))),
+        (u, RADII, WEIGHTS, np.zeros(7)),
+        (u[:, 0], RADII, WEIGHTS, np.zeros(6)),
+    ):
+        with pytest.raises(InputError, match="as many weights as radii"):
+            hysteresis_loops.play_sums(*bad)
+
+
+def test_threads_are_those_that_joblib_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    everything = compiled.threads()
+    assert everything >= 1
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    assert compiled.threads() == 1
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "4096")
+    assert compiled.threads() == everything
+
+
+def test_a_fault_in_a_thread_is_not_lost() -> None:
+    def fails(value: int) -> None:
+        raise ZeroDivisionError(value)
+
+    with pytest.raises(ZeroDivisionError):
+        compiled.in_threads(fails, [(1,), (2,)], 2)
+
+
+def test_short_work_does_not_wait_for_numba() -> None:
+    code = (
+        "import numpy as np, sys; from rlgcomp.hysteresis import BoucWen; from rlgcomp.allan.deviation import allan_deviation\n"
+        "u = np.linspace(0.0, 1.0, 500); b = BoucWen(); b.run(b.init(0.0), u)\n"
+        "allan_deviation(np.sin(u * 99.0), np.arange(500.0)); print('numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

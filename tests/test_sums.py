@@ -1,0 +1,79 @@
+"""Allan sums: the compiled pass over blocks against NumPy, one averaging time after the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rlgcomp.allan import sums
+from rlgcomp.allan.deviation import allan_deviation
+from rlgcomp.compiled import available
+
+pytestmark = pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
+OCTAVES = 2 ** np.arange(0, 13)
+MANY = np.unique(np.geomspace(1, 4000, 60).astype(np.int64))
+
+
+@pytest.fixture
+def blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled from 1000 samples on, in small blocks and pieces, so that short records cross many edges."""
+    monkeypatch.setattr(sums, "MANY", 1000)
+    monkeypatch.setattr(sums, "_BLOCK", 48)
+    monkeypatch.setattr(sums, "_PIECE", 1024)
+
+
+def both(rate: np.ndarray, ends: np.ndarray, counts: np.ndarray, order: int, monkeypatch: pytest.MonkeyPatch) -> tuple:
+    fast = sums.sums_of_squares(sums.angle_of(rate), ends, counts, order)
+    monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+    plain = sums.sums_of_squares(sums.angle_of(rate), ends, counts, order)
+    monkeypatch.delenv("RLGCOMP_NUMBA")
+    return fast, plain
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize("order", [2, 3])
+@pytest.mark.parametrize("counts", [OCTAVES, MANY], ids=["octaves", "many"])
+@pytest.mark.parametrize("ends", [[12_345], [3, 9, 2000, 2001, 9000, 12_345]], ids=["whole", "gaps"])
+def test_compiled_sums_are_those_of_numpy(order: int, counts: np.ndarray, ends: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    rate = 10.0 + rng.normal(size=12_345) + np.cumsum(rng.normal(size=12_345)) * 0.01
+    longest = int(np.diff(np.r_[0, ends]).max())
+    counts = counts[order * counts <= longest]
+    (fast, taken), (plain, same) = both(rate, np.array(ends), counts, order, monkeypatch)
+    assert (taken == same).all()
+    np.testing.assert_allclose(fast, plain, rtol=1e-11)
+
+
+@pytest.mark.usefixtures("blocks")
+def test_the_number_of_threads_changes_no_bit() -> None:
+    rate = np.random.default_rng(4).normal(size=20_000)
+    one, two = (sums.overlapping_deviation(rate, OCTAVES, workers) for workers in (1, 2))
+    assert (one == two).all()
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize("estimator", ["overlapping", "hadamard"])
+def test_the_deviation_with_its_intervals_does_not_change(estimator: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    time_s = np.delete(np.arange(6000.0), np.arange(1000, 1100))
+    rate = rng.normal(size=len(time_s))
+    fast = allan_deviation(rate, time_s, estimator=estimator)
+    monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+    plain = allan_deviation(rate, time_s, estimator=estimator)
+    np.testing.assert_allclose(fast.deviation_deg_h, plain.deviation_deg_h, rtol=1e-11)
+    assert (fast.differences == plain.differences).all()
+    assert (fast.edf == plain.edf).all()
+
+
+def test_a_steady_rate_and_the_shortest_records() -> None:
+    counts = np.array([1, 2])
+    assert sums.overlapping_deviation(np.full(4, 7.0), counts).tolist() == [0.0, 0.0]
+    assert sums.overlapping_deviation(np.array([1.0, -1.0, 1.0, -1.0]), counts) == pytest.approx([np.sqrt(2.0), 0.0])
+
+
+def test_long_records_agree_with_allantools() -> None:
+    allantools = pytest.importorskip("allantools")
+    rate = np.random.default_rng(6).normal(size=2 * sums.MANY)
+    counts = 2 ** np.arange(0, 17)
+    _, expected, _, _ = allantools.oadev(rate, rate=1.0, data_type="freq", taus=counts.astype(float))
+    np.testing.assert_allclose(sums.overlapping_deviation(rate, counts), expected, rtol=1e-10)
