@@ -1,10 +1,11 @@
 r"""How far exported code may be from Python: bounds on rounding, derived before anything is run.
 
-Double precision: 1e-12 of the bias's span, or Python's own rounding where the model's sum cancels so much that it is more,
+Double precision: 1e-12 of the bias's span, or rounding in the sums where they cancel so much that it is more,
 
-.. math:: \epsilon\, s_y \max_x \Big[ \sum_i a_i^2 \left( |k_i - 1| + 2 k_i (|x|^2 + |z_i|^2) / \sigma^2 \right)^2 \Big]^{1/2},
+.. math:: 2 \epsilon\, s_y \max_x \Big[ \sum_i a_i^2 \big( |k_i - 1| + 3 k_i t_i \big)^2 \Big]^{1/2}, \qquad k_i = e^{-t_i},
 
-the roundings of its terms being independent, each within half an epsilon and so 3.5 standard deviations away.
+in the LS-SVM's Python, with k_i in the place of |k_i - 1| in the baselines', and in C where it computes the same kernels. The
+roundings of the terms are independent and each within half an epsilon, so this is some seven standard deviations.
 
 Single precision, u = 2^-24: every input is off by what rounding its monitors makes of it, and every term by its own rounding,
 
@@ -16,6 +17,7 @@ argument. Maxima are over the samples compared.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Final
 
 import numpy as np
@@ -23,6 +25,7 @@ import numpy.typing as npt
 
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.kernels import gaussian, squared_distances
+from rlgcomp.compensation.lssvm import LSSVMRegressor
 from rlgcomp.export.expansion import Expansion, third_remainder
 from rlgcomp.export.golden import EITHER, Stream
 from rlgcomp.export.target import Precision
@@ -36,13 +39,43 @@ _UNIT: Final = 2.0**-24
 _ROWS: Final = 500
 
 
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """What is allowed in each sample of a stream.
+
+    Parameters
+    ----------
+    bias_deg_h, half_width_deg_h : ndarray, shape (n,)
+        Largest differences.
+    status : ndarray, shape (n,)
+        As expected, `EITHER` where rounding of an input may decide whether the sample is flagged.
+    """
+
+    bias_deg_h: Array
+    half_width_deg_h: Array
+    status: npt.NDArray[np.int64]
+
+
+def bounds_of(stream: Stream, compensator: Compensator, expansion: Expansion, precision: Precision) -> Bounds:
+    """What is allowed in each sample of a stream."""
+    unit = _UNIT if precision == "float" else _EPSILON
+    entering = magnitudes(stream, compensator)
+    spans = np.where(expansion.high > expansion.low, expansion.high - expansion.low, 1.0)
+    limits = np.maximum(np.abs(expansion.low), np.abs(expansion.high))
+    beyond = compensator.interval_.per_span_deg_h * ((entering + limits) @ (1.0 / spans))
+    return Bounds(
+        _allowed_deg_h(stream, compensator, expansion, precision, entering),
+        unit * (beyond + (8.0 + expansion.features) * stream.half_width_deg_h),
+        _with_doubts(stream, expansion, 4.0 * unit * (entering + limits)),
+    )
+
+
 def span_deg_h(compensator: Compensator) -> float:
     """Span of the bias over the training rows: what errors are measured against."""
     return float(np.ptp(compensator.predict_rows(np.vstack([part.X for part in compensator.training_]))))
 
 
-def allowed_deg_h(stream: Stream, compensator: Compensator, expansion: Expansion, precision: Precision) -> Array:
-    """Largest difference that is allowed in each sample, in deg/h; shape (n,)."""
+def _allowed_deg_h(stream: Stream, compensator: Compensator, expansion: Expansion, precision: Precision, entering: Array) -> Array:
     X = stream.X[stream.valid]
     X = X[:: max(1, len(X) // _ROWS)]
     if precision == "double":
@@ -54,9 +87,10 @@ def allowed_deg_h(stream: Stream, compensator: Compensator, expansion: Expansion
         shift = np.zeros(X.shape[1])
         shift[j] = step
         slopes[j] = np.abs(expansion.bias_deg_h(X + shift) - expansion.bias_deg_h(X - shift)).max() / (2.0 * step or 1.0)
-    entering = magnitudes(stream, compensator) + 2.0 * np.abs(expansion.offset)
     terms = (expansion.features + 8.0) * expansion.y_scale_deg_h * float(_absolute_terms(expansion, expansion.inputs(X)).max())
-    return np.asarray(_UNIT * (entering @ slopes + terms + 2.0 * np.abs(stream.bias_deg_h).max()))
+    return np.asarray(
+        _UNIT * ((entering + 2.0 * np.abs(expansion.offset)) @ slopes + terms + 2.0 * np.abs(stream.bias_deg_h).max())
+    )
 
 
 def magnitudes(stream: Stream, compensator: Compensator) -> Array:
@@ -80,10 +114,7 @@ def magnitudes(stream: Stream, compensator: Compensator) -> Array:
     return np.column_stack(found)
 
 
-def with_doubts(stream: Stream, compensator: Compensator, expansion: Expansion, precision: Precision) -> npt.NDArray[np.int64]:
-    """The status expected of each sample, `EITHER` where rounding of an input may decide whether it is flagged."""
-    unit = _UNIT if precision == "float" else 4.0 * _EPSILON
-    doubt = unit * (magnitudes(stream, compensator) + np.abs(expansion.low) + np.abs(expansion.high))
+def _with_doubts(stream: Stream, expansion: Expansion, doubt: Array) -> npt.NDArray[np.int64]:
     near = np.minimum(np.abs(stream.X - expansion.low), np.abs(stream.X - expansion.high)) <= doubt
     surely = ((stream.X < expansion.low - doubt) | (stream.X > expansion.high + doubt)).any(axis=1)
     return np.where(stream.valid & near.any(axis=1) & ~surely, EITHER, stream.status)
@@ -93,11 +124,13 @@ def _rounding_in_python(compensator: Compensator, expansion: Expansion, X: Array
     model = compensator.model_
     if expansion.form not in ("gaussian", "wide"):
         return float(4.0 * _EPSILON * expansion.y_scale_deg_h * _absolute_terms(expansion, expansion.inputs(X)).max())
-    x, z = compensator.scaling_.inputs(X), model.X_fit_
-    k = gaussian(x, z, sigma=model.sigma)
-    squares = np.einsum("ij,ij->i", x, x)[:, None] + np.einsum("ij,ij->i", z, z)[None, :]
-    terms = (np.abs(k - 1.0) + 2.0 * k * squares / model.sigma**2) ** 2 @ model.alpha_**2
-    return float(_EPSILON * compensator.scaling_.y_scale_deg_h * np.sqrt(terms.max()))
+    x = compensator.scaling_.inputs(X)
+    k = gaussian(x, model.X_fit_, sigma=model.sigma)
+    t = -np.log(np.maximum(k, np.finfo(np.float64).tiny))
+    in_c = k + 3.0 * k * t
+    in_python = np.abs(k - 1.0) + 3.0 * k * t if isinstance(model, LSSVMRegressor) else in_c
+    terms = (in_python + in_c if expansion.form == "gaussian" else in_python) ** 2 @ model.alpha_**2
+    return float(2.0 * _EPSILON * compensator.scaling_.y_scale_deg_h * np.sqrt(terms.max()))
 
 
 def _absolute_terms(expansion: Expansion, x: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from rlgcomp.compensation.artefact import identity
 from rlgcomp.compensation.compensator import load
 from rlgcomp.export import toolchain as tools
-from rlgcomp.export.accuracy import allowed_deg_h, span_deg_h, with_doubts
+from rlgcomp.export.accuracy import Bounds, bounds_of, span_deg_h
 from rlgcomp.export.budget import sized
 from rlgcomp.export.c_result import CExport
 from rlgcomp.export.c_source import KINDS, Design, operations, render, state_bytes
@@ -49,20 +49,20 @@ def export(model: Path, out: Path, options: Options) -> CExport:
     compensator = load(model)
     whole = expansion_of(compensator)
     expansion, curve, judged_on = sized(compensator, whole, options)
+    expansion.require_computable()
     design = Design(options.name or _name_from(model), compensator, expansion, options.precision, options.libm, identity(model))
     full = expansion is whole
     golden, quiet_rows = golden_stream(compensator, expansion, full=full)
     streams = [golden, *(stream_of(run, compensator, expansion, full=full) for run in options.runs)]
-    allowed = [allowed_deg_h(stream, compensator, expansion, options.precision) for stream in streams]
-    status = [with_doubts(stream, compensator, expansion, options.precision) for stream in streams]
-    files = render(design, golden, allowed[0], status[0], quiet_rows)
+    bounds = [bounds_of(stream, compensator, expansion, options.precision) for stream in streams]
+    files = render(design, golden, bounds[0], quiet_rows)
     with whole_folder(out, ours=REPORT) as folder:
         for name, text in files.items():
             (folder / name).write_text(text, encoding="ascii")
-        checks, skipped, measured, step_ns = _verified(folder, design, streams, allowed, status)
+        checks, skipped, measured, step_ns = _verified(folder, design, streams, bounds)
         span = span_deg_h(compensator)
         allowed_within = max(
-            float(each[stream.status == OK].max(initial=0.0)) for stream, each in zip(streams, allowed, strict=True)
+            float(each.bias_deg_h[stream.status == OK].max(initial=0.0)) for stream, each in zip(streams, bounds, strict=True)
         )
         X = np.vstack([part.X for part in compensator.training_])
         summary = {
@@ -97,7 +97,7 @@ def export(model: Path, out: Path, options: Options) -> CExport:
 
 
 def _verified(
-    folder: Path, design: Design, streams: Sequence[Stream], allowed: Sequence[Array], status: Sequence[npt.NDArray[np.int64]]
+    folder: Path, design: Design, streams: Sequence[Stream], bounds: Sequence[Bounds]
 ) -> tuple[list[tools.Check], list[str], list[dict[str, Any]], dict[str, float]]:
     """Checks, what was skipped, measured sizes and nanoseconds a step, by toolchain."""
     checks: list[tools.Check] = []
@@ -116,8 +116,8 @@ def _verified(
                 skipped.append(str(error))
                 continue
             tools.selftest(toolchain, command)
-            for stream, most_deg_h, expected in zip(streams, allowed, status, strict=True):
-                found = tools.check(toolchain, command, stream, most_deg_h, expected)
+            for stream, allowed in zip(streams, bounds, strict=True):
+                found = tools.check(toolchain, command, stream, allowed)
                 if found.wrong:
                     raise RuntimeError(f"the exported C does not agree with Python: {found}")
                 checks.append(found)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.errors import InputError
+from rlgcomp.export.accuracy import Bounds
 from rlgcomp.export.c_features import feature_code, identifiers
 from rlgcomp.export.expansion import Expansion
 from rlgcomp.export.golden import Stream
@@ -40,8 +41,6 @@ _EXP: Final[Mapping[Precision, Mapping[str, Any]]] = {
         "bits": "uint64_t",
         "shift": 52,
         "bias": 1023,
-        "least": -700.0,
-        "most": 700.0,
         "ln2_high": 6.93147180369123816490e-01,
         "ln2_low": 1.90821492927058770002e-10,
         "series": [1.0 / math.factorial(k) for k in range(14)],
@@ -53,8 +52,6 @@ _EXP: Final[Mapping[Precision, Mapping[str, Any]]] = {
         "bits": "uint32_t",
         "shift": 23,
         "bias": 127,
-        "least": -87.0,
-        "most": 87.0,
         "ln2_high": 0.693359375,
         "ln2_low": -2.12194440e-4,
         "series": [1.0 / math.factorial(k) for k in range(8)],
@@ -109,7 +106,7 @@ class Design:
 def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int:
     """Bytes of the constant tables with so many centres, the last block filled up."""
     d, lanes = expansion.features, LANES[precision]
-    numbers = 6 * d + -(-centres // lanes) * lanes * (d + 1)
+    numbers = 7 * d + -(-centres // lanes) * lanes * (d + 1)
     if expansion.form == "wide":
         numbers += d + d * (d + 1) // 2
     return BYTES[precision] * (numbers + expansion.powers.size)
@@ -117,7 +114,7 @@ def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int
 
 def state_bytes(design: Design) -> int:
     """Bytes of the state, the only memory that lasts, on a machine with 4-byte integers and doubles aligned to 8 bytes."""
-    numbers = 1 + feature_code(design.compensator.recipe_, "", design.precision, str).slots
+    numbers = 2 + feature_code(design.compensator.recipe_, "", design.precision, str).slots
     return -(-(8 + BYTES[design.precision] * numbers + 4) // 8) * 8
 
 
@@ -128,11 +125,11 @@ def operations(design: Design) -> dict[str, int]:
     d, padded = e.features, design.blocks * LANES[design.precision]
     a_centre = {"wide": d + 3 + series_terms(e, design.precision), "gaussian": 2 * d + 2, "matern": 2 * d + 3}.get(e.form, d + 1)
     a_centre += e.kernel_degree if e.form == "power" else 0
-    whole = d * (d + 1) // 2 + 2 * d + 4 if e.form == "wide" else e.powers.size
+    whole = d * (d + 1) // 2 + 2 * d + 16 if e.form == "wide" else e.powers.size
     return {
-        "multiply_adds": d + code.filters * 3 + code.plays + whole + padded * a_centre + 1,
+        "multiply_adds": 2 * d + code.filters * 3 + code.plays + whole + padded * a_centre + 1,
         "divisions": code.filters + sum(isinstance(feature, ReadoutDifference) for feature in design.compensator.recipe_.features),
-        "exponentials": int(e.form == "wide") + padded * (e.form in ("gaussian", "matern", "sigmoid")),
+        "exponentials": padded * (e.form in ("gaussian", "matern", "sigmoid") or (e.form == "wide" and e.largest_argument > 1.0)),
         "square_roots": padded * (e.form == "matern"),
         "comparisons": 4 * d + 2 * code.plays + code.filters + d + len(design.compensator.recipe_.columns) + 2,
     }
@@ -143,7 +140,7 @@ def series_terms(expansion: Expansion, precision: Precision) -> int:
     return expansion.series_terms(2.0**-54 if precision == "double" else 2.0**-26)
 
 
-def render(design: Design, golden: Stream, allowed_deg_h: Array, status: npt.NDArray[np.int64], quiet_rows: int) -> dict[str, str]:
+def render(design: Design, golden: Stream, bounds: Bounds, quiet_rows: int) -> dict[str, str]:
     """File names and their text.
 
     Raises
@@ -163,14 +160,21 @@ def render(design: Design, golden: Stream, allowed_deg_h: Array, status: npt.NDA
     environment.filters["number"] = number
     values = _values(design, number) | {
         "golden": [
-            [_exact(value) for value in (t, *row, bias, 0.0, allowed, flag)]
-            for t, row, bias, allowed, flag in zip(
-                golden.time_s, golden.monitors, golden.bias_deg_h, allowed_deg_h, status, strict=True
+            [_exact(value) for value in row]
+            for row in np.column_stack(
+                [
+                    golden.time_s,
+                    golden.monitors,
+                    golden.bias_deg_h,
+                    golden.half_width_deg_h,
+                    bounds.bias_deg_h,
+                    bounds.half_width_deg_h,
+                    bounds.status,
+                ]
             )
         ],
         "quiet_rows": quiet_rows,
         "passes": 1 + 20_000 // (quiet_rows * (1 + len(design.expansion.weights) // 50)),
-        "width_factor": "2.0",
     }
     names = {"model.h": f"{design.name}.h", "model.c": f"{design.name}.c", "selftest.c": f"{design.name}_selftest.c"}
     return {file: environment.get_template(template).render(**values) for template, file in names.items()}
@@ -178,7 +182,6 @@ def render(design: Design, golden: Stream, allowed_deg_h: Array, status: npt.NDA
 
 def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
     e, compensator, precision = design.expansion, design.compensator, design.precision
-    own = not design.libm or precision == "float"  # the library's exp does not work on several centres side by side
     lanes, blocks = LANES[precision], design.blocks
     table = np.zeros((blocks * lanes, e.features))
     table[: len(e.weights)] = e.centres
@@ -200,13 +203,12 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "e": e,
         "form": e.form,
         "real": precision,
-        "own": own,
+        "libm": design.libm,
         "compensated": precision == "float",
         "exp": _EXP[precision],
-        "exp_function": "exponential" if own else "exp",
-        "root_function": "square_root" if own else "sqrt",
+        "root_function": {"double": "sqrt", "float": "sqrtf"}[precision] if design.libm else "square_root",
         "series": [1.0 / math.factorial(k) for k in range(3, 3 + terms)],
-        "largest_argument": f"{_largest_argument(e):.3g}",
+        "largest_argument": e.largest_argument if e.form == "wide" else 0.0,
         "horner": lambda series, name: _horner(series, name, number),
         "nested_powers": _nested(len(e.powers)),
         "listed": lambda numbers: ", ".join(map(number, numbers)),
@@ -215,7 +217,9 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "centre_blocks": table.reshape(blocks, lanes, e.features).transpose(0, 2, 1),
         "weight_blocks": weights.reshape(blocks, lanes),
         "triangle": upper[np.triu_indices(e.features)],
-        "half_width": None,
+        "interval": compensator.interval_,
+        "coverage": f"{100.0 * compensator.interval_.coverage:g} %",
+        "spans": np.where(e.high > e.low, e.high - e.low, 1.0),
         "version": rlgcomp.__version__,
         "model": _said(design.name),
         "sha256": design.sha256,
@@ -270,11 +274,6 @@ def _nested(powers: int) -> str:
     for power in range(powers - 2, -1, -1):
         text = f"POWERS[{power}][j] + x[j] * ({text})"
     return text
-
-
-def _largest_argument(expansion: Expansion) -> float:
-    reach = np.maximum(*np.abs(expansion.inputs(np.vstack([expansion.least, expansion.most]))))
-    return float((np.abs(expansion.centres) @ reach).max(initial=0.0))
 
 
 def _kind(design: Design) -> str:

@@ -35,7 +35,10 @@ from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Form = Literal["polynomial", "gaussian", "wide", "matern", "power", "sigmoid"]
-WIDEST_ARGUMENT: Final = 1.0  # of r_3, up to which its series is short
+_ALWAYS_WIDE: Final = 1.0  # argument of r_3 up to which its series alone serves
+_WIDEST: Final = 16.0  # argument up to which the exponential may take its place
+_CANCELS: Final = 100.0  # times the span of v: terms this large are worth taking apart
+_LARGEST_EXPONENT: Final = 1e5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,6 +136,30 @@ class Expansion:
             return kernel("sigmoid", {"slope": 1.0, "offset": self.kernel_offset}, x, z)
         return kernel(self.form, {"sigma": 1.0}, x, z)
 
+    @property
+    def largest_argument(self) -> float:
+        """Largest |x·z| that inputs can reach."""
+        return float((np.abs(self.centres) @ self._furthest).max(initial=0.0))
+
+    @property
+    def _furthest(self) -> Array:
+        return np.asarray(np.maximum(*np.abs(self.inputs(np.vstack([self.least, self.most])))))
+
+    def require_computable(self) -> None:
+        """Raise unless exponents stay where C can compute them, whatever comes in.
+
+        Raises
+        ------
+        InputError
+            A kernel is that narrow.
+        """
+        further = self._furthest + np.abs(self.centres).max(axis=0, initial=0.0)
+        if not float(further @ further) + abs(self.kernel_offset) < _LARGEST_EXPONENT:
+            raise InputError(
+                f"inputs may reach {np.sqrt(further @ further):.3g} kernel widths from a centre: the kernel is too narrow to "
+                "compute safely in C; train the model again"
+            )
+
     def gram(self, x: Array, z: Array) -> Array:
         """The kernel that the centres' functions are of, symmetric: shape (n, centres)."""
         return self.basis(x, z) * self.falls(z)
@@ -145,7 +172,7 @@ class Expansion:
         """Terms of r_3's series after which what is cut off stays below `unit` of v's span on the centres, wherever inputs are."""
         if self.form != "wide" or not len(self.weights):
             return 1
-        largest = np.abs(self.centres) @ np.maximum(*np.abs(self.inputs(np.vstack([self.least, self.most]))))
+        largest = np.minimum(np.abs(self.centres) @ self._furthest, _ALWAYS_WIDE)
         aim = unit * max(float(np.ptp(self.values(self.centres))), np.finfo(np.float64).tiny)
         term = np.abs(self.weights) * largest**3 / 6.0
         terms = 1
@@ -160,11 +187,12 @@ class Expansion:
 
 
 def third_remainder(u: Array) -> Array:
-    """r_3(u) = exp(u) - 1 - u - u²/2 without cancellation, for |u| up to some 2."""
+    """r_3(u) = exp(u) - 1 - u - u²/2, by its series where the difference would cancel."""
+    near = np.clip(u, -1.0, 1.0)
     total = np.zeros_like(u)
     for k in range(24, 2, -1):
-        total = (total * u / (k + 1)) + 1.0
-    return np.asarray(total * u**3 / 6.0)
+        total = (total * near / (k + 1)) + 1.0
+    return np.where(np.abs(u) < 1.0, total * near**3 / 6.0, np.exp(u) - 1.0 - u - 0.5 * u * u)
 
 
 def expansion_of(compensator: Compensator) -> Expansion:
@@ -231,15 +259,15 @@ def _of_kernel(common: dict[str, Any], name: str, model: Any, *, less_one: bool)
 
 
 def _taken_apart(plain: Expansion, model: Any, *, less_one: bool) -> Expansion:
-    """The wide form of a Gaussian expansion, where its arguments stay small; otherwise the expansion itself."""
-    reach = np.maximum(*np.abs(plain.inputs(np.vstack([plain.least, plain.most]))))
-    if float((np.abs(plain.centres) @ reach).max(initial=0.0)) > WIDEST_ARGUMENT:
+    """The wide form of a Gaussian expansion where it loses less to cancellation, otherwise the expansion itself."""
+    largest = plain.largest_argument
+    if largest > _WIDEST:
         return plain
     z, a = plain.centres.astype(np.longdouble), plain.weights.astype(np.longdouble)
     fall = np.expm1(-(z * z).sum(axis=1) / 2)
     b = a * (1 + fall)
     below = (a * fall).sum()
-    return dataclasses.replace(
+    wide = dataclasses.replace(
         plain,
         form="wide",
         constant=float(model.intercept_ + below + (0 if less_one else a.sum())),
@@ -248,3 +276,8 @@ def _taken_apart(plain: Expansion, model: Any, *, less_one: bool) -> Expansion:
         quadratic=np.asarray((z.T * b) @ z, dtype=np.float64),
         weights=np.asarray(b, dtype=np.float64),
     )
+    plainly, apart = (
+        float((np.abs(each.basis(plain.centres, plain.centres)) @ np.abs(each.weights)).max(initial=0.0)) for each in (plain, wide)
+    )
+    worth = plainly > _CANCELS * float(np.ptp(plain.values(plain.centres))) and apart < plainly / _CANCELS
+    return wide if largest <= _ALWAYS_WIDE or worth else plain

@@ -32,7 +32,7 @@ class Stream:
     monitors : ndarray, shape (n, monitors)
     X : ndarray, shape (n, features)
         The model's inputs; NaN where a sample was refused.
-    bias_deg_h : ndarray, shape (n,)
+    bias_deg_h, half_width_deg_h : ndarray, shape (n,)
     status : ndarray, shape (n,)
         `OK`, `OUT_OF_RANGE`, `INVALID`, or `EITHER` of the first two where an input is too near the limit to tell.
     """
@@ -42,6 +42,7 @@ class Stream:
     monitors: Array
     X: Array
     bias_deg_h: Array
+    half_width_deg_h: Array
     status: npt.NDArray[np.int64]
 
     @property
@@ -54,15 +55,16 @@ def stream_of(recording: Recording, compensator: Compensator, expansion: Expansi
     X = compensator.recipe_.transform(recording).to_numpy()
     monitors = recording.table[list(compensator.recipe_.columns)].to_numpy()
     bias = compensator.predict_rows(X) if full else expansion.bias_deg_h(X)
-    return Stream(recording.name, recording.time_s, monitors, X, bias, expansion.outside(X).astype(np.int64))
+    status = expansion.outside(X).astype(np.int64)
+    return Stream(recording.name, recording.time_s, monitors, X, bias, compensator.half_widths(X), status)
 
 
 def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool) -> tuple[Stream, int]:
-    """The golden recording, made from the artefact alone, and how many of its rows are undisturbed.
+    """The golden recording, made from the artefact alone, and how many of its rows from the second on are undisturbed.
 
-    The first training run's averages, one sample each, turned back into monitors; then a gap, inputs a little beyond the training
-    range, samples that are not finite or come at a wrong time, an ordinary stretch, and inputs far out. Each sample goes through
-    the recipe's own `step`.
+    A sample that is not finite; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
+    a little beyond the training range, samples that are not finite or come at a wrong time, an ordinary stretch, and inputs far
+    out. Each sample goes through the recipe's own `step`.
     """
     time_s, monitors = _episodes(compensator)
     recipe = compensator.recipe_
@@ -76,10 +78,13 @@ def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool)
     valid = np.isfinite(X).all(axis=1)
     bias = np.full(len(X), np.nan)
     bias[valid] = compensator.predict_rows(X[valid]) if full else expansion.bias_deg_h(X[valid])
+    half_width = np.full(len(X), np.nan)
+    half_width[valid] = compensator.half_widths(X[valid])
     last = np.maximum.accumulate(np.where(valid, np.arange(len(X)), -1))
     bias = np.where(last >= 0, bias[last], expansion.y_mean_deg_h)
+    half_width = np.where(last >= 0, half_width[last], compensator.interval_.per_span_deg_h)
     status = np.where(valid, expansion.outside(X), INVALID)
-    return Stream("golden", time_s, monitors, X, bias, status), min(len(compensator.training_[0].time_s), _LONGEST)
+    return Stream("golden", time_s, monitors, X, bias, half_width, status), min(len(compensator.training_[0].time_s), _LONGEST)
 
 
 def _episodes(compensator: Compensator) -> tuple[Array, Array]:
@@ -91,11 +96,11 @@ def _episodes(compensator: Compensator) -> tuple[Array, Array]:
     far = again[:4] * np.array([[50.0], [-50.0], [1e6], [-1e6]])  # last: single precision takes long to forget it
     bad = np.repeat(quiet[-1:], 5, axis=0)
     bad[0, 0], bad[1, -1] = np.nan, np.inf
-    monitors = np.vstack([quiet, again, beyond, bad, again, far])
+    monitors = np.vstack([np.full_like(quiet[:1], np.nan), quiet, again, beyond, bad, again, far])
     period_s = compensator.averaging_s
-    added_s = quiet_s[-1] + 10.0 * period_s + period_s * np.arange(1, len(monitors) - len(quiet) + 1)
-    time_s = np.r_[quiet_s, added_s]
-    first_bad = len(quiet) + len(again) + len(beyond)
+    added_s = quiet_s[-1] + 10.0 * period_s + period_s * np.arange(1, len(monitors) - len(quiet))
+    time_s = np.r_[quiet_s[0] - period_s, quiet_s, added_s]
+    first_bad = 1 + len(quiet) + len(again) + len(beyond)
     time_s[first_bad + 2 : first_bad + 5] = np.nan, time_s[first_bad - 1], time_s[0]
     return time_s, monitors
 

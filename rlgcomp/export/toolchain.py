@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.export.golden import EITHER, INVALID, Stream
+from rlgcomp.export.accuracy import Bounds
+from rlgcomp.export.golden import EITHER, INVALID, OK, Stream
 
 Array = npt.NDArray[np.float64]
 STRICT: Final = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -70,7 +71,7 @@ class Check:
     share : float
         Largest difference anywhere over what is allowed there.
     wrong : int
-        Samples with a wrong status or a difference above what is allowed.
+        Samples with a wrong status, or with a bias or half width further off than allowed.
     """
 
     toolchain: str
@@ -108,10 +109,8 @@ def build(toolchain: Toolchain, sources: Sequence[Path], folder: Path) -> list[s
     return _command(toolchain, folder / "selftest")
 
 
-def check(
-    toolchain: Toolchain, command: Sequence[str], stream: Stream, allowed_deg_h: Array, status: npt.NDArray[np.int64]
-) -> Check:
-    """Stream samples through the self-test program and compare every one.
+def check(toolchain: Toolchain, command: Sequence[str], stream: Stream, bounds: Bounds) -> Check:
+    """Stream samples through the self-test program and compare every one: status, bias and half width.
 
     Raises
     ------
@@ -124,16 +123,17 @@ def check(
     lines = done.stdout.splitlines()
     if done.returncode != 0 or len(lines) != len(table):
         raise RuntimeError(f"{toolchain.name}: {len(lines)} of {len(table)} samples of {stream.name} answered: {_last_line(done)}")
-    answers = np.array([line.split() for line in lines], dtype=np.float64)
-    difference = np.abs(answers[:, 1] - stream.bias_deg_h)
-    wrong = np.where(status == EITHER, answers[:, 0] == INVALID, answers[:, 0] != status) | ~(difference <= allowed_deg_h)
+    status, bias, half_width = np.array([line.split() for line in lines], dtype=np.float64).T
+    difference = np.abs(bias - stream.bias_deg_h)
+    right = np.where(bounds.status == EITHER, status != INVALID, status == bounds.status)
+    right &= (difference <= bounds.bias_deg_h) & (np.abs(half_width - stream.half_width_deg_h) <= bounds.half_width_deg_h)
     return Check(
         toolchain.name,
         stream.name,
         len(table),
-        float(difference[stream.status == 0].max(initial=0.0)),
-        float((difference / allowed_deg_h).max()),
-        int(wrong.sum()),
+        float(difference[stream.status == OK].max(initial=0.0)),
+        float((difference / bounds.bias_deg_h).max()),
+        int((~right).sum()),
     )
 
 

@@ -1,11 +1,12 @@
 /* Bias compensation of a ring laser gyro; see {{ p }}.h. Written by rlgcomp {{ version }}; do not edit. */
 #include "{{ p }}.h"
 
-{% if own %}
+{% if form == "matern" and libm %}
+#include <math.h>
+{% endif %}
+{% if form in ("gaussian", "wide", "matern", "sigmoid") %}
 #include <stdint.h>
 #include <string.h>
-{% elif form in ("gaussian", "wide", "matern", "sigmoid") %}
-#include <math.h>
 {% endif %}
 
 #ifdef __FAST_MATH__
@@ -16,9 +17,10 @@ typedef {{ p }}_real real;
 
 enum { INPUTS = {{ P }}_INPUTS{% if blocks %}, LANES = {{ lanes }}, BLOCKS = {{ blocks }}{% endif %} };
 
-/* Training range; beyond it a sample is flagged. */
+/* Training range; beyond it a sample is flagged, and the half width grows with each span. */
 static const real LOW[INPUTS] = { {{ listed(e.low) }} };
 static const real HIGH[INPUTS] = { {{ listed(e.high) }} };
+static const real PER_SPAN[INPUTS] = { {{ listed(1.0 / spans) }} };
 /* Where inputs are held. */
 static const real LEAST[INPUTS] = { {{ listed(e.least) }} };
 static const real MOST[INPUTS] = { {{ listed(e.most) }} };
@@ -62,26 +64,25 @@ static const real WEIGHTS[BLOCKS][LANES] = {
 
 /* Infinity and NaN less themselves are NaN. */
 #define IS_FINITE(value) ((value) - (value) == 0)
-{% if own and form in ("gaussian", "wide", "matern", "sigmoid") %}
+{% if form in ("gaussian", "wide", "matern", "sigmoid") %}
 
-/* exp(t) for {{ exp.least }} <= t <= {{ exp.most }}, beyond which t is held: 2^k times the series of exp on |r| <= ln(2)/2.
- * Relative error below {{ exp.error }}. No branch, so that it is done side by side. */
+/* exp(t) for -1e5 <= t <= 16, to which inputs that are held confine it: 2^k times the series of exp on |r| <= ln(2) / 2, and 0 where
+ * 2^k would be below the smallest normal number. Relative error below {{ exp.error }}. Nothing in it depends on a comparison of real
+ * numbers, so that compilers work on several centres side by side. */
 static inline real exponential(real t)
 {
     {{ exp.bits }} bits;
-    int32_t k;
     real r, scale;
+    int32_t k = (int32_t)(t * {{ 1.4426950408889634|number }} + {{ 1024.5|number }}) - 1024;
 
-    t = t < {{ exp.least|number }} ? {{ exp.least|number }} : t;
-    t = t > {{ exp.most|number }} ? {{ exp.most|number }} : t;
-    k = (int32_t)(t * {{ 1.4426950408889634|number }} + (t < 0 ? {{ (-0.5)|number }} : {{ 0.5|number }}));
+    k = k < -{{ exp.bias }} ? -{{ exp.bias }} : k;
     r = (t - (real)k * {{ exp.ln2_high|number }}) - (real)k * {{ exp.ln2_low|number }};
     bits = ({{ exp.bits }})(k + {{ exp.bias }}) << {{ exp.shift }};
     memcpy(&scale, &bits, sizeof scale);
     return scale * ({{ horner(exp.series, "r") }});
 }
 {% endif %}
-{% if own and form == "matern" %}
+{% if form == "matern" and not libm %}
 
 /* Square root by four steps of Newton's rule from a guess that halves the exponent; 0 for 0. */
 static inline real square_root(real t)
@@ -104,24 +105,32 @@ static inline real square_root(real t)
 {% if form == "wide" %}
 
 {% if blocks %}
-/* exp(u) - 1 - u - u^2 / 2, by its series: |u| <= {{ largest_argument }} here. */
+{% if largest_argument > 1 %}
+/* exp(u) - 1 - u - u^2 / 2: by its series below 1, where the difference would cancel. |u| <= {{ "%.3g"|format(largest_argument) }} here. */
+static inline real third_remainder(real u)
+{
+    const real one = 1;
+    const real near = u * u * u * ({{ horner(series, "u") }});
+    const real far = exponential(u) - one - u - {{ 0.5|number }} * u * u;
+    {{ exp.bits }} bits, bits_of_one;
+
+    memcpy(&bits, &u, sizeof bits);
+    memcpy(&bits_of_one, &one, sizeof bits_of_one);
+    return bits << 1 < bits_of_one << 1 ? near : far; /* |u| < 1 */
+}
+{% else %}
+/* exp(u) - 1 - u - u^2 / 2, by its series: |u| <= {{ "%.3g"|format(largest_argument) }} here. */
 static inline real third_remainder(real u)
 {
     return u * u * u * ({{ horner(series, "u") }});
 }
+{% endif %}
 
 {% endif %}
 /* exp(t) - 1 for t <= 0. */
 static real fall_of(real t)
 {
-{% if own %}
-    if (t > {{ (-0.35)|number }}) {
-        return t * ({{ horner(exp.series[1:], "t") }});
-    }
-    return exponential(t) - {{ 1.0|number }};
-{% else %}
-    return expm1(t);
-{% endif %}
+    return t > {{ (-0.35)|number }} ? t * ({{ horner(exp.series[1:], "t") }}) : exponential(t) - 1;
 }
 {% endif %}
 {% if form == "matern" %}
@@ -130,14 +139,14 @@ static real fall_of(real t)
 static inline real kernel(real squared)
 {
     const real far = {{ root_function }}({{ 3.0|number }} * squared);
-    return ({{ 1.0|number }} + far) * {{ exp_function }}(-far);
+    return ({{ 1.0|number }} + far) * exponential(-far);
 }
 {% elif form == "gaussian" %}
 
 /* exp(-d^2 / 2) of the squared distance. */
 static inline real kernel(real squared)
 {
-    return {{ exp_function }}({{ (-0.5)|number }} * squared);
+    return exponential({{ (-0.5)|number }} * squared);
 }
 {% elif form == "power" %}
 
@@ -152,14 +161,10 @@ static inline real kernel(real product)
 /* tanh(product + offset). */
 static inline real kernel(real product)
 {
-{% if own %}
     const real t = product + {{ e.kernel_offset|number }};
     const real shrunk = exponential(t < 0 ? t + t : -t - t);
     const real size = ({{ 1.0|number }} - shrunk) / ({{ 1.0|number }} + shrunk);
     return t < 0 ? -size : size;
-{% else %}
-    return tanh(product + {{ e.kernel_offset|number }});
-{% endif %}
 }
 {% endif %}
 {% if blocks %}
@@ -194,8 +199,9 @@ static real sum_over_centres(const real x[INPUTS])
 }
 {% endif %}
 
-/* Bias in deg/h of the model's inputs; *outside becomes 1 where one lies beyond its training range. */
-static real bias_of(const real inputs[INPUTS], int *outside)
+/* Bias in deg/h of the model's inputs. *outside becomes by how many spans of its training range inputs lie beyond it, summed, and
+ * *flagged 1 where one does. */
+static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
 {
     real x[INPUTS];
     real v;
@@ -208,8 +214,12 @@ static real bias_of(const real inputs[INPUTS], int *outside)
     for (j = 0; j < INPUTS; ++j) {
         real held = inputs[j];
 
-        if (held < LOW[j] || held > HIGH[j]) {
-            *outside = 1;
+        if (held < LOW[j]) {
+            *flagged = 1;
+            *outside += (LOW[j] - held) * PER_SPAN[j];
+        } else if (held > HIGH[j]) {
+            *flagged = 1;
+            *outside += (held - HIGH[j]) * PER_SPAN[j];
         }
         held = held < LEAST[j] ? LEAST[j] : held;
         held = held > MOST[j] ? MOST[j] : held;
@@ -285,12 +295,14 @@ void {{ p }}_init({{ p }}_state *state)
 {% endif %}
     state->time_s = 0;
     state->bias_deg_h = {{ e.y_mean_deg_h|number }};
+    state->half_width_deg_h = {{ interval.per_span_deg_h|number }};
     state->started = 0;
 }
 
 static int answer(const {{ p }}_state *state, int status, {{ p }}_result *result)
 {
     result->bias_deg_h = state->bias_deg_h;
+    result->half_width_deg_h = state->half_width_deg_h;
     result->correction_deg_h = state->bias_deg_h - {{ e.reference_deg_h|number }};
     result->status = status;
     return status;
@@ -302,8 +314,8 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
 {% if low_passes %}
     real step_s;
 {% endif %}
-    real bias_deg_h;
-    int k, outside = 0, valid = IS_FINITE(time_s) && !(state->started && time_s <= state->time_s);
+    real outside = 0;
+    int k, flagged = 0, valid = IS_FINITE(time_s) && !(state->started && time_s <= state->time_s);
 
     for (k = 0; k < {{ P }}_MONITORS; ++k) {
         valid = valid && IS_FINITE(monitors[k]);
@@ -332,7 +344,7 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
             return answer(state, {{ P }}_INVALID, result);
         }
     }
-    bias_deg_h = bias_of(inputs, &outside);
-    state->bias_deg_h = bias_deg_h;
-    return answer(state, outside ? {{ P }}_OUT_OF_RANGE : {{ P }}_OK, result);
+    state->bias_deg_h = bias_of(inputs, &outside, &flagged);
+    state->half_width_deg_h = {{ interval.inside_deg_h|number }} + {{ interval.per_span_deg_h|number }} * outside;
+    return answer(state, flagged ? {{ P }}_OUT_OF_RANGE : {{ P }}_OK, result);
 }

@@ -8,14 +8,15 @@
 {% endif %}
  * trained on  {{ rows }} means over {{ averaging_s }} s from {{ runs }} run{{ "" if runs == 1 else "s" }}
  * tables      {{ e.centres|length }} centres x {{ e.features }} inputs, {{ real }}, {{ table_bytes }} bytes
- * needs       C99, {{ "the C library's exp, expm1, sqrt and tanh at most" if not own else "no library" }}; not -ffast-math
+ * needs       C99, {{ "sqrt of the C library" if form == "matern" and libm else "no library" }}; not -ffast-math
  *
  * Call {{ p }}_init once after switching on, then {{ p }}_step for every sample, in order. One state serves one gyro; there is no
  * other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate.
  *
  * An input beyond its training range is flagged {{ P }}_OUT_OF_RANGE; further out it is held where the model still answers, so the
  * output stays bounded. A sample that is not finite or not later than the one before is {{ P }}_INVALID: it changes nothing, and the
- * result repeats the last valid one.
+ * result repeats the last valid one; before any, the training mean with a half width of {{ "%.3g"|format(interval.per_span_deg_h) }} deg/h, the bias's span in
+ * training.
  */
 #ifndef {{ P }}_H
 #define {{ P }}_H
@@ -49,9 +50,7 @@ enum { {{ P }}_OK = 0, {{ P }}_OUT_OF_RANGE = 1, {{ P }}_INVALID = 2 };
 typedef struct {
     double time_s;            /* of the last valid sample */
     {{ p }}_real bias_deg_h;  /* what was last answered */
-{% if half_width %}
     {{ p }}_real half_width_deg_h;
-{% endif %}
 {% if slots %}
     {{ p }}_real memory[{{ slots }}]; /* filters and hysteresis, in the monitors' units */
 {% endif %}
@@ -61,9 +60,7 @@ typedef struct {
 typedef struct {
     {{ p }}_real bias_deg_h;       /* estimated bias, deg/h */
     {{ p }}_real correction_deg_h; /* what to subtract from the gyro, deg/h{{ "; its training mean stays in" if e.reference_deg_h else "" }} */
-{% if half_width %}
-    {{ p }}_real half_width_deg_h; /* {{ half_width.comment }} */
-{% endif %}
+    {{ p }}_real half_width_deg_h; /* {{ coverage }} of the means over {{ averaging_s }} s lie within this of the bias */
     int status;                    /* as returned */
 } {{ p }}_result;
 

@@ -11,9 +11,10 @@
 
 #include "{{ p }}.h"
 
-enum { ROWS = {{ golden|length }}, BIAS = 1 + {{ P }}_MONITORS, WIDTH = BIAS + 1, ALLOWED = BIAS + 2, STATUS = BIAS + 3 };
+enum { ROWS = {{ golden|length }}, BIAS = 1 + {{ P }}_MONITORS, WIDTH = BIAS + 1, ALLOWED = BIAS + 2, WIDTH_ALLOWED = BIAS + 3, STATUS = BIAS + 4 };
 
-/* time_s, monitors, bias in deg/h, half width in deg/h, allowed difference in deg/h, status; a status of -1 stands for OK or OUT_OF_RANGE, too near to tell. */
+/* time_s, monitors; bias and half width, the differences allowed in both, in deg/h; status, of which -1 stands for OK or
+ * OUT_OF_RANGE, too near to tell. */
 static const double GOLDEN[ROWS][STATUS + 1] = {
 {% for values in golden %}
     { {{ values|join(", ") }} },
@@ -31,16 +32,6 @@ static int step({{ p }}_state *state, const double sample[1 + {{ P }}_MONITORS],
     return {{ p }}_step(state, sample[0], monitors, result);
 }
 
-static double half_width(const {{ p }}_result *result)
-{
-{% if half_width %}
-    return (double)result->half_width_deg_h;
-{% else %}
-    (void)result;
-    return 0.0;
-{% endif %}
-}
-
 static int golden(void)
 {
     {{ p }}_state state;
@@ -52,12 +43,12 @@ static int golden(void)
     for (row = 0; row < ROWS; ++row) {
         const int status = step(&state, GOLDEN[row], &result);
         const double difference = fabs((double)result.bias_deg_h - GOLDEN[row][BIAS]);
-        const double wider = fabs(half_width(&result) - GOLDEN[row][WIDTH]);
+        const double wider = fabs((double)result.half_width_deg_h - GOLDEN[row][WIDTH]);
         const int expected = (int)GOLDEN[row][STATUS];
 
         within = difference > within && status == {{ P }}_OK ? difference : within;
         share = difference / GOLDEN[row][ALLOWED] > share ? difference / GOLDEN[row][ALLOWED] : share;
-        if (!(difference <= GOLDEN[row][ALLOWED]) || !(wider <= {{ width_factor }} * GOLDEN[row][ALLOWED])
+        if (!(difference <= GOLDEN[row][ALLOWED]) || !(wider <= GOLDEN[row][WIDTH_ALLOWED])
             || (expected < 0 ? status == {{ P }}_INVALID : status != expected)) {
             ++wrong;
         }
@@ -83,7 +74,7 @@ static int stream(void)
             }
         }
         status = step(&state, sample, &result);
-        printf("%d %.17g %.17g\n", status, (double)result.bias_deg_h, half_width(&result));
+        printf("%d %.17g %.17g\n", status, (double)result.bias_deg_h, (double)result.half_width_deg_h);
     }
 }
 
@@ -101,7 +92,7 @@ static int timing(void)
 
         for (pass = 0; pass < passes; ++pass) {
             {{ p }}_init(&state);
-            for (row = 0; row < {{ quiet_rows }}; ++row) {
+            for (row = 1; row <= {{ quiet_rows }}; ++row) {
                 (void)step(&state, GOLDEN[row], &result);
                 kept += (double)result.bias_deg_h;
             }
