@@ -72,7 +72,7 @@ class FeatureRecipe:
                 f"map the column with --map, or train with other --features"
             )
         samples = recording.table[list(self.columns)].to_numpy()
-        values, _ = self._run(None, recording.time_s, samples)
+        values, _ = self.run(None, recording.time_s, samples)
         return pd.DataFrame(values, columns=list(self.names))
 
     def step(self, state: State, sample: Mapping[str, float]) -> tuple[Array, State]:
@@ -102,10 +102,25 @@ class FeatureRecipe:
         if state is not None and not sample[TIME] > state[0]:
             raise InputError(f"sample: time_s is {sample[TIME]}, not after {state[0]}; begin a new recording with state None")
         row = np.array([[sample[column] for column in self.columns]], dtype=np.float64)
-        values, state = self._run(state, np.array([sample[TIME]], dtype=np.float64), row)
+        values, state = self.run(state, np.array([sample[TIME]], dtype=np.float64), row)
         return values[0], state
 
-    def _run(self, state: State, time_s: Array, samples: Array) -> tuple[Array, State]:
+    def run(self, state: State, time_s: Array, samples: Array) -> tuple[Array, State]:
+        """Features of consecutive samples, the same to the last bit however a recording is cut into pieces.
+
+        Parameters
+        ----------
+        state : object
+            None before the first sample; then what the last call returned.
+        time_s : ndarray, shape (n,)
+        samples : ndarray, shape (n, columns)
+            Monitors, in the order of `columns`.
+
+        Returns
+        -------
+        values : ndarray, shape (n, features)
+        state : object
+        """
         places = [[self.columns.index(column) for column in feature.columns] for feature in self.features]
         if state is None:
             state = (time_s[0], [feature.init(samples[0, place]) for feature, place in zip(self.features, places, strict=True)])

@@ -38,6 +38,7 @@ ROWS = [
     ["compensation"],
     ["comparison"],
     ["evaluation"],
+    ["collection"],
     ["report"],
     ["diagnosis"],
     ["export"],
@@ -89,7 +90,7 @@ def test_every_model_file_is_in_the_list() -> None:
     used = {form.estimator.__module__.rsplit(".", 1)[1] for form in MODELS.values()}
     assert (
         _names_in("compensation")
-        - {"artefact", "card", "compensator", "form", "interval", "kernels", "parameters", "rows", "selection"}
+        - {"artefact", "card", "compensator", "following", "form", "interval", "kernels", "parameters", "rows", "selection", "tail"}
         == used
     )
 

@@ -16,6 +16,7 @@ COMMANDS = (
     "simulation",
     "diagnosis",
     "compensation",
+    "models",
     "export",
     "conceal",
     "sensitivity",

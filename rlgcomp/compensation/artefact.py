@@ -7,9 +7,10 @@
       card.md           the model card, for people
       SHA256SUMS        of all of these; `sha256sum -c SHA256SUMS` checks them
 
-Nothing in it is code and nothing is pickled. Reading takes no file's word for anything: names, sizes, checksums,
-the JSON's depth and keys, the arrays' headers and every number are checked before anything is handed over. A checksum
-finds damage, not intent: who can write the folder can write its checksums as well, so compare `identity` with one that came another way where that matters.
+Nothing in it is code and nothing is pickled. Reading takes no file's word for anything: names, sizes, checksums, the JSON's
+depth and keys, the arrays' headers and every number are checked before anything is handed over. A checksum finds damage, not
+intent: who can write the folder can write its checksums as well, so compare `identity` with one that came another way where
+that matters.
 
 Schema 2 has the interval of the bias. Of schema 1, which had none, it is calibrated anew from the training rows on loading.
 """
@@ -158,6 +159,8 @@ def plain_json(content: bytes) -> dict[str, Any]:
     for leaf in _leaves(value, 0):
         if isinstance(leaf, float) and not math.isfinite(leaf):
             raise InputError(f"{MANIFEST} holds a number that is not finite")
+        if isinstance(leaf, str) and any("\ud800" <= character <= "\udfff" for character in leaf):
+            raise InputError(f"{MANIFEST} holds text that is no text: half of a surrogate pair")
     return value
 
 
@@ -165,7 +168,8 @@ def _leaves(value: Any, depth: int) -> Iterator[Any]:
     if depth > _DEEPEST:
         raise InputError(f"{MANIFEST} is nested deeper than {_DEEPEST} levels")
     if isinstance(value, dict):
-        for item in value.values():
+        for key, item in value.items():
+            yield key
             yield from _leaves(item, depth + 1)
     elif isinstance(value, list):
         for item in value:

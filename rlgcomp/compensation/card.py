@@ -95,11 +95,12 @@ def _interval(interval: Mapping[str, Any], averaging_s: float) -> str:
         )
     else:
         promise = f"It was calibrated on {runs} runs, each left out in turn, and holds on average over runs of their kind."
-    return f"""Means of the gyro over {averaging_s:g} s lie within ±{interval["inside_deg_h"]:.3g} deg/h of the estimated bias in {share:.0f} % of
+    inside, per_span = interval["inside_deg_h"], interval["per_span_deg_h"]
+    return f"""Means of the gyro over {averaging_s:g} s lie within ±{inside:.3g} deg/h of the estimated bias in {share:.0f} % of
 cases while every input is within the ranges above; their own noise is included.
 {promise}
-Beyond the ranges the half width grows by {interval["per_span_deg_h"]:.3g} deg/h (the span of the bias in training) for each
-span of its range that an input lies outside. `compensation_half_width_deg_h` gives it sample by sample."""
+Beyond the ranges the half width grows by {per_span:.3g} deg/h (the span of the bias in training) for each span of its range
+that an input lies outside. `compensation_half_width_deg_h` gives it sample by sample."""
 
 
 def _programme(run: Mapping[str, Any]) -> str:

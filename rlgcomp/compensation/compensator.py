@@ -25,8 +25,8 @@ from rlgcomp.compensation.rows import Rows, Scaling, rows
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.errors import InputError
 from rlgcomp.recipe import FeatureRecipe, recipe_for
-from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording, is_gyro, rate_name
-from rlgcomp.units import EARTH_RATE_DEG_H
+from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_gyro, rate_name
+from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -88,6 +88,8 @@ class Compensator:
         What it was trained on.
     provenance_ : list of dict
         Where the training runs came from.
+    schema_ : str
+        Of the artefact that it was read from, or would be saved to.
 
     Examples
     --------
@@ -163,6 +165,7 @@ class Compensator:
         self.provenance_ = [
             {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in runs
         ]
+        self.schema_ = artefact.SCHEMA
         self.restart()
         return self
 
@@ -196,7 +199,7 @@ class Compensator:
         self._require_fitted()
         X = self.recipe_.transform(recording).to_numpy()
         bias = self._by_windows(recording, X) if sequential(self.model_) else self.predict_rows(X)
-        return pd.DataFrame({"bias_deg_h": bias, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)})
+        return self._said_of(X, bias)
 
     def correct(self, recording: Recording) -> Recording:
         """The recording with its bias removed.
@@ -205,36 +208,73 @@ class Compensator:
         `compensation_out_of_range` is 1 where an input lay beyond the training range. `compensation_half_width_deg_h` says how near
         to zero the corrected gyro's means over the averaging time are to be expected: 90 % of them lie within it.
         """
-        predicted = self.predict(recording)
-        removed = predicted["bias_deg_h"].to_numpy() - self.reference_deg_h
         column = recording.gyro_column(self.gyro)
-        table = recording.table
+        return recording.replace(table=self.apply(recording.table, column, recording.rate_deg_h(column), self.predict(recording)))
+
+    def apply(self, table: pd.DataFrame, column: str, rate_deg_h: Array, predicted: pd.DataFrame) -> pd.DataFrame:
+        """A table with what was predicted taken off its gyro.
+
+        Parameters
+        ----------
+        table : pandas.DataFrame
+        column : str
+            Its gyro.
+        rate_deg_h : ndarray, shape (n,)
+            That gyro's output.
+        predicted : pandas.DataFrame
+            As :meth:`predict` and :meth:`steps` return it.
+        """
+        removed = predicted["bias_deg_h"].to_numpy() - self.reference_deg_h
         if column.endswith("_deg_s"):
-            corrected, name = recording.column(column) - removed / 3600.0, column
+            corrected, name = table[column].to_numpy() - removed / SECONDS_PER_HOUR, column
         else:
-            corrected, name = recording.rate_deg_h(column) - removed, rate_name(column)
+            corrected, name = rate_deg_h - removed, rate_name(column)
         place = list(table.columns).index(column)
         table = table.drop(columns=[column, *(extra for extra in table.columns if extra.startswith("compensation_"))])
         table.insert(place, name, corrected)
         table.insert(place + 1, "compensation_deg_h", removed)
         table.insert(place + 2, "compensation_out_of_range", predicted["out_of_range"].to_numpy().astype(np.float64))
         table.insert(place + 3, "compensation_half_width_deg_h", predicted["half_width_deg_h"].to_numpy())
-        return recording.replace(table=table)
+        return table
 
     def step(self, sample: Mapping[str, float]) -> Correction:
         """Bias of one sample, as a real-time box computes it; :meth:`restart` begins a new recording.
 
+        Every model of the package gives the bits that :meth:`predict` gives for the whole recording.
+
+        Parameters
+        ----------
+        sample : mapping of str to float
+            `time_s` and the monitors; anything else in it is passed over.
+
         Raises
         ------
         InputError
-            A monitor is missing, or the model reads sequences of averages and has no sample-by-sample form.
+            A monitor is missing or not finite, time does not increase, or the model reads sequences of averages and has no
+            sample-by-sample form. The sample then leaves no trace.
         """
-        self._require_fitted()
-        if sequential(self.model_):
-            raise InputError("a sequence model answers once an averaging time, not sample by sample; use predict, or another model")
+        self._require_steps()
         values, self._state = self.recipe_.step(self._state, sample)
         X = values[None, :]
         return Correction(float(self.predict_rows(X)[0]), bool(self.scaling_.outside(X)[0]), float(self.half_widths(X)[0]))
+
+    def steps(self, samples: pd.DataFrame) -> pd.DataFrame:
+        """Bias of the next samples, many :meth:`step` at once: the same bits.
+
+        Parameters
+        ----------
+        samples : pandas.DataFrame
+            `time_s`, increasing and after that of the last sample, and the monitors, all finite.
+
+        Returns
+        -------
+        pandas.DataFrame
+            As :meth:`predict` returns it.
+        """
+        self._require_steps()
+        time_s, monitors = samples[TIME].to_numpy(dtype=np.float64), samples[list(self.recipe_.columns)].to_numpy(dtype=np.float64)
+        X, self._state = self.recipe_.run(self._state, time_s, monitors)
+        return self._said_of(X, self.predict_rows(X))
 
     def restart(self) -> None:
         """Forget what :meth:`step` has seen."""
@@ -324,6 +364,16 @@ class Compensator:
         ends = averaged.time_s + 0.5 * self.averaging_s
         return np.asarray(values[np.maximum(np.searchsorted(ends, recording.time_s, side="right") - 1, 0)])
 
+    def _said_of(self, X: Array, bias_deg_h: Array) -> pd.DataFrame:
+        return pd.DataFrame(
+            {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
+        )
+
+    def _require_steps(self) -> None:
+        self._require_fitted()
+        if sequential(self.model_):
+            raise InputError("a sequence model answers once an averaging time, not sample by sample; use predict, or another model")
+
     def _require_fitted(self) -> None:
         if not hasattr(self, "model_"):
             raise InputError("this Compensator is not fitted yet; call .fit(runs), or load one with rlgcomp.load")
@@ -391,15 +441,17 @@ def _assemble(held: artefact.Artefact) -> Compensator:
     selection = manifest["selection"]
     rmse = None if selection["rmse"] is None else finite(selection["rmse"], "rmse")
     compensator.selection_ = Selection(dict(selection["best"]), rmse, held.selection)
-    compensator.provenance_ = list(manifest["runs"])
+    compensator.provenance_ = [{**run, "hours": finite(run["hours"], "hours", low=0.0)} for run in manifest["runs"]]
+    compensator.schema_ = manifest["schema"]
     if manifest["schema"] == artefact.SCHEMA:
         compensator.interval_ = Interval.from_mapping(manifest["interval"])
-        _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     else:
         compensator.interval_ = _calibrated_interval(compensator)
         logger.info("schema %s: its interval was calibrated anew from its training rows; save it to keep it", manifest["schema"])
     with np.errstate(all="ignore"):
         _require_golden(compensator.predict_rows(arrays["golden_X"]), arrays["golden_bias_deg_h"])
+        if manifest["schema"] == artefact.SCHEMA:
+            _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     return compensator
 
 

@@ -94,8 +94,8 @@ class CubicLeastSquares(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         ndarray, shape (m,)
         """
         check_is_fitted(self)
-        inputs = validate_data(self, X, dtype=np.float64, reset=False)
-        # products and sum row by row: a matrix product may round a row differently beside other rows
+        inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
+        # products, then a sum along each row: a matrix product may round a row differently beside other rows
         return np.asarray((self._powers(inputs) * self.coef_.ravel()).sum(axis=1) + self.intercept_)
 
     def _linear_columns(self, features: int) -> list[int]:
