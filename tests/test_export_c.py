@@ -159,6 +159,33 @@ def test_a_wrong_answer_is_found(models: dict[str, rlg.Compensator], tmp_path: P
         assert tools.check(GCC, command, golden, bounds).wrong > 0, wrong
 
 
+@needs_gcc
+@pytest.mark.parametrize(("column", "factor"), [("gyro_deg_h", 1.0), ("gyro_deg_s", 1.0 / 3600.0), ("gyro_pulses", 5.0 / 0.5)])
+def test_the_corrected_rate_is_that_of_correct(short_runs: list[rlg.Recording], tmp_path: Path, column: str, factor: float) -> None:
+    runs = [
+        run.replace(
+            table=run.table.rename(columns={"gyro_deg_h": column}).assign(**{column: run.rate_deg_h() * factor}),
+            metadata=rlg.Metadata(pulse_arcsec=0.5),
+        )
+        for run in short_runs[:2]
+    ]
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature", keep_mean=True).fit(runs)
+    for file, text in rendered(model).items():
+        (tmp_path / file).write_text(text)
+    given = "gyro, 0.5, 5.0" if column == "gyro_pulses" else "gyro"
+    (tmp_path / "t.c").write_text(
+        '#include <stdio.h>\n#include "model.h"\nint main(void) { double t, gyro, m; model_state s; model_result r; '
+        "model_init(&s);\n"
+        'while (scanf("%lf %lf %lf", &t, &gyro, &m) == 3) { model_step(&s, t, &m, &r); '
+        f'printf("%.17g\\n", model_correct_deg_h({given}, &r)); }} return 0; }}\n'
+    )
+    subprocess.run(["gcc", *tools.STRICT, "t.c", "model.c", "-o", "t"], cwd=tmp_path, check=True)
+    rows = runs[1].table[["time_s", column, "temperature_block_degC"]].to_numpy()
+    text = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
+    done = subprocess.run([tmp_path / "t"], input=text, capture_output=True, text=True, check=True)
+    assert np.array(done.stdout.split(), dtype=np.float64) == pytest.approx(model.correct(runs[1]).rate_deg_h(), abs=1e-12)
+
+
 def test_the_golden_recording_holds_what_must_be_tested(trained: rlg.Compensator) -> None:
     expansion = expansion_of(trained)
     golden, quiet = golden_stream(trained, expansion, full=True)

@@ -314,6 +314,11 @@ static int answer(const {{ p }}_state *state, int status, {{ p }}_result *result
     return status;
 }
 
+{{ correct }}
+{
+    return {{ rate_deg_h }} - (double)result->correction_deg_h;
+}
+
 int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ p }}_result *result)
 {
     real inputs[INPUTS];
