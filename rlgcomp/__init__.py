@@ -40,8 +40,10 @@ Modules, each importing only from those before it:
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit
     compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
     comparison evaluation       which input helps with which model; held-out results
+    collection                  a folder of models: listed, verified, compared
     report                      pages that show them
     diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
+    export                      a compensation as code for the box, proved against Python by running it
     cli                         the command line
 """
 

@@ -38,8 +38,10 @@ ROWS = [
     ["compensation"],
     ["comparison"],
     ["evaluation"],
+    ["collection"],
     ["report"],
     ["diagnosis"],
+    ["export"],
     ["cli"],
 ]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))
@@ -87,7 +89,8 @@ def test_every_format_file_is_in_the_list() -> None:
 def test_every_model_file_is_in_the_list() -> None:
     used = {form.estimator.__module__.rsplit(".", 1)[1] for form in MODELS.values()}
     assert (
-        _names_in("compensation") - {"artefact", "card", "compensator", "form", "kernels", "parameters", "rows", "selection"}
+        _names_in("compensation")
+        - {"artefact", "card", "compensator", "following", "form", "interval", "kernels", "parameters", "rows", "selection", "tail"}
         == used
     )
 

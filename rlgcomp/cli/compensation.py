@@ -14,6 +14,7 @@ from rlgcomp.cli.base import (
     Gyro,
     Jobs,
     Map,
+    PeriodS,
     PulseArcsec,
     Runs,
     command,
@@ -147,25 +148,50 @@ def evaluate(
 @command("compensate")
 def compensate(
     model: Model,
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Recording to correct.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Corrected recording to write.")],
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Recording; with --follow a CSV file, or - for standard input.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Corrected recording; with --follow also -.")],
+    follow: Annotated[bool, typer.Option("--follow", help="Go on as the file grows; write each line once it is whole.")] = False,
+    idle_s: Annotated[float | None, typer.Option("--idle-s", min=0.0, help="--follow ends after so long without growth.")] = None,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """A corrected recording: the gyro less its estimated bias.
+    """A corrected recording: the gyro less its estimated bias, and how far that may be off.
+
+    With --follow it is interrupted by Ctrl-C; the same command then goes on where it was.
 
     Example: `rlgcomp compensate models/unit-17 new.parquet --out corrected.parquet`
+
+    Example: `rlgcomp compensate models/unit-17 growing.csv --follow --out corrected.csv`
     """
     from rlgcomp.compensation.compensator import load
     from rlgcomp.files import require_writable
     from rlgcomp.formats import write
 
+    if follow:
+        from rlgcomp.cli.following import follow as follow_stream
+
+        found = follow_stream(
+            load(model),
+            run,
+            out,
+            mapping,
+            drop,
+            pulse_arcsec=pulse_arcsec,
+            period_s=period_s,
+            calibration=calibration,
+            idle_s=idle_s,
+        )
+        if as_json and str(out) != "-":
+            show_json(found.to_mapping())
+        say(str(found))
+        raise typer.Exit(found.exit_code)
     require_writable(out)
     compensator = load(model)
-    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])
     corrected = compensator.correct(recording)
     write(corrected, out)
@@ -178,18 +204,10 @@ def compensate(
 
 def _require_the_same_calibration(compensator: Compensator, recordings: list[Recording]) -> None:
     """Refuse runs calibrated otherwise than those that the model was trained on."""
+    from rlgcomp.compensation.following import other_calibration
     from rlgcomp.errors import InputError
 
-    notes = [run.get("notes") or {} for run in compensator.provenance_]
-    trained = {str(note["calibration"]) for note in notes if "calibration" in note}
-    if not trained:
-        return
     for recording in recordings:
         used = recording.metadata.notes.get("calibration")
-        if used not in trained:
-            received = "this run is not calibrated" if used is None else f"this run with the one of SHA-256 {used[:12]}..."
-            wanted = " or ".join(f"{identity[:12]}..." for identity in sorted(trained))
-            raise InputError(
-                f"{recording.name}: the model was trained on gyros calibrated with the file of SHA-256 {wanted}; {received}; "
-                "give that file with --calibration"
-            )
+        if (problem := other_calibration(compensator, used)) is not None:
+            raise InputError(f"{recording.name}: {problem}")

@@ -40,6 +40,7 @@ def card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
         if output["keep_mean"]
         else "The whole estimated bias is removed, its mean included."
     )
+    interval = _interval(manifest["interval"], manifest["averaging_s"])
     return f"""# Bias compensation: {model["name"]} on {len(manifest["inputs"])} inputs
 
 Estimates the bias of `{output["gyro"]}` in {output["unit"]} from the gyro's own monitors. {mean}
@@ -65,6 +66,10 @@ out than {output["reach"]:g} times its range is held there: the output stays bou
 |---|---|---|
 {ranges}
 
+## How far to trust it
+
+{interval}
+
 ## What it does not do
 
 It corrects this gyro unit, mounted as it was. It has not seen ageing, other mounts, vibration or rotation. Filters and hysteresis
@@ -74,6 +79,28 @@ memory start afresh with every recording: the first minutes after switching on a
 
 `manifest.json` says everything above in full; `arrays/` holds float64 arrays; `sha256sum -c SHA256SUMS` checks them all.
 """
+
+
+def _interval(interval: Mapping[str, Any], averaging_s: float) -> str:
+    runs, share = interval["runs"], 100.0 * interval["coverage"]
+    if runs == 1:
+        promise = (
+            "It was calibrated on blocks of a single run, each left out in turn. How one run differs from the next cannot be\n"
+            "learned from one run: for another run no share is promised."
+        )
+    elif runs < 1.0 / (1.0 - interval["coverage"]) - 1.0:
+        promise = (
+            f"It was calibrated on {runs} runs, each left out in turn, and is meant on average over runs of their kind. From so\n"
+            "few runs nothing can be promised of the next without assuming that it resembles them."
+        )
+    else:
+        promise = f"It was calibrated on {runs} runs, each left out in turn, and holds on average over runs of their kind."
+    inside, per_span = interval["inside_deg_h"], interval["per_span_deg_h"]
+    return f"""Means of the gyro over {averaging_s:g} s lie within ±{inside:.3g} deg/h of the estimated bias in {share:.0f} % of
+cases while every input is within the ranges above; their own noise is included.
+{promise}
+Beyond the ranges the half width grows by {per_span:.3g} deg/h (the span of the bias in training) for each span of its range
+that an input lies outside. `compensation_half_width_deg_h` gives it sample by sample."""
 
 
 def _programme(run: Mapping[str, Any]) -> str:
