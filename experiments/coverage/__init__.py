@@ -1,6 +1,6 @@
 """Whether 90 % intervals hold 90 %: windows of runs held out, many units, random chamber programmes, models and laws of hysteresis.
 
-    python -m experiments.coverage [--quick] [--units 40] [--jobs 2]
+    python -m experiments.coverage [--quick] [--units 20] [--jobs 2]
 
 Every run has a chamber programme of its own, drawn at random; none is trained on and tested on. A window is a mean over 100 s.
 """

@@ -23,7 +23,7 @@ CASES = [
     *(("dynamic", "play", runs) for runs in (1, 2, 3, 5, 9)),
     *(("dynamic", law, 5) for law in ("preisach", "bouc_wen")),
     ("cubic", "play", 5),
-    *(("lssvm", "play", runs) for runs in (2, 3, 4)),
+    *(("lssvm", "play", runs) for runs in (2, 3)),
 ]
 
 
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Command line of the experiment."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two units, two cases")
-    parser.add_argument("--units", type=int, default=40, help="simulated gyro units (default 40)")
+    parser.add_argument("--units", type=int, default=20, help="simulated gyro units (default 20)")
     parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
     options = parser.parse_args(argv)
     units, cases = (2, CASES[1:3]) if options.quick else (options.units, CASES)

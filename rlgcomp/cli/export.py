@@ -15,7 +15,7 @@ from rlgcomp.cli.show import show_json, show_table
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder to write.")],
-    to: Annotated[str, typer.Option("--to", help="Target: c.")] = "c",
+    to: Annotated[str, typer.Option("--to", help="Target: c or onnx.")] = "c",
     precision: Annotated[str, typer.Option(help="double or float.")] = "double",
     no_libm: Annotated[bool, typer.Option("--no-libm", help="Call nothing of the C library's mathematics.")] = False,
     max_bytes: Annotated[int | None, typer.Option("--max-bytes", help="Budget of the model's constant tables, in bytes.")] = None,

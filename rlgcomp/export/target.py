@@ -15,7 +15,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 
 Precision = Literal["double", "float"]
-TARGETS: Final[Mapping[str, str]] = {"c": "rlgcomp.export.c"}
+TARGETS: Final[Mapping[str, str]] = {"c": "rlgcomp.export.c", "onnx": "rlgcomp.export.onnx"}
 
 
 @dataclasses.dataclass(frozen=True)
