@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from rlgcomp.calibration.file import Calibration as Calibration
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor as calibrate_scale_factor
     from rlgcomp.calibration.triad.calibrate import calibrate_recordings as calibrate_recordings
+    from rlgcomp.compensation.adaptation import adapt as adapt
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
     from rlgcomp.compensation.compensator import load as load
@@ -113,6 +114,7 @@ _HOMES = {
     "Simulator": "simulation.simulator",
     "Triad": "simulation.rate_table",
     "TriadErrors": "triad",
+    "adapt": "compensation.adaptation",
     "allan_deviation": "allan.deviation",
     "analyse_noise": "allan.analysis",
     "angle_random_walk": "rotation.pipeline",
