@@ -29,6 +29,7 @@ Array = npt.NDArray[np.float64]
 _DWELLS: Final = (400.0, 1200.0, 3600.0, 10800.0)
 _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation
 _ITERATIONS: Final = 12
+_FINE: Final = 25  # mean times between flips, from which the likeliest is read
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,8 +43,9 @@ class Path:
     half_step : float
         In units of the target.
     dwell_s : float
-        Mean time between flips.
+        Likeliest mean time between flips; the path itself misses the shortest stays.
     flips : int
+        Of the path.
     """
 
     signs: Array
@@ -74,14 +76,26 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
     best = int(np.argmax(log_likelihood))
     signs = _viterbi(target - smooth[:, best], float(half_step[best]), float(noise[best]), flip[:, best])
     flips = sum(int((np.diff(signs[part]) != 0.0).sum()) for part in rows.runs)
-    covered_s = sum(float(rows.time_s[part][-1] - rows.time_s[part][0]) for part in rows.runs)
     return Path(
         signs,
         float(log_likelihood[best]) - _log_likelihood_given(signs, left, orthonormal) - math.log(len(_DWELLS)),
         float(half_step[best]),
-        covered_s / max(flips, 1),
+        _likeliest_dwell_s(rows, target - smooth[:, best], float(half_step[best]), float(noise[best])),
         flips,
     )
+
+
+def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> float:
+    """Where the likelihood, all paths summed, is largest: the top of a parabola through the best of a grid and its neighbours."""
+    dwell_s = np.geomspace(_DWELLS[0] / 2.0, _DWELLS[-1] * 4.0, _FINE)
+    flip = _flip_probability(rows, dwell_s)
+    many = np.ones(_FINE)
+    _, log_likelihood = _smoothed(values[:, None] * many, half_step * many, noise * many, flip)
+    k = int(np.clip(np.argmax(log_likelihood), 1, _FINE - 2))
+    before, top, after = log_likelihood[k - 1 : k + 2]
+    bend = before - 2.0 * top + after
+    shift = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
+    return float(dwell_s[k] * (dwell_s[1] / dwell_s[0]) ** shift)
 
 
 def _flip_probability(rows: Rows, dwell_s: Array) -> Array:

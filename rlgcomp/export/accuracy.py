@@ -2,10 +2,11 @@ r"""How far exported code may be from Python: bounds on rounding, derived before
 
 Double precision: 1e-12 of the bias's span, or rounding in the sums where they cancel so much that it is more,
 
-.. math:: 2 \epsilon\, s_y \max_x \Big[ \sum_i a_i^2 \big( |k_i - 1| + 3 k_i t_i \big)^2 \Big]^{1/2}, \qquad k_i = e^{-t_i},
+.. math:: 2 \epsilon\, s_y \max_x \Big[ \sum_i a_i^2 \big( h_i + 3 k_i t_i \big)^2 + \sum_i \big( a_1 h_1 + \dots + a_i h_i \big)^2
+          \Big]^{1/2}, \qquad k_i = e^{-t_i},
 
-in the LS-SVM's Python, with k_i in the place of |k_i - 1| in the baselines', and in C where it computes the same kernels. The
-roundings of the terms are independent and each within half an epsilon, so this is some seven standard deviations.
+of the terms and of adding them up, with h = |k - 1| in the LS-SVM's Python and h = k in the baselines'; C adds as much where it
+computes the same kernels. The roundings are independent and each within half an epsilon, so this is some seven standard deviations.
 
 Single precision, u = 2^-24: every input is off by what rounding its monitors makes of it, and every term by its own rounding,
 
@@ -127,9 +128,15 @@ def _rounding_in_python(compensator: Compensator, expansion: Expansion, X: Array
     x = compensator.scaling_.inputs(X)
     k = gaussian(x, model.X_fit_, sigma=model.sigma)
     t = -np.log(np.maximum(k, np.finfo(np.float64).tiny))
-    in_c = k + 3.0 * k * t
-    in_python = np.abs(k - 1.0) + 3.0 * k * t if isinstance(model, LSSVMRegressor) else in_c
-    terms = (in_python + in_c if expansion.form == "gaussian" else in_python) ** 2 @ model.alpha_**2
+    less_one = k - 1.0 if isinstance(model, LSSVMRegressor) else k
+    computed = [less_one, k] if expansion.form == "gaussian" else [less_one]
+    terms = sum(
+        (
+            (np.abs(h) + 3.0 * k * t) ** 2 @ model.alpha_**2 + (np.cumsum(h * model.alpha_, axis=1) ** 2).sum(axis=1)
+            for h in computed
+        ),
+        np.zeros(len(x)),
+    )
     return float(2.0 * _EPSILON * compensator.scaling_.y_scale_deg_h * np.sqrt(terms.max()))
 
 

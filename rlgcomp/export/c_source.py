@@ -227,6 +227,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "gyro": _said(compensator.gyro_),
         "unit": _said(", ".join(sorted({str(run.get("unit") or "not stated") for run in compensator.provenance_}))),
         "calibration": _said(", ".join(sorted({str(note["calibration"]) for note in notes if "calibration" in note}))),
+        **_gyro(design.name, compensator.gyro_),
         "rows": sum(len(part.y_deg_h) for part in compensator.training_),
         "runs": len(compensator.training_),
         "averaging_s": f"{compensator.averaging_s:g}",
@@ -240,15 +241,15 @@ def _number(precision: Precision) -> Callable[[float], str]:
     """C literals that read back as the number they were written from."""
 
     def literal(value: float) -> str:
-        exact = float(value) if precision == "double" else float(np.float32(value))
+        with np.errstate(over="ignore"):
+            exact = float(value) if precision == "double" else float(np.float32(value))
         if not math.isfinite(exact):
             raise InputError(f"the model holds {value!r}, which {precision} cannot; export it with --precision double")
         text = repr(exact) if precision == "double" else f"{exact:.9g}"
         text += "" if any(mark in text for mark in ".en") else ".0"
         return text if precision == "double" else f"{text}f"
 
-    with np.errstate(over="ignore"):
-        return literal
+    return literal
 
 
 def _short(value: float) -> str:
@@ -267,6 +268,19 @@ def _horner(series: Sequence[float], name: str, number: Callable[[float], str]) 
     for coefficient in reversed(series[:-1]):
         text = f"{number(coefficient)} + {name} * ({text})"
     return text
+
+
+def _gyro(name: str, column: str) -> dict[str, Any]:
+    """Declaration of the function that corrects a gyro's output, and its rate in deg/h before."""
+    pulses = column.endswith("_pulses")
+    given = "double gyro, double pulse_arcsec, double period_s" if pulses else "double gyro"
+    return {
+        "pulses": pulses,
+        "gyro_unit": column_unit(column),
+        "correct": f"double {name}_correct_deg_h({given}, const {name}_result *result)",
+        # arcseconds a second are degrees an hour
+        "rate_deg_h": "gyro * (pulse_arcsec / period_s)" if pulses else "gyro * 3600.0" if column.endswith("_deg_s") else "gyro",
+    }
 
 
 def _nested(powers: int) -> str:

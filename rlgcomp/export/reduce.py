@@ -11,9 +11,9 @@ the model's own weight of errors c v_i and an intercept b,
 
 .. math:: \min_{w, b} \sum_i v_i (y_i - \mathrm{smooth}(x_i) - b - L_i w)^2 + |w|^2 / c .
 
-With all rows as centres that is the model itself, for the LS-SVM, kernel ridge and the Gaussian process; support vectors are
-fitted to their own predictions instead. In the wide form (see :mod:`rlgcomp.export.expansion`) only the remainder needs centres:
-none is a model.
+With all rows as centres that is the LS-SVM itself; kernel ridge and the Gaussian process, whose intercept is the mean, get it
+solved as well, and support vectors are fitted to their own predictions. In the wide form (see :mod:`rlgcomp.export.expansion`) only
+the remainder needs centres: none is a model.
 
 References
 ----------

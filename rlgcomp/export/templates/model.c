@@ -112,11 +112,17 @@ static inline real third_remainder(real u)
     const real one = 1;
     const real near = u * u * u * ({{ horner(series, "u") }});
     const real far = exponential(u) - one - u - {{ 0.5|number }} * u * u;
-    {{ exp.bits }} bits, bits_of_one;
+    {{ exp.bits }} bits, limit, near_bits, far_bits, choice;
+    real chosen;
 
     memcpy(&bits, &u, sizeof bits);
-    memcpy(&bits_of_one, &one, sizeof bits_of_one);
-    return bits << 1 < bits_of_one << 1 ? near : far; /* |u| < 1 */
+    memcpy(&limit, &one, sizeof limit);
+    memcpy(&near_bits, &near, sizeof near_bits);
+    memcpy(&far_bits, &far, sizeof far_bits);
+    choice = ({{ exp.bits }})0 - ({{ exp.bits }})(bits << 1 < limit << 1); /* all ones for |u| < 1: a choice without a branch */
+    choice = (near_bits & choice) | (far_bits & ~choice);
+    memcpy(&chosen, &choice, sizeof chosen);
+    return chosen;
 }
 {% else %}
 /* exp(u) - 1 - u - u^2 / 2, by its series: |u| <= {{ "%.3g"|format(largest_argument) }} here. */
@@ -306,6 +312,11 @@ static int answer(const {{ p }}_state *state, int status, {{ p }}_result *result
     result->correction_deg_h = state->bias_deg_h - {{ e.reference_deg_h|number }};
     result->status = status;
     return status;
+}
+
+{{ correct }}
+{
+    return {{ rate_deg_h }} - (double)result->correction_deg_h;
 }
 
 int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ p }}_result *result)

@@ -70,6 +70,9 @@ void {{ p }}_init({{ p }}_state *state);
 /* Take one sample: its time in s, a double in every precision, and its monitors. Returns the status. */
 int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ p }}_result *result);
 
+/* Corrected rate in deg/h of one sample of {{ gyro }} as it comes{{ ", in " ~ gyro_unit if not pulses else ": signed pulses in period_s seconds" }}. */
+{{ correct }};
+
 #ifdef __cplusplus
 }
 #endif
