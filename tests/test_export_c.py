@@ -308,21 +308,21 @@ def test_the_greedy_choice_explains_more_than_a_random_one(models: dict[str, rlg
 def test_the_curve_ends_at_the_whole_model_and_the_smallest_is_within_one_percent(
     trained: rlg.Compensator, short_runs: list[rlg.Recording]
 ) -> None:
-    curve, judged_on = size_curve(trained, short_runs[2:])
-    assert judged_on == "1 run not trained on"
+    curve = size_curve(trained, short_runs[2:])
     residual = rlg.evaluate(trained, short_runs[2:], compare=False).residual_std_deg_h
-    assert curve["stability_deg_h"].iloc[-1] == pytest.approx(residual, rel=1e-3)
-    assert curve["loss"].iloc[-1] == 0.0
+    last = curve.iloc[-1]
+    assert last["unseen_deg_h"] == pytest.approx(residual, rel=1e-3)
+    assert last["left_out_loss"] == last["unseen_loss"] == 0.0
     best = smallest_within(curve)
-    assert curve.set_index("centres").loc[best, "stability_deg_h"] <= 1.01 * curve["stability_deg_h"].min()
-    assert size_curve(trained, [])[1] == "training runs left out one by one"
+    assert curve.set_index("centres").loc[best, "left_out_deg_h"] <= 1.01 * curve["left_out_deg_h"].min()
+    assert smallest_within(size_curve(trained)) == best  # runs not trained on take no part in the choice
     assert best == 0  # paper-like biases: the first orders of the wide kernel are the model
 
 
 def test_a_narrow_kernel_needs_centres(models: dict[str, rlg.Compensator], short_runs: list[rlg.Recording]) -> None:
-    curve, _ = size_curve(models["gaussian"], short_runs[2:], [7])
+    curve = size_curve(models["gaussian"], short_runs[2:], [7])
     assert 7 in curve["centres"].tolist()
-    assert curve["loss"].iloc[0] > 0.1
+    assert curve["unseen_loss"].iloc[0] > 0.1
     assert 1 < smallest_within(curve) < len(models["gaussian"].model_.alpha_)
 
 
@@ -335,8 +335,9 @@ def test_left_out_runs_are_left_out_of_the_smooth_part_too(trained: rlg.Compensa
         first(self, expansion, model, X, y)
 
     monkeypatch.setattr(Reduction, "__init__", noted)
-    size_curve(trained, [])
-    assert seen == [len(part.y_deg_h) for part in reversed(trained.training_)]
+    size_curve(trained)
+    whole = sum(len(part.y_deg_h) for part in trained.training_)
+    assert seen == [whole, *(len(part.y_deg_h) for part in reversed(trained.training_))]
 
 
 @needs_gcc

@@ -23,7 +23,7 @@ def export(
     smallest: Annotated[bool, typer.Option("--smallest", help="The smallest model within 1 % of the best.")] = False,
     test: Annotated[
         list[str] | None,
-        typer.Option("--test", metavar="RUN...", help="Runs not trained on: they judge the size, and every sample is compared."),
+        typer.Option("--test", metavar="RUN...", help="Runs not trained on: every sample is compared."),
     ] = None,
     name: Annotated[str | None, typer.Option(help="What files and identifiers begin with; by default the model's name.")] = None,
     mapping: Map = None,

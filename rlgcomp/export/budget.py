@@ -12,8 +12,8 @@ from rlgcomp.export.reduce import reduction_of, size_curve, smallest_within
 from rlgcomp.export.target import Options
 
 
-def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple[Expansion, pd.DataFrame, str | None]:
-    """The expansion to export, the curve of stability against size, and what that was measured on.
+def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple[Expansion, pd.DataFrame]:
+    """The expansion to export, and the curve of stability against size; see :func:`rlgcomp.export.reduce.size_curve`.
 
     Without a budget that is the whole model. A budget alone takes the largest model within it; `smallest` takes the smallest that
     is within 1 % of the best that the budget leaves.
@@ -29,14 +29,14 @@ def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple
         limit = _fitting(whole, limit, options)
     asked = options.smallest or limit < centres
     if not centres or not (asked or options.runs):
-        return whole, pd.DataFrame(), None
+        return whole, pd.DataFrame()
     if whole.form == "sigmoid" and not asked:
-        return whole, pd.DataFrame(), None
-    curve, judged_on = size_curve(compensator, options.runs, [limit])
+        return whole, pd.DataFrame()
+    curve = size_curve(compensator, options.runs, [limit])
     curve.insert(1, "table_bytes", [table_bytes(whole, int(m), options.precision) for m in curve["centres"]])
     if options.smallest:
         limit = smallest_within(curve[curve["centres"] <= limit])
-    return (whole if limit == centres else reduction_of(compensator).with_centres(limit)), curve, judged_on
+    return (whole if limit == centres else reduction_of(compensator).with_centres(limit)), curve
 
 
 def _fitting(whole: Expansion, limit: int, options: Options) -> int:

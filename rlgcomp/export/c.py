@@ -48,7 +48,7 @@ def export(model: Path, out: Path, options: Options) -> CExport:
     """
     compensator = load(model)
     whole = expansion_of(compensator)
-    expansion, curve, judged_on = sized(compensator, whole, options)
+    expansion, curve = sized(compensator, whole, options)
     expansion.require_computable()
     design = Design(options.name or _name_from(model), compensator, expansion, options.precision, options.libm, identity(model))
     full = expansion is whole
@@ -87,7 +87,6 @@ def export(model: Path, out: Path, options: Options) -> CExport:
             "span_deg_h": span,
             "allowed_deg_h": allowed_within,
             "allowed_of_span": allowed_within / span,
-            "judged_on": judged_on,
             "smallest_within_1_percent": None if curve.empty else smallest_within(curve),
         }
         result = CExport(summary, tuple(checks), tuple(skipped), curve)

@@ -111,43 +111,38 @@ def reduction_of(compensator: Compensator) -> Reduction:
     return Reduction(expansion, compensator.model_, X, np.concatenate([part.y_deg_h for part in compensator.training_]))
 
 
-def size_curve(compensator: Compensator, runs: Sequence[Recording], sizes: Sequence[int] = ()) -> tuple[pd.DataFrame, str]:
-    """Held-out bias stability by number of centres, and on what it was measured.
+def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: Sequence[int] = ()) -> pd.DataFrame:
+    """Bias stability by number of centres, on runs left out.
 
-    With `runs` the models trained on everything are scored on them. Without, every training run is left out in turn and the model
-    is fitted again on the rest with the parameters it has; a single run is divided into five blocks.
+    Every training run is left out in turn and the model fitted again on the rest with the parameters it has; a single run is
+    divided into five blocks. `runs` that were not trained on are scored beside that and take no part in a choice of size.
 
     Returns
     -------
-    curve : pandas.DataFrame
-        `centres`, `stability_deg_h` (standard deviation of the means left, pooled over runs) and `loss`, relative to the whole
-        model. The last row is the whole model.
-    judged_on : str
+    pandas.DataFrame
+        `centres`, `left_out_deg_h` (standard deviation of the means left, pooled over runs) and `left_out_loss`, relative to the
+        whole model; with runs also `unseen_deg_h` and `unseen_loss`. The last row is the whole model.
     """
-    folds: list[tuple[Reduction, list[Rows]]]
+    whole = reduction_of(compensator)
+    centres = len(whole.expansion.weights)
+    fewest = 0 if whole.expansion.form == "wide" else 1
+    grid = np.unique(np.r_[fewest, np.round(np.geomspace(1, max(centres, 2), 28)).astype(int), np.asarray(sizes, dtype=int)])
+    kept = [int(m) for m in grid if fewest <= m < centres and m <= whole.most]
+    curve = pd.DataFrame({"centres": [*kept, centres]})
+    judges = {"left_out": list(_left_out(compensator))}
     if runs:
-        unseen = [rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs]
-        folds = [(reduction_of(compensator), unseen)]
-        judged_on = f"{len(runs)} run{'s' if len(runs) > 1 else ''} not trained on"
-    else:
-        folds = list(_left_out(compensator))
-        judged_on = (
-            "training runs left out one by one" if len(compensator.training_) > 1 else "blocks of the one training run left out"
-        )
-    whole = len(expansion_of(compensator).weights)
-    fewest = 0 if folds[0][0].expansion.form == "wide" else 1
-    grid = np.unique(np.r_[fewest, np.round(np.geomspace(1, max(whole, 2), 28)).astype(int), np.asarray(sizes, dtype=int)])
-    kept = [int(m) for m in grid if fewest <= m < whole and m <= min(reduction.most for reduction, _ in folds)]
-    found = [{"centres": m, "stability_deg_h": _pooled((r.with_centres(m), part) for r, part in folds)} for m in kept]
-    found.append({"centres": whole, "stability_deg_h": _pooled((reduction.expansion, part) for reduction, part in folds)})
-    curve = pd.DataFrame(found)
-    curve["loss"] = curve["stability_deg_h"] / curve["stability_deg_h"].iloc[-1] - 1.0
-    return curve, judged_on
+        judges["unseen"] = [(whole, [rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs])]
+    for name, folds in judges.items():
+        stability = [_pooled([(reduction.with_centres(m), parts) for reduction, parts in folds]) for m in kept]
+        stability.append(_pooled([(reduction.expansion, parts) for reduction, parts in folds]))
+        curve[f"{name}_deg_h"] = stability
+        curve[f"{name}_loss"] = np.array(stability) / stability[-1] - 1.0
+    return curve
 
 
 def smallest_within(curve: pd.DataFrame, share: float = WITHIN) -> int:
-    """Fewest centres whose stability is within `share` of the best on the curve."""
-    good = curve["stability_deg_h"] <= (1.0 + share) * curve["stability_deg_h"].min()
+    """Fewest centres whose stability with runs left out is within `share` of the best on the curve."""
+    good = curve["left_out_deg_h"] <= (1.0 + share) * curve["left_out_deg_h"].min()
     return int(curve.loc[good, "centres"].min())
 
 
@@ -186,7 +181,7 @@ def _left_out(compensator: Compensator) -> Iterator[tuple[Reduction, list[Rows]]
         yield Reduction(expansion, model, X[~out], y[~out]), [part]
 
 
-def _pooled(scored: Iterator[tuple[Expansion, list[Rows]]] | Any) -> float:
+def _pooled(scored: Sequence[tuple[Expansion, list[Rows]]]) -> float:
     variances = [
         float(np.var(part.y_deg_h - expansion.bias_deg_h(part.X), ddof=1)) for expansion, parts in scored for part in parts
     ]

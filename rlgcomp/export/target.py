@@ -32,7 +32,7 @@ class Options:
     smallest : bool
         Take the smallest model within 1 % of the best.
     runs : sequence of Recording
-        Recordings not trained on: the size is judged on them, and every sample of them is compared.
+        Recordings not trained on: every sample of them is compared, and the stability that each size leaves on them is shown.
     name : str, optional
         What files and identifiers begin with; by default the model folder's name.
 

@@ -1,7 +1,8 @@
 /* Bias compensation of a ring laser gyro; see simulated_unit_1.h. Written by rlgcomp 0.1.0; do not edit. */
 #include "simulated_unit_1.h"
 
-#include <math.h>
+#include <stdint.h>
+#include <string.h>
 
 #ifdef __FAST_MATH__
 #error "-ffast-math removes the checks for samples that are not finite; compile without it"
@@ -11,9 +12,10 @@ typedef simulated_unit_1_real real;
 
 enum { INPUTS = SIMULATED_UNIT_1_INPUTS, LANES = 8, BLOCKS = 102 };
 
-/* Training range; beyond it a sample is flagged. */
+/* Training range; beyond it a sample is flagged, and the half width grows with each span. */
 static const real LOW[INPUTS] = { -40.85590921350921, -19.176379406269607, -0.9294913770819141, -4.942325954501438, -14.240176817040695, -33.97874835966984, -5.390000000000002, -10.670000000000003, -20.9, 0.971305700475852, -0.01759234970649587 };
 static const real HIGH[INPUTS] = { 65.89946616370715, 19.212574666732603, 1.00213378992496, 4.5591174216839985, 12.804468866338823, 28.820228547028375, 5.390000000000002, 10.670000000000003, 20.900000000000002, 1.0159546040646836, 0.03916200701626897 };
+static const real PER_SPAN[INPUTS] = { 0.009367209814649008, 0.026049159820774322, 0.5176987839465447, 0.10524716723633962, 0.036975895772765006, 0.015923826298726514, 0.09276437847866416, 0.04686035613870664, 0.023923444976076555, 22.396966546119998, 17.619792695119884 };
 /* Where inputs are held. */
 static const real LEAST[INPUTS] = { -147.61128459072557, -57.565333479271814, -2.8611165440887882, -14.443769330686875, -41.28482250042021, -96.77772526636805, -16.17000000000001, -32.01000000000001, -62.699999999999996, 0.9266567968870203, -0.07434670642926071 };
 static const real MOST[INPUTS] = { 172.65484154092348, 57.60152873973482, 2.9337589569318343, 14.060560797869435, 39.84911454971834, 91.6192054537266, 16.17000000000001, 32.01000000000001, 62.7, 1.0606035076535152, 0.09591636373903381 };
@@ -1464,6 +1466,22 @@ static const real WEIGHTS[BLOCKS][LANES] = {
 /* Infinity and NaN less themselves are NaN. */
 #define IS_FINITE(value) ((value) - (value) == 0)
 
+/* exp(t) for -1e5 <= t <= 16, to which inputs that are held confine it: 2^k times the series of exp on |r| <= ln(2) / 2, and 0 where
+ * 2^k would be below the smallest normal number. Relative error below 4e-16. Nothing in it depends on a comparison of real
+ * numbers, so that compilers work on several centres side by side. */
+static inline real exponential(real t)
+{
+    uint64_t bits;
+    real r, scale;
+    int32_t k = (int32_t)(t * 1.4426950408889634 + 1024.5) - 1024;
+
+    k = k < -1023 ? -1023 : k;
+    r = (t - (real)k * 0.6931471803691238) - (real)k * 1.9082149292705877e-10;
+    bits = (uint64_t)(k + 1023) << 52;
+    memcpy(&scale, &bits, sizeof scale);
+    return scale * (1.0 + r * (1.0 + r * (0.5 + r * (0.16666666666666666 + r * (0.041666666666666664 + r * (0.008333333333333333 + r * (0.001388888888888889 + r * (0.0001984126984126984 + r * (2.48015873015873e-05 + r * (2.7557319223985893e-06 + r * (2.755731922398589e-07 + r * (2.505210838544172e-08 + r * (2.08767569878681e-09 + r * (1.6059043836821613e-10))))))))))))));
+}
+
 /* exp(u) - 1 - u - u^2 / 2, by its series: |u| <= 0.00279 here. */
 static inline real third_remainder(real u)
 {
@@ -1473,7 +1491,7 @@ static inline real third_remainder(real u)
 /* exp(t) - 1 for t <= 0. */
 static real fall_of(real t)
 {
-    return expm1(t);
+    return t > -0.35 ? t * (1.0 + t * (0.5 + t * (0.16666666666666666 + t * (0.041666666666666664 + t * (0.008333333333333333 + t * (0.001388888888888889 + t * (0.0001984126984126984 + t * (2.48015873015873e-05 + t * (2.7557319223985893e-06 + t * (2.755731922398589e-07 + t * (2.505210838544172e-08 + t * (2.08767569878681e-09 + t * (1.6059043836821613e-10))))))))))))) : exponential(t) - 1;
 }
 
 /* Sum over centres. */
@@ -1498,8 +1516,9 @@ static real sum_over_centres(const real x[INPUTS])
     return sum;
 }
 
-/* Bias in deg/h of the model's inputs; *outside becomes 1 where one lies beyond its training range. */
-static real bias_of(const real inputs[INPUTS], int *outside)
+/* Bias in deg/h of the model's inputs. *outside becomes by how many spans of its training range inputs lie beyond it, summed, and
+ * *flagged 1 where one does. */
+static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
 {
     real x[INPUTS];
     real v;
@@ -1510,8 +1529,12 @@ static real bias_of(const real inputs[INPUTS], int *outside)
     for (j = 0; j < INPUTS; ++j) {
         real held = inputs[j];
 
-        if (held < LOW[j] || held > HIGH[j]) {
-            *outside = 1;
+        if (held < LOW[j]) {
+            *flagged = 1;
+            *outside += (LOW[j] - held) * PER_SPAN[j];
+        } else if (held > HIGH[j]) {
+            *flagged = 1;
+            *outside += (held - HIGH[j]) * PER_SPAN[j];
         }
         held = held < LEAST[j] ? LEAST[j] : held;
         held = held > MOST[j] ? MOST[j] : held;
@@ -1560,23 +1583,30 @@ void simulated_unit_1_init(simulated_unit_1_state *state)
     }
     state->time_s = 0;
     state->bias_deg_h = -0.007912186131323815;
+    state->half_width_deg_h = 0.06052438169890921;
     state->started = 0;
 }
 
 static int answer(const simulated_unit_1_state *state, int status, simulated_unit_1_result *result)
 {
     result->bias_deg_h = state->bias_deg_h;
+    result->half_width_deg_h = state->half_width_deg_h;
     result->correction_deg_h = state->bias_deg_h - 0.0;
     result->status = status;
     return status;
+}
+
+double simulated_unit_1_correct_deg_h(double gyro, const simulated_unit_1_result *result)
+{
+    return gyro - (double)result->correction_deg_h;
 }
 
 int simulated_unit_1_step(simulated_unit_1_state *state, double time_s, const simulated_unit_1_real monitors[SIMULATED_UNIT_1_MONITORS], simulated_unit_1_result *result)
 {
     real inputs[INPUTS];
     real step_s;
-    real bias_deg_h;
-    int k, outside = 0, valid = IS_FINITE(time_s) && !(state->started && time_s <= state->time_s);
+    real outside = 0;
+    int k, flagged = 0, valid = IS_FINITE(time_s) && !(state->started && time_s <= state->time_s);
 
     for (k = 0; k < SIMULATED_UNIT_1_MONITORS; ++k) {
         valid = valid && IS_FINITE(monitors[k]);
@@ -1615,7 +1645,7 @@ int simulated_unit_1_step(simulated_unit_1_state *state, double time_s, const si
             return answer(state, SIMULATED_UNIT_1_INVALID, result);
         }
     }
-    bias_deg_h = bias_of(inputs, &outside);
-    state->bias_deg_h = bias_deg_h;
-    return answer(state, outside ? SIMULATED_UNIT_1_OUT_OF_RANGE : SIMULATED_UNIT_1_OK, result);
+    state->bias_deg_h = bias_of(inputs, &outside, &flagged);
+    state->half_width_deg_h = 0.003388662269963707 + 0.06052438169890921 * outside;
+    return answer(state, flagged ? SIMULATED_UNIT_1_OUT_OF_RANGE : SIMULATED_UNIT_1_OK, result);
 }

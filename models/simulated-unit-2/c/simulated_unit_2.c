@@ -10,9 +10,10 @@ typedef simulated_unit_2_real real;
 
 enum { INPUTS = SIMULATED_UNIT_2_INPUTS };
 
-/* Training range; beyond it a sample is flagged. */
+/* Training range; beyond it a sample is flagged, and the half width grows with each span. */
 static const real LOW[INPUTS] = { -40.85590921350921, -19.176379406269607, -0.9294913770819141, -4.942325954501438, -14.240176817040695, -33.97874835966984, -5.390000000000002, -10.670000000000003, -20.9, 0.9860943851647213, -0.01379032769250977 };
 static const real HIGH[INPUTS] = { 65.89946616370715, 19.212574666732603, 1.00213378992496, 4.5591174216839985, 12.804468866338823, 28.820228547028375, 5.390000000000002, 10.670000000000003, 20.900000000000002, 1.057954204826908, 0.05578560972396244 };
+static const real PER_SPAN[INPUTS] = { 0.009367209814649008, 0.026049159820774322, 0.5176987839465447, 0.10524716723633962, 0.036975895772765006, 0.015923826298726514, 0.09276437847866416, 0.04686035613870664, 0.023923444976076555, 13.915982599191095, 14.372785148608699 };
 /* Where inputs are held. */
 static const real LEAST[INPUTS] = { -40.85590921350921, -19.176379406269607, -0.9294913770819141, -4.942325954501438, -14.240176817040695, -33.97874835966984, -5.390000000000002, -10.670000000000003, -20.9, 0.9860943851647213, -0.01379032769250977 };
 static const real MOST[INPUTS] = { 65.89946616370715, 19.212574666732603, 1.00213378992496, 4.5591174216839985, 12.804468866338823, 28.820228547028375, 5.390000000000002, 10.670000000000003, 20.900000000000002, 1.057954204826908, 0.05578560972396244 };
@@ -29,8 +30,9 @@ static const real POWERS[3][INPUTS] = {
 /* Infinity and NaN less themselves are NaN. */
 #define IS_FINITE(value) ((value) - (value) == 0)
 
-/* Bias in deg/h of the model's inputs; *outside becomes 1 where one lies beyond its training range. */
-static real bias_of(const real inputs[INPUTS], int *outside)
+/* Bias in deg/h of the model's inputs. *outside becomes by how many spans of its training range inputs lie beyond it, summed, and
+ * *flagged 1 where one does. */
+static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
 {
     real x[INPUTS];
     real v;
@@ -39,8 +41,12 @@ static real bias_of(const real inputs[INPUTS], int *outside)
     for (j = 0; j < INPUTS; ++j) {
         real held = inputs[j];
 
-        if (held < LOW[j] || held > HIGH[j]) {
-            *outside = 1;
+        if (held < LOW[j]) {
+            *flagged = 1;
+            *outside += (LOW[j] - held) * PER_SPAN[j];
+        } else if (held > HIGH[j]) {
+            *flagged = 1;
+            *outside += (held - HIGH[j]) * PER_SPAN[j];
         }
         held = held < LEAST[j] ? LEAST[j] : held;
         held = held > MOST[j] ? MOST[j] : held;
@@ -81,23 +87,30 @@ void simulated_unit_2_init(simulated_unit_2_state *state)
     }
     state->time_s = 0;
     state->bias_deg_h = 0.021683201257751094;
+    state->half_width_deg_h = 0.0753086562379164;
     state->started = 0;
 }
 
 static int answer(const simulated_unit_2_state *state, int status, simulated_unit_2_result *result)
 {
     result->bias_deg_h = state->bias_deg_h;
+    result->half_width_deg_h = state->half_width_deg_h;
     result->correction_deg_h = state->bias_deg_h - 0.0;
     result->status = status;
     return status;
+}
+
+double simulated_unit_2_correct_deg_h(double gyro, const simulated_unit_2_result *result)
+{
+    return gyro - (double)result->correction_deg_h;
 }
 
 int simulated_unit_2_step(simulated_unit_2_state *state, double time_s, const simulated_unit_2_real monitors[SIMULATED_UNIT_2_MONITORS], simulated_unit_2_result *result)
 {
     real inputs[INPUTS];
     real step_s;
-    real bias_deg_h;
-    int k, outside = 0, valid = IS_FINITE(time_s) && !(state->started && time_s <= state->time_s);
+    real outside = 0;
+    int k, flagged = 0, valid = IS_FINITE(time_s) && !(state->started && time_s <= state->time_s);
 
     for (k = 0; k < SIMULATED_UNIT_2_MONITORS; ++k) {
         valid = valid && IS_FINITE(monitors[k]);
@@ -136,7 +149,7 @@ int simulated_unit_2_step(simulated_unit_2_state *state, double time_s, const si
             return answer(state, SIMULATED_UNIT_2_INVALID, result);
         }
     }
-    bias_deg_h = bias_of(inputs, &outside);
-    state->bias_deg_h = bias_deg_h;
-    return answer(state, outside ? SIMULATED_UNIT_2_OUT_OF_RANGE : SIMULATED_UNIT_2_OK, result);
+    state->bias_deg_h = bias_of(inputs, &outside, &flagged);
+    state->half_width_deg_h = 0.0032696952056032037 + 0.0753086562379164 * outside;
+    return answer(state, flagged ? SIMULATED_UNIT_2_OUT_OF_RANGE : SIMULATED_UNIT_2_OK, result);
 }

@@ -4,15 +4,16 @@
  * kind        CubicLeastSquares(degree = 3, linear = [1, 2, 3, 4, 5, 6, 7, 8]), as polynomial
  * gyro        gyro_deg_h; unit simulated-2
  * trained on  1176 means over 100 s from 3 runs
- * tables      0 centres x 11 inputs, double, 792 bytes
- * needs       C99, the C library's exp, expm1, sqrt and tanh at most; not -ffast-math
+ * tables      0 centres x 11 inputs, double, 880 bytes
+ * needs       C99, no library; not -ffast-math
  *
  * Call simulated_unit_2_init once after switching on, then simulated_unit_2_step for every sample, in order. One state serves one gyro; there is no
  * other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate.
  *
  * An input beyond its training range is flagged SIMULATED_UNIT_2_OUT_OF_RANGE; further out it is held where the model still answers, so the
  * output stays bounded. A sample that is not finite or not later than the one before is SIMULATED_UNIT_2_INVALID: it changes nothing, and the
- * result repeats the last valid one.
+ * result repeats the last valid one; before any, the training mean with a half width of 0.0753 deg/h, the bias's span in
+ * training.
  */
 #ifndef SIMULATED_UNIT_2_H
 #define SIMULATED_UNIT_2_H
@@ -56,6 +57,7 @@ enum { SIMULATED_UNIT_2_OK = 0, SIMULATED_UNIT_2_OUT_OF_RANGE = 1, SIMULATED_UNI
 typedef struct {
     double time_s;            /* of the last valid sample */
     simulated_unit_2_real bias_deg_h;  /* what was last answered */
+    simulated_unit_2_real half_width_deg_h;
     simulated_unit_2_real memory[7]; /* filters and hysteresis, in the monitors' units */
     int started;
 } simulated_unit_2_state;
@@ -63,6 +65,7 @@ typedef struct {
 typedef struct {
     simulated_unit_2_real bias_deg_h;       /* estimated bias, deg/h */
     simulated_unit_2_real correction_deg_h; /* what to subtract from the gyro, deg/h */
+    simulated_unit_2_real half_width_deg_h; /* 90 % of the means over 100 s lie within this of the bias */
     int status;                    /* as returned */
 } simulated_unit_2_result;
 
@@ -71,6 +74,9 @@ void simulated_unit_2_init(simulated_unit_2_state *state);
 
 /* Take one sample: its time in s, a double in every precision, and its monitors. Returns the status. */
 int simulated_unit_2_step(simulated_unit_2_state *state, double time_s, const simulated_unit_2_real monitors[SIMULATED_UNIT_2_MONITORS], simulated_unit_2_result *result);
+
+/* Corrected rate in deg/h of one sample of gyro_deg_h as it comes, in deg/h. */
+double simulated_unit_2_correct_deg_h(double gyro, const simulated_unit_2_result *result);
 
 #ifdef __cplusplus
 }
