@@ -86,7 +86,7 @@ def export(model: Path, out: Path, options: Options) -> OnnxExport:
     """
     compensator = load(model)
     whole = expansion_of(compensator)
-    expansion, _, _ = sized(compensator, whole, options)
+    expansion, _ = sized(compensator, whole, options)
     name = options.name or model.resolve().name
     metadata = _metadata(compensator, expansion, identity(model))
     content = graph(compensator, expansion, options.precision, metadata).SerializeToString()
