@@ -38,7 +38,7 @@ Modules, each importing only from those before it:
     simulation                  chamber and table programmes, thermal plant, readout optics, the simulator
     calibration                 turntables: scale factor, mounting angle, alignment; errors of a triad and their file
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit
-    compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
+    compensation                LS-SVM by hand, cubics, baselines, selection, intervals, adapting, streams, the artefact
     comparison evaluation       which input helps with which model; held-out results
     collection                  a folder of models: listed, verified, compared
     report                      pages that show them
