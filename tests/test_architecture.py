@@ -88,11 +88,21 @@ def test_every_format_file_is_in_the_list() -> None:
 
 def test_every_model_file_is_in_the_list() -> None:
     used = {form.estimator.__module__.rsplit(".", 1)[1] for form in MODELS.values()}
-    assert (
-        _names_in("compensation")
-        - {"artefact", "card", "compensator", "following", "form", "interval", "kernels", "parameters", "rows", "selection", "tail"}
-        == used
-    )
+    not_models = [
+        "adaptation",
+        "artefact",
+        "card",
+        "compensator",
+        "following",
+        "form",
+        "interval",
+        "kernels",
+        "parameters",
+        "rows",
+        "selection",
+        "tail",
+    ]
+    assert _names_in("compensation") - set(not_models) == used
 
 
 def test_public_names_exist_and_are_documented() -> None:

@@ -194,6 +194,12 @@ def test_a_stream_that_cannot_be_used_is_refused_at_its_header(model: rlg.Compen
         Follower(model, header)
 
 
+@pytest.mark.parametrize("period_s", [0.0, -1.0, np.nan, "soon"])
+def test_a_sample_period_that_is_none_is_refused(model: rlg.Compensator, period_s: object) -> None:
+    with pytest.raises(rlg.InputError, match="must be a positive number of seconds"):
+        Follower(model, "gyro_deg_h," + ",".join(MONITORS), period_s=period_s)
+
+
 def test_numbers_agree_or_not() -> None:
     assert agrees("1,2.0000000001", "1,2")
     for written in ("1,2.1", "1", "1,2,3", "1,x", "1,nan"):

@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 
 import rlgcomp as rlg
-from experiments.tables import show_table
+from experiments.mems_thermal_chamber import __main__ as mems
+from experiments.tables import FOLDER, show_table
 from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.interval import COVERAGE, excess
 from rlgcomp.compensation.rows import rows
@@ -60,13 +61,39 @@ def covered(seed: int, model: str, law: str, training: int) -> pd.DataFrame:
     return pd.DataFrame(found)
 
 
+def legs() -> list[dict[str, object]]:
+    """Shares held on each leg of each axis, trained on the two other legs."""
+    logging.disable(logging.WARNING)
+    whole = mems.cycle(FOLDER.parent / "real" / "mems_imu_thermal_chamber")
+    parts = [mems.leg(whole, number) for number in (1, 2, 3)]
+    table: list[dict[str, object]] = []
+    for model, features in (("dynamic", "temperature,temperature_rate"), ("dynamic", "all"), ("lssvm", "temperature")):
+        found = {}
+        for axis in mems.AXES:
+            for k, part in enumerate(parts):
+                compensator = rlg.Compensator(
+                    MODELS[model].make(), features=features, averaging_s=mems.AVERAGING_S, gyro=f"gyro_{axis}_deg_s"
+                ).fit(parts[:k] + parts[k + 1 :])
+                (result,) = rlg.evaluate(compensator, [part], compare=False).runs
+                found[f"{axis}, leg {k + 1}"] = 100.0 * result.in_interval
+        mean = float(np.mean(list(found.values())))
+        table.append(
+            {"model": f"{model}, {features}", "mean": f"{mean:.0f}"} | {key: f"{share:.0f}" for key, share in found.items()}
+        )
+    return table
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line of the experiment."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two units, two cases")
     parser.add_argument("--units", type=int, default=20, help="simulated gyro units (default 20)")
     parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
+    parser.add_argument("--legs", action="store_true", help="the legs of a MEMS IMU's thermal cycle (../shared/data/real)")
     options = parser.parse_args(argv)
+    if options.legs:
+        show_table("Legs of a MEMS IMU held out in turn: windows of 10 s in their 90 % interval, %", legs())
+        return
     units, cases = (2, CASES[1:3]) if options.quick else (options.units, CASES)
     print(f"# Coverage of {100 * COVERAGE:.0f} % intervals, {units} units, {HELD_OUT} runs held out of each\n")
     table = []

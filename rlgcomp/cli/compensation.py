@@ -49,6 +49,12 @@ def train(
     keep_mean: Annotated[
         bool, typer.Option("--keep-mean", help="Leave the training mean (Earth rate) in the corrected gyro.")
     ] = False,
+    adapt: Annotated[
+        Path | None,
+        typer.Option(
+            "--adapt", metavar="MODEL", help="Adapt a cubic or dynamic model of several units to one more, from a short run."
+        ),
+    ] = None,
     gyro: Gyro = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -59,9 +65,12 @@ def train(
 ) -> None:
     """Train a bias compensation, its parameters selected by leaving runs out.
 
-    A search that was stopped goes on where it was when the same command is given again.
+    A search that was stopped goes on where it was when the same command is given again. With --adapt model, features and averaging
+    are those of the given model.
 
     Example: `rlgcomp train cold.parquet hot.parquet --model lssvm --features all --out models/unit-17`
+
+    Example: `rlgcomp train two-hours.parquet --adapt models/fleet --out models/unit-18`
     """
     from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.artefact import identity
@@ -73,12 +82,21 @@ def train(
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
-    compensator = Compensator(
-        MODELS[model].make(), features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
-    )
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
-    with progress("selecting") as advance:
-        compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
+    if adapt is not None:
+        from rlgcomp.compensation.adaptation import adapt as adapt_to
+        from rlgcomp.compensation.compensator import load
+
+        fleet = load(adapt)
+        _require_the_same_calibration(fleet, recordings)
+        compensator = adapt_to(fleet, recordings)
+        model = fleet.form_.name if fleet.form_ is not None else model
+    else:
+        compensator = Compensator(
+            MODELS[model].make(), features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
+        )
+        with progress("selecting") as advance:
+            compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
     compensator.save(out)
     journal.unlink(missing_ok=True)
     rmse = compensator.selection_.rmse
@@ -90,6 +108,7 @@ def train(
         "selected": compensator.selection_.best,
         "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
+        "half_width_deg_h": compensator.interval_.inside_deg_h,
     }
     if as_json:
         show_json(summary)
@@ -102,7 +121,8 @@ def train(
             f"{model} on {len(compensator.recipe_.names)} inputs",
             [
                 {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
-                {"": "with runs left out, deg/h", " ": summary["left_out_rms_deg_h"]},
+                {"": f"with {'runs' if adapt is None else 'units'} left out, deg/h", " ": summary["left_out_rms_deg_h"]},
+                {"": "90 % interval, ± deg/h", " ": summary["half_width_deg_h"]},
                 {"": "selected", " ": chosen or "nothing to select"},
             ],
         )

@@ -76,6 +76,8 @@ class Follower:
                     f"pulses of {pulse_arcsec:g} arcsec, calibrated with {calibration.pulse_arcsec:g} arcsec: not one gyro"
                 )
             self.pulse_arcsec = calibration.pulse_arcsec
+        if period_s is not None and not (isinstance(period_s, int | float) and 0.0 < period_s < np.inf):
+            raise InputError(f"the sample period is {period_s!r}; it must be a positive number of seconds")
         self.separator = separator_of(header)
         self._names = [str(name) for name in pd.read_csv(io.StringIO(header), sep=self.separator, skipinitialspace=True).columns]
         self.left_out: Counter[str] = Counter()
