@@ -38,10 +38,12 @@ Modules, each importing only from those before it:
     simulation                  chamber and table programmes, thermal plant, readout optics, the simulator
     calibration                 turntables: scale factor, mounting angle, alignment; errors of a triad and their file
     features recipe             causal inputs, sample by sample or all at once, the same to the last bit
-    compensation                LS-SVM by hand, cubic least squares, baselines, selection, the artefact
+    compensation                LS-SVM by hand, cubics, baselines, selection, intervals, adapting, streams, the artefact
     comparison evaluation       which input helps with which model; held-out results
+    collection                  a folder of models: listed, verified, compared
     report                      pages that show them
     diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
+    export                      a compensation as code for the box, proved against Python by running it
     fleet                       many gyros at once, on one machine or a cluster
     bench sparse                how fast all this is beside its peers; sparse least squares
     cli                         the command line
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
     from rlgcomp.calibration.file import Calibration as Calibration
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor as calibrate_scale_factor
     from rlgcomp.calibration.triad.calibrate import calibrate_recordings as calibrate_recordings
+    from rlgcomp.compensation.adaptation import adapt as adapt
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
     from rlgcomp.compensation.compensator import load as load
@@ -115,6 +118,7 @@ _HOMES = {
     "Simulator": "simulation.simulator",
     "Triad": "simulation.rate_table",
     "TriadErrors": "triad",
+    "adapt": "compensation.adaptation",
     "allan_deviation": "allan.deviation",
     "analyse_noise": "allan.analysis",
     "angle_random_walk": "rotation.pipeline",

@@ -47,6 +47,8 @@ class RunResult:
         raw / residual, with its 95 % interval by block bootstrap.
     out_of_range : float
         Share of samples flagged.
+    in_interval : float
+        Share of averages within the interval about the estimated bias, which promises 90 %.
     """
 
     run: str
@@ -60,6 +62,7 @@ class RunResult:
     factor_low: float
     factor_high: float
     out_of_range: float
+    in_interval: float
 
     @property
     def floor_ratio(self) -> float:
@@ -251,6 +254,7 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
         factor_low=low,
         factor_high=high,
         out_of_range=float(predicted["out_of_range"][samples].mean()),
+        in_interval=float((np.abs(residual) <= averaged.column("half_width_deg_h")).mean()),
     )
     try:
         temperature = averaged.column(run.temperature_column)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
 
@@ -71,7 +72,7 @@ class FeatureRecipe:
                 f"map the column with --map, or train with other --features"
             )
         samples = recording.table[list(self.columns)].to_numpy()
-        values, _ = self._run(None, recording.time_s, samples)
+        values, _ = self.run(None, recording.time_s, samples)
         return pd.DataFrame(values, columns=list(self.names))
 
     def step(self, state: State, sample: Mapping[str, float]) -> tuple[Array, State]:
@@ -101,10 +102,25 @@ class FeatureRecipe:
         if state is not None and not sample[TIME] > state[0]:
             raise InputError(f"sample: time_s is {sample[TIME]}, not after {state[0]}; begin a new recording with state None")
         row = np.array([[sample[column] for column in self.columns]], dtype=np.float64)
-        values, state = self._run(state, np.array([sample[TIME]], dtype=np.float64), row)
+        values, state = self.run(state, np.array([sample[TIME]], dtype=np.float64), row)
         return values[0], state
 
-    def _run(self, state: State, time_s: Array, samples: Array) -> tuple[Array, State]:
+    def run(self, state: State, time_s: Array, samples: Array) -> tuple[Array, State]:
+        """Features of consecutive samples, the same to the last bit however a recording is cut into pieces.
+
+        Parameters
+        ----------
+        state : object
+            None before the first sample; then what the last call returned.
+        time_s : ndarray, shape (n,)
+        samples : ndarray, shape (n, columns)
+            Monitors, in the order of `columns`.
+
+        Returns
+        -------
+        values : ndarray, shape (n, features)
+        state : object
+        """
         places = [[self.columns.index(column) for column in feature.columns] for feature in self.features]
         if state is None:
             state = (time_s[0], [feature.init(samples[0, place]) for feature, place in zip(self.features, places, strict=True)])
@@ -136,10 +152,30 @@ class FeatureRecipe:
                 raise InputError(f"feature recipe: unknown kind {item.get('kind')!r}; known are {', '.join(FEATURES)}")
             values = {key: tuple(value) if isinstance(value, list) else value for key, value in item.items() if key != "kind"}
             try:
-                features.append(form(**values))
+                feature = form(**values)
             except TypeError as error:
                 raise InputError(f"feature recipe: {item.get('kind')}: {error}") from None
+            _require_usable(feature)
+            features.append(feature)
         return cls(tuple(features))
+
+
+def _require_usable(feature: Any) -> None:
+    """Refuse values that no recipe made here has: what is read from a file is not to be trusted."""
+    for field in dataclasses.fields(feature):
+        value = getattr(feature, field.name)
+        if isinstance(field.default, str):
+            good = isinstance(value, str) and value.isprintable() and 0 < len(value) <= _LONGEST_NAME
+        elif isinstance(field.default, tuple):
+            good = isinstance(value, tuple) and 0 < len(value) <= _MOST_NUMBERS and all(_positive(part) for part in value)
+        else:
+            good = _positive(value) or value == field.default
+        if not good:
+            raise InputError(f"feature recipe: {feature.kind}: {field.name} is {str(value)[:60]!r}, which is not allowed")
+
+
+def _positive(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
 
 
 GROUPS: Final = ("temperature", "gradient", "temperature_rate", "lag", "memory", "light_intensity", "readout_difference")
@@ -147,6 +183,8 @@ DYNAMIC: Final = ("gradient", "temperature_rate", "lag", "memory")
 _LAGS_S: Final = (300.0, 900.0, 2700.0)
 _RADII_OF_SPAN: Final = (0.05, 0.1, 0.2)
 _LAGS_IN_A_RUN: Final = 3.0
+_LONGEST_NAME: Final = 200
+_MOST_NUMBERS: Final = 64
 
 
 def recipe_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> FeatureRecipe:

@@ -23,7 +23,8 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.bool_]
 
 FEW: Final = 0.001  # share of rows that may be out of order and still be mended
-LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long
+LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long, and for the next in any case
+ROUNDING: Final = 1e-9
 STUCK_SAMPLES: Final = 20
 FROZEN_S: Final = 600.0
 FROZEN_WHILE_OTHERS_MOVE_K: Final = 2.0
@@ -308,8 +309,8 @@ def _missing(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if not any(np.isnan(table[column].to_numpy().sum()) for column in table.columns):  # a sum is missing where a value is
         return table
     missing = table.isna()
-    period_s = float(np.median(np.diff(table[TIME].to_numpy())))
-    limit = int(np.clip(LONGEST_HOLD_S / period_s, 1, len(table)))
+    time_s = table[TIME]
+    latest_s = np.minimum(time_s - LONGEST_HOLD_S * (1.0 + ROUNDING), time_s.shift(1, fill_value=-np.inf))
     filled = table.copy()
     for column in table.columns[missing.any()]:
         gone = missing[column].to_numpy()
@@ -317,7 +318,8 @@ def _missing(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if is_gyro(str(column)):
             context.add("repaired", f"{int(gone.sum())} values missing, rows left out", str(column), row)
             continue
-        filled[column] = table[column].ffill(limit=limit)
+        known_s = time_s.where(~missing[column]).ffill()
+        filled[column] = table[column].ffill().where(known_s >= latest_s)
         held = int(gone.sum() - filled[column].isna().sum())
         left = int(filled[column].isna().sum())
         what = [f"{held} held at the last value" if held else "", f"rows of {left} left out" if left else ""]

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import logging
+import os
 import shutil
 import subprocess
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import rlgcomp as rlg
 from rlgcomp.compensation import MODELS
@@ -142,7 +148,16 @@ def change(copy: Path, **changes: object) -> None:
         {"arrays": {}},
         {"averaging_s": "long"},
         {"runs": None},
+        {"runs": []},
+        {"runs": [{"run": "a", "hours": 1.0}]},
         {"selection": 3},
+        {"selection": {"best": {}, "rmse": "nan"}},
+        {"interval": None},
+        {"interval": {"inside_deg_h": 1e308, "per_span_deg_h": 1e308, "coverage": 0.9, "runs": 2}},
+        {"inputs": ["a"]},
+        {"averaging_s": "nan"},
+        {"averaging_s": True},
+        {"averaging_s": 10**400},
     ],
 )
 def test_a_resealed_but_wrong_manifest_is_refused(copy: Path, changes: dict[str, object]) -> None:
@@ -171,10 +186,11 @@ def test_resealed_but_wrong_numbers_are_refused(copy: Path, name: str, values: f
 def test_a_header_that_declares_a_huge_array_is_refused(copy: Path) -> None:
     path = copy / "arrays" / "mean.npy"
     header = path.read_bytes()
-    path.write_bytes(header.replace(b"(11,)", b"(10**12,)").replace(b"'shape': (", b"'shape': (9999999999,"))
-    reseal(copy)
-    with pytest.raises(rlg.InputError):
-        rlg.load(copy)
+    for declared in (b"(9999999999999,), }", b"(10**12,), }", b"(11,), 'x': 0}", b"((((11,)))), }"):
+        path.write_bytes(header.replace(b"(11,), }", declared))
+        reseal(copy)
+        with pytest.raises(rlg.InputError, match=r"not readable|declares the shape"):
+            rlg.load(copy)
 
 
 def test_pickled_arrays_are_refused(copy: Path) -> None:
@@ -184,7 +200,19 @@ def test_pickled_arrays_are_refused(copy: Path) -> None:
         rlg.load(copy)
 
 
-@pytest.mark.parametrize("line", ["0" * 64 + "  ../outside", "0" * 64 + "  /etc/passwd", "nonsense", "0" * 64 + "  a\\b"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "0" * 64 + "  ../outside",
+        "0" * 64 + "  /etc/passwd",
+        "nonsense",
+        "0" * 64 + "  a\\b",
+        "0" * 64 + "  arrays/../../outside.npy",
+        "0" * 64 + "  code.py",
+        "0" * 64 + "  arrays/mean.npy",  # a second time
+        "0" * 63 + "  card.md",
+    ],
+)
 def test_paths_that_lead_out_are_refused(copy: Path, line: str) -> None:
     with (copy / SUMS).open("a") as stream:
         stream.write(line + "\n")
@@ -231,15 +259,173 @@ def test_a_model_may_be_replaced_and_a_failure_leaves_the_old_one(
     rlg.load(copy)
 
 
+def test_a_folder_of_arrays_that_is_a_link_is_refused(copy: Path, tmp_path: Path) -> None:
+    (copy / "arrays").rename(tmp_path / "elsewhere")
+    (copy / "arrays").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(rlg.InputError, match="is missing"):
+        rlg.load(copy)
+
+
+def test_what_is_no_plain_file_is_refused_without_waiting_for_it(copy: Path) -> None:
+    (copy / "card.md").unlink()
+    os.mkfifo(copy / "card.md")
+    with pytest.raises(rlg.InputError, match="is missing"):
+        rlg.load(copy)
+
+
+@pytest.mark.parametrize("name", [MANIFEST, SUMS, "selection.csv", "arrays/mean.npy"])
+def test_files_of_absurd_size_are_refused_unread(copy: Path, name: str) -> None:
+    with (copy / name).open("r+b") as stream:
+        stream.truncate(1 << 36)  # sparse: it takes no room
+    with pytest.raises(rlg.InputError, match="larger than any model"):
+        rlg.load(copy)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[" * 100_000 + "]" * 100_000, "nested deeper"),
+        ('{"schema": ' + "[" * 40 + "]" * 40 + "}", "nested deeper"),
+        ('{"schema": "rlgcomp.model/2", "schema": "rlgcomp.model/1"}', "'schema' twice"),
+        ('{"schema": NaN}', "not finite"),
+        ('{"schema": 1e999}', "not finite"),
+        ('{"schema": ' + "9" * 5000 + "}", "not readable"),
+        ("[]", "expected an object"),
+        ('{"schema": "\\ud800"}', "half of a surrogate pair"),
+        ("{", "not readable"),
+        ("", "not readable"),
+    ],
+)
+def test_hostile_json_is_refused(copy: Path, text: str, message: str) -> None:
+    (copy / MANIFEST).write_text(text)
+    reseal(copy)
+    with pytest.raises(rlg.InputError, match=message):
+        rlg.load(copy)
+
+
+def places(value: object, path: tuple[object, ...] = ()) -> Iterator[tuple[object, ...]]:
+    """Every place in nested plain data."""
+    yield path
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in items:
+        yield from places(item, (*path, key))
+
+
+WRONG = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-3, 3),
+    st.sampled_from([10**400, -1, 10**9, 1e308, -1e308, 5e-324]),
+    st.text(max_size=5),
+    st.sampled_from(["nan", "inf", "__import__('os').system('true')", "../../x", "\x1b[2J"]),
+    st.lists(st.integers(-1, 2), max_size=3),
+    st.dictionaries(st.text(max_size=3), st.integers(), max_size=2),
+)
+
+
+@pytest.mark.parametrize("form", ["lssvm", "cubic", "kernel-ridge"])
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_anything_put_anywhere_in_the_manifest_is_refused_or_harmless(
+    short_runs: list[rlg.Recording], tmp_path_factory: pytest.TempPathFactory, form: str, data: st.DataObject
+) -> None:
+    """Resealed, so only what the reader checks stands in the way: an `InputError`, or a model that gives its golden vectors."""
+    saved = tmp_path_factory.getbasetemp() / f"hostile-{form}"
+    if not saved.exists():
+        rlg.Compensator(MODELS[form].make(), features="temperature,temperature_rate").fit(short_runs[:2]).save(saved)
+    manifest = json.loads((saved / MANIFEST).read_text())
+    *way, last = data.draw(st.sampled_from([place for place in places(manifest) if place]))
+    target = manifest
+    for key in way:
+        target = target[key]
+    if data.draw(st.booleans()):
+        target[last] = data.draw(WRONG)
+    else:
+        del target[last]
+    with tempfile.TemporaryDirectory() as scratch:
+        copy = Path(shutil.copytree(saved, Path(scratch) / "model"))
+        (copy / MANIFEST).write_text(json.dumps(manifest))
+        reseal(copy)
+        try:
+            model = rlg.load(copy)
+        except rlg.InputError:
+            return
+        predicted = model.predict(short_runs[2])
+        assert np.isfinite(predicted["bias_deg_h"]).all()
+        assert (predicted["half_width_deg_h"] >= 0.0).all()
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_arrays_of_other_shapes_or_bytes_are_refused(saved: Path, data: st.DataObject) -> None:
+    with tempfile.TemporaryDirectory() as scratch:
+        copy = Path(shutil.copytree(saved, Path(scratch) / "model"))
+        path = data.draw(st.sampled_from(sorted((copy / "arrays").iterdir())))
+        if data.draw(st.booleans()):
+            values = np.load(path)
+            other = data.draw(st.sampled_from([values[:-1], values[None], values.ravel()[:1], np.zeros(0), values.astype("<f4")]))
+            np.save(path, other)
+            manifest = json.loads((copy / MANIFEST).read_text())
+            manifest["arrays"][path.stem] = list(other.shape)
+            (copy / MANIFEST).write_text(json.dumps(manifest))
+        else:
+            content = bytearray(path.read_bytes())
+            place = data.draw(st.integers(0, 127))
+            content[place] = (content[place] + data.draw(st.integers(1, 255))) % 256
+            path.write_bytes(content)
+        reseal(copy)
+        with pytest.raises(rlg.InputError):
+            rlg.load(copy)
+
+
+def test_a_model_of_schema_1_is_migrated(
+    saved: Path, copy: Path, trained: rlg.Compensator, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It had no interval: the one calibrated anew from its training rows is that of the fit, and saving it makes schema 2 of it."""
+    manifest = json.loads((copy / MANIFEST).read_text())
+    del manifest["interval"], manifest["arrays"]["golden_half_width_deg_h"]
+    (copy / "arrays" / "golden_half_width_deg_h.npy").unlink()
+    (copy / MANIFEST).write_text(json.dumps(manifest | {"schema": "rlgcomp.model/1"}))
+    reseal(copy)
+    with caplog.at_level(logging.INFO):
+        old = rlg.load(copy)
+    assert "calibrated anew" in caplog.text
+    assert old.schema_ == "rlgcomp.model/1"
+    assert old.interval_.to_mapping() == pytest.approx(trained.interval_.to_mapping(), rel=1e-9)
+    old.save(copy)
+    assert rlg.load(copy).schema_ == json.loads((saved / MANIFEST).read_text())["schema"] == "rlgcomp.model/2"
+
+
+def test_a_schema_to_come_is_refused_with_what_to_do(copy: Path) -> None:
+    change(copy, schema="rlgcomp.model/3")
+    with pytest.raises(rlg.InputError, match=r"reads rlgcomp.model/2 and rlgcomp.model/1; train the model again"):
+        rlg.load(copy)
+
+
 MODELS_KEPT = sorted(path.parent for path in (Path(__file__).parents[1] / "models").glob("*/manifest.json"))
 
 
 @pytest.mark.parametrize("path", MODELS_KEPT, ids=lambda path: path.name)
-def test_every_model_kept_still_loads_and_compensates(path: Path) -> None:
-    model = rlg.load(path)  # its golden vectors come out again
-    evaluation = rlg.evaluate(model, [rlg.simulated_unit(1).simulate("reversed", seed=3, step_s=5.0)], compare=False)
+def test_every_model_kept_gives_its_golden_vectors(path: Path) -> None:
+    model, golden = rlg.load(path), path / "arrays"
+    X = np.load(golden / "golden_X.npy")
+    assert model.predict_rows(X) == pytest.approx(np.load(golden / "golden_bias_deg_h.npy"), rel=0.0, abs=1e-12)
+    assert model.half_widths(X) == pytest.approx(np.load(golden / "golden_half_width_deg_h.npy"), rel=1e-12)
+    assert model.scaling_.outside(X).any()
+    assert not model.scaling_.outside(X).all()
+
+
+@pytest.mark.parametrize("path", MODELS_KEPT, ids=lambda path: path.name)
+def test_every_model_kept_compensates(path: Path) -> None:
+    model = rlg.load(path)
+    seed = int(path.name.rsplit("-", 1)[1])
+    evaluation = rlg.evaluate(model, [rlg.simulated_unit(seed).simulate("reversed", seed=3, step_s=5.0)], compare=False)
     assert evaluation.residual_std_deg_h < 1.15 * evaluation.runs[0].noise_floor_deg_h
 
 
-def test_there_are_models_kept() -> None:
-    assert MODELS_KEPT
+def test_two_forms_are_kept_with_card_and_code() -> None:
+    assert len({rlg.load(path).form_.name for path in MODELS_KEPT}) >= 2
+    for path in MODELS_KEPT:
+        assert (path / "card.md").is_file()
+        (header,) = (path / "c").glob("*.h")
+        assert f'MODEL_SHA256 "{identity(path)}"' in header.read_text()

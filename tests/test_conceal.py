@@ -25,6 +25,7 @@ from rlgcomp.diagnosis.injection import busiest, drawn, injected, scaled, unabso
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.score import Hidden, Score
 from rlgcomp.diagnosis.seal import reveal, seal
+from rlgcomp.files import sha256
 from rlgcomp.physics import CATALOGUE
 
 CHAMBER = [name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.open_set]
@@ -248,6 +249,14 @@ class TestReveal:
         with pytest.raises(rlg.InputError, match="--truth"):
             reveal(folder, path)
         assert not reveal(folder, path, truth=kept).score.detected
+
+    def test_a_diagnosis_of_other_recordings_is_refused(self, folder: Path) -> None:
+        own = {name: sha256(folder / name) for name in ("train0.parquet", "train1.parquet", "test0.parquet")}
+        train, test = dict(list(own.items())[:2]), dict(list(own.items())[2:])
+        assert reveal(folder, self.write(folder, diagnosis("none") | {"recordings": {"train": train, "test": test}}))
+        for recordings in ({"train": {"mine.parquet": "0" * 64}, "test": test}, {"train": own, "test": {}}):
+            with pytest.raises(rlg.InputError, match="not one of this challenge"):
+                reveal(folder, self.write(folder, diagnosis("none") | {"recordings": recordings}))
 
     @pytest.mark.parametrize("text", ["", "[]", "{}", "null", '{"schema": "rlgcomp.diagnosis/1"}', '{"schema": "other"}'])
     def test_what_is_no_diagnosis_is_refused(self, folder: Path, text: str) -> None:

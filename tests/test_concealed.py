@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from experiments.concealed import tables
+from experiments.concealed import tables, turntable
 from experiments.concealed.__main__ import main
 from experiments.concealed.cases import KINDS, STRENGTHS, dump, make_case, means, plan, stream
 from experiments.concealed.chamber import Unit, two_halves
@@ -40,6 +40,18 @@ class TestOperators:
         back = 1.0 - (4.0 / (np.pi * odd) * (-1.0) ** ((odd - 1) / 2) * np.exp(-(odd**2) * time_s / slowest_s)).sum(axis=0)
         assert slab(front, step_s, slowest_s)[5:] == pytest.approx(mean[5:], abs=2e-3)
         assert slab(front, step_s, slowest_s, at="back")[5:] == pytest.approx(back[5:], abs=2e-3)
+
+    def test_lock_in_follows_the_mean_over_a_beat_and_stands_still_below(self) -> None:
+        """sgn(W) sqrt(W² - W_L²) above lock-in, nothing below (Aronowitz 1999)."""
+        rate = np.repeat([-40.0, -2.0, -0.05, -0.02, 0.01, 0.029, 0.04, 0.5, 10.0], 30)[:, None] * np.ones(turntable.INSTANTS)
+        turn = turntable.Turn(rate, np.full(rate.shape, 20.0), 0.0)
+        out = 3600.0 * rate[:, 0] + turntable.locked(turn, 0.03)
+        mean = 3600.0 * np.sign(rate[:, 0]) * np.sqrt(np.maximum(rate[:, 0] ** 2 - 0.03**2, 0.0))
+        settled = np.arange(len(out)) % 30 > 4
+        assert np.abs(out - mean)[settled & (np.abs(rate[:, 0]) < 0.03)].max() < 1e-9
+        for level in np.unique(rate[:, 0]):
+            here = settled & (rate[:, 0] == level)
+            assert out[here].mean() == pytest.approx(mean[here].mean(), abs=0.8427 / here.sum() + 1e-6)
 
     def test_a_lag_settles_with_its_time_constant(self) -> None:
         response = first_order(np.r_[0.0, np.ones(5000)], 1.0, 500.0)
@@ -153,7 +165,7 @@ class TestCases:
             columns = set(case.train[0].columns)
             if case.kind == "driverless":
                 assert not columns & set(CATALOGUE[case.hidden[0]].drivers)
-            else:
+            elif case.kind != "table":
                 assert {"supply_voltage_V", "pressure_hPa", "magnetic_field_uT"} <= columns
             assert set(case.drivers) <= columns
             assert len(case.truth_held_out) == len(case.oracle) == len(case.test) == 2
@@ -182,6 +194,8 @@ class TestCases:
     def test_the_catalogue_is_covered_and_shapes_carry_its_names(self) -> None:
         chamber = {name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.open_set}
         assert set(INDEPENDENT) == chamber
+        turning = {name for name, form in CATALOGUE.items() if form.kind == "turntable" and not form.open_set}
+        assert {*turntable.EFFECTS, "scale_factor"} == turning  # a scale factor every simulator of a table has
         for name in INDEPENDENT:
             names = {parameter.name for parameter in CATALOGUE[name].parameters()}
             for effect in (INDEPENDENT[name](np.random.default_rng(0)), catalogued(name, np.random.default_rng(0))):
@@ -250,7 +264,7 @@ class TestTables:
         assert not tables.right(outside | {"error_to_oracle": 2.1})
 
     def test_every_kind_is_shown(self, capsys: pytest.CaptureFixture[str]) -> None:
-        rows = [self.row(kind, name) for kind, name in zip(KINDS, INDEPENDENT, strict=False)]
+        rows = [self.row(kind, name) for kind, name in zip(KINDS, (*list(INDEPENDENT)[:6], "lock_in"), strict=True)]
         tables.show(
             [
                 *rows,

@@ -151,8 +151,8 @@ def test_a_model_packed_and_unpacked_predicts_the_same(data: tuple[np.ndarray, n
         model.set_params(linear=(1,))
     model.fit(X, y)
     settings, arrays = MODELS[name].pack(model)
-    again = MODELS[name].unpack(settings, arrays)
+    again = MODELS[name].unpack(settings, arrays, X.shape[1])
     again.n_features_in_ = 2
     assert np.array_equal(again.predict(X), model.predict(X))
     with pytest.raises(rlg.InputError):
-        MODELS[name].unpack({"parameters": {}, "numbers": {}}, {})
+        MODELS[name].unpack({"parameters": {}, "numbers": {}}, {}, 2)

@@ -16,7 +16,7 @@ from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.injection import unabsorbed
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.sensitivity import Curve, Sensitivity, _errors, _injection, sensitivity
+from rlgcomp.diagnosis.sensitivity import Curve, Sensitivity, _beyond, _errors, _injection, sensitivity
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
 
@@ -72,6 +72,12 @@ class TestCurve:
         else:
             assert curve.s50 > 1.6
             assert curve.s50_interval[1] > 5.0
+
+    def test_a_curve_that_leaves_what_was_tried_says_so(self) -> None:
+        strengths = np.repeat([0.1, 0.4], 2)
+        assert "try smaller" in _beyond("named", strengths, np.ones(4))[0]
+        assert "try larger" in _beyond("named", strengths, np.array([1.0, 0.0, 0.0, 0.0]))[0]
+        assert not _beyond("named", strengths, np.array([1.0, 0.0, 1.0, 0.0]))
 
     def test_more_found_is_a_lower_curve(self) -> None:
         strengths = np.repeat([0.1, 0.4, 1.6], 4)

@@ -122,6 +122,15 @@ def test_one_simulation_a_run(run: rlg.Recording, simulated: rlg.Recording) -> N
         runs.predict_deg_h(run.replace(name="another"))
 
 
+def test_simulations_in_another_order_than_the_runs_are_refused() -> None:
+    unit = rlg.simulated_unit(3)
+    runs = [unit.simulate(programme, seed=5, name=programme) for programme in ("paper", "reversed", "slow")]
+    own = [unit.predict(run).replace(name=f"sim-{run.name}") for run in runs]
+    assert len(SimulatedRuns.of(runs, own).runs) == 3
+    with pytest.raises(rlg.InputError, match="sim-slow fits slow"):
+        SimulatedRuns.of(runs, [own[0], own[2], own[1]])
+
+
 def test_units_and_axes_of_the_simulation(run: rlg.Recording, simulated: rlg.Recording) -> None:
     table = simulated.table.rename(columns={"gyro_deg_h": "gyro_x_deg_s"})
     table["gyro_x_deg_s"] /= 3600.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rlgcomp.diagnosis import telegraph
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, Whitener, simulate, whiten
 
 SHAPES = (
@@ -74,3 +75,16 @@ def test_flicker_has_the_allan_variance_of_its_coefficient() -> None:
     means = noise.reshape(-1, 16, 40).mean(axis=1)  # 1600 s: white noise adds 1/16
     allan = 0.5 * np.mean(np.diff(means, axis=0) ** 2)
     assert allan - 1.0 / 16.0 == pytest.approx(2.0 * np.log(2.0) / np.pi, rel=0.12)
+
+
+def test_compiled_and_plain_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    many = rows(60, 45, contrasts=5)
+    columns = np.random.default_rng(3).standard_normal((len(many), 4))
+    signs, chances = np.sign(columns[:, :2]), np.full((len(many), 2), 0.03)
+    answers = []
+    for allowed in ("1", "0"):
+        monkeypatch.setenv("RLGCOMP_NUMBA", allowed)
+        hidden = telegraph._smoothed(signs + columns[:, 2:], np.ones(2), np.array([0.8, 1.3]), chances)
+        answers.append([*whiten(many, columns, SHAPES), *hidden])
+    for fast, plain in zip(*answers, strict=True):
+        np.testing.assert_allclose(fast, plain, rtol=1e-10, atol=1e-12)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 import yaml
 from scipy import linalg
 
+from experiments.concealed import turntable
 from experiments.concealed.chamber import Unit
 from experiments.concealed.effects import DRIVERLESS, INDEPENDENT, OUTSIDE, Effect, catalogued
 from experiments.concealed.noise import Noise
@@ -28,8 +29,8 @@ from rlgcomp.noise import NoiseModel
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
-Kind = Literal["single", "pair", "triple", "null", "open", "driverless"]
-KINDS: tuple[Kind, ...] = ("single", "pair", "triple", "null", "open", "driverless")
+Kind = Literal["single", "pair", "triple", "null", "open", "driverless", "table"]
+KINDS: tuple[Kind, ...] = ("single", "pair", "triple", "null", "open", "driverless", "table")
 MEAN_S = 100
 _KIN_OF_LAG = {"temperature_rate", "thermal_gradient", "thermal_hysteresis"}
 TRAINING, HELD_OUT = ("run0", "run1"), ("run2", "run3")
@@ -108,7 +109,8 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
 
     Parameters
     ----------
-    kind : {"single", "pair", "triple", "null", "open", "driverless"}
+    kind : {"single", "pair", "triple", "null", "open", "driverless", "table"}
+        On a turntable there is one effect or none, always of this experiment's own making.
     effects : sequence of str
         Names in the catalogue, or of laws outside it (open); none for a healthy gyro.
     strength : float
@@ -117,6 +119,8 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
     independent : bool
         Whether effects and noise are of this experiment's own making or rlgcomp's. Chamber and sensors always are its own.
     """
+    if kind == "table":
+        return _on_a_table(effects, strength, seed)
     unit = Unit.draw(stream(seed, "unit"))
     noise = Noise.draw(stream(seed, "noise"))
     hidden = [_effect(name, stream(seed, f"effect:{name}"), independent) for name in effects]
@@ -175,6 +179,60 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
         white_100_s_deg_h=noise.white_100_s_deg_h,
         repeats=all(effect.repeats for effect in hidden),
         information_nats=_information(noise, known, [[scale[name] * values for values in units[name]] for name in units]),
+    )
+
+
+def _on_a_table(effects: Sequence[str], strength: float, seed: int) -> Case:
+    """A gyro that turns, whose simulator has a scale factor and a bias."""
+    noise = Noise.draw(stream(seed, "noise"))
+    runs = (*TRAINING, *HELD_OUT)
+    turns = [turntable.Turn.draw(stream(seed, f"turn:{run}")) for run in runs]
+    rates = [turn.rate_deg_s.mean(axis=1) for turn in turns]
+    k_ppm, bias = stream(seed, "baseline").normal(0.0, [30.0, 0.05]).tolist()
+    white_1_s = 10.0 * noise.white_100_s_deg_h
+    hidden = [turntable.EFFECTS[name](stream(seed, f"effect:{name}")) for name in effects]
+    sizes = [turntable.sized(effect, turns[: len(TRAINING)], strength, white_1_s) for effect in hidden]
+    added = [
+        sum((effect.error(turn, size) for effect, size in zip(hidden, sizes, strict=True)), np.zeros(len(rate)))
+        for turn, rate in zip(turns, rates, strict=True)
+    ]
+    delay_s = sum(size for effect, size in zip(hidden, sizes, strict=True) if effect.delays)
+    recordings, truth = [], []
+    for turn, rate, error, run in zip(turns, rates, added, runs, strict=True):
+        gyro = 3600.0 * rate * (1.0 + 1e-6 * k_ppm) + bias + (0.0 if delay_s else error)
+        noisy = gyro + noise.simulate(len(gyro), stream(seed, f"noise:{run}"))
+        truth.append(gyro)
+        recordings.append(turn.recording(noisy, stream(seed, f"sensors:{run}"), name=run, delay_s=delay_s))
+    fitted = [
+        np.column_stack([3600.0 * rate, np.ones(len(rate)), *([error] if effects else [])])
+        for rate, error in zip(rates, added, strict=True)
+    ]
+    rng = stream(seed, "file")
+    mapping: dict[str, Any] = {"kind": "turntable", "mechanisms": ["scale_factor"]}
+    if rng.random() < 0.5:
+        wrong = {"k_ppm": k_ppm * rng.uniform(0.2, 1.8), "bias_deg_h": bias * rng.uniform(0.2, 1.8)}
+        mapping["mechanisms"] = [{"scale_factor": {key: {"value": value, "free": True} for key, value in wrong.items()}}]
+    if rng.random() < 0.3:
+        mapping["noise"] = noise.to_mapping()
+    return Case(
+        name=f"table-{'+'.join(effects) or 'healthy'}-{strength:g}-{seed}",
+        kind="table",
+        seed=seed,
+        independent=True,
+        simulator_mapping=mapping,
+        train=tuple(recordings[: len(TRAINING)]),
+        test=tuple(recordings[len(TRAINING) :]),
+        hidden=tuple(effects),
+        strength=strength,
+        sizes={f"{effect.name}.{effect.size}": size for effect, size in zip(hidden, sizes, strict=True) if effect.size},
+        intervals={},
+        drivers=(),
+        memory="none",
+        truth_held_out=tuple(truth[len(TRAINING) :]),
+        oracle=_oracle(fitted, recordings, []),
+        white_100_s_deg_h=noise.white_100_s_deg_h,
+        repeats=True,
+        information_nats=0.5 * strength**2 * sum(map(len, rates[: len(TRAINING)])) / MEAN_S if effects else 0.0,
     )
 
 
@@ -320,6 +378,7 @@ STRENGTHS: Mapping[Kind, tuple[float, ...]] = {
     "null": (0.0,),
     "open": (1.0, 2.0),
     "driverless": (1.0, 2.0),
+    "table": (1.0, 0.5),
 }
 
 
@@ -338,6 +397,9 @@ def plan(kind: Kind, cases: int, first: int = 0) -> list[tuple[Kind, tuple[str, 
             names = (list(OUTSIDE)[number % len(OUTSIDE)],)
         elif kind == "driverless":
             names = (DRIVERLESS[number % len(DRIVERLESS)],)
+        elif kind == "table":
+            names = (*([name] if (name := [*turntable.EFFECTS, ""][number % (len(turntable.EFFECTS) + 1)]) else []),)
+            independent = True
         elif kind == "single":
             names = (list(INDEPENDENT)[number % len(INDEPENDENT)],)
         else:

@@ -48,13 +48,13 @@ def diagnosed(case: Case) -> dict[str, Any]:
     diagnosis = diagnose(simulator, train=case.train, test=case.test)
     seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - begun_cpu
     content = diagnosis.to_mapping()
-    named = case.hidden if case.kind in ("single", "pair", "triple") else ()
+    named = case.hidden if case.kind in ("single", "pair", "triple", "table") else ()
     intervals: dict[str, list[tuple[float, float]]] = {}
     for by_run in case.intervals.values():
         for run, spans in zip(case.train, by_run, strict=True):
             intervals.setdefault(run.name, []).extend(spans)
     score = Score.of(Hidden(named, case.sizes, intervals), content)
-    ours = [diagnosis.augmented.predict(recording).column("gyro_deg_h") for recording in case.test]
+    ours = [diagnosis.augmented.predict(recording).rate_deg_h() for recording in case.test]
     error, oracle = held_out_error(ours, case.truth_held_out), held_out_error(case.oracle, case.truth_held_out)
     unexplained = content["unexplained"]
     return score.to_mapping() | {

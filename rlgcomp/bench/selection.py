@@ -34,6 +34,7 @@ FORM: Final = ModelForm(
     threads=True,
     numbers=(),
     arrays=(),
+    check=lssvm.FORM.check,
 )
 
 

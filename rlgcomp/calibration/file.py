@@ -123,20 +123,20 @@ class Calibration:
             raise InputError(f"{recording.name} is calibrated already (notes: calibration)")
         recording = self._with_pulse(recording)
         table = recording.table
-        if self.gyro_axes is None:
-            column = recording.gyro_column()
-            calibrated = {column: recording.rate_deg_h(column) - self.bias_deg_h}
-        else:
-            columns = self._triad_columns(recording)
-            rates = np.stack([recording.rate_deg_h(column) for column in columns], axis=1)
-            arcsec = rates @ frames.GYRO_AXES[self.gyro_axes].T  # deg/h, which is arcsec in a second
-            body = self.errors.correct(arcsec * units.RAD_PER_ARCSEC, 1.0) / units.RAD_PER_ARCSEC
-            calibrated = {column: body[:, k] for k, column in enumerate(columns)}
-        for column, values in calibrated.items():
+        columns = [recording.gyro_column()] if self.gyro_axes is None else self._triad_columns(recording)
+        calibrated = self.rates_deg_h(np.stack([recording.rate_deg_h(column) for column in columns], axis=1))
+        for column, values in zip(columns, calibrated.T, strict=True):
             table = table.rename(columns={column: rate_name(column)})
             table[rate_name(column)] = values
         notes = {**recording.metadata.notes, "calibration": self.identity or "unsaved"}
         return recording.replace(table=table, metadata=dataclasses.replace(recording.metadata, pulse_arcsec=None, notes=notes))
+
+    def rates_deg_h(self, rates_deg_h: Array) -> Array:
+        """Calibrated rates of raw ones, shape (n, gyros): the triad's x, y and z, or the single gyro."""
+        if self.gyro_axes is None:
+            return rates_deg_h - self.bias_deg_h
+        arcsec = rates_deg_h @ frames.GYRO_AXES[self.gyro_axes].T  # deg/h, which is arcsec in a second
+        return self.errors.correct(arcsec * units.RAD_PER_ARCSEC, 1.0) / units.RAD_PER_ARCSEC
 
     def _with_pulse(self, recording: Recording) -> Recording:
         pulses = [column for column in recording.gyro_columns if column.endswith("_pulses")]

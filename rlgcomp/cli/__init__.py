@@ -16,6 +16,8 @@ COMMANDS = (
     "simulation",
     "diagnosis",
     "compensation",
+    "models",
+    "export",
     "conceal",
     "sensitivity",
     "fleet",

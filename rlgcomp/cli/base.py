@@ -121,7 +121,7 @@ def read_runs(
     recordings: list[Any] = []
     with progress("reading", len(specs)) as advance:
         for done, spec in enumerate(specs, start=1):
-            path, interval = _interval(spec)
+            path, interval = interval_of(spec)
             recording = read(
                 path,
                 columns=columns,
@@ -199,7 +199,7 @@ def _require_rows(recording: Any, interval: tuple[float, float], spec: str) -> N
         )
 
 
-def _interval(spec: str) -> tuple[Path, tuple[float, float] | None]:
+def interval_of(spec: str) -> tuple[Path, tuple[float, float] | None]:
     path, at, span = spec.rpartition("@")
     if not at or Path(spec).exists():
         return Path(spec), None

@@ -14,6 +14,7 @@ from rlgcomp.cli.base import (
     Gyro,
     Jobs,
     Map,
+    PeriodS,
     PulseArcsec,
     Runs,
     command,
@@ -51,6 +52,12 @@ def train(
     keep_mean: Annotated[
         bool, typer.Option("--keep-mean", help="Leave the training mean (Earth rate) in the corrected gyro.")
     ] = False,
+    adapt: Annotated[
+        Path | None,
+        typer.Option(
+            "--adapt", metavar="MODEL", help="Adapt a cubic or dynamic model of several units to one more, from a short run."
+        ),
+    ] = None,
     gyro: Gyro = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -61,9 +68,12 @@ def train(
 ) -> None:
     """Train a bias compensation, its parameters selected by leaving runs out.
 
-    A search that was stopped goes on where it was when the same command is given again.
+    A search that was stopped goes on where it was when the same command is given again. With --adapt model, features and averaging
+    are those of the given model.
 
     Example: `rlgcomp train cold.parquet hot.parquet --model lssvm --features all --out models/unit-17`
+
+    Example: `rlgcomp train two-hours.parquet --adapt models/fleet --out models/unit-18`
     """
     from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.artefact import identity
@@ -75,12 +85,21 @@ def train(
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
-    compensator = Compensator(
-        MODELS[model].make(), features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
-    )
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
-    with progress("selecting") as advance:
-        compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
+    if adapt is not None:
+        from rlgcomp.compensation.adaptation import adapt as adapt_to
+        from rlgcomp.compensation.compensator import load
+
+        fleet = load(adapt)
+        _require_the_same_calibration(fleet, recordings)
+        compensator = adapt_to(fleet, recordings)
+        model = fleet.form_.name if fleet.form_ is not None else model
+    else:
+        compensator = Compensator(
+            MODELS[model].make(), features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
+        )
+        with progress("selecting") as advance:
+            compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
     compensator.save(out)
     journal.unlink(missing_ok=True)
     rmse = compensator.selection_.rmse
@@ -92,6 +111,7 @@ def train(
         "selected": compensator.selection_.best,
         "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
+        "half_width_deg_h": compensator.interval_.inside_deg_h,
     }
     if as_json:
         show_json(summary)
@@ -104,7 +124,8 @@ def train(
             f"{model} on {len(compensator.recipe_.names)} inputs",
             [
                 {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
-                {"": "with runs left out, deg/h", " ": summary["left_out_rms_deg_h"]},
+                {"": f"with {'runs' if adapt is None else 'units'} left out, deg/h", " ": summary["left_out_rms_deg_h"]},
+                {"": "90 % interval, ± deg/h", " ": summary["half_width_deg_h"]},
                 {"": "selected", " ": chosen or "nothing to select"},
             ],
         )
@@ -150,25 +171,50 @@ def evaluate(
 @command("compensate")
 def compensate(
     model: Model,
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Recording to correct.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Corrected recording to write.")],
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Recording; with --follow a CSV file, or - for standard input.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Corrected recording; with --follow also -.")],
+    follow: Annotated[bool, typer.Option("--follow", help="Go on as the file grows; write each line once it is whole.")] = False,
+    idle_s: Annotated[float | None, typer.Option("--idle-s", min=0.0, help="--follow ends after so long without growth.")] = None,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """A corrected recording: the gyro less its estimated bias.
+    """A corrected recording: the gyro less its estimated bias, and how far that may be off.
+
+    With --follow it is interrupted by Ctrl-C; the same command then goes on where it was.
 
     Example: `rlgcomp compensate models/unit-17 new.parquet --out corrected.parquet`
+
+    Example: `rlgcomp compensate models/unit-17 growing.csv --follow --out corrected.csv`
     """
     from rlgcomp.compensation.compensator import load
     from rlgcomp.files import require_writable
     from rlgcomp.formats import write
 
+    if follow:
+        from rlgcomp.cli.following import follow as follow_stream
+
+        found = follow_stream(
+            load(model),
+            run,
+            out,
+            mapping,
+            drop,
+            pulse_arcsec=pulse_arcsec,
+            period_s=period_s,
+            calibration=calibration,
+            idle_s=idle_s,
+        )
+        if as_json and str(out) != "-":
+            show_json(found.to_mapping())
+        say(str(found))
+        raise typer.Exit(found.exit_code)
     require_writable(out)
     compensator = load(model)
-    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])
     corrected = compensator.correct(recording)
     write(corrected, out)
@@ -181,18 +227,10 @@ def compensate(
 
 def _require_the_same_calibration(compensator: Compensator, recordings: list[Recording]) -> None:
     """Refuse runs calibrated otherwise than those that the model was trained on."""
+    from rlgcomp.compensation.following import other_calibration
     from rlgcomp.errors import InputError
 
-    notes = [run.get("notes") or {} for run in compensator.provenance_]
-    trained = {str(note["calibration"]) for note in notes if "calibration" in note}
-    if not trained:
-        return
     for recording in recordings:
         used = recording.metadata.notes.get("calibration")
-        if used not in trained:
-            received = "this run is not calibrated" if used is None else f"this run with the one of SHA-256 {used[:12]}..."
-            wanted = " or ".join(f"{identity[:12]}..." for identity in sorted(trained))
-            raise InputError(
-                f"{recording.name}: the model was trained on gyros calibrated with the file of SHA-256 {wanted}; {received}; "
-                "give that file with --calibration"
-            )
+        if (problem := other_calibration(compensator, used)) is not None:
+            raise InputError(f"{recording.name}: {problem}")

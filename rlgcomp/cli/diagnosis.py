@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from rlgcomp.cli.base import (
     MechanismFiles,
     PulseArcsec,
     command,
+    interval_of,
     progress,
     read_runs,
     say,
@@ -70,7 +72,7 @@ def diagnose(
     """
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.files import require_writable, sha256, whole_folder
     from rlgcomp.physics.user import user_catalogue
 
     require_writable(out)
@@ -94,6 +96,9 @@ def diagnose(
             seed=seed,
             progress=lambda fraction: advance(round(100 * fraction), 100),
         )
+    files = {part: [interval_of(spec)[0] for spec in given or []] for part, given in (("train", train), ("test", test))}
+    hashes = {part: {str(path): sha256(path) for path in paths} for part, paths in files.items()}
+    found = dataclasses.replace(found, recordings=hashes)
     with whole_folder(out, ours="diagnosis.json") as folder:
         found.save(folder)
         found.report(folder / "report.html")

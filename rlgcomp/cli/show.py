@@ -46,6 +46,7 @@ def show_evaluation(evaluation: Any) -> None:
                 "after / floor": run.floor_ratio,
                 "rms left": run.residual_rms_deg_h,
                 "out of range": f"{100 * run.out_of_range:.1f} %",
+                "in the interval": f"{100 * run.in_interval:.1f} %",
             }
             for run in evaluation.runs
         ],

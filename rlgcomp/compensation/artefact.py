@@ -1,20 +1,29 @@
 """The artefact: a folder of JSON and arrays with a checksum of every file.
 
     MODEL/
-      manifest.json     schema, model, features, scaling, ranges, units, provenance
+      manifest.json     schema, model, features, scaling, ranges, interval, units, provenance
       arrays/*.npy      the model's numbers, the training rows, golden vectors
       selection.csv     every candidate and its error with runs left out
       card.md           the model card, for people
       SHA256SUMS        of all of these; `sha256sum -c SHA256SUMS` checks them
 
-Nothing in it is code and nothing is pickled. Reading checks every checksum, shape and number before anything is handed over.
+Nothing in it is code and nothing is pickled. Reading takes no file's word for anything: names, sizes, checksums, the JSON's
+depth and keys, the arrays' headers and every number are checked before anything is handed over. A checksum finds damage, not
+intent: who can write the folder can write its checksums as well, so compare `identity` with one that came another way where
+that matters.
+
+Schema 2 has the interval of the bias. Of schema 1, which had none, it is calibrated anew from the training rows on loading.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import io
 import json
+import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,12 +36,22 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import sha256, to_json, whole_folder
 
 Array = npt.NDArray[np.float64]
-SCHEMA: Final = "rlgcomp.model/1"
+SCHEMA: Final = "rlgcomp.model/2"
+WITHOUT_INTERVAL: Final = "rlgcomp.model/1"
 MANIFEST: Final = "manifest.json"
 SUMS: Final = "SHA256SUMS"
 SELECTION: Final = "selection.csv"
-_SAFE_NAME: Final = re.compile(r"^[A-Za-z0-9_]+(\.[0-9]+)?$")
+CARD: Final = "card.md"
+_FILE: Final = re.compile(r"arrays/[A-Za-z0-9_]+(?:\.[0-9]+)?\.npy|manifest\.json|selection\.csv|card\.md")
+_DIGEST: Final = re.compile(r"[0-9a-f]{64}")
+# What numpy.save writes before float64 numbers in C order; any other header is refused unread.
+_HEADER: Final = re.compile(
+    rb"\x93NUMPY\x01\x00(?P<length>..)\{'descr': '<f8', 'fortran_order': False, 'shape': \((?P<shape>[0-9, ]*)\), \} *\n", re.DOTALL
+)
 _LARGEST_BYTES: Final = 1 << 30
+_LARGEST_TEXT_BYTES: Final = 1 << 24
+_MOST_FILES: Final = 1000
+_DEEPEST: Final = 32
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +88,7 @@ def write(path: str | Path, artefact: Artefact) -> None:
             np.save(folder / "arrays" / f"{name}.npy", np.ascontiguousarray(values, dtype="<f8"), allow_pickle=False)
         (folder / MANIFEST).write_text(to_json(manifest) + "\n", encoding="utf-8")
         artefact.selection.to_csv(folder / SELECTION, index=False)
-        (folder / "card.md").write_text(card(manifest, artefact.arrays), encoding="utf-8")
+        (folder / CARD).write_text(card(manifest, artefact.arrays), encoding="utf-8")
         files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
         (folder / SUMS).write_text("".join(f"{sha256(folder / file)}  {file}\n" for file in files), encoding="utf-8")
 
@@ -85,15 +104,25 @@ def read(path: str | Path) -> Artefact:
     folder = Path(path)
     if not folder.is_dir():
         raise InputError(f"{folder} is no model: {'a model is a folder' if folder.exists() else 'it does not exist'}")
-    _check_sums(folder)
-    manifest = _manifest(folder)
+    contents = _checked_files(folder)
     try:
-        arrays = {name: _array(folder, name, tuple(shape)) for name, shape in manifest["arrays"].items()}
-        selection = pd.read_csv(folder / SELECTION)
+        manifest = plain_json(contents[MANIFEST])
+        schema = manifest.get("schema")
+        if schema not in (SCHEMA, WITHOUT_INTERVAL):
+            raise InputError(
+                f"the schema is {schema!r}; this version reads {SCHEMA} and {WITHOUT_INTERVAL}; train the model again, or read it "
+                "with the version that wrote it"
+            )
+        shapes = manifest["arrays"]
+        there = {name.removeprefix("arrays/").removesuffix(".npy") for name in contents if name.startswith("arrays/")}
+        if set(shapes) != there:
+            raise InputError(f"{MANIFEST} and arrays/ differ in {', '.join(sorted(set(shapes) ^ there))[:200]}")
+        arrays = {name: _array(contents[f"arrays/{name}.npy"], name, shape) for name, shape in shapes.items()}
+        selection = pd.read_csv(io.BytesIO(contents[SELECTION]), low_memory=False)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from None
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise InputError(f"{folder}: not what schema {SCHEMA} requires: {type(error).__name__}: {error}") from None
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError, RecursionError) as error:
+        raise InputError(f"{folder}: not what schema {SCHEMA} requires: {type(error).__name__}: {str(error)[:200]}") from None
     return Artefact(manifest, arrays, selection)
 
 
@@ -102,51 +131,112 @@ def identity(path: str | Path) -> str:
     return sha256(Path(path) / SUMS)
 
 
-def _check_sums(folder: Path) -> None:
+def plain_json(content: bytes) -> dict[str, Any]:
+    """A JSON object whose keys are unique, whose numbers are finite, and which is nested no deeper than a model's.
+
+    Raises
+    ------
+    InputError
+        It is anything else.
+    """
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        if len(set(keys)) < len(keys):
+            raise InputError(f"{MANIFEST} says {next(key for key in keys if keys.count(key) > 1)[:50]!r} twice")
+        return dict(pairs)
+
     try:
-        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+        value = json.loads(content.decode("utf-8"), object_pairs_hook=unique)
+    except RecursionError:
+        raise InputError(f"{MANIFEST} is nested deeper than {_DEEPEST} levels") from None
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{MANIFEST} is not readable: {str(error)[:200]}") from None
+    if not isinstance(value, dict):
+        raise InputError(f"{MANIFEST} holds a {type(value).__name__}; expected an object")
+    for leaf in _leaves(value, 0):
+        if isinstance(leaf, float) and not math.isfinite(leaf):
+            raise InputError(f"{MANIFEST} holds a number that is not finite")
+        if isinstance(leaf, str) and any("\ud800" <= character <= "\udfff" for character in leaf):
+            raise InputError(f"{MANIFEST} holds text that is no text: half of a surrogate pair")
+    return value
+
+
+def _leaves(value: Any, depth: int) -> Iterator[Any]:
+    if depth > _DEEPEST:
+        raise InputError(f"{MANIFEST} is nested deeper than {_DEEPEST} levels")
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield key
+            yield from _leaves(item, depth + 1)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _leaves(item, depth + 1)
+    else:
+        yield value
+
+
+def _checked_files(folder: Path) -> dict[str, bytes]:
+    """Content of every file that the checksums list, each read once and checked; nothing else may stand among them."""
+    try:
+        lines = _limited(folder / SUMS, _LARGEST_TEXT_BYTES).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         raise InputError(f"{folder} is no model, or a damaged one: it has no readable {SUMS}") from None
-    listed: set[str] = set()
+    if len(lines) > _MOST_FILES:
+        raise InputError(f"{folder}: {SUMS} lists {len(lines)} files; no model has more than {_MOST_FILES}")
+    contents: dict[str, bytes] = {}
+    left = _LARGEST_BYTES
     for line in lines:
         expected, _, name = line.partition("  ")
-        parts = name.split("/")
-        if not name or ".." in parts or name.startswith("/") or "\\" in name:
-            raise InputError(f"{folder}: {SUMS} lists {name!r}, which is no file of a model")
-        file = folder / name
-        if file.is_symlink() or not file.is_file():
-            raise InputError(f"{folder}: {name} is missing; copy the whole model folder again")
-        if file.stat().st_size > _LARGEST_BYTES:
-            raise InputError(f"{folder}: {name} is larger than {_LARGEST_BYTES >> 20} MiB, which no model is")
-        if sha256(file) != expected:
+        if not (_DIGEST.fullmatch(expected) and _FILE.fullmatch(name)) or name in contents:
+            raise InputError(f"{folder}: {SUMS} lists {line[:120]!r}, which is no file of a model")
+        largest = min(left, _LARGEST_BYTES if name.startswith("arrays/") else _LARGEST_TEXT_BYTES)
+        try:
+            contents[name] = _limited(folder / name, largest)
+        except OSError:
+            raise InputError(f"{folder}: {name} is missing; copy the whole model folder again") from None
+        left -= len(contents[name])
+        if hashlib.sha256(contents[name]).hexdigest() != expected:
             raise InputError(f"{folder}: {name} has changed since it was written (SHA-256 differs); copy the model folder again")
-        listed.add(name)
-    present = {file.relative_to(folder).as_posix() for file in (folder / "arrays").glob("*")} | {MANIFEST, SELECTION}
-    if not present <= listed:
-        raise InputError(f"{folder}: {', '.join(sorted(present - listed))} is not in {SUMS}; copy the model folder again")
+    arrays = folder / "arrays"
+    present = {file.relative_to(folder).as_posix() for file in arrays.iterdir()} if arrays.is_dir() else set()
+    unlisted = (present | {MANIFEST, SELECTION, CARD}) - set(contents)
+    if unlisted:
+        raise InputError(f"{folder}: {', '.join(sorted(unlisted))[:200]} is not in {SUMS}; copy the model folder again")
+    return contents
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
-    try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{folder}: {MANIFEST} is not readable: {error}") from None
-    schema = manifest.get("schema") if isinstance(manifest, dict) else None
-    if schema != SCHEMA:
-        raise InputError(f"{folder}: the schema is {schema!r}; this version reads {SCHEMA}; train the model again")
-    return dict(manifest)
+def _limited(file: Path, largest: int) -> bytes:
+    """Content of a plain file that lies where it seems to lie.
+
+    Raises
+    ------
+    OSError
+        There is none: a link, a device or a folder is none.
+    InputError
+        It is larger than any model's.
+    """
+    if file.is_symlink() or (file.parent.is_symlink() and file.parent.name == "arrays") or not file.is_file():
+        raise OSError(f"{file} is no plain file")
+    with file.open("rb") as stream:
+        content = stream.read(largest + 1) if file.stat().st_size <= largest else None
+    if content is None or len(content) > largest:
+        raise InputError(f"{file} is larger than any model's; copy the model folder again")
+    return content
 
 
-def _array(folder: Path, name: str, shape: tuple[int, ...]) -> Array:
-    if not _SAFE_NAME.match(name):
-        raise InputError(f"array name {name!r} is not allowed")
-    try:
-        mapped = np.load(folder / "arrays" / f"{name}.npy", mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"arrays/{name}.npy is not readable: {error}") from None
-    if mapped.shape != shape or mapped.dtype != np.dtype("<f8"):
-        raise InputError(f"arrays/{name}.npy is {mapped.dtype} of shape {mapped.shape}; the manifest says float64 of shape {shape}")
-    values = np.array(mapped, dtype=np.float64)
+def _array(content: bytes, name: str, shape: Any) -> Array:
+    header = _HEADER.match(content)
+    if header is None or int.from_bytes(header["length"], "little") != header.end() - 10:
+        raise InputError(f"arrays/{name}.npy is not readable: not an array of float64 as numpy.save writes it")
+    found = [int(part) for part in header["shape"].decode().split(",") if part.strip()]
+    if found != shape or len(content) - header.end() != 8 * math.prod(found):
+        raise InputError(
+            f"arrays/{name}.npy holds {len(content) - header.end()} bytes and declares the shape {found}; the manifest says {shape}"
+        )
+    values = np.frombuffer(content, dtype="<f8", offset=header.end()).reshape(found).astype(np.float64)
     if not np.isfinite(values).all():
         raise InputError(f"arrays/{name}.npy holds values that are not finite")
     return values

@@ -17,8 +17,8 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.svm import SVR
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.form import ModelForm
-from rlgcomp.compensation.kernels import kernel
+from rlgcomp.compensation.form import ModelForm, require_shape
+from rlgcomp.compensation.kernels import kernel_sum
 from rlgcomp.compensation.parameters import require_choice, require_number
 
 Array = npt.NDArray[np.float64]
@@ -55,10 +55,7 @@ class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
         """Fit by scikit-learn and keep the sum of kernels."""
-        require_choice(self, "method", METHODS)
-        require_number(self, "c", low=0.0, open_low=True)
-        require_number(self, "sigma", low=0.0, open_low=True)
-        require_number(self, "epsilon", low=0.0)
+        self.check_parameters()
         inputs, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
         gamma, mean = 0.5 / self.sigma**2, float(target.mean())
         if self.method == "kernel_ridge":
@@ -87,12 +84,25 @@ class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         inputs = validate_data(self, X, dtype=np.float64, reset=False)
-        return np.asarray(kernel(self.kernel_name, {"sigma": self.sigma}, inputs, self.X_fit_) @ self.alpha_ + self.intercept_)
+        return kernel_sum(self.kernel_name, {"sigma": self.sigma}, inputs, self.X_fit_, self.alpha_) + self.intercept_
+
+    def check_parameters(self) -> None:
+        """Raise `InputError` unless every parameter is allowed."""
+        require_choice(self, "method", METHODS)
+        require_number(self, "c", low=0.0, open_low=True)
+        require_number(self, "sigma", low=0.0, open_low=True)
+        require_number(self, "epsilon", low=0.0)
 
     @property
     def kernel_name(self) -> str:
         """Name of the kernel in :mod:`rlgcomp.compensation.kernels`."""
         return "matern" if self.method == "gaussian_process" else "gaussian"
+
+
+def _check(model: KernelBaselines, features: int) -> None:
+    model.check_parameters()
+    require_shape(model, "X_fit_", len(model.alpha_), features)
+    require_shape(model, "alpha_", len(model.X_fit_))
 
 
 def _form(name: str, methods: tuple[str, ...]) -> ModelForm:
@@ -112,6 +122,7 @@ def _form(name: str, methods: tuple[str, ...]) -> ModelForm:
         reach=1.0,
         numbers=("intercept_",),
         arrays=("X_fit_", "alpha_"),
+        check=_check,
     )
 
 

@@ -25,7 +25,7 @@ def card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
     units = sorted({str(run.get("unit") or "not stated") for run in manifest["runs"]})
     hours = sum(float(run["hours"]) for run in manifest["runs"])
     relative, rows = manifest["selection"]["rmse"], arrays["training_y_deg_h"].size
-    error = None if relative is None else relative * output["scale_deg_h"]
+    error = "not known" if relative is None else f"{relative * output['scale_deg_h']:.5f} deg/h rms"
     parameters = ", ".join(f"{key} = {_short(value)}" for key, value in sorted(model["parameters"].items()))
     runs = "\n".join(
         f"| {run['run']} | {run.get('kind', 'chamber')} | {run.get('unit', '')} | {run['hours']:.2f} | {_programme(run)} |"
@@ -40,14 +40,17 @@ def card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
         if output["keep_mean"]
         else "The whole estimated bias is removed, its mean included."
     )
+    known = [run["adapted_from"]["units"] for run in manifest["runs"] if "adapted_from" in run]
+    interval = _interval(manifest["interval"], manifest["averaging_s"], "units" if known else "runs")
+    before = f"\n- Adapted from what {known[0]} other units have in common" if known else ""
     return f"""# Bias compensation: {model["name"]} on {len(manifest["inputs"])} inputs
 
 Estimates the bias of `{output["gyro"]}` in {output["unit"]} from the gyro's own monitors. {mean}
 
 - Gyro unit: {", ".join(units)}
-- Trained on {len(manifest["runs"])} runs, {hours:.1f} h: {rows} means over {manifest["averaging_s"]:g} s
+- Trained on {len(manifest["runs"])} runs, {hours:.1f} h: {rows} means over {manifest["averaging_s"]:g} s{before}
 - Model: {model["name"]} ({parameters})
-- Error with runs left out, noise of the means included: {"not known" if error is None else f"{error:.5f} deg/h rms"}
+- Error with {"units" if known else "runs"} left out, noise of the means included: {error}
 - Made {manifest["created"]} with rlgcomp {manifest["versions"]["rlgcomp"]}
 
 ## Training runs
@@ -65,6 +68,10 @@ out than {output["reach"]:g} times its range is held there: the output stays bou
 |---|---|---|
 {ranges}
 
+## How far to trust it
+
+{interval}
+
 ## What it does not do
 
 It corrects this gyro unit, mounted as it was. It has not seen ageing, other mounts, vibration or rotation. Filters and hysteresis
@@ -74,6 +81,28 @@ memory start afresh with every recording: the first minutes after switching on a
 
 `manifest.json` says everything above in full; `arrays/` holds float64 arrays; `sha256sum -c SHA256SUMS` checks them all.
 """
+
+
+def _interval(interval: Mapping[str, Any], averaging_s: float, what: str) -> str:
+    runs, share = interval["runs"], 100.0 * interval["coverage"]
+    if runs == 1:
+        promise = (
+            "It was calibrated on blocks of a single run, each left out in turn. How one run differs from the next cannot be\n"
+            "learned from one run: for another run no share is promised."
+        )
+    elif runs < 1.0 / (1.0 - interval["coverage"]) - 1.0:
+        promise = (
+            f"It was calibrated on {runs} {what}, each left out in turn, and is meant on average over {what} of their kind.\n"
+            f"From so few {what} nothing can be promised of the next without assuming that it resembles them."
+        )
+    else:
+        promise = f"It was calibrated on {runs} {what}, each left out in turn, and holds on average over {what} of their kind."
+    inside, per_span = interval["inside_deg_h"], interval["per_span_deg_h"]
+    return f"""Means of the gyro over {averaging_s:g} s lie within ±{inside:.3g} deg/h of the estimated bias in {share:.0f} % of
+cases while every input is within the ranges above; their own noise is included.
+{promise}
+Beyond the ranges the half width grows by {per_span:.3g} deg/h (the span of the bias in training) for each span of its range
+that an input lies outside. `compensation_half_width_deg_h` gives it sample by sample."""
 
 
 def _programme(run: Mapping[str, Any]) -> str:

@@ -18,14 +18,15 @@ from sklearn.base import clone
 
 from rlgcomp.compensation import MODELS, artefact, form_of
 from rlgcomp.compensation.cubic import DYNAMICS
-from rlgcomp.compensation.form import sequential
+from rlgcomp.compensation.form import finite, residuals_left_out, sequential
+from rlgcomp.compensation.interval import Interval, excess
 from rlgcomp.compensation.lssvm import LSSVMRegressor
 from rlgcomp.compensation.rows import Rows, Scaling, rows
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.errors import InputError
 from rlgcomp.recipe import FeatureRecipe, recipe_for
-from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording, rate_name
-from rlgcomp.units import EARTH_RATE_DEG_H
+from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_gyro, rate_name
+from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -38,10 +39,20 @@ _MUCH_OF_EARTH_RATE: Final = 0.1
 
 
 class Correction(NamedTuple):
-    """What the compensator says of one sample."""
+    """What the compensator says of one sample.
+
+    Parameters
+    ----------
+    bias_deg_h : float
+    out_of_range : bool
+        An input lies beyond the training range.
+    half_width_deg_h : float
+        90 % of the gyro's means over the averaging time lie within this of the bias; see :mod:`rlgcomp.compensation.interval`.
+    """
 
     bias_deg_h: float
     out_of_range: bool
+    half_width_deg_h: float
 
 
 class Compensator:
@@ -71,10 +82,14 @@ class Compensator:
     model_ : estimator
         Fitted with the selected parameters.
     selection_ : Selection
+    interval_ : Interval
+        How far the truth may be from the estimate, calibrated on runs left out.
     training_ : tuple of Rows
         What it was trained on.
     provenance_ : list of dict
         Where the training runs came from.
+    schema_ : str
+        Of the artefact that it was read from, or would be saved to.
 
     Examples
     --------
@@ -146,9 +161,11 @@ class Compensator:
         )
         self.model_ = model.set_params(**self.selection_.best)
         self.model_.fit(X, y, **({"groups": self.run_labels()} if sequential(self.model_) else {}))
+        self.interval_ = _calibrated_interval(self)
         self.provenance_ = [
             {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in runs
         ]
+        self.schema_ = artefact.SCHEMA
         self.restart()
         return self
 
@@ -177,48 +194,87 @@ class Compensator:
         Returns
         -------
         pandas.DataFrame
-            `bias_deg_h` and `out_of_range`, one row a sample.
+            `bias_deg_h`, `out_of_range` and `half_width_deg_h`, one row a sample.
         """
         self._require_fitted()
         X = self.recipe_.transform(recording).to_numpy()
         bias = self._by_windows(recording, X) if sequential(self.model_) else self.predict_rows(X)
-        return pd.DataFrame({"bias_deg_h": bias, "out_of_range": self.scaling_.outside(X)})
+        return self._said_of(X, bias)
 
     def correct(self, recording: Recording) -> Recording:
         """The recording with its bias removed.
 
         The gyro comes out as a rate (pulses become deg/h); `compensation_deg_h` holds what was subtracted and
-        `compensation_out_of_range` is 1 where an input lay beyond the training range.
+        `compensation_out_of_range` is 1 where an input lay beyond the training range. `compensation_half_width_deg_h` says how near
+        to zero the corrected gyro's means over the averaging time are to be expected: 90 % of them lie within it.
         """
-        predicted = self.predict(recording)
-        removed = predicted["bias_deg_h"].to_numpy() - self.reference_deg_h
         column = recording.gyro_column(self.gyro)
-        table = recording.table
+        return recording.replace(table=self.apply(recording.table, column, recording.rate_deg_h(column), self.predict(recording)))
+
+    def apply(self, table: pd.DataFrame, column: str, rate_deg_h: Array, predicted: pd.DataFrame) -> pd.DataFrame:
+        """A table with what was predicted taken off its gyro.
+
+        Parameters
+        ----------
+        table : pandas.DataFrame
+        column : str
+            Its gyro.
+        rate_deg_h : ndarray, shape (n,)
+            That gyro's output.
+        predicted : pandas.DataFrame
+            As :meth:`predict` and :meth:`steps` return it.
+        """
+        removed = predicted["bias_deg_h"].to_numpy() - self.reference_deg_h
         if column.endswith("_deg_s"):
-            corrected, name = recording.column(column) - removed / 3600.0, column
+            corrected, name = table[column].to_numpy() - removed / SECONDS_PER_HOUR, column
         else:
-            corrected, name = recording.rate_deg_h(column) - removed, rate_name(column)
+            corrected, name = rate_deg_h - removed, rate_name(column)
         place = list(table.columns).index(column)
         table = table.drop(columns=[column, *(extra for extra in table.columns if extra.startswith("compensation_"))])
         table.insert(place, name, corrected)
         table.insert(place + 1, "compensation_deg_h", removed)
         table.insert(place + 2, "compensation_out_of_range", predicted["out_of_range"].to_numpy().astype(np.float64))
-        return recording.replace(table=table)
+        table.insert(place + 3, "compensation_half_width_deg_h", predicted["half_width_deg_h"].to_numpy())
+        return table
 
     def step(self, sample: Mapping[str, float]) -> Correction:
         """Bias of one sample, as a real-time box computes it; :meth:`restart` begins a new recording.
 
+        Every model of the package gives the bits that :meth:`predict` gives for the whole recording.
+
+        Parameters
+        ----------
+        sample : mapping of str to float
+            `time_s` and the monitors; anything else in it is passed over.
+
         Raises
         ------
         InputError
-            A monitor is missing, or the model reads sequences of averages and has no sample-by-sample form.
+            A monitor is missing or not finite, time does not increase, or the model reads sequences of averages and has no
+            sample-by-sample form. The sample then leaves no trace.
         """
-        self._require_fitted()
-        if sequential(self.model_):
-            raise InputError("a sequence model answers once an averaging time, not sample by sample; use predict, or another model")
+        self._require_steps()
         values, self._state = self.recipe_.step(self._state, sample)
         X = values[None, :]
-        return Correction(float(self.predict_rows(X)[0]), bool(self.scaling_.outside(X)[0]))
+        return Correction(float(self.predict_rows(X)[0]), bool(self.scaling_.outside(X)[0]), float(self.half_widths(X)[0]))
+
+    def steps(self, samples: pd.DataFrame) -> pd.DataFrame:
+        """Bias of the next samples, many :meth:`step` at once: the same bits.
+
+        Parameters
+        ----------
+        samples : pandas.DataFrame
+            `time_s`, increasing and after that of the last sample, and the monitors, all finite.
+
+        Returns
+        -------
+        pandas.DataFrame
+            As :meth:`predict` returns it.
+        """
+        self._require_steps()
+        time_s, monitors = samples[TIME].to_numpy(dtype=np.float64), samples[list(self.recipe_.columns)].to_numpy(dtype=np.float64)
+        X, self._state = self.recipe_.run(self._state, time_s, monitors)
+        return self._said_of(X, self.predict_rows(X))
 
     def restart(self) -> None:
         """Forget what :meth:`step` has seen."""
@@ -233,6 +289,10 @@ class Compensator:
             parts = [self.model_.predict(scaled[start : start + _ROWS_AT_ONCE]) for start in range(0, len(X), _ROWS_AT_ONCE)]
             values = np.concatenate(parts)
         return np.asarray(self.scaling_.y_mean_deg_h + self.scaling_.y_scale_deg_h * values)
+
+    def half_widths(self, X: Array) -> Array:
+        """Half width of the interval about the bias in deg/h, for unscaled inputs, shape (n, features)."""
+        return self.interval_.half_width_deg_h(excess(X, self.scaling_.low, self.scaling_.high))
 
     @property
     def reference_deg_h(self) -> float:
@@ -258,6 +318,7 @@ class Compensator:
             )
         settings, arrays = form.pack(self.model_)
         training_X = np.vstack([part.X for part in self.training_])
+        golden_X = _golden_rows(training_X, scaling.low, scaling.high)
         manifest = {
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
             "versions": {"python": platform.python_version()}
@@ -275,6 +336,7 @@ class Compensator:
             },
             "averaging_s": self.averaging_s,
             "selection": {"best": self.selection_.best, "rmse": self.selection_.rmse},
+            "interval": self.interval_.to_mapping(),
             "runs": self.provenance_,
         }
         everything = {f"model_{name}": values for name, values in arrays.items()}
@@ -284,8 +346,9 @@ class Compensator:
             "training_y_deg_h": np.concatenate([part.y_deg_h for part in self.training_]),
             "training_time_s": np.concatenate([part.time_s for part in self.training_]),
             "training_run": self.run_labels().astype(np.float64),
-            "golden_X": training_X[:GOLDEN_ROWS],
-            "golden_bias_deg_h": self.predict_rows(training_X[:GOLDEN_ROWS]),
+            "golden_X": golden_X,
+            "golden_bias_deg_h": self.predict_rows(golden_X),
+            "golden_half_width_deg_h": self.half_widths(golden_X),
         }
         artefact.write(path, artefact.Artefact(manifest, everything, self.selection_.table))
 
@@ -300,6 +363,16 @@ class Compensator:
         values = self.predict_rows(averaged.table[[f"feature {name}" for name in self.recipe_.names]].to_numpy())
         ends = averaged.time_s + 0.5 * self.averaging_s
         return np.asarray(values[np.maximum(np.searchsorted(ends, recording.time_s, side="right") - 1, 0)])
+
+    def _said_of(self, X: Array, bias_deg_h: Array) -> pd.DataFrame:
+        return pd.DataFrame(
+            {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
+        )
+
+    def _require_steps(self) -> None:
+        self._require_fitted()
+        if sequential(self.model_):
+            raise InputError("a sequence model answers once an averaging time, not sample by sample; use predict, or another model")
 
     def _require_fitted(self) -> None:
         if not hasattr(self, "model_"):
@@ -328,8 +401,9 @@ def load(path: str | Path) -> Compensator:
         return _assemble(held)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: not what schema {artefact.SCHEMA} requires: {type(error).__name__}: {error}") from None
+    except (KeyError, TypeError, AttributeError, ValueError, IndexError, OverflowError) as error:
+        said = f"{type(error).__name__}: {str(error)[:200]}"
+        raise InputError(f"{path}: not what schema {artefact.SCHEMA} requires: {said}") from None
 
 
 def _assemble(held: artefact.Artefact) -> Compensator:
@@ -337,34 +411,87 @@ def _assemble(held: artefact.Artefact) -> Compensator:
     output = manifest["output"]
     form = MODELS.get(manifest["model"]["name"])
     if form is None:
-        raise InputError(f"unknown model {manifest['model']['name']!r}; known are {', '.join(MODELS)}")
+        raise InputError(f"unknown model {str(manifest['model']['name'])[:50]!r}; known are {', '.join(MODELS)}")
     recipe = FeatureRecipe.from_list(manifest["features"])
+    if list(recipe.names) != manifest["inputs"]:
+        raise InputError("the features do not make the inputs that the manifest names")
     numbers = {name.removeprefix("model_"): values for name, values in arrays.items() if name.startswith("model_")}
-    model = form.unpack(manifest["model"], numbers)
-    model.n_features_in_ = len(recipe.names)
+    model = form.unpack(manifest["model"], numbers, len(recipe.names))
+    if not (isinstance(output["gyro"], str) and is_gyro(output["gyro"]) and isinstance(output["keep_mean"], bool)):
+        raise InputError("output: gyro must be the name of a gyro column, and keep_mean true or false")
     compensator = Compensator(
         model,
         features=list(recipe.names),
-        averaging_s=float(manifest["averaging_s"]),
+        averaging_s=finite(manifest["averaging_s"], "averaging_s", low=0.0, open_low=True),
         gyro=output["gyro"],
-        keep_mean=bool(output["keep_mean"]),
+        keep_mean=output["keep_mean"],
     )
     compensator.form_, compensator.recipe_, compensator.model_, compensator.gyro_ = form, recipe, model, output["gyro"]
+    _check_shapes(arrays, len(recipe.names), len(manifest["runs"]))
     compensator.scaling_ = Scaling(
         **{name: arrays[name] for name in _SCALING_ARRAYS},
-        y_mean_deg_h=float(output["mean_deg_h"]),
-        y_scale_deg_h=float(output["scale_deg_h"]),
-        reach=float(output["reach"]),
+        y_mean_deg_h=finite(output["mean_deg_h"], "mean_deg_h"),
+        y_scale_deg_h=finite(output["scale_deg_h"], "scale_deg_h", low=0.0, open_low=True),
+        reach=finite(output["reach"], "reach", low=0.0),
     )
     compensator.training_ = tuple(
         Rows(str(run["run"]), arrays["training_time_s"][part], arrays["training_X"][part], arrays["training_y_deg_h"][part])
         for run, part in ((run, arrays["training_run"] == k) for k, run in enumerate(manifest["runs"]))
     )
     selection = manifest["selection"]
-    compensator.selection_ = Selection(dict(selection["best"]), selection["rmse"], held.selection)
-    compensator.provenance_ = list(manifest["runs"])
-    expected = arrays["golden_bias_deg_h"]
-    found = compensator.predict_rows(arrays["golden_X"])
-    if not np.allclose(found, expected, rtol=0.0, atol=GOLDEN_TOLERANCE * max(1.0, float(np.abs(expected).max()))):
-        raise InputError(f"the golden vectors do not come out again: off by up to {np.abs(found - expected).max():.2g} deg/h")
+    rmse = None if selection["rmse"] is None else finite(selection["rmse"], "rmse")
+    compensator.selection_ = Selection(dict(selection["best"]), rmse, held.selection)
+    compensator.provenance_ = [{**run, "hours": finite(run["hours"], "hours", low=0.0)} for run in manifest["runs"]]
+    compensator.schema_ = manifest["schema"]
+    if manifest["schema"] == artefact.SCHEMA:
+        compensator.interval_ = Interval.from_mapping(manifest["interval"])
+    else:
+        compensator.interval_ = _calibrated_interval(compensator)
+        logger.info("schema %s: its interval was calibrated anew from its training rows; save it to keep it", manifest["schema"])
+    with np.errstate(all="ignore"):
+        _require_golden(compensator.predict_rows(arrays["golden_X"]), arrays["golden_bias_deg_h"])
+        if manifest["schema"] == artefact.SCHEMA:
+            _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     return compensator
+
+
+def _check_shapes(arrays: Mapping[str, Array], features: int, runs: int) -> None:
+    training, golden = len(arrays["training_y_deg_h"]), len(arrays["golden_bias_deg_h"])
+    expected = dict.fromkeys(_SCALING_ARRAYS, (features,)) | {
+        "training_X": (training, features),
+        "golden_X": (golden, features),
+        "golden_bias_deg_h": (golden,),
+        **{f"training_{name}": (training,) for name in ("y_deg_h", "time_s", "run")},
+    }
+    for name, shape in expected.items():
+        if arrays[name].shape != shape:
+            raise InputError(f"the array {name} has the shape {arrays[name].shape}; expected {shape}")
+    if not ((arrays["scale"] > 0.0).all() and (arrays["low"] <= arrays["high"]).all()):
+        raise InputError("the scaling has a scale that is not positive, or a range that ends before it begins")
+    if set(arrays["training_run"].tolist()) != set(range(runs)):
+        raise InputError(f"the training rows do not belong to the {runs} runs that the manifest names")
+
+
+def _require_golden(found: Array, expected: Array) -> None:
+    off = float(np.abs(found - expected).max()) if found.shape == expected.shape else np.inf
+    if not off <= GOLDEN_TOLERANCE * max(1.0, float(np.abs(expected).max())):
+        raise InputError(f"the golden vectors do not come out again: off by up to {off:.2g} deg/h")
+
+
+def _calibrated_interval(compensator: Compensator) -> Interval:
+    """From the errors of the selected model on runs left out."""
+    X, y, groups = compensator.training_rows()
+    errors = residuals_left_out(compensator.model_, X, y, groups)
+    return Interval.calibrated(
+        errors * compensator.scaling_.y_scale_deg_h,
+        np.vstack([part.X for part in compensator.training_]),
+        np.concatenate([part.y_deg_h for part in compensator.training_]),
+        groups,
+        runs=len(compensator.training_),
+    )
+
+
+def _golden_rows(training_X: Array, low: Array, high: Array) -> Array:
+    """Inputs whose bias is kept with the model: from all over training, and half a span and three spans beyond its range."""
+    within = training_X[np.unique(np.linspace(0, len(training_X) - 1, GOLDEN_ROWS).astype(np.int64))]
+    return np.vstack([within, *(high + beyond * (high - low) for beyond in (-4.0, -1.5, 0.5, 3.0))])

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.form import ModelForm
+from rlgcomp.compensation.form import ModelForm, require_shape
 from rlgcomp.compensation.parameters import require_number
 from rlgcomp.errors import InputError
 
@@ -94,8 +94,9 @@ class CubicLeastSquares(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         ndarray, shape (m,)
         """
         check_is_fitted(self)
-        inputs = validate_data(self, X, dtype=np.float64, reset=False)
-        return np.asarray(self._powers(inputs) @ self.coef_.ravel() + self.intercept_)
+        inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
+        # products, then a sum along each row: a matrix product may round a row differently beside other rows
+        return np.asarray((self._powers(inputs) * self.coef_.ravel()).sum(axis=1) + self.intercept_)
 
     def _linear_columns(self, features: int) -> list[int]:
         columns = self.linear
@@ -113,6 +114,15 @@ class CubicLeastSquares(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return np.hstack([mapped**power for power in range(1, self.degree + 1)])
 
 
+def _check(model: CubicLeastSquares, features: int) -> None:
+    require_number(model, "degree", low=1, high=9, whole=True)
+    require_shape(model, "coef_", model.degree, features)
+    require_shape(model, "centre_", features)
+    require_shape(model, "half_range_", features)
+    if not (model.half_range_ > 0.0).all():
+        raise InputError("half_range_ has values that are not positive")
+
+
 def _form(name: str, **defaults: str) -> ModelForm:
     return ModelForm(
         name=name,
@@ -121,6 +131,7 @@ def _form(name: str, **defaults: str) -> ModelForm:
         batches=lambda features: [],
         numbers=("intercept_",),
         arrays=("coef_", "centre_", "half_range_"),
+        check=_check,
     )
 
 

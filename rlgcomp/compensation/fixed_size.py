@@ -26,8 +26,8 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.form import Candidates, ModelForm
-from rlgcomp.compensation.kernels import gaussian, gaussian_less_one
+from rlgcomp.compensation.form import Candidates, ModelForm, require_shape
+from rlgcomp.compensation.kernels import gaussian, kernel_sum
 from rlgcomp.compensation.parameters import require_number
 from rlgcomp.compiled import available, compiled
 
@@ -87,9 +87,7 @@ class FixedSizeLSSVM(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         ValueError
             Shapes or values are unfit, or a parameter is out of bounds.
         """
-        require_number(self, "centres", low=1, whole=True)
-        require_number(self, "c", low=0.0, open_low=True)
-        require_number(self, "sigma", low=0.0, open_low=True)
+        self.check_parameters()
         inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True)
         basis = _Basis(inputs[spread_out(inputs, self.centres)], self.sigma)
         mean = float(target.mean())
@@ -100,13 +98,17 @@ class FixedSizeLSSVM(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.intercept_ = mean + float(intercept[0]) + float(self.alpha_.sum())
         return self
 
+    def check_parameters(self) -> None:
+        """Raise `InputError` unless every parameter is allowed."""
+        require_number(self, "centres", low=1, whole=True)
+        require_number(self, "c", low=0.0, open_low=True)
+        require_number(self, "sigma", low=0.0, open_low=True)
+
     def predict(self, X: npt.ArrayLike) -> Any:
         """Predict, shape (m,), for inputs of shape (m, features)."""
         check_is_fitted(self)
         inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
-        starts = range(0, len(inputs), _ROWS_AT_ONCE)
-        parts = [gaussian_less_one(inputs[k : k + _ROWS_AT_ONCE], self.X_fit_, sigma=self.sigma) @ self.alpha_ for k in starts]
-        return np.concatenate(parts) + self.intercept_
+        return kernel_sum("gaussian_less_one", {"sigma": self.sigma}, inputs, self.X_fit_, self.alpha_) + self.intercept_
 
 
 def fixed_size_rmse(X: Array, y: Array, groups: npt.NDArray[Any], centres: int, sigma: float, c_values: npt.ArrayLike) -> Array:
@@ -237,6 +239,12 @@ def _rmse(model: FixedSizeLSSVM, candidates: Candidates, X: Array, y: Array, gro
     return fixed_size_rmse(X, y, groups, model.centres, candidates[0]["sigma"], c)
 
 
+def _check(model: FixedSizeLSSVM, features: int) -> None:
+    model.check_parameters()
+    require_shape(model, "X_fit_", len(model.alpha_), features)
+    require_shape(model, "alpha_", len(model.X_fit_))
+
+
 FORM: Final = ModelForm(
     name="fixed-size",
     estimator=FixedSizeLSSVM,
@@ -246,4 +254,5 @@ FORM: Final = ModelForm(
     reach=1.0,
     numbers=("intercept_",),
     arrays=("alpha_", "X_fit_"),
+    check=_check,
 )

@@ -6,6 +6,7 @@ Every model's file ends with its `FORM`; :data:`rlgcomp.compensation.MODELS` lis
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -30,6 +31,13 @@ def refit_residuals(model: Any, candidates: Candidates, X: Array, y: Array, grou
             fitted.fit(X[~out], y[~out], **({"groups": groups[~out]} if sequential(model) else {}))
             residuals[k, out] = y[out] - fitted.predict(X[out])
     return residuals
+
+
+def residuals_left_out(model: Any, X: Array, y: Array, groups: Labels) -> Array:
+    """Residuals of a fitted model with each group left out: in closed form where it has one, otherwise by fitting again."""
+    if hasattr(model, "leave_groups_out"):
+        return np.asarray(model.leave_groups_out(groups))
+    return np.asarray(refit_residuals(model, [{}], X, y, groups)[0])
 
 
 def refit_rmse(model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Array:
@@ -70,6 +78,9 @@ class ModelForm:
         that diverges there, such as a cubic.
     numbers, arrays : tuple of str
         Fitted attributes to save; an array may also be a list of arrays.
+    check : callable
+        Given a model that was read from a file and its number of features, raises `InputError` unless its parameters are
+        allowed and its arrays fit each other: what is read is not to be trusted.
     """
 
     name: str
@@ -77,6 +88,7 @@ class ModelForm:
     batches: Callable[[int], list[list[dict[str, Any]]]]
     numbers: tuple[str, ...]
     arrays: tuple[str, ...]
+    check: Callable[[Any, int], None]
     defaults: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     rmse: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_rmse
     threads: bool = False
@@ -96,8 +108,8 @@ class ModelForm:
             arrays |= {key: np.ascontiguousarray(part, dtype=np.float64) for key, part in parts.items()}
         return settings, arrays
 
-    def unpack(self, settings: Mapping[str, Any], arrays: Mapping[str, Array]) -> Any:
-        """The fitted model back from :meth:`pack`.
+    def unpack(self, settings: Mapping[str, Any], arrays: Mapping[str, Array], features: int) -> Any:
+        """The fitted model of so many features back from :meth:`pack`.
 
         Raises
         ------
@@ -107,10 +119,42 @@ class ModelForm:
         try:
             model = self.estimator(**settings["parameters"])
             for name in self.numbers:
-                setattr(model, name, float(settings["numbers"][name]))
+                setattr(model, name, finite(settings["numbers"][name], name))
             for name in self.arrays:
                 listed = sorted((key for key in arrays if key.startswith(f"{name}.")), key=lambda key: int(key.rsplit(".", 1)[1]))
                 setattr(model, name, [arrays[key] for key in listed] if listed else arrays[name])
+            self.check(model, features)
+        except InputError as error:
+            raise InputError(f"{self.name} model: {error}") from None
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{self.name} model: {type(error).__name__}: {error}") from None
+        model.n_features_in_ = features
         return model
+
+
+def finite(value: Any, name: str, *, low: float = -math.inf, open_low: bool = False) -> float:
+    """A number that was read from a file.
+
+    Raises
+    ------
+    InputError
+        It is no number, not finite, below `low`, or equal to it where `open_low`.
+    """
+    number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
+    if not (number and (value > low if open_low else value >= low)):
+        bound = "" if low == -math.inf else f"{' above' if open_low else ' from'} {low:g}"
+        raise InputError(f"{name} is {str(value)[:40]!r}; it must be a finite number{bound}")
+    return float(value)
+
+
+def require_shape(model: Any, name: str, *shape: int) -> None:
+    """Raise unless the model's array has this shape.
+
+    Raises
+    ------
+    InputError
+        It has not.
+    """
+    found = np.shape(getattr(model, name))
+    if found != shape:
+        raise InputError(f"{name} has the shape {found}; expected {shape}")

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+_AT_ONCE: Final = 1 << 16  # kernel values in work: half a megabyte, which stays in cache
 
 
 def squared_distances(x: Array, z: Array) -> Array:
@@ -25,13 +26,6 @@ def gaussian(x: Array, z: Array, *, sigma: float) -> Array:
     exponent = squared_distances(x, z)
     exponent *= -0.5 / sigma**2
     return np.exp(exponent, out=exponent)
-
-
-def gaussian_less_one(x: Array, z: Array, *, sigma: float) -> Array:
-    r""":math:`\exp(-\|x - z\|^2 / 2\sigma^2) - 1` without cancellation: what a sum with weights that add up to zero needs."""
-    exponent = squared_distances(x, z)
-    exponent *= -0.5 / sigma**2
-    return np.expm1(exponent, out=exponent)
 
 
 def linear(x: Array, z: Array) -> Array:
@@ -51,8 +45,7 @@ def sigmoid(x: Array, z: Array, *, slope: float, offset: float) -> Array:
 
 def matern(x: Array, z: Array, *, sigma: float) -> Array:
     r""":math:`(1 + \sqrt3 r/\sigma)\, e^{-\sqrt3 r/\sigma}`: once differentiable, less smooth than the Gaussian."""
-    scaled = np.sqrt(3.0 * squared_distances(x, z)) / sigma
-    return np.asarray((1.0 + scaled) * np.exp(-scaled))
+    return _matern_of(np.sqrt(3.0 * squared_distances(x, z)) / sigma)
 
 
 KERNELS: Final[Mapping[str, tuple[Callable[..., Array], tuple[str, ...]]]] = {
@@ -80,3 +73,53 @@ def kernel_diagonal(name: str, parameters: Mapping[str, Any], x: Array) -> Array
     if name == "polynomial":
         return np.asarray((squares + parameters["offset"]) ** parameters["degree"])
     return np.tanh(parameters["slope"] * squares + parameters["offset"])
+
+
+def kernel_sum(name: str, parameters: Mapping[str, Any], x: Array, centres: Array, weights: Array) -> Array:
+    r""":math:`\sum_i w_i k(x, z_i)` for each row of x, shape (n,), each computed as if it were alone.
+
+    A matrix product may round a row differently beside other rows. Here distances and products are summed feature by feature, then
+    over the centres, so that a sample at a time gives the same bits as a whole recording.
+
+    Parameters
+    ----------
+    name : str
+        A kernel of `KERNELS`, or "gaussian_less_one": for weights whose sum is zero, without cancellation.
+    parameters : mapping
+    x : ndarray, shape (n, features)
+    centres : ndarray, shape (m, features)
+    weights : ndarray, shape (m,)
+    """
+    columns = np.ascontiguousarray(centres.T)
+    result = np.empty(len(x))
+    block = max(1, _AT_ONCE // len(centres))
+    for start in range(0, len(x), block):
+        part = x[start : start + block]
+        values = np.zeros((len(part), len(centres)))
+        for j, column in enumerate(columns):
+            if name in _OF_PRODUCT:
+                values += part[:, j, None] * column
+            else:
+                difference = part[:, j, None] - column
+                difference *= difference
+                values += difference
+        values = (_OF_PRODUCT[name] if name in _OF_PRODUCT else _OF_SQUARED_DISTANCE[name])(values, parameters)
+        values *= weights
+        result[start : start + block] = values.sum(axis=1)
+    return result
+
+
+_OF_SQUARED_DISTANCE: Final[Mapping[str, Callable[[Array, Mapping[str, Any]], Array]]] = {
+    "gaussian": lambda values, given: np.exp(values * (-0.5 / given["sigma"] ** 2)),
+    "gaussian_less_one": lambda values, given: np.expm1(values * (-0.5 / given["sigma"] ** 2)),
+    "matern": lambda values, given: _matern_of(np.sqrt(3.0 * values) / given["sigma"]),
+}
+_OF_PRODUCT: Final[Mapping[str, Callable[[Array, Mapping[str, Any]], Array]]] = {
+    "linear": lambda values, given: values,
+    "polynomial": lambda values, given: (values + given["offset"]) ** given["degree"],
+    "sigmoid": lambda values, given: np.tanh(given["slope"] * values + given["offset"]),
+}
+
+
+def _matern_of(scaled: Array) -> Array:
+    return np.asarray((1.0 + scaled) * np.exp(-scaled))

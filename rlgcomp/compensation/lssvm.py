@@ -35,8 +35,8 @@ from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from rlgcomp.compensation.fixed_size import fixed_size_rmse
-from rlgcomp.compensation.form import Candidates, ModelForm, rms
-from rlgcomp.compensation.kernels import gaussian_less_one, kernel, kernel_diagonal
+from rlgcomp.compensation.form import Candidates, ModelForm, require_shape, rms
+from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.parameters import require_choice, require_number
 from rlgcomp.compiled import compiled
 
@@ -128,7 +128,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         ValueError
             Shapes or values are unfit, or a parameter is out of bounds.
         """
-        self._check_parameters()
+        self.check_parameters()
         inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True)
         gram = kernel(self.kernel, self.get_params(), inputs, inputs)
         weights = np.ones(len(target))
@@ -163,10 +163,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
-        if self.kernel == "gaussian":  # the sum of a is zero: a constant may be taken off the kernel, and much rounding with it
-            prediction = gaussian_less_one(inputs, self.X_fit_, sigma=self.sigma) @ self.alpha_ + self.intercept_
-        else:
-            prediction = kernel(self.kernel, self.get_params(), inputs, self.X_fit_) @ self.alpha_ + self.intercept_
+        # the sum of a is zero: a constant may be taken off the Gaussian, and much rounding with it
+        name = "gaussian_less_one" if self.kernel == "gaussian" else self.kernel
+        prediction = kernel_sum(name, self.get_params(), inputs, self.X_fit_, self.alpha_) + self.intercept_
         return (prediction, self._std(inputs)) if return_std else prediction
 
     def one(self) -> Callable[[Array], float]:
@@ -195,7 +194,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         check_is_fitted(self)
         return _group_residuals(self._inverse, self.alpha_, np.asarray(groups))
 
-    def _check_parameters(self) -> None:
+    def check_parameters(self) -> None:
+        """Raise `InputError` unless every parameter is allowed."""
         require_choice(self, "kernel", _KERNELS)
         require_choice(self, "robust", (False, True))
         require_number(self, "c", low=0.0, open_low=True)
@@ -376,6 +376,13 @@ def _path_rmse(model: LSSVMRegressor, candidates: Candidates, X: Array, y: Array
     return rms(cross_validation_path(estimator, X, y, groups, c))
 
 
+def _check(model: LSSVMRegressor, features: int) -> None:
+    model.check_parameters()
+    require_shape(model, "X_fit_", len(model.alpha_), features)
+    require_shape(model, "alpha_", len(model.X_fit_))
+    require_shape(model, "weights_", len(model.X_fit_))
+
+
 FORM: Final = ModelForm(
     name="lssvm",
     estimator=LSSVMRegressor,
@@ -385,4 +392,5 @@ FORM: Final = ModelForm(
     reach=1.0,
     numbers=("intercept_", "scale_"),
     arrays=("alpha_", "X_fit_", "weights_"),
+    check=_check,
 )

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.form import ModelForm
+from rlgcomp.compensation.form import ModelForm, require_shape
 from rlgcomp.compensation.parameters import require_number
 from rlgcomp.errors import InputError
 
@@ -155,10 +155,25 @@ class SequenceRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return np.asarray(self.y_mean_ + self.y_scale_ * (hidden @ self.readout_ + x @ self.skip_))
 
 
+def _check(model: SequenceRegressor, features: int) -> None:
+    require_number(model, "width", low=1, whole=True)
+    shapes = [(_TAPS, a, b) for a, b in itertools.pairwise([features, *([model.width] * len(_DILATIONS))])]
+    if [np.shape(taps) for taps in model.kernels_] != shapes or [np.shape(bias) for bias in model.biases_] != [
+        shape[2:] for shape in shapes
+    ]:
+        raise InputError(f"its layers do not fit {features} inputs and a width of {model.width}")
+    require_shape(model, "readout_", model.width)
+    for name in ("skip_", "x_mean_", "x_scale_"):
+        require_shape(model, name, features)
+    if not (model.x_scale_ > 0.0).all():
+        raise InputError("x_scale_ has values that are not positive")
+
+
 FORM: Final = ModelForm(
     name="sequence",
     estimator=SequenceRegressor,
     batches=lambda features: [[{"width": width, "weight_decay": decay}] for width in (4, 8) for decay in (1e-3, 1e-1)],
     numbers=("y_mean_", "y_scale_"),
     arrays=("kernels_", "biases_", "readout_", "skip_", "x_mean_", "x_scale_"),
+    check=_check,
 )

@@ -93,7 +93,7 @@ def align(recording: Recording, simulated: Recording, *, gyro: str | None = None
     InputError
         The simulation does not cover the run, or its gyro cannot be told.
     """
-    rate = simulated.rate_deg_h(_same_axis(recording.gyro_column(gyro), simulated))
+    rate = simulated.rate_deg_h(same_axis(recording.gyro_column(gyro), simulated))
     epoch_s = _epoch(recording, simulated)
     column, clock, certain = _clock(recording, simulated, rate, epoch_s, gyro)
     taken_out = certain and clock.p_value < SIGNIFICANT
@@ -129,7 +129,16 @@ def _clock(recording: Recording, simulated: Recording, rate: Array, epoch_s: flo
     measured, slow = recording.rate_deg_h(gyro), _slow_physics(recording)
     clock = grid.compare(measured, rate)
     certain = clock.p_value < SIGNIFICANT and grid.settles(measured, rate, clock, slow)
-    return recording.gyro_column(gyro), clock if certain else grid.compare(measured, rate, slow), certain
+    return recording.gyro_column(gyro), clock if certain else _doubted(grid.compare(measured, rate, slow), clock), certain
+
+
+def _doubted(clock: _Clock, plain: _Clock) -> _Clock:
+    """A clock whose standard deviations hold what slow physics changes of it, for it may be there or not."""
+    return dataclasses.replace(
+        clock,
+        offset_sd_s=math.hypot(clock.offset_sd_s, clock.offset_s - plain.offset_s),
+        drift_sd=math.hypot(clock.drift_sd, clock.drift - plain.drift),
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -253,7 +262,8 @@ def _slow_physics(recording: Recording) -> list[Array]:
     return columns
 
 
-def _same_axis(column: str, simulated: Recording) -> str | None:
+def same_axis(column: str, simulated: Recording) -> str | None:
+    """The simulation's gyro column of the same axis; None where it has none of that name."""
     same = [other for other in simulated.gyro_columns if rate_name(other) == rate_name(column)]
     return same[0] if same else None
 

@@ -109,8 +109,13 @@ class Background:
         return Background(self.problem, self._design, [self.noises[k] for k in which], self._log_prior[which], nothing)
 
     def amplitude(self, column: Array) -> tuple[float, float]:
-        """Generalised least squares estimate of one column's factor and its standard deviation, for the likeliest noise."""
+        """Generalised least squares estimate of one column's factor and its standard deviation, for the likeliest noise.
+
+        0 and infinity where the design leaves nothing of the column.
+        """
         squares, crosses, size = self._products(column[:, None])
+        if not squares[:, 0].all():
+            return 0.0, math.inf
         explained = crosses[:, 0] ** 2 / squares[:, 0] / self._left
         best = int(np.argmax(self.log_evidence - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12))))
         variance = self._left[best] * (1.0 - explained[best]) / max(1, self.freedom - 1)

@@ -351,9 +351,6 @@ def _remarks(
     explanations: Explanations, conclusion: _Conclusion, after: Fitted, noise: NoiseShape, p_value: float
 ) -> tuple[str, ...]:
     remarks = []
-    if explanations.left_out:
-        wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
-        remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
     if _verdict(conclusion, {}) == "none" and p_value < _NOTED:
         remarks.append(
             f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
@@ -375,4 +372,7 @@ def _remarks(
         remarks.append(
             "One of the causes is drawn anew in every run: it cannot be predicted, so no gain is promised on other runs."
         )
+    if explanations.left_out:
+        wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
+        remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
     return tuple(remarks)

@@ -172,11 +172,20 @@ def discover_laws(
         if one is None:
             break
         found.append(one)
+    return _together(problem, design, noises, noise_log_prior, found)
+
+
+def _together(
+    problem: Problem, design: Array, noises: Sequence[NoiseShape], noise_log_prior: Array | None, found: Sequence[Discovery]
+) -> tuple[Discovery, ...]:
+    """Laws with their amplitudes estimated together; without the last one where they cannot be told apart."""
     columns = [problem.columns(one.mechanism) for one in found]
     together = []
     for k, one in enumerate(found):
         others = np.column_stack([design, *columns[:k], *columns[k + 1 :]])
         value, sd = Background(problem, others, noises, noise_log_prior).amplitude(columns[k][:, 0])
+        if len(found) > 1 and not math.isfinite(sd):
+            return _together(problem, design, noises, noise_log_prior, found[:-1])
         law = dataclasses.replace(one.mechanism, amplitude_deg_h=value)
         rms = float(np.std(value * columns[k]))
         together.append(dataclasses.replace(one, mechanism=law, amplitude_sd_deg_h=sd, rms_deg_h=rms))

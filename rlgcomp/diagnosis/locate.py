@@ -296,11 +296,12 @@ def _stays(rows: Rows, inside: BoolArray) -> Iterator[slice]:
 def _place(problem: Problem, rows: slice, share: float, p_value: float, regime: str | None = None) -> Place:
     half = 0.5 * problem.rows.window_s
     time_s = problem.rows.time_s
+    run = problem.runs[int(problem.rows.run[rows.start])]
     return Place(
-        run=problem.runs[int(problem.rows.run[rows.start])].name,
+        run=run.name,
         channel=problem.channel,
-        start_s=float(time_s[rows.start] - half),
-        end_s=float(time_s[rows.stop - 1] + half),
+        start_s=float(max(time_s[rows.start] - half, run.time_s[0])),
+        end_s=float(min(time_s[rows.stop - 1] + half, run.time_s[-1])),
         regime=regime,
         share=min(1.0, max(0.0, share)),
         p_value=p_value,

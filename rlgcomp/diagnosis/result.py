@@ -336,6 +336,8 @@ class Diagnosis:
         Window means of every run, for pictures; not part of the JSON.
     simulator : str
         What the baseline is called.
+    recordings : mapping of str to mapping of str to str
+        Under "train" and "test": SHA-256 of the files, by name, where runs were read from files.
 
     Raises
     ------
@@ -360,6 +362,7 @@ class Diagnosis:
     remarks: tuple[str, ...] = ()
     traces: tuple[Trace, ...] = dataclasses.field(default=(), repr=False, compare=False)
     simulator: str = "simulator"
+    recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:
@@ -404,6 +407,7 @@ class Diagnosis:
             "next_experiment": None if next_up is None else dataclasses.asdict(next_up),
             "sentence": self.sentence,
             "simulator": self.simulator,
+            "recordings": {part: dict(files) for part, files in self.recordings.items()},
             "baseline": {
                 mechanism: {name: dataclasses.asdict(estimate) for name, estimate in parameters.items()}
                 for mechanism, parameters in self.calibration.items()

@@ -122,10 +122,6 @@ class Score:
         return dataclasses.asdict(self) | {"errors_sd": dict(self.errors_sd)}
 
 
-def _all_in(names: Sequence[str], classes: Sequence[set[str]]) -> bool:
-    return all(name in members for name, members in zip(names, classes, strict=True))
-
-
 def _overlap(intervals: Mapping[str, Spans], places: Iterable[tuple[str, Any, Any]]) -> float:
     told: dict[str, list[tuple[float, float]]] = {}
     for run, start, end in places:

@@ -106,7 +106,8 @@ def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | Non
     Raises
     ------
     InputError
-        The truth is not the one that was sealed, a file of the challenge was changed, or one of the two is no such thing.
+        The truth is not the one that was sealed, a file of the challenge was changed, the diagnosis is one of other recordings, or
+        one of the two is no such thing.
     """
     folder, diagnosis = Path(folder), Path(diagnosis)
     challenge = _content(folder / CHALLENGE, CHALLENGE_SCHEMA)
@@ -123,11 +124,24 @@ def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | Non
     if changed:
         raise InputError(f"{folder}: {', '.join(changed)} changed or gone since the challenge was sealed; nothing is scored")
     answer = _content(diagnosis / "diagnosis.json" if diagnosis.is_dir() else diagnosis, "rlgcomp.diagnosis/1")
+    _require_same_recordings(challenge, known["files"], answer)
     intervals = {run: [(float(a), float(b)) for a, b in spans] for run, spans in known["intervals"].items()}
     score = Score.of(Hidden(tuple(known["hidden"]), known["parameters"], intervals), answer)
     improvement, possible = _improvements(answer, float(known["possible_rms_deg_h"]))
     found = tuple(str(finding["mechanism"]) for finding in answer["findings"])
     return Revealed(known["hidden"], known["strengths"], found, score, improvement, possible)
+
+
+def _require_same_recordings(challenge: Mapping[str, Any], sealed: Mapping[str, str], answer: Mapping[str, Any]) -> None:
+    """Refuse a diagnosis that trained on other files than the challenge's, where it says on which."""
+    for part, files in (answer.get("recordings") or {}).items():
+        allowed = {sealed[name] for name in challenge.get(part, ())}
+        foreign = sorted(name for name, digest in files.items() if digest not in allowed)
+        if foreign:
+            raise InputError(
+                f"the diagnosis is not one of this challenge: {', '.join(foreign)} ({part}) is none of its {part} runs, "
+                f"{', '.join(challenge.get(part, ()))}; give the diagnosis of these files as they are"
+            )
 
 
 def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple[float | None, float | None]:

@@ -25,7 +25,7 @@ from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member, log_sum_exp
 
 Array = npt.NDArray[np.float64]
 # Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
-MISSING: Final = (0.47, 0.33, 0.12, 0.05, 0.03)
+MISSING: Final = (0.30, 0.43, 0.15, 0.07, 0.05)
 KNOWN_WRONG: Final = 0.2  # that a number said to be known is wrong
 INADEQUACY: Final = 0.15
 BEAM: Final = 8

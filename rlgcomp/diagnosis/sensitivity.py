@@ -241,15 +241,28 @@ def sensitivity(
     )
     trials = tuple(_counted(joblib.Parallel(n_jobs=jobs, return_as="generator")(work), total, progress))
     tried = np.array(sizes)
+    detected = np.array([trial.detected for trial in trials], dtype=np.float64)
+    named = np.array([trial.in_class for trial in trials], dtype=np.float64)
+    remarks += [*_beyond("detected", tried, detected), *_beyond("named", tried, named)]
     return Sensitivity(
         mechanism,
         white,
         problem.rows.window_s,
         trials,
-        Curve.fit(tried, np.array([trial.detected for trial in trials], dtype=np.float64)),
-        Curve.fit(tried, np.array([trial.in_class for trial in trials], dtype=np.float64)),
+        Curve.fit(tried, detected),
+        Curve.fit(tried, named),
         tuple(remarks),
     )
+
+
+def _beyond(what: str, strengths: Array, found: Array) -> list[str]:
+    """Where a curve leaves what was tried."""
+    least, most = strengths.min(), strengths.max()
+    if found[strengths == least].all():
+        return [f"every effect of the smallest strength, {least:g}, was {what}: below it the curve is a guess; try smaller ones"]
+    if not found[strengths == most].any():
+        return [f"no effect of the largest strength, {most:g}, was {what}: above it the curve is a guess; try larger ones"]
+    return []
 
 
 def _checked(

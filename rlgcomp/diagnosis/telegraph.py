@@ -21,12 +21,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compiled import available
+from rlgcomp.diagnosis.loops import forward_backward
 from rlgcomp.diagnosis.whitening import Rows
 
 Array = npt.NDArray[np.float64]
 _DWELLS: Final = (400.0, 1200.0, 3600.0, 10800.0)
 _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation
 _ITERATIONS: Final = 12
+_FINE: Final = 25  # mean times between flips, from which the likeliest is read
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,8 +43,9 @@ class Path:
     half_step : float
         In units of the target.
     dwell_s : float
-        Mean time between flips.
+        Likeliest mean time between flips; the path itself misses the shortest stays.
     flips : int
+        Of the path.
     """
 
     signs: Array
@@ -72,14 +76,26 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
     best = int(np.argmax(log_likelihood))
     signs = _viterbi(target - smooth[:, best], float(half_step[best]), float(noise[best]), flip[:, best])
     flips = sum(int((np.diff(signs[part]) != 0.0).sum()) for part in rows.runs)
-    covered_s = sum(float(rows.time_s[part][-1] - rows.time_s[part][0]) for part in rows.runs)
     return Path(
         signs,
         float(log_likelihood[best]) - _log_likelihood_given(signs, left, orthonormal) - math.log(len(_DWELLS)),
         float(half_step[best]),
-        covered_s / max(flips, 1),
+        _likeliest_dwell_s(rows, target - smooth[:, best], float(half_step[best]), float(noise[best])),
         flips,
     )
+
+
+def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> float:
+    """Where the likelihood, all paths summed, is largest: the top of a parabola through the best of a grid and its neighbours."""
+    dwell_s = np.geomspace(_DWELLS[0] / 2.0, _DWELLS[-1] * 4.0, _FINE)
+    flip = _flip_probability(rows, dwell_s)
+    many = np.ones(_FINE)
+    _, log_likelihood = _smoothed(values[:, None] * many, half_step * many, noise * many, flip)
+    k = int(np.clip(np.argmax(log_likelihood), 1, _FINE - 2))
+    before, top, after = log_likelihood[k - 1 : k + 2]
+    bend = before - 2.0 * top + after
+    shift = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
+    return float(dwell_s[k] * (dwell_s[1] / dwell_s[0]) ** shift)
 
 
 def _flip_probability(rows: Rows, dwell_s: Array) -> Array:
@@ -108,6 +124,10 @@ def _smoothed(values: Array, half_step: Array, noise: Array, flip: Array) -> tup
     n, models = values.shape
     ahead = np.empty((n, models))  # probability of plus given the rows so far
     log_likelihood = scale.sum(axis=0)
+    mean = np.empty((n, models))
+    if available():
+        forward_backward(plus, minus, flip, ahead, mean, log_likelihood)
+        return mean, log_likelihood
     before = np.full(models, 0.5)
     for k in range(n):
         prior = before + flip[k] * (1.0 - 2.0 * before)
@@ -115,7 +135,6 @@ def _smoothed(values: Array, half_step: Array, noise: Array, flip: Array) -> tup
         total = up + down
         log_likelihood += np.log(total)
         before = ahead[k] = up / total
-    mean = np.empty((n, models))
     back_up = np.ones(models)
     back_down = np.ones(models)
     for k in range(n - 1, -1, -1):

@@ -14,8 +14,9 @@ from typing import Any, Final, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy import optimize
 
-from rlgcomp.diagnosis.align import align
+from rlgcomp.diagnosis.align import align, same_axis
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.errors import InputError
 from rlgcomp.plugins import load_python, said_line
@@ -24,6 +25,9 @@ from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import column_unit, convert
 
 Array = npt.NDArray[np.float64]
+_PARTS: Final = 200  # in which the courses of two runs are compared
+_FITS: Final = 0.9  # correlation of a simulation with its run
+_FITS_NOT: Final = 0.5
 _PLAIN_NAMES: Final = ("gyro", "rate", "prediction", "predicted")
 
 
@@ -71,13 +75,14 @@ class SimulatedRuns:
         Raises
         ------
         InputError
-            Not one simulation a run, or one does not cover its run.
+            Not one simulation a run, they are in another order than the runs, or one does not cover its run.
         """
         if len(runs) != len(simulated):
             raise InputError(
                 f"{len(simulated)} simulated runs for {len(runs)} recordings; give one for every run, training runs first, then "
                 f"those held out: {', '.join(run.name for run in runs)}"
             )
+        _require_order(runs, simulated, gyro)
         aligned = [align(run, simulation, gyro=gyro) for run, simulation in zip(runs, simulated, strict=True)]
         return cls(tuple(runs), tuple(rate for rate, _ in aligned), tuple(alignment for _, alignment in aligned))
 
@@ -92,6 +97,28 @@ class SimulatedRuns:
                 f"{recording.name}: no simulation of it was given; simulated are {', '.join(run.name for run in self.runs)}"
             )
         return np.interp(recording.time_s, self.runs[same[0]].time_s, self.rates_deg_h[same[0]])
+
+
+def _require_order(runs: Sequence[Recording], simulated: Sequence[Recording], gyro: str | None) -> None:
+    """Refuse simulations that fit the runs in another order only."""
+    ours = np.array([_course(run, run.rate_deg_h(gyro)) for run in runs])
+    theirs = np.array([_course(run, run.rate_deg_h(same_axis(runs[0].gyro_column(gyro), run))) for run in simulated])
+    alike = ours @ theirs.T
+    _, order = optimize.linear_sum_assignment(-alike)
+    moved = [k for k, best in enumerate(order) if best != k]
+    if moved and all(alike[k, order[k]] > _FITS and alike[k, k] < _FITS_NOT for k in moved):
+        fitting = ", ".join(f"{simulated[order[k]].name} fits {runs[k].name}" for k in moved)
+        raise InputError(
+            f"the simulated runs are in another order than the recordings: {fitting}; "
+            "give them in the order of the runs, those of --train first"
+        )
+
+
+def _course(run: Recording, rate_deg_h: Array) -> Array:
+    """How the gyro went from start to end, of unit norm and no mean."""
+    parts = np.array([float(np.mean(part)) for part in np.array_split(rate_deg_h, min(_PARTS, len(run)))])
+    course = np.interp(np.linspace(0.0, 1.0, _PARTS), np.linspace(0.0, 1.0, len(parts)), parts - parts.mean())
+    return course / (np.linalg.norm(course) or 1.0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,6 +26,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
+from rlgcomp.compiled import available, in_threads, threads
+from rlgcomp.diagnosis.loops import innovations, kalman_gains
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -156,6 +158,11 @@ class Whitener:
                 if gains.shape[2] == 0:
                     whitened[group.which, part] = columns[part] / scale[:, :, None]
                     continue
+                if available():
+                    arguments = np.ascontiguousarray(columns[part]), gains, scale, decay, group.which, part.start
+                    edges = np.linspace(0, len(gains), min(len(gains), threads()) + 1).astype(int)
+                    in_threads(innovations, [(*arguments, a, b, whitened) for a, b in itertools.pairwise(edges)])
+                    continue
                 width = max(1, _ROWS_A_PIECE // (gains.shape[0] * gains.shape[2]))
                 for first in range(0, columns.shape[1], width):
                     piece = slice(first, first + width)
@@ -180,6 +187,10 @@ def _gains(
     decay = np.exp(-steps[None, :, None] / time_constants[:, None, :])
     growth = stationary[:, None, :] * (1.0 - decay**2) + diffusion[:, None, :] * steps[None, :, None]
     growth[:, 0] = stationary + diffusion * window_s
+    if available():
+        gains, scale = np.empty(decay.shape), np.empty(decay.shape[:2])
+        kalman_gains(np.ascontiguousarray(white), decay, growth, gains, scale)
+        return gains, scale, decay
     covariance = np.zeros((shapes, states, states))
     diagonal = np.arange(states)
     gains = np.empty((shapes, len(time_s), states))

@@ -76,7 +76,7 @@ def read(
     if path.stat().st_size == 0:
         raise InputError(f"{path} is empty (0 bytes)")
     table, stored = form.load(path)
-    beside = _read_sidecar(path)
+    beside = read_sidecar(path)
     mapping = dict(beside.pop("columns", None) or {}) | dict(columns or {})
     period_s = beside.pop("period_s", None) if period_s is None else period_s
     said = {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
@@ -114,7 +114,12 @@ def write(recording: Recording, path: str | Path) -> None:
     with whole_file(path) as scratch:
         form.save(scratch, table, metadata)
     if form is csv:
-        write_text(_sidecar(path), yaml.safe_dump(metadata, sort_keys=False, allow_unicode=True))
+        write_sidecar(path, metadata)
+
+
+def write_sidecar(path: Path, metadata: Mapping[str, Any]) -> None:
+    """Write the .yaml beside a recording."""
+    write_text(_sidecar(path), yaml.safe_dump(dict(metadata), sort_keys=False, allow_unicode=True))
 
 
 def with_metadata(recording: Recording, **changes: Any) -> Recording:
@@ -151,7 +156,14 @@ def _sidecar(path: Path) -> Path:
     return path.with_name(_stem(path) + ".yaml")
 
 
-def _read_sidecar(path: Path) -> dict[str, Any]:
+def read_sidecar(path: Path) -> dict[str, Any]:
+    """What the .yaml beside a recording says; nothing where there is none.
+
+    Raises
+    ------
+    InputError
+        It is not readable.
+    """
     sidecar = _sidecar(path)
     if not sidecar.is_file():
         return {}

@@ -59,5 +59,9 @@ def _all_numbers(path: Path) -> pd.DataFrame | None:
 def _separator(path: Path) -> str:
     opener = gzip.open if path.suffix == ".gz" else open
     with opener(path, "rt", encoding="utf-8") as stream:
-        header = next((line for line in stream if line.strip() and not line.startswith("#")), "")
+        return separator_of(next((line for line in stream if line.strip() and not line.startswith("#")), ""))
+
+
+def separator_of(header: str) -> str:
+    """What separates the columns of a line."""
     return max((",", ";", "\t"), key=header.count)

@@ -1,0 +1,122 @@
+"""Run it and print one row for each model, law of hysteresis and number of training runs."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Sequence
+
+import joblib
+import numpy as np
+import pandas as pd
+
+import rlgcomp as rlg
+from experiments.mems_thermal_chamber import __main__ as mems
+from experiments.tables import FOLDER, show_table
+from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.interval import COVERAGE, excess
+from rlgcomp.compensation.rows import rows
+from rlgcomp.noise import stream
+
+HELD_OUT = 3
+NORMAL = 1.645  # 90 % of a normal distribution lie within so many standard deviations
+CASES = [
+    *(("dynamic", "play", runs) for runs in (1, 2, 3, 5, 9)),
+    *(("dynamic", law, 5) for law in ("preisach", "bouc_wen")),
+    ("cubic", "play", 5),
+    *(("lssvm", "play", runs) for runs in (2, 3)),
+]
+
+
+def programme(rng: np.random.Generator) -> str:
+    """A chamber programme between -40 and 60 degC, of four to seven ramps."""
+    steps = [
+        f"ramp {rng.integers(-40, 60)} {rng.choice([0.5, 0.7, 1.0, 1.3])}, hold {rng.integers(30, 100)}"
+        for _ in range(rng.integers(4, 8))
+    ]
+    return ", ".join([f"start 20, hold {rng.integers(30, 90)}", *steps])
+
+
+def covered(seed: int, model: str, law: str, training: int) -> pd.DataFrame:
+    """Shares of windows held by their intervals, one row for each run held out of a unit."""
+    logging.disable(logging.WARNING)
+    unit, rng = rlg.simulated_unit(seed, hysteresis=law), stream(seed, "programmes")
+    runs = [unit.simulate(programme(rng), seed=k, step_s=10.0, name=f"{k}") for k in range(training + HELD_OUT)]
+    compensator = rlg.Compensator(MODELS[model].make()).fit(runs[:training])
+    found = []
+    for run in runs[training:]:
+        windows = rows(run, compensator.recipe_, compensator.averaging_s)
+        outside = excess(windows.X, compensator.scaling_.low, compensator.scaling_.high) > 0.0
+        held = np.abs(windows.y_deg_h - compensator.predict_rows(windows.X)) <= compensator.half_widths(windows.X)
+        found.append(
+            {
+                "unit": seed,
+                "covered": held.mean(),
+                "within": held[~outside].mean() if not outside.all() else np.nan,
+                "beyond": held[outside].mean() if outside.any() else np.nan,
+                "outside": outside.mean(),
+                "width": compensator.interval_.inside_deg_h / (NORMAL * np.std(windows.noise_deg_h)),
+            }
+        )
+    return pd.DataFrame(found)
+
+
+def legs() -> list[dict[str, object]]:
+    """Shares held on each leg of each axis, trained on the two other legs."""
+    logging.disable(logging.WARNING)
+    whole = mems.cycle(FOLDER.parent / "real" / "mems_imu_thermal_chamber")
+    parts = [mems.leg(whole, number) for number in (1, 2, 3)]
+    table: list[dict[str, object]] = []
+    for model, features in (("dynamic", "temperature,temperature_rate"), ("dynamic", "all"), ("lssvm", "temperature")):
+        found = {}
+        for axis in mems.AXES:
+            for k, part in enumerate(parts):
+                compensator = rlg.Compensator(
+                    MODELS[model].make(), features=features, averaging_s=mems.AVERAGING_S, gyro=f"gyro_{axis}_deg_s"
+                ).fit(parts[:k] + parts[k + 1 :])
+                (result,) = rlg.evaluate(compensator, [part], compare=False).runs
+                found[f"{axis}, leg {k + 1}"] = 100.0 * result.in_interval
+        mean = float(np.mean(list(found.values())))
+        table.append(
+            {"model": f"{model}, {features}", "mean": f"{mean:.0f}"} | {key: f"{share:.0f}" for key, share in found.items()}
+        )
+    return table
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Command line of the experiment."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="two units, two cases")
+    parser.add_argument("--units", type=int, default=20, help="simulated gyro units (default 20)")
+    parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
+    parser.add_argument("--legs", action="store_true", help="the legs of a MEMS IMU's thermal cycle (../shared/data/real)")
+    options = parser.parse_args(argv)
+    if options.legs:
+        show_table("Legs of a MEMS IMU held out in turn: windows of 10 s in their 90 % interval, %", legs())
+        return
+    units, cases = (2, CASES[1:3]) if options.quick else (options.units, CASES)
+    print(f"# Coverage of {100 * COVERAGE:.0f} % intervals, {units} units, {HELD_OUT} runs held out of each\n")
+    table = []
+    for model, law, training in cases:
+        work = (joblib.delayed(covered)(seed, model, law, training) for seed in range(units))
+        found = pd.concat(joblib.Parallel(n_jobs=options.jobs)(work))
+        by_unit = found.groupby("unit").mean()
+        mean, error = by_unit.mean(), by_unit["covered"].std() / np.sqrt(units)
+        table.append(
+            {
+                "model": model,
+                "hysteresis": law,
+                "training runs": training,
+                "covered, %": f"{100 * mean['covered']:.1f} ± {100 * error:.1f}",
+                "inputs within the range": f"{100 * mean['within']:.1f}",
+                "beyond it": f"{100 * mean['beyond']:.1f}",
+                "windows beyond it, %": f"{100 * mean['outside']:.0f}",
+                "worst run": f"{100 * found['covered'].min():.0f}",
+                "half width / that of the noise": f"{by_unit['width'].median():.2f}",
+            }
+        )
+    show_table("Windows of runs held out that lie in their interval", table)
+
+
+if __name__ == "__main__":
+    main()

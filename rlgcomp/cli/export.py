@@ -1,0 +1,54 @@
+"""The command that takes a compensation into the box: export."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, say
+from rlgcomp.cli.show import show_json, show_table
+
+
+@command("export", several=["--test"])
+def export(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder to write.")],
+    to: Annotated[str, typer.Option("--to", help="Target: c or onnx.")] = "c",
+    precision: Annotated[str, typer.Option(help="double or float.")] = "double",
+    no_libm: Annotated[bool, typer.Option("--no-libm", help="Call nothing of the C library's mathematics.")] = False,
+    max_bytes: Annotated[int | None, typer.Option("--max-bytes", help="Budget of the model's constant tables, in bytes.")] = None,
+    max_centres: Annotated[int | None, typer.Option("--max-centres", help="Budget of kernel centres.")] = None,
+    smallest: Annotated[bool, typer.Option("--smallest", help="The smallest model within 1 % of the best.")] = False,
+    test: Annotated[
+        list[str] | None,
+        typer.Option("--test", metavar="RUN...", help="Runs not trained on: every sample is compared."),
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="What files and identifiers begin with; by default the model's name.")] = None,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    calibration: CalibrationFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Code for the box, compiled and compared with Python sample by sample where a compiler is found.
+
+    Example: `rlgcomp export models/unit-17 --to c --precision float --smallest --test new.parquet --out unit-17-c`
+    """
+    from rlgcomp.export.target import Options
+    from rlgcomp.export.target import export as export_model
+    from rlgcomp.files import require_writable
+
+    require_writable(out)
+    runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration)
+    options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name)  # type: ignore[arg-type]
+    found = export_model(model, out, to, options)
+    if as_json:
+        show_json(found.to_mapping())
+        return
+    for title, rows in found.tables:
+        show_table(title, rows)
+    for remark in found.remarks:
+        typer.echo(f"- {remark}")
+    say(f"{out}: written")

@@ -1,0 +1,61 @@
+"""The command on a folder of models: models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rlgcomp.cli.base import BAD_INPUT, AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, say
+from rlgcomp.cli.show import show_json, show_table
+
+
+@command("models", several=["--on"])
+def models(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of models, or a model.")] = Path("models"),
+    on: Annotated[
+        list[str] | None, typer.Option("--on", metavar="RUN...", help="Compare them on these recordings, not trained on.")
+    ] = None,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    calibration: CalibrationFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """List a folder's models, verify each (checksums, numbers, golden vectors, the code beside it) and compare them.
+
+    Ends with exit code 2 if one cannot be used.
+
+    Example: `rlgcomp models models --on new.parquet`
+    """
+    from rlgcomp.collection import survey
+
+    found = survey(folder, read_runs(on or [], mapping, drop, pulse_arcsec, calibration))
+    if as_json:
+        show_json(found.to_mapping())
+    else:
+        rows = [
+            {
+                "": entry.name,
+                "model": entry.model,
+                "inputs": str(entry.inputs),
+                "gyro": entry.units,
+                "hours": entry.hours,
+                "left out, deg/h": float("nan") if entry.left_out_rms_deg_h is None else entry.left_out_rms_deg_h,
+                "90 % ±, deg/h": entry.half_width_deg_h,
+                "kB": entry.bytes / 1024.0,
+                "code": ", ".join(entry.code),
+                "SHA-256": entry.sha256[:12],
+            }
+            for entry in found.entries
+            if entry.problem is None
+        ]
+        if rows:
+            show_table("Whole, and giving their golden vectors again", rows)
+        if not found.comparison.empty:
+            show_table("On runs not trained on", found.to_mapping()["comparison"])
+    for entry in found.refused:
+        say(f"{entry.name}: {entry.problem or '; '.join(entry.code)}")
+    if found.refused:
+        raise typer.Exit(BAD_INPUT)

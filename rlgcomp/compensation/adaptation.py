@@ -1,0 +1,228 @@
+r"""Adapting a compensation of many units to another unit, from a short run: empirical Bayes.
+
+A cubic or dynamic model is linear in its coefficients. Each unit u has its own, drawn from what units of this make are like,
+
+.. math:: y_u = \Phi_u \beta_u + \epsilon, \qquad \beta_u \sim N(\mu, \Sigma), \qquad \epsilon \sim N(0, \sigma^2),
+
+offset included. The training runs of several units tell mu, Sigma and sigma by expectation maximisation; a new unit's short run
+then moves its coefficients from mu as far as it has something to say,
+
+.. math:: \hat\beta = \mu + (\Phi^T\Phi/\sigma^2 + \Sigma^{-1})^{-1}\, \Phi^T (y - \Phi \mu) / \sigma^2.
+
+Where units are alike the others' knowledge stays, where they differ and the run shows how, it is replaced; nothing is tuned. The
+interval is calibrated on units: each known unit is adapted to in turn from as many windows, by what the others know, and scored
+on the rest of its windows.
+
+Reference
+---------
+N. M. Laird, J. H. Ware, Random-effects models for longitudinal data, Biometrics 38, 963 (1982).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from sklearn.base import clone
+
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.cubic import CubicLeastSquares
+from rlgcomp.compensation.interval import Interval
+from rlgcomp.compensation.rows import Rows, rows
+from rlgcomp.compensation.selection import Selection
+from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+
+Array = npt.NDArray[np.float64]
+FEWEST_UNITS: Final = 3
+_ROUNDS: Final = 100
+_FLOOR: Final = 1e-12  # of the variances, relative to the largest: what no unit shows differently stays as it is
+
+
+@dataclasses.dataclass(frozen=True)
+class Population:
+    """What units of one make are like.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (p,)
+        mu; the first is the offset.
+    covariance : ndarray, shape (p, p)
+        Sigma, from unit to unit.
+    noise : float
+        sigma, of a window.
+    """
+
+    mean: Array
+    covariance: Array
+    noise: float
+
+    @classmethod
+    def of(cls, designs: Sequence[Array], targets: Sequence[Array]) -> Self:
+        """By expectation maximisation, from the windows of each unit.
+
+        With fewer units than coefficients correlations cannot all be known: as many made-up units as there are coefficients, whose
+        coefficients are uncorrelated and vary as much as the others', stand in for what is missing.
+
+        Parameters
+        ----------
+        designs : sequence of ndarray, shape (n_u, p)
+        targets : sequence of ndarray, shape (n_u,)
+        """
+        p, count = designs[0].shape[1], sum(len(y) for y in targets)
+        squares = [(phi.T @ phi, phi.T @ y, float(y @ y)) for phi, y in zip(designs, targets, strict=True)]
+        everything = np.vstack(designs)
+        start = np.concatenate(targets)
+        mean, variance = np.zeros(p), float(start.var())
+        covariance = np.diag(variance / np.maximum((everything**2).mean(axis=0), 1e-12) / p)
+        for _ in range(_ROUNDS):
+            posteriors = [_posterior(gram, cross, mean, covariance, variance) for gram, cross, _ in squares]
+            mean = np.mean([middle for middle, _ in posteriors], axis=0)
+            total = sum((np.outer(middle - mean, middle - mean) + spread for middle, spread in posteriors), np.zeros((p, p)))
+            own = np.diag(np.maximum(np.diag(total) / len(posteriors), _FLOOR * np.diag(total).max()))
+            covariance = (total + p * own) / (len(posteriors) + p)
+            left = sum(
+                power - 2.0 * middle @ cross + middle @ gram @ middle + np.sum(gram * spread)
+                for (gram, cross, power), (middle, spread) in zip(squares, posteriors, strict=True)
+            )
+            variance = max(float(left) / count, np.finfo(np.float64).tiny)
+        return cls(mean, covariance, float(np.sqrt(variance)))
+
+    def adapted(self, design: Array, target: Array) -> Array:
+        """Coefficients of a unit that has shown these windows, shape (p,)."""
+        return _posterior(design.T @ design, design.T @ target, self.mean, self.covariance, self.noise**2)[0]
+
+
+def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
+    """A compensation for one more unit.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Cubic or dynamic, trained on runs of several units, which their metadata's `unit` tells apart.
+    runs : sequence of Recording
+        Of the new unit; a part of a chamber programme may do.
+
+    Returns
+    -------
+    Compensator
+        With the features, scaling and averaging time of the old one; its range is that of all units and the new runs.
+
+    Raises
+    ------
+    InputError
+        The model is not linear in its coefficients, or fewer than three units are known, or a run cannot be used.
+    """
+    model = getattr(compensator, "model_", None)
+    if not isinstance(model, CubicLeastSquares):
+        raise InputError(
+            f"only cubic and dynamic models can be adapted, this is a {type(model).__name__}; train one with --model dynamic"
+        )
+    if not runs:
+        raise InputError("no runs to adapt to; give at least one recording")
+    units = [str(run.get("unit") or "") for run in compensator.provenance_]
+    known = sorted(set(units) - {""})
+    if len(known) < FEWEST_UNITS:
+        raise InputError(
+            f"it was trained on {len(known)} units that are named ({', '.join(known) or 'none'}); at least {FEWEST_UNITS} are "
+            "needed to know how units differ; train on runs of more units, whose metadata say `unit`"
+        )
+    parts = {unit: [part for part, owner in zip(compensator.training_, units, strict=True) if owner == unit] for unit in known}
+    basis = _Basis(compensator, model)
+    shown = tuple(rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs)
+    population = Population.of(*basis.stacked(list(parts.values())))
+    (design,), (target,) = basis.stacked([shown])
+    new = Compensator(
+        clone(model),
+        features=list(compensator.recipe_.names),
+        averaging_s=compensator.averaging_s,
+        gyro=compensator.gyro,
+        keep_mean=compensator.keep_mean,
+    )
+    samples = np.vstack([compensator.recipe_.transform(run).to_numpy()[run.scored] for run in runs])
+    new.form_, new.recipe_, new.training_ = compensator.form_, compensator.recipe_, shown
+    new.scaling_ = dataclasses.replace(
+        compensator.scaling_,
+        low=np.minimum(compensator.scaling_.low, samples.min(axis=0)),
+        high=np.maximum(compensator.scaling_.high, samples.max(axis=0)),
+    )
+    new.gyro_, new.schema_ = compensator.gyro_, compensator.schema_
+    new.model_ = basis.model(population.adapted(design, target))
+    errors, X, y, owner = _left_out(parts, basis, sum(len(part.y_deg_h) for part in shown))
+    new.interval_ = Interval.calibrated(errors, X, y, owner, runs=len(known))
+    rmse = float(np.sqrt(np.mean(errors**2))) / compensator.scaling_.y_scale_deg_h
+    new.selection_ = Selection({}, rmse, pd.DataFrame({"rmse": [rmse], "chosen": [True]}))
+    hours = float(sum(run["hours"] for run in compensator.provenance_))
+    new.provenance_ = [
+        {
+            "run": run.name,
+            **run.metadata.to_mapping(),
+            "rows": len(run),
+            "hours": run.duration_s / 3600.0,
+            "adapted_from": {"units": len(known), "hours": hours},
+        }
+        for run in runs
+    ]
+    new.restart()
+    return new
+
+
+class _Basis:
+    """The columns that a cubic's coefficients multiply, in its own mapping of the scaled inputs."""
+
+    def __init__(self, compensator: Compensator, model: CubicLeastSquares) -> None:
+        self.scaling, self.fitted = compensator.scaling_, model
+        self.used = np.ones(model.coef_.shape, dtype=np.bool_)
+        self.used[1:, [int(column) for column in model.linear]] = False
+
+    def design(self, X: Array) -> Array:
+        """Columns, the offset's first, for unscaled inputs."""
+        mapped = (self.scaling.inputs(X) - self.fitted.centre_) / self.fitted.half_range_
+        powers = np.stack([mapped**power for power in range(1, self.fitted.degree + 1)], axis=1)
+        return np.column_stack([np.ones(len(X)), powers[:, self.used]])
+
+    def target(self, y_deg_h: Array) -> Array:
+        """The gyro, scaled."""
+        return (y_deg_h - self.scaling.y_mean_deg_h) / self.scaling.y_scale_deg_h
+
+    def stacked(self, units: Sequence[Sequence[Rows]]) -> tuple[list[Array], list[Array]]:
+        """Design and target of each unit's windows."""
+        return (
+            [np.vstack([self.design(part.X) for part in parts]) for parts in units],
+            [np.concatenate([self.target(part.y_deg_h) for part in parts]) for parts in units],
+        )
+
+    def model(self, coefficients: Array) -> CubicLeastSquares:
+        """The estimator with these coefficients."""
+        model = clone(self.fitted)
+        model.centre_, model.half_range_ = self.fitted.centre_.copy(), self.fitted.half_range_.copy()
+        model.n_features_in_ = len(model.centre_)
+        model.intercept_, model.coef_ = float(coefficients[0]), np.zeros(self.used.shape)
+        model.coef_[self.used] = coefficients[1:]
+        return model
+
+
+def _left_out(parts: dict[str, list[Rows]], basis: _Basis, windows: int) -> tuple[Array, Array, Array, npt.NDArray[np.int64]]:
+    """Errors of each unit's later windows when it is adapted to from its first ones, by what the other units know."""
+    errors, X, y, owner = [], [], [], []
+    for k, unit in enumerate(parts):
+        population = Population.of(*basis.stacked([others for other, others in parts.items() if other != unit]))
+        (design,), (target,) = basis.stacked([parts[unit]])
+        first = min(windows, len(target) // 2)
+        coefficients = population.adapted(design[:first], target[:first])
+        errors.append((target[first:] - design[first:] @ coefficients) * basis.scaling.y_scale_deg_h)
+        X.append(np.vstack([part.X for part in parts[unit]])[first:])
+        y.append(np.concatenate([part.y_deg_h for part in parts[unit]])[first:])
+        owner.append(np.full(len(target) - first, k))
+    return np.concatenate(errors), np.vstack(X), np.concatenate(y), np.concatenate(owner)
+
+
+def _posterior(gram: Array, cross: Array, mean: Array, covariance: Array, variance: float) -> tuple[Array, Array]:
+    """Mean and covariance of a unit's coefficients, given its windows: by S (I + G S / v)^-1, which needs no inverse of S."""
+    spread = np.linalg.solve(np.eye(len(mean)) + covariance @ gram / variance, covariance)
+    spread = 0.5 * (spread + spread.T)
+    return mean + spread @ (cross - gram @ mean) / variance, spread

@@ -1,0 +1,189 @@
+"""Lines of a file that grows, a file that grows with it, and what happens when that is interrupted."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Final, Self, TextIO
+
+from rlgcomp.compensation.following import agrees
+from rlgcomp.errors import InputError
+from rlgcomp.files import require_writable
+
+STANDARD: Final = "-"
+_POLL_S: Final = 0.1
+_AT_ONCE_BYTES: Final = 1 << 18
+_LONGEST_LINE_BYTES: Final = 1 << 20
+
+
+class Stop:
+    """Which of SIGINT and SIGTERM came, if any."""
+
+    signal: int | None = None
+
+
+@contextlib.contextmanager
+def stopped() -> Iterator[Stop]:
+    """While this lasts SIGINT and SIGTERM are noted and not obeyed, so that what is being written is finished first."""
+    stop = Stop()
+
+    def note(number: int, _: object) -> None:
+        stop.signal = number
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class Lines:
+    """Whole lines of a growing file or of standard input, in batches; empty lines and comments are left out.
+
+    Parameters
+    ----------
+    source : str
+        A path, or - for standard input.
+    stop : Stop
+    idle_s : float, optional
+        A file is taken to be finished when it has not grown for so long.
+    """
+
+    def __init__(self, source: str, stop: Stop, idle_s: float | None) -> None:
+        self.source, self.stop, self.idle_s = source, stop, idle_s
+        self.pending = b""
+        self._read: Callable[[], bytes | None] = self._from_input if source == STANDARD else self._from_file
+
+    def __enter__(self) -> Self:
+        self._stream = None if self.source == STANDARD else readable(self.source).open("rb")
+        return self
+
+    def __exit__(self, *about: object) -> None:
+        if self._stream is not None:
+            self._stream.close()
+
+    def __iter__(self) -> Iterator[list[str]]:
+        last = time.monotonic()
+        while self.stop.signal is None and (content := self._read()) is not None:
+            if not content:
+                if self.idle_s is not None and time.monotonic() - last >= self.idle_s:
+                    return
+                continue
+            last = time.monotonic()
+            *whole, self.pending = (self.pending + content).split(b"\n")
+            if len(self.pending) > _LONGEST_LINE_BYTES:
+                raise InputError(f"{self.source}: a line of more than {_LONGEST_LINE_BYTES >> 20} MiB has no end; is it CSV?")
+            lines = [self._text(line) for line in whole]
+            if batch := [line for line in lines if line.strip() and not line.startswith("#")]:
+                yield batch
+
+    def _text(self, line: bytes) -> str:
+        try:
+            return line.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise InputError(f"{self.source}: not UTF-8 text: {error}; is it CSV?") from None
+
+    def _from_input(self) -> bytes | None:
+        """What came on standard input, nothing if that is nothing yet, None at its end."""
+        if not select.select([0], [], [], _POLL_S)[0]:
+            return b""
+        return os.read(0, _AT_ONCE_BYTES) or None
+
+    def _from_file(self) -> bytes | None:
+        if self._stream is None:
+            return None
+        content = self._stream.read(_AT_ONCE_BYTES)
+        if not content:
+            here, path = os.fstat(self._stream.fileno()), Path(self.source)
+            if here.st_size < self._stream.tell() or (path.exists() and path.stat().st_ino != here.st_ino):
+                raise InputError(f"{self.source} was replaced or cut while it was followed; begin anew with another --out")
+            time.sleep(_POLL_S)
+        return content
+
+
+class Output:
+    """The corrected lines: a file that is appended to, or standard output.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or - for standard output. Lines that an earlier run left in the file are compared with what is computed again, and
+        not repeated; one that was cut short is removed.
+    header : str
+    standard : text stream
+
+    Attributes
+    ----------
+    found_there : int
+        Lines that an earlier run left.
+
+    Raises
+    ------
+    InputError
+        The file holds something else; it is left untouched.
+    """
+
+    def __init__(self, path: Path, header: str, standard: TextIO) -> None:
+        self.path = None if str(path) == STANDARD else path
+        self.found_there = 0
+        self._old: list[str] = []
+        if self.path is None:
+            self._stream: TextIO = standard
+            self._append([header])
+            return
+        require_writable(path)
+        if path.name.endswith(".gz") or path.suffix == ".parquet":
+            raise InputError(f"{path}: what is followed is written as plain CSV; give a name that ends in .csv")
+        content = path.read_bytes() if path.exists() else b""
+        whole = content[: content.rfind(b"\n") + 1]
+        there = whole.decode("utf-8", errors="replace").splitlines()
+        if there[:1] != [header] and not (not there and f"{header}\n".encode().startswith(content)):
+            raise InputError(f"{path} holds something else, so it is left untouched; give another name")
+        self._stream = path.open("r+" if path.exists() else "w", encoding="utf-8", newline="\n")
+        self._stream.truncate(len(whole))
+        self._stream.seek(0, os.SEEK_END)
+        self._old = there[1:][::-1]
+        self.found_there = len(self._old)
+        if not there:
+            self._append([header])
+
+    def add(self, lines: Sequence[str]) -> int:
+        """Append lines, less those that are there already; how many were appended."""
+        new = []
+        for line in lines:
+            if not self._old:
+                new.append(line)
+            elif not agrees(self._old.pop(), line):
+                self.close()
+                place = self.found_there - len(self._old) + 1
+                raise InputError(
+                    f"line {place} of {self.path} is not what this model makes of this input, so it is left as it was; "
+                    "give another name for a new recording or another model"
+                )
+        self._append(new)
+        return len(new)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self.path is not None:
+            self._stream.close()
+
+    def _append(self, lines: Sequence[str]) -> None:
+        if lines:
+            self._stream.write("".join(f"{line}\n" for line in lines))
+            self._stream.flush()
+
+
+def readable(source: str) -> Path:
+    path = Path(source)
+    if not path.is_file():
+        raise InputError(f"{source} {'is no file' if path.exists() else 'does not exist'}; --follow reads a CSV file or - ")
+    if not path.name.lower().endswith((".csv", ".txt", ".tsv")):
+        raise InputError(f"{source}: --follow reads plain CSV (.csv, .txt, .tsv)")
+    return path

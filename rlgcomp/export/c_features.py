@@ -1,0 +1,114 @@
+"""The C lines that compute a recipe's features, and the memory they need: the same arithmetic as :mod:`rlgcomp.features`."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+
+from rlgcomp.errors import InputError
+from rlgcomp.export.target import Precision
+from rlgcomp.features import Difference, Feature, Lag, Level, Memory, Rate, ReadoutDifference
+from rlgcomp.recipe import FeatureRecipe
+from rlgcomp.units import SECONDS_PER_MINUTE
+
+
+class FeatureCode:
+    """C lines of a recipe.
+
+    Attributes
+    ----------
+    lines : list of str
+        One an input: `inputs[k] = ...;`.
+    starts : list of (int, str)
+        Slots of memory that begin at a monitor's first value.
+    slots, filters, plays : int
+        Numbers of memory, low-pass filters and play operators.
+    """
+
+    def __init__(self, columns: Sequence[str], prefix: str, precision: Precision, number: Callable[[float], str]) -> None:
+        self.lines: list[str] = []
+        self.starts: list[tuple[int, str]] = []
+        self.slots = self.filters = self.plays = 0
+        self._names = dict(zip(columns, identifiers(columns), strict=True))
+        self._prefix, self._number = prefix, number
+        self._slots_a_filter = 2 if precision == "float" else 1
+
+    def add(self, feature: Feature) -> None:
+        """Append a feature's lines.
+
+        Raises
+        ------
+        InputError
+            It has no C form, or a parameter is not a number it can have.
+        """
+        for expression in self._expressions(feature):
+            self.lines.append(f"inputs[{len(self.lines)}] = {expression};")
+
+    def _expressions(self, feature: Feature) -> list[str]:
+        if isinstance(feature, Level):
+            level = self._monitor(feature.column)
+            return [f"{level} + {self._behind(feature.column, feature.smoothing_s)}" if feature.smoothing_s else level]
+        if isinstance(feature, Rate):
+            behind = self._behind(feature.column, feature.time_constant_s)
+            return [f"{self._number(-SECONDS_PER_MINUTE / feature.time_constant_s)} * {behind}"]
+        if isinstance(feature, Lag):
+            return [self._behind(feature.column, tau_s) for tau_s in feature.time_constants_s]
+        if isinstance(feature, Memory):
+            return [self._left_behind(feature.column, radius) for radius in feature.radii]
+        if isinstance(feature, Difference):
+            return [f"{self._monitor(feature.first)} - {self._monitor(feature.second)}"]
+        if isinstance(feature, ReadoutDifference):
+            a, b = (self._monitor(column) for column in feature.columns)
+            return [f"({a} - {b}) / ({a} + {b})"]
+        raise InputError(f"the feature {feature.kind!r} has no C form; train without it to export to C")
+
+    def _behind(self, column: str, time_constant_s: float) -> str:
+        slot = self._remember(column, self._slots_a_filter)
+        self.filters += 1
+        tau_s = self._number(_not_negative(time_constant_s, column))
+        return f"behind(&state->memory[{slot}], {self._monitor(column)}, step_s, {tau_s})"
+
+    def _left_behind(self, column: str, radius: float) -> str:
+        slot = self._remember(column, 1)
+        self.plays += 1
+        return f"left_behind(&state->memory[{slot}], {self._monitor(column)}, {self._number(_not_negative(radius, column))})"
+
+    def _remember(self, column: str, slots: int) -> int:
+        first = self.slots
+        self.starts.append((first, self._names[column]))
+        self.slots += slots
+        return first
+
+    def _monitor(self, column: str) -> str:
+        return f"monitors[{self._prefix}_{self._names[column]}]"
+
+
+def feature_code(recipe: FeatureRecipe, prefix: str, precision: Precision, number: Callable[[float], str]) -> FeatureCode:
+    """C lines of a whole recipe; identifiers begin with `prefix`."""
+    code = FeatureCode(recipe.columns, prefix, precision, number)
+    for feature in recipe.features:
+        code.add(feature)
+    return code
+
+
+def identifiers(columns: Sequence[str]) -> list[str]:
+    """A C identifier for each column, all different.
+
+    >>> identifiers(["temperature_block_degC", "light (V)", "light [V]"])
+    ['temperature_block_degC', 'light__V_', 'light__V__2']
+    """
+    found: list[str] = []
+    for column in columns:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", column)[:60]
+        count = 1
+        while (name := plain if count == 1 else f"{plain}_{count}") in found or name in {"MONITORS", "INPUTS", "CENTRES", "OK"}:
+            count += 1
+        found.append(name)
+    return found
+
+
+def _not_negative(value: object, column: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < math.inf:
+        raise InputError(f"a feature of {column} has the parameter {value!r}; it must be a number, zero or more")
+    return float(value)

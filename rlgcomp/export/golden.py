@@ -1,0 +1,132 @@
+"""What exported code is compared with: samples, and what Python answers to each, those that it refuses included."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.errors import InputError
+from rlgcomp.export.expansion import Expansion
+from rlgcomp.features import Difference, Level, ReadoutDifference
+from rlgcomp.recipe import FeatureRecipe
+from rlgcomp.recording import TIME, Recording
+
+Array = npt.NDArray[np.float64]
+OK, OUT_OF_RANGE, INVALID, EITHER = 0, 1, 2, -1
+_LONGEST: Final = 400
+_EPISODE: Final = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class Stream:
+    """Samples and the answers expected.
+
+    Parameters
+    ----------
+    name : str
+    time_s : ndarray, shape (n,)
+    monitors : ndarray, shape (n, monitors)
+    X : ndarray, shape (n, features)
+        The model's inputs; NaN where a sample was refused.
+    bias_deg_h, half_width_deg_h : ndarray, shape (n,)
+    status : ndarray, shape (n,)
+        `OK`, `OUT_OF_RANGE`, `INVALID`, or `EITHER` of the first two where an input is too near the limit to tell.
+    """
+
+    name: str
+    time_s: Array
+    monitors: Array
+    X: Array
+    bias_deg_h: Array
+    half_width_deg_h: Array
+    status: npt.NDArray[np.int64]
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        return np.asarray(self.status != INVALID)
+
+
+def stream_of(recording: Recording, compensator: Compensator, expansion: Expansion, *, full: bool) -> Stream:
+    """A recording and what Python answers: the compensator itself for the `full` model, its expansion for a reduced one."""
+    X = compensator.recipe_.transform(recording).to_numpy()
+    monitors = recording.table[list(compensator.recipe_.columns)].to_numpy()
+    bias = compensator.predict_rows(X) if full else expansion.bias_deg_h(X)
+    status = expansion.outside(X).astype(np.int64)
+    return Stream(recording.name, recording.time_s, monitors, X, bias, compensator.half_widths(X), status)
+
+
+def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool) -> tuple[Stream, int]:
+    """The golden recording, made from the artefact alone, and how many of its rows from the second on are undisturbed.
+
+    A sample that is not finite; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
+    a little beyond the training range, samples that are not finite or come at a wrong time, an ordinary stretch, and inputs far
+    out. Each sample goes through the recipe's own `step`.
+    """
+    time_s, monitors = _episodes(compensator)
+    recipe = compensator.recipe_
+    X = np.full((len(time_s), len(recipe.names)), np.nan)
+    state = None
+    for k, (now_s, row) in enumerate(zip(time_s, monitors, strict=True)):
+        try:
+            X[k], state = recipe.step(state, {TIME: now_s, **dict(zip(recipe.columns, row, strict=True))})
+        except InputError:
+            continue
+    valid = np.isfinite(X).all(axis=1)
+    bias = np.full(len(X), np.nan)
+    bias[valid] = compensator.predict_rows(X[valid]) if full else expansion.bias_deg_h(X[valid])
+    half_width = np.full(len(X), np.nan)
+    half_width[valid] = compensator.half_widths(X[valid])
+    last = np.maximum.accumulate(np.where(valid, np.arange(len(X)), -1))
+    bias = np.where(last >= 0, bias[last], expansion.y_mean_deg_h)
+    half_width = np.where(last >= 0, half_width[last], compensator.interval_.per_span_deg_h)
+    status = np.where(valid, expansion.outside(X), INVALID)
+    return Stream("golden", time_s, monitors, X, bias, half_width, status), min(len(compensator.training_[0].time_s), _LONGEST)
+
+
+def _episodes(compensator: Compensator) -> tuple[Array, Array]:
+    quiet_s = compensator.training_[0].time_s[:_LONGEST]
+    quiet = _monitors(compensator)[:_LONGEST]
+    span = np.ptp(quiet, axis=0) + 1e-3
+    again = quiet[-_EPISODE:][::-1]
+    beyond = again + 0.4 * span
+    far = again[:4] * np.array([[50.0], [-50.0], [1e6], [-1e6]])  # last: single precision takes long to forget it
+    bad = np.repeat(quiet[-1:], 5, axis=0)
+    bad[0, 0], bad[1, -1] = np.nan, np.inf
+    monitors = np.vstack([np.full_like(quiet[:1], np.nan), quiet, again, beyond, bad, again, far])
+    period_s = compensator.averaging_s
+    added_s = quiet_s[-1] + 10.0 * period_s + period_s * np.arange(1, len(monitors) - len(quiet))
+    time_s = np.r_[quiet_s[0] - period_s, quiet_s, added_s]
+    first_bad = 1 + len(quiet) + len(again) + len(beyond)
+    time_s[first_bad + 2 : first_bad + 5] = np.nan, time_s[first_bad - 1], time_s[0]
+    return time_s, monitors
+
+
+def _monitors(compensator: Compensator) -> Array:
+    """Monitors that give about the inputs of the first training run."""
+    recipe, X = compensator.recipe_, compensator.training_[0].X
+    places = _places(recipe)
+    known = {feature.column: X[:, place] for feature, place in places if isinstance(feature, Level)}
+    for feature, place in places:
+        if isinstance(feature, Difference):
+            if feature.second in known:
+                known.setdefault(feature.first, known[feature.second] + X[:, place])
+            first = known.setdefault(feature.first, _sweep(len(X)))
+            known.setdefault(feature.second, first - X[:, place])
+        elif isinstance(feature, ReadoutDifference):
+            known.setdefault("readout_a_V", 0.5 + 0.5 * X[:, place])
+            known.setdefault("readout_b_V", 0.5 - 0.5 * X[:, place])
+    return np.column_stack([known.get(column, _sweep(len(X))) for column in recipe.columns])
+
+
+def _places(recipe: FeatureRecipe) -> list[tuple[object, int]]:
+    starts = np.cumsum([0, *(len(feature.names) for feature in recipe.features)])
+    return list(zip(recipe.features, starts.tolist(), strict=False))
+
+
+def _sweep(rows: int) -> Array:
+    """A monitor of which the artefact keeps no level: between -40 and 60, as a chamber goes."""
+    return 10.0 + 50.0 * np.sin(np.linspace(0.0, 4.0 * np.pi, rows))

@@ -1,0 +1,98 @@
+"""What every export target takes and gives.
+
+A target is a module of this package with `export(model, out, options) -> Exported`; :data:`TARGETS` lists them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Literal, Protocol
+
+from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+
+Precision = Literal["double", "float"]
+TARGETS: Final[Mapping[str, str]] = {"c": "rlgcomp.export.c", "onnx": "rlgcomp.export.onnx"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """How to export.
+
+    Parameters
+    ----------
+    precision : {"double", "float"}
+    libm : bool
+        Whether the code may call the C library's mathematics.
+    max_bytes, max_centres : int, optional
+        Budget of the model's tables.
+    smallest : bool
+        Take the smallest model within 1 % of the best.
+    runs : sequence of Recording
+        Recordings not trained on: every sample of them is compared, and the stability that each size leaves on them is shown.
+    name : str, optional
+        What files and identifiers begin with; by default the model folder's name.
+
+    Raises
+    ------
+    InputError
+        A value is not allowed.
+    """
+
+    precision: Precision = "double"
+    libm: bool = True
+    max_bytes: int | None = None
+    max_centres: int | None = None
+    smallest: bool = False
+    runs: Sequence[Recording] = ()
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.precision not in ("double", "float"):
+            raise InputError(f"--precision {self.precision!r} is unknown; it must be double or float")
+        for option, value in (("--max-bytes", self.max_bytes), ("--max-centres", self.max_centres)):
+            if value is not None and value < 1:
+                raise InputError(f"{option} is {value}; it must be 1 or more")
+
+
+class Exported(Protocol):
+    """Result of an export."""
+
+    @property
+    def tables(self) -> Sequence[tuple[str, Sequence[Mapping[str, Any]]]]:
+        """Titles and rows for people."""
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        """What else should be known, in sentences."""
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Everything as plain data."""
+
+
+def export(model: str | Path, out: str | Path, to: str = "c", options: Options | None = None) -> Exported:
+    """Export an artefact.
+
+    Parameters
+    ----------
+    model : path
+        Model folder, as :meth:`rlgcomp.Compensator.save` writes it.
+    out : path
+        Folder to write.
+    to : str
+        A name in `TARGETS`.
+    options : Options, optional
+
+    Raises
+    ------
+    InputError
+        The artefact is damaged or is not one, the target is unknown, the model cannot be exported to it, or the place cannot be
+        written to. Nothing is written then.
+    """
+    if to not in TARGETS:
+        raise InputError(f"--to {to!r} is unknown; known are {', '.join(TARGETS)}")
+    result: Exported = importlib.import_module(TARGETS[to]).export(Path(model), Path(out), options or Options())
+    return result

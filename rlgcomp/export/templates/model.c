@@ -1,0 +1,361 @@
+/* Bias compensation of a ring laser gyro; see {{ p }}.h. Written by rlgcomp {{ version }}; do not edit. */
+#include "{{ p }}.h"
+
+{% if form == "matern" and libm %}
+#include <math.h>
+{% endif %}
+{% if form in ("gaussian", "wide", "matern", "sigmoid") %}
+#include <stdint.h>
+#include <string.h>
+{% endif %}
+
+#ifdef __FAST_MATH__
+#error "-ffast-math removes the checks for samples that are not finite; compile without it"
+#endif
+
+typedef {{ p }}_real real;
+
+enum { INPUTS = {{ P }}_INPUTS{% if blocks %}, LANES = {{ lanes }}, BLOCKS = {{ blocks }}{% endif %} };
+
+/* Training range; beyond it a sample is flagged, and the half width grows with each span. */
+static const real LOW[INPUTS] = { {{ listed(e.low) }} };
+static const real HIGH[INPUTS] = { {{ listed(e.high) }} };
+static const real PER_SPAN[INPUTS] = { {{ listed(1.0 / spans) }} };
+/* Where inputs are held. */
+static const real LEAST[INPUTS] = { {{ listed(e.least) }} };
+static const real MOST[INPUTS] = { {{ listed(e.most) }} };
+/* Scaling: (input - OFFSET) * PER_SCALE. */
+static const real OFFSET[INPUTS] = { {{ listed(e.offset) }} };
+static const real PER_SCALE[INPUTS] = { {{ listed(1.0 / e.scale) }} };
+{% if form == "polynomial" %}
+
+static const real POWERS[{{ e.powers|length }}][INPUTS] = {
+{% for coefficients in e.powers %}
+    { {{ listed(coefficients) }} },
+{% endfor %}
+};
+{% endif %}
+{% if form == "wide" %}
+
+static const real LINEAR[INPUTS] = { {{ listed(e.linear) }} };
+/* Upper triangle of Q, row by row; the diagonal is halved, so that x'Qx / 2 = sum x_j (sum_{k >= j} Q_jk x_k). */
+static const real QUADRATIC[{{ triangle|length }}] = {
+    {{ listed(triangle) }}
+};
+{% endif %}
+{% if blocks %}
+
+/* Centres in blocks of LANES, so that a block is worked on side by side; the last block is filled with weights of zero. */
+static const real CENTRES[BLOCKS][INPUTS][LANES] = {
+{% for block in centre_blocks %}
+    {
+{% for lane in block %}
+        { {{ listed(lane) }} },
+{% endfor %}
+    },
+{% endfor %}
+};
+static const real WEIGHTS[BLOCKS][LANES] = {
+{% for lane in weight_blocks %}
+    { {{ listed(lane) }} },
+{% endfor %}
+};
+{% endif %}
+
+/* Infinity and NaN less themselves are NaN. */
+#define IS_FINITE(value) ((value) - (value) == 0)
+{% if form in ("gaussian", "wide", "matern", "sigmoid") %}
+
+/* exp(t) for -1e5 <= t <= 16, to which inputs that are held confine it: 2^k times the series of exp on |r| <= ln(2) / 2, and 0 where
+ * 2^k would be below the smallest normal number. Relative error below {{ exp.error }}. Nothing in it depends on a comparison of real
+ * numbers, so that compilers work on several centres side by side. */
+static inline real exponential(real t)
+{
+    {{ exp.bits }} bits;
+    real r, scale;
+    int32_t k = (int32_t)(t * {{ 1.4426950408889634|number }} + {{ 1024.5|number }}) - 1024;
+
+    k = k < -{{ exp.bias }} ? -{{ exp.bias }} : k;
+    r = (t - (real)k * {{ exp.ln2_high|number }}) - (real)k * {{ exp.ln2_low|number }};
+    bits = ({{ exp.bits }})(k + {{ exp.bias }}) << {{ exp.shift }};
+    memcpy(&scale, &bits, sizeof scale);
+    return scale * ({{ horner(exp.series, "r") }});
+}
+{% endif %}
+{% if form == "matern" and not libm %}
+
+/* Square root by four steps of Newton's rule from a guess that halves the exponent; 0 for 0. */
+static inline real square_root(real t)
+{
+    {{ exp.bits }} bits;
+    real root;
+
+    if (t < {{ exp.tiny|number }}) {
+        return 0;
+    }
+    memcpy(&bits, &t, sizeof bits);
+    bits = (bits >> 1) + {{ exp.root }};
+    memcpy(&root, &bits, sizeof root);
+{% for _ in range(4) %}
+    root = {{ 0.5|number }} * (root + t / root);
+{% endfor %}
+    return root;
+}
+{% endif %}
+{% if form == "wide" %}
+
+{% if blocks %}
+{% if largest_argument > 1 %}
+/* exp(u) - 1 - u - u^2 / 2: by its series below 1, where the difference would cancel. |u| <= {{ "%.3g"|format(largest_argument) }} here. */
+static inline real third_remainder(real u)
+{
+    const real one = 1;
+    const real near = u * u * u * ({{ horner(series, "u") }});
+    const real far = exponential(u) - one - u - {{ 0.5|number }} * u * u;
+    {{ exp.bits }} bits, limit, near_bits, far_bits, choice;
+    real chosen;
+
+    memcpy(&bits, &u, sizeof bits);
+    memcpy(&limit, &one, sizeof limit);
+    memcpy(&near_bits, &near, sizeof near_bits);
+    memcpy(&far_bits, &far, sizeof far_bits);
+    choice = ({{ exp.bits }})0 - ({{ exp.bits }})(bits << 1 < limit << 1); /* all ones for |u| < 1: a choice without a branch */
+    choice = (near_bits & choice) | (far_bits & ~choice);
+    memcpy(&chosen, &choice, sizeof chosen);
+    return chosen;
+}
+{% else %}
+/* exp(u) - 1 - u - u^2 / 2, by its series: |u| <= {{ "%.3g"|format(largest_argument) }} here. */
+static inline real third_remainder(real u)
+{
+    return u * u * u * ({{ horner(series, "u") }});
+}
+{% endif %}
+
+{% endif %}
+/* exp(t) - 1 for t <= 0. */
+static real fall_of(real t)
+{
+    return t > {{ (-0.35)|number }} ? t * ({{ horner(exp.series[1:], "t") }}) : exponential(t) - 1;
+}
+{% endif %}
+{% if form == "matern" %}
+
+/* (1 + sqrt(3) d) exp(-sqrt(3) d) of the squared distance. */
+static inline real kernel(real squared)
+{
+    const real far = {{ root_function }}({{ 3.0|number }} * squared);
+    return ({{ 1.0|number }} + far) * exponential(-far);
+}
+{% elif form == "gaussian" %}
+
+/* exp(-d^2 / 2) of the squared distance. */
+static inline real kernel(real squared)
+{
+    return exponential({{ (-0.5)|number }} * squared);
+}
+{% elif form == "power" %}
+
+/* (product + offset)^{{ e.kernel_degree }}. */
+static inline real kernel(real product)
+{
+    const real base = product + {{ e.kernel_offset|number }};
+    return base{{ " * base" * (e.kernel_degree - 1) }};
+}
+{% elif form == "sigmoid" %}
+
+/* tanh(product + offset). */
+static inline real kernel(real product)
+{
+    const real t = product + {{ e.kernel_offset|number }};
+    const real shrunk = exponential(t < 0 ? t + t : -t - t);
+    const real size = ({{ 1.0|number }} - shrunk) / ({{ 1.0|number }} + shrunk);
+    return t < 0 ? -size : size;
+}
+{% endif %}
+{% if blocks %}
+
+/* Sum over centres. */
+static real sum_over_centres(const real x[INPUTS])
+{
+    real total[LANES] = { 0 };
+    real sum = 0;
+    int block, lane;
+
+    for (block = 0; block < BLOCKS; ++block) {
+        const real (*z)[LANES] = CENTRES[block];
+
+        for (lane = 0; lane < LANES; ++lane) {
+{% if form in ("gaussian", "matern") %}
+{% for j in range(e.features) %}
+            const real apart{{ j }} = x[{{ j }}] - z[{{ j }}][lane];
+{% endfor %}
+            const real u = {% for j in range(e.features) %}{{ " + " if j }}apart{{ j }} * apart{{ j }}{% endfor %};
+{% else %}
+            const real u = {% for j in range(e.features) %}{{ " + " if j }}x[{{ j }}] * z[{{ j }}][lane]{% endfor %};
+{% endif %}
+
+            total[lane] += WEIGHTS[block][lane] * {{ "third_remainder" if form == "wide" else "kernel" }}(u);
+        }
+    }
+    for (lane = 0; lane < LANES; ++lane) {
+        sum += total[lane];
+    }
+    return sum;
+}
+{% endif %}
+
+/* Bias in deg/h of the model's inputs. *outside becomes by how many spans of its training range inputs lie beyond it, summed, and
+ * *flagged 1 where one does. */
+static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
+{
+    real x[INPUTS];
+    real v;
+    int j;
+{% if form == "wide" %}
+    real square = 0, sums = 0, fall;
+    int k, place = 0;
+{% endif %}
+
+    for (j = 0; j < INPUTS; ++j) {
+        real held = inputs[j];
+
+        if (held < LOW[j]) {
+            *flagged = 1;
+            *outside += (LOW[j] - held) * PER_SPAN[j];
+        } else if (held > HIGH[j]) {
+            *flagged = 1;
+            *outside += (held - HIGH[j]) * PER_SPAN[j];
+        }
+        held = held < LEAST[j] ? LEAST[j] : held;
+        held = held > MOST[j] ? MOST[j] : held;
+        x[j] = (held - OFFSET[j]) * PER_SCALE[j];
+    }
+{% if form == "polynomial" %}
+    v = {{ e.constant|number }};
+    for (j = 0; j < INPUTS; ++j) {
+        v += x[j] * ({{ nested_powers }});
+    }
+{% elif form == "wide" %}
+    for (j = 0; j < INPUTS; ++j) {
+        real row = LINEAR[j];
+
+        for (k = j; k < INPUTS; ++k) {
+            row += QUADRATIC[place++] * x[k];
+        }
+        sums += x[j] * row;
+        square += x[j] * x[j];
+    }
+{% if blocks %}
+    sums += sum_over_centres(x);
+{% endif %}
+    fall = fall_of({{ (-0.5)|number }} * square);
+    v = {{ e.constant|number }} + {{ e.level|number }} * fall + ({{ 1.0|number }} + fall) * sums;
+{% else %}
+    v = {{ e.constant|number }}{% if blocks %} + sum_over_centres(x){% endif %};
+{% endif %}
+    return {{ e.y_mean_deg_h|number }} + {{ e.y_scale_deg_h|number }} * v;
+}
+{% if low_passes %}
+
+/* First-order low-pass filter by the backward Euler rule: how far its output is behind the monitor after this step. */
+static real behind(real *state, real monitor, real step_s, real time_constant_s)
+{
+    const real share = step_s > 0 ? step_s / (time_constant_s + step_s) : 0;
+{% if compensated %}
+    /* state[1] carries what rounding takes from state[0]: without it a slow filter would stop short of its input. */
+    const real move = share * ((monitor - state[0]) - state[1]) + state[1];
+    const real moved = state[0] + move;
+
+    state[1] = move - (moved - state[0]);
+    state[0] = moved;
+    return (state[0] - monitor) + state[1];
+{% else %}
+    state[0] = state[0] + share * (monitor - state[0]);
+    return state[0] - monitor;
+{% endif %}
+}
+{% endif %}
+{% if plays %}
+
+/* Play operator: where it has been left, relative to the monitor. */
+static real left_behind(real *state, real monitor, real radius)
+{
+    if (*state < monitor - radius) {
+        *state = monitor - radius;
+    } else if (*state > monitor + radius) {
+        *state = monitor + radius;
+    }
+    return *state - monitor;
+}
+{% endif %}
+
+void {{ p }}_init({{ p }}_state *state)
+{
+{% if slots %}
+    int slot;
+
+    for (slot = 0; slot < {{ slots }}; ++slot) {
+        state->memory[slot] = 0;
+    }
+{% endif %}
+    state->time_s = 0;
+    state->bias_deg_h = {{ e.y_mean_deg_h|number }};
+    state->half_width_deg_h = {{ interval.per_span_deg_h|number }};
+    state->started = 0;
+}
+
+static int answer(const {{ p }}_state *state, int status, {{ p }}_result *result)
+{
+    result->bias_deg_h = state->bias_deg_h;
+    result->half_width_deg_h = state->half_width_deg_h;
+    result->correction_deg_h = state->bias_deg_h - {{ e.reference_deg_h|number }};
+    result->status = status;
+    return status;
+}
+
+{{ correct }}
+{
+    return {{ rate_deg_h }} - (double)result->correction_deg_h;
+}
+
+int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ p }}_result *result)
+{
+    real inputs[INPUTS];
+{% if low_passes %}
+    real step_s;
+{% endif %}
+    real outside = 0;
+    int k, flagged = 0, valid = IS_FINITE(time_s) && !(state->started && time_s <= state->time_s);
+
+    for (k = 0; k < {{ P }}_MONITORS; ++k) {
+        valid = valid && IS_FINITE(monitors[k]);
+    }
+    if (!valid) {
+        return answer(state, {{ P }}_INVALID, result);
+    }
+    if (!state->started) {
+        state->started = 1;
+        state->time_s = time_s;
+{% for slot, monitor in starts %}
+        state->memory[{{ slot }}] = monitors[{{ P }}_{{ monitor }}];
+{% endfor %}
+    }
+{% if low_passes %}
+    step_s = (real)(time_s - state->time_s);
+{% endif %}
+    state->time_s = time_s;
+
+{% for line in feature_lines %}
+    {{ line }}
+{% endfor %}
+
+    for (k = 0; k < INPUTS; ++k) {
+        if (!IS_FINITE(inputs[k])) {
+            return answer(state, {{ P }}_INVALID, result);
+        }
+    }
+    state->bias_deg_h = bias_of(inputs, &outside, &flagged);
+    state->half_width_deg_h = {{ interval.inside_deg_h|number }} + {{ interval.per_span_deg_h|number }} * outside;
+    return answer(state, flagged ? {{ P }}_OUT_OF_RANGE : {{ P }}_OK, result);
+}

@@ -1,0 +1,82 @@
+/* Bias compensation of a ring laser gyro. Written by rlgcomp {{ version }}; do not edit.
+ *
+ * model       {{ model }}, SHA-256 {{ sha256 }}
+ * kind        {{ kind }}
+ * gyro        {{ gyro }}; unit {{ unit }}
+{% if calibration %}
+ * gyro input  calibrated with the file of SHA-256 {{ calibration }}
+{% endif %}
+ * trained on  {{ rows }} means over {{ averaging_s }} s from {{ runs }} run{{ "" if runs == 1 else "s" }}
+ * tables      {{ e.centres|length }} of the model's {{ centres_of_model }} centres x {{ e.features }} inputs, {{ real }}, {{ table_bytes }} bytes
+ * needs       C99, {{ "sqrt of the C library" if form == "matern" and libm else "no library" }}; not -ffast-math
+ *
+ * Call {{ p }}_init once after switching on,
+ * then {{ p }}_step for every sample, in order. One state serves one gyro;
+ * there is no other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate, or let
+ * {{ p }}_correct_deg_h do it.
+ *
+ * {{ P }}_OUT_OF_RANGE: an input is beyond its training range; further out it is held where the model still answers, so the output
+ * stays bounded.
+ * {{ P }}_INVALID: the sample is not finite or not later than the one before. It changes nothing, and the result repeats the last
+ * valid one; before any, the training mean with a half width of {{ "%.3g"|format(interval.per_span_deg_h) }} deg/h, the bias's span in training.
+ */
+#ifndef {{ P }}_H
+#define {{ P }}_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef {{ real }} {{ p }}_real;
+
+#define {{ P }}_MODEL_SHA256 "{{ sha256 }}"
+
+/* Monitors, in the order in which {{ p }}_step takes them. */
+enum {
+{% for name, comment in monitors %}
+    {{ P }}_{{ name }} = {{ loop.index0 }}, /* {{ comment }} */
+{% endfor %}
+    {{ P }}_MONITORS = {{ monitors|length }}
+};
+
+/* Inputs of the model:
+{% for name, low, high in inputs %}
+ *   {{ name }}, trained from {{ low }} to {{ high }}
+{% endfor %}
+ */
+#define {{ P }}_INPUTS {{ e.features }}
+#define {{ P }}_CENTRES {{ e.centres|length }}
+
+enum { {{ P }}_OK = 0, {{ P }}_OUT_OF_RANGE = 1, {{ P }}_INVALID = 2 };
+
+typedef struct {
+    double time_s;            /* of the last valid sample */
+    {{ p }}_real bias_deg_h;  /* what was last answered */
+    {{ p }}_real half_width_deg_h;
+{% if slots %}
+    {{ p }}_real memory[{{ slots }}]; /* filters and hysteresis, in the monitors' units */
+{% endif %}
+    int started;
+} {{ p }}_state;
+
+typedef struct {
+    {{ p }}_real bias_deg_h;       /* estimated bias, deg/h */
+    {{ p }}_real correction_deg_h; /* what to subtract from the gyro, deg/h{{ "; its training mean stays in" if e.reference_deg_h else "" }} */
+    {{ p }}_real half_width_deg_h; /* {{ coverage }} of the means over {{ averaging_s }} s lie within this of the bias */
+    int status;                    /* as returned */
+} {{ p }}_result;
+
+/* Begin a recording: forget everything. */
+void {{ p }}_init({{ p }}_state *state);
+
+/* Take one sample: its time in s, a double in every precision, and its monitors. Returns the status. */
+int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ p }}_result *result);
+
+/* Corrected rate in deg/h of one sample of {{ gyro }} as it comes{{ ", in " ~ gyro_unit if not pulses else ": signed pulses in period_s seconds" }}. */
+{{ correct }};
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,562 @@
+"""Export to C: every sample agrees with Python on every compiler found, whatever the model, the precision and the samples."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from typer.testing import CliRunner
+
+import rlgcomp as rlg
+from rlgcomp.cli import app, register_commands
+from rlgcomp.compensation import MODELS
+from rlgcomp.export import toolchain as tools
+from rlgcomp.export.accuracy import bounds_of, span_deg_h
+from rlgcomp.export.c_features import identifiers
+from rlgcomp.export.c_source import Design, render, state_bytes, table_bytes
+from rlgcomp.export.expansion import expansion_of, expansion_of_model, third_remainder
+from rlgcomp.export.golden import INVALID, golden_stream, stream_of
+from rlgcomp.export.reduce import Reduction, reduction_of, size_curve, smallest_within
+from rlgcomp.export.target import Options, export
+from rlgcomp.files import sha256
+
+GCC = tools.TOOLCHAINS[0]
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+register_commands()
+
+
+def rendered(model: rlg.Compensator, precision: str = "double", *, libm: bool = True) -> dict[str, str]:
+    """C text of a whole model, as `model`."""
+    expansion = expansion_of(model)
+    golden, quiet = golden_stream(model, expansion, full=True)
+    bounds = bounds_of(golden, model, expansion, precision)
+    return render(Design("model", model, expansion, precision, libm, "0" * 64), golden, bounds, quiet)
+
+
+def narrow(model: rlg.Compensator, sigma: float, c: float, **parameters: object) -> rlg.Compensator:
+    """The same training with a kernel that selection would not choose."""
+    other = rlg.Compensator()
+    other.__dict__.update(model.__dict__)
+    X, y, _ = model.training_rows()
+    other.model_ = clone(model.model_).set_params(sigma=sigma, c=c, **parameters).fit(X, y)
+    return other
+
+
+@pytest.fixture(scope="module")
+def models(short_runs: list[rlg.Recording], trained: rlg.Compensator) -> dict[str, rlg.Compensator]:
+    """A model of every form in C."""
+    runs = short_runs[:2]
+    return {
+        "wide": trained,
+        "wide, its exponential needed": narrow(trained, 8.0, 1e5),
+        "gaussian": narrow(trained, 3.0, 100.0),
+        "power": narrow(trained, 1.0, 0.1, kernel="polynomial"),
+        "sigmoid": narrow(trained, 1.0, 10.0, kernel="sigmoid"),
+        "linear": narrow(trained, 1.0, 10.0, kernel="linear"),
+        "matern": rlg.Compensator(MODELS["gaussian-process"].make(), features="temperature,lag").fit(runs),
+        "support vectors": rlg.Compensator(MODELS["svr"].make(), features="temperature,memory").fit(runs),
+        "cubic, mean kept": rlg.Compensator(rlg.CubicLeastSquares(), features="lag", keep_mean=True).fit(runs),
+        "dynamic": rlg.Compensator(MODELS["dynamic"].make()).fit(runs),
+    }
+
+
+NAMES = [
+    "wide",
+    "wide, its exponential needed",
+    "gaussian",
+    "power",
+    "sigmoid",
+    "linear",
+    "matern",
+    "support vectors",
+    "cubic, mean kept",
+    "dynamic",
+]
+
+
+def test_every_form_is_among_the_models(models: dict[str, rlg.Compensator]) -> None:
+    assert list(models) == NAMES
+    forms = {expansion_of(model).form for model in models.values()}
+    assert forms == {"polynomial", "gaussian", "wide", "matern", "power", "sigmoid"}
+    assert expansion_of(models["wide, its exponential needed"]).largest_argument > 1.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_expansion_is_the_model(models: dict[str, rlg.Compensator], short_runs: list[rlg.Recording], name: str) -> None:
+    model = models[name]
+    expansion = expansion_of(model)
+    X = model.recipe_.transform(short_runs[2]).to_numpy()
+    stream = stream_of(short_runs[2], model, expansion, full=True)
+    off = np.abs(expansion.bias_deg_h(X) - model.predict_rows(X))
+    assert (off <= bounds_of(stream, model, expansion, "double").bias_deg_h).all()
+    assert (expansion.outside(X) == model.scaling_.outside(X)).all()
+
+
+def test_the_third_remainder_is_what_it_says() -> None:
+    mpmath = pytest.importorskip("mpmath", reason="mpmath is not installed")
+    u = np.r_[np.linspace(-16.0, 16.0, 400), np.geomspace(1e-8, 1.0, 50), -np.geomspace(1e-8, 1.0, 50)]
+    with mpmath.workdps(50):
+        exact = np.array([float(mpmath.exp(v) - 1 - v - mpmath.mpf(v) ** 2 / 2) for v in u.tolist()])
+    assert third_remainder(u) == pytest.approx(exact, rel=3e-15)
+
+
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("name", NAMES)
+def test_every_sample_agrees(
+    models: dict[str, rlg.Compensator], short_runs: list[rlg.Recording], tmp_path: Path, name: str, precision: str
+) -> None:
+    model = models[name]
+    expansion = expansion_of(model)
+    golden, quiet = golden_stream(model, expansion, full=True)
+    held_out = stream_of(short_runs[2], model, expansion, full=True)
+    bounds = [bounds_of(stream, model, expansion, precision) for stream in (golden, held_out)]
+    design = Design("unit", model, expansion, precision, libm=True, sha256="0" * 64)
+    for file, text in render(design, golden, bounds[0], quiet).items():
+        (tmp_path / file).write_text(text, encoding="ascii")
+    command = tools.build(GCC, [tmp_path / "unit.c", tmp_path / "unit_selftest.c"], tmp_path)
+    said = tools.selftest(GCC, command)
+    assert f"state {state_bytes(design)} bytes" in said
+    found = [tools.check(GCC, command, stream, each) for stream, each in zip((golden, held_out), bounds, strict=True)]
+    assert [check.wrong for check in found] == [0, 0]
+    assert found[1].samples == len(short_runs[2])
+    if precision == "double" and name not in ("power", "wide, its exponential needed", "support vectors"):  # Python's own rounding
+        assert all(check.largest_deg_h <= 1e-12 * span_deg_h(model) for check in found)
+    if precision == "float" and name in ("wide", "linear", "dynamic"):
+        assert all(check.largest_deg_h <= 1e-5 * span_deg_h(model) for check in found)
+
+
+@needs_gcc
+def test_a_wrong_answer_is_found(models: dict[str, rlg.Compensator], tmp_path: Path) -> None:
+    """The comparison can fail: a bias off by 1e-11 of its span, a flag, a half width, a play, a filter, the order in time."""
+    model = models["dynamic"]
+    expansion = expansion_of(model)
+    golden, _ = golden_stream(model, expansion, full=True)
+    bounds = bounds_of(golden, model, expansion, "double")
+    files = rendered(model)
+    inside_deg_h = model.interval_.inside_deg_h
+    spoilt = {
+        f"v = {expansion.constant!r};": f"v = {expansion.constant + 1e-10!r};",
+        "*flagged = 1;": "*flagged = 0;",
+        f"= {inside_deg_h!r} +": f"= {1.00001 * inside_deg_h!r} +",
+        "= monitor - radius;": "= monitor;",
+        "(time_constant_s + step_s)": "(time_constant_s)",
+        "time_s <= state->time_s": "time_s < state->time_s",
+    }
+    for right, wrong in spoilt.items():
+        assert right in files["model.c"]
+        for file, text in files.items():
+            (tmp_path / file).write_text(text.replace(right, wrong), encoding="ascii")
+        command = tools.build(GCC, [tmp_path / "model.c", tmp_path / "model_selftest.c"], tmp_path)
+        with pytest.raises(RuntimeError, match="self-test fails"):
+            tools.selftest(GCC, command)
+        assert tools.check(GCC, command, golden, bounds).wrong > 0, wrong
+
+
+@needs_gcc
+@pytest.mark.parametrize(("column", "factor"), [("gyro_deg_h", 1.0), ("gyro_deg_s", 1.0 / 3600.0), ("gyro_pulses", 5.0 / 0.5)])
+def test_the_corrected_rate_is_that_of_correct(short_runs: list[rlg.Recording], tmp_path: Path, column: str, factor: float) -> None:
+    runs = [
+        run.replace(
+            table=run.table.rename(columns={"gyro_deg_h": column}).assign(**{column: run.rate_deg_h() * factor}),
+            metadata=rlg.Metadata(pulse_arcsec=0.5),
+        )
+        for run in short_runs[:2]
+    ]
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature", keep_mean=True).fit(runs)
+    for file, text in rendered(model).items():
+        (tmp_path / file).write_text(text)
+    given = "gyro, 0.5, 5.0" if column == "gyro_pulses" else "gyro"
+    (tmp_path / "t.c").write_text(
+        '#include <stdio.h>\n#include "model.h"\nint main(void) { double t, gyro, m; model_state s; model_result r; '
+        "model_init(&s);\n"
+        'while (scanf("%lf %lf %lf", &t, &gyro, &m) == 3) { model_step(&s, t, &m, &r); '
+        f'printf("%.17g\\n", model_correct_deg_h({given}, &r)); }} return 0; }}\n'
+    )
+    subprocess.run(["gcc", *tools.STRICT, "t.c", "model.c", "-o", "t"], cwd=tmp_path, check=True)
+    rows = runs[1].table[["time_s", column, "temperature_block_degC"]].to_numpy()
+    text = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
+    done = subprocess.run([tmp_path / "t"], input=text, capture_output=True, text=True, check=True)
+    assert np.array(done.stdout.split(), dtype=np.float64) == pytest.approx(model.correct(runs[1]).rate_deg_h(), abs=1e-12)
+
+
+def test_the_golden_recording_holds_what_must_be_tested(trained: rlg.Compensator) -> None:
+    expansion = expansion_of(trained)
+    golden, quiet = golden_stream(trained, expansion, full=True)
+    assert set(golden.status.tolist()) == {0, 1, INVALID}
+    assert quiet == len(trained.training_[0].time_s)
+    assert (golden.status[1 : quiet + 1] != INVALID).all()
+    assert np.isnan(golden.monitors).any()
+    assert np.isinf(golden.monitors).any()
+    assert np.isnan(golden.time_s).any()
+    late = golden.time_s[(golden.status == INVALID) & np.isfinite(golden.monitors).all(axis=1)]
+    last_s = golden.time_s[golden.status == 1].min() + 100.0 * 19
+    assert (late == last_s).any()  # the same time again
+    assert (late < last_s).any()  # and an earlier one
+    assert np.nanmax(np.diff(golden.time_s)) > 5.0 * trained.averaging_s
+    inside = golden.X[1 : quiet + 1]
+    covered = np.ptp(inside, axis=0) / np.ptp(trained.training_[0].X, axis=0)
+    assert (covered > 0.5).all()
+
+
+def test_the_golden_answers_are_those_of_step(trained: rlg.Compensator) -> None:
+    golden, _ = golden_stream(trained, expansion_of(trained), full=True)
+    trained.restart()
+    columns = ("time_s", *trained.recipe_.columns)
+    for k in range(len(golden.time_s)):
+        sample = dict(zip(columns, (golden.time_s[k], *golden.monitors[k]), strict=True))
+        if golden.status[k] == INVALID:
+            with pytest.raises(rlg.InputError):
+                trained.step(sample)
+        else:
+            answer = trained.step(sample)
+            assert answer.bias_deg_h == golden.bias_deg_h[k]
+            assert answer.half_width_deg_h == golden.half_width_deg_h[k]
+            assert answer.out_of_range == bool(golden.status[k])
+    trained.restart()
+
+
+# --- own mathematics ---------------------------------------------------------------------------------------------------------
+
+
+@needs_gcc
+@pytest.mark.parametrize(("precision", "stated"), [("double", 4e-16), ("float", 2e-7)])
+def test_the_error_of_the_own_exponential_is_what_the_code_states(
+    models: dict[str, rlg.Compensator], tmp_path: Path, precision: str, stated: float
+) -> None:
+    model = models["gaussian"]
+    expansion = expansion_of(model)
+    golden, quiet = golden_stream(model, expansion, full=True)
+    bounds = bounds_of(golden, model, expansion, precision)
+    source = render(Design("unit", model, expansion, precision, libm=False, sha256="0" * 64), golden, bounds, quiet)
+    assert f"Relative error below {stated:.0e}".replace("e-0", "e-") in source["unit.c"]
+    main = (
+        '#include <stdio.h>\nint main(void) { double t; while (scanf("%lf", &t) == 1) '
+        'printf("%.17g\\n", (double)exponential((real)t)); return 0; }\n'
+    )
+    (tmp_path / "unit.h").write_text(source["unit.h"])
+    (tmp_path / "t.c").write_text(source["unit.c"] + main)
+    subprocess.run(["gcc", "-std=c99", "-O2", "t.c", "-o", "t"], cwd=tmp_path, check=True)
+    least = -700.0 if precision == "double" else -87.0
+    kind = np.float64 if precision == "double" else np.float32
+    t = np.r_[np.linspace(least, 16.0, 20_000), np.linspace(-1.0, 1.0, 20_000), -np.geomspace(1e-20, 1.0, 1000)].astype(kind)
+    text = "\n".join(f"{float(value)!r}" for value in [*t, -1e4, -1e5])
+    done = subprocess.run([tmp_path / "t"], input=text, capture_output=True, text=True, check=True)
+    found = np.array(done.stdout.split(), dtype=np.float64)
+    exact = np.exp(t.astype(np.longdouble))
+    assert np.abs((found[:-2] - exact) / exact).max() < stated
+    assert found[-2:].tolist() == [0.0, 0.0]
+
+
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("name", ["matern", "wide, its exponential needed", "sigmoid"])
+def test_no_library_is_needed(models: dict[str, rlg.Compensator], tmp_path: Path, name: str, precision: str) -> None:
+    model = models[name]
+    expansion = expansion_of(model)
+    golden, quiet = golden_stream(model, expansion, full=True)
+    bounds = bounds_of(golden, model, expansion, precision)
+    design = Design("unit", model, expansion, precision, libm=False, sha256="0" * 64)
+    for file, text in render(design, golden, bounds, quiet).items():
+        (tmp_path / file).write_text(text, encoding="ascii")
+    assert "math.h" not in (tmp_path / "unit.c").read_text()
+    command = tools.build(GCC, [tmp_path / "unit.c", tmp_path / "unit_selftest.c"], tmp_path)
+    assert tools.check(GCC, command, golden, bounds).wrong == 0
+    subprocess.run(["gcc", "-std=c99", "-O2", "-c", "unit.c", "-o", "unit.o"], cwd=tmp_path, check=True)
+    if shutil.which("nm"):
+        undefined = subprocess.run(["nm", "-u", "unit.o"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+        assert set(undefined.replace("U", "").split()) <= {"memcpy", "memset", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
+
+
+# --- size --------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["wide", "wide, its exponential needed", "gaussian", "power"])
+def test_with_every_centre_the_reduced_model_is_the_model(models: dict[str, rlg.Compensator], name: str) -> None:
+    """The least squares on the chosen centres has the model as its solution, once they are all chosen that matter."""
+    model = models[name]
+    reduction = reduction_of(model)
+    X = np.vstack([part.X for part in model.training_])
+    found = reduction.with_centres(reduction.most).bias_deg_h(X)
+    assert found == pytest.approx(model.predict_rows(X), abs=1e-6 * span_deg_h(model))
+
+
+def test_the_greedy_choice_explains_more_than_a_random_one(models: dict[str, rlg.Compensator]) -> None:
+    model = models["gaussian"]
+    expansion, reduction = expansion_of(model), reduction_of(model)
+    X = np.vstack([part.X for part in model.training_])
+    x, f = expansion.inputs(X), expansion.values(expansion.inputs(X)) - expansion.constant
+    rng = np.random.default_rng(0)
+
+    def unexplained(places: np.ndarray) -> float:
+        """What is left of f's squared RKHS norm: a^T K a less that of its projection onto these centres."""
+        gram = expansion.gram(x[places], x[places])
+        return -float(f[places] @ np.linalg.lstsq(gram, f[places], rcond=1e-12)[0])
+
+    for m in (3, 10, 30):
+        chosen = np.array([int(np.flatnonzero((x == z).all(axis=1))[0]) for z in reduction.with_centres(m).centres])
+        others = [unexplained(rng.choice(len(x), m, replace=False)) for _ in range(20)]
+        assert unexplained(chosen) < min(others)
+
+
+def test_the_curve_ends_at_the_whole_model_and_the_smallest_is_within_one_percent(
+    trained: rlg.Compensator, short_runs: list[rlg.Recording]
+) -> None:
+    curve = size_curve(trained, short_runs[2:])
+    residual = rlg.evaluate(trained, short_runs[2:], compare=False).residual_std_deg_h
+    last = curve.iloc[-1]
+    assert last["unseen_deg_h"] == pytest.approx(residual, rel=1e-3)
+    assert last["left_out_loss"] == last["unseen_loss"] == 0.0
+    best = smallest_within(curve)
+    assert curve.set_index("centres").loc[best, "left_out_deg_h"] <= 1.01 * curve["left_out_deg_h"].min()
+    assert smallest_within(size_curve(trained)) == best  # runs not trained on take no part in the choice
+    assert best == 0  # paper-like biases: the first orders of the wide kernel are the model
+
+
+def test_a_narrow_kernel_needs_centres(models: dict[str, rlg.Compensator], short_runs: list[rlg.Recording]) -> None:
+    curve = size_curve(models["gaussian"], short_runs[2:], [7])
+    assert 7 in curve["centres"].tolist()
+    assert curve["unseen_loss"].iloc[0] > 0.1
+    assert 1 < smallest_within(curve) < len(models["gaussian"].model_.alpha_)
+
+
+def test_left_out_runs_are_left_out_of_the_smooth_part_too(trained: rlg.Compensator, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+    first = Reduction.__init__
+
+    def noted(self: Reduction, expansion: object, model: object, X: np.ndarray, y: np.ndarray) -> None:
+        seen.append(len(model.X_fit_))
+        first(self, expansion, model, X, y)
+
+    monkeypatch.setattr(Reduction, "__init__", noted)
+    size_curve(trained)
+    whole = sum(len(part.y_deg_h) for part in trained.training_)
+    assert seen == [whole, *(len(part.y_deg_h) for part in reversed(trained.training_))]
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("options", "centres"),
+    [
+        (Options(max_centres=20), 20),
+        (Options(max_centres=10**6), 252),
+        (Options(precision="float", max_bytes=3000), None),
+        (Options(smallest=True), 0),
+    ],
+)
+def test_budgets_are_kept(
+    trained: rlg.Compensator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: Options, centres: int | None
+) -> None:
+    monkeypatch.setattr(tools, "TOOLCHAINS", (GCC,))
+    trained.save(tmp_path / "model")
+    found = export(tmp_path / "model", tmp_path / "out", "c", options).to_mapping()
+    assert centres is None or found["centres"] == min(centres, found["centres_of_model"])
+    if options.max_bytes:
+        assert found["table_bytes"] <= options.max_bytes < found["table_bytes"] + 16 * 4 * (found["inputs"] + 1)
+    assert found["verified"]
+    text = (tmp_path / "out" / "model.c").read_text()
+    tables = text[text.index("static const real LOW") : text.index("/* Infinity")]
+    bodies = re.findall(r"= (\{.*?\});", re.sub(r"/\*.*?\*/", "", tables, flags=re.DOTALL), flags=re.DOTALL)
+    numbers = sum(len(re.findall(r"[^{},\s]+", body)) for body in bodies)
+    assert found["table_bytes"] == numbers * {"double": 8, "float": 4}[options.precision]
+
+
+def test_a_budget_that_cannot_be_met_says_what_can(
+    trained: rlg.Compensator, models: dict[str, rlg.Compensator], tmp_path: Path
+) -> None:
+    trained.save(tmp_path / "model")
+    least = table_bytes(expansion_of(trained), 0, "double")
+    with pytest.raises(rlg.InputError, match=f"cannot be met: the smallest tables of this model take {least} bytes in double"):
+        export(tmp_path / "model", tmp_path / "out", "c", Options(max_bytes=100))
+    with pytest.raises(rlg.InputError, match="indefinite kernel"):
+        reduction_of(models["sigmoid"])
+    assert not (tmp_path / "out").exists()
+
+
+# --- the command ---------------------------------------------------------------------------------------------------------------
+
+
+def run(*arguments: object) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return done.exit_code, done.stdout, done.stderr
+
+
+@needs_gcc
+def test_from_a_recording_to_a_verified_module(unit: rlg.Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two chamber runs to a compiled module, every sample of a third compared, on every toolchain of this machine."""
+    monkeypatch.chdir(tmp_path)
+    for seed in (1, 2, 3):
+        rlg.write(unit.simulate("short", seed=seed, step_s=5.0), tmp_path / f"run{seed}.parquet")
+    assert run("train", "run1.parquet", "run2.parquet", "--out", "Unit-17")[0] == 0
+    command = ("export", "Unit-17", "--precision", "float", "--smallest", "--test", "run3.parquet", "--out", "box")
+    code, out, err = run(*command, "--json")
+    assert code == 0, err
+    found = json.loads(out)
+    assert found == json.loads((tmp_path / "box" / "report.json").read_text())
+    assert sorted(path.name for path in (tmp_path / "box").iterdir()) == found["files"]
+    assert found["name"] == "unit_17"
+    assert found["sha256"] == sha256(tmp_path / "Unit-17" / "SHA256SUMS")
+    assert f'"{found["sha256"]}"' in (tmp_path / "box" / "unit_17.h").read_text()
+    installed = [toolchain.name for toolchain in tools.TOOLCHAINS if toolchain.missing is None]
+    assert {check["toolchain"] for check in found["checks"]} <= set(installed)
+    assert len(found["checks"]) + 2 * len(found["skipped"]) == 2 * len(tools.TOOLCHAINS)
+    assert all(check["wrong"] == 0 for check in found["checks"])
+    rows = len(rlg.read(tmp_path / "run3.parquet"))
+    assert {check["samples"] for check in found["checks"] if check["stream"] == "run3"} == {rows}
+    assert found["allowed_of_span"] < 1e-4
+    code, out, _ = run(*command)
+    assert code == 0
+    assert "Every sample compared with Python" in out
+    assert "smallest model within 1 %" in out
+
+
+@pytest.mark.skipif(tools.TOOLCHAINS[-1].missing is not None, reason="arm-none-eabi-gcc or qemu-system-arm is not installed")
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_cortex_m4_gives_what_python_gives(
+    models: dict[str, rlg.Compensator], short_runs: list[rlg.Recording], tmp_path: Path, precision: str
+) -> None:
+    """A whole recording through an emulated Cortex-M4, in hardware single and software double precision."""
+    board, model = tools.TOOLCHAINS[-1], models["matern"]
+    expansion = expansion_of(model)
+    golden, quiet = golden_stream(model, expansion, full=True)
+    held_out = stream_of(short_runs[2], model, expansion, full=True)
+    design = Design("unit", model, expansion, precision, libm=True, sha256="0" * 64)
+    for file, text in render(design, golden, bounds_of(golden, model, expansion, precision), quiet).items():
+        (tmp_path / file).write_text(text, encoding="ascii")
+    try:
+        command = tools.build(board, [tmp_path / "unit.c", tmp_path / "unit_selftest.c"], tmp_path)
+    except tools.ToolchainError as error:
+        pytest.skip(str(error))
+    assert f"state {state_bytes(design)} bytes" in tools.selftest(board, command)
+    assert tools.check(board, command, held_out, bounds_of(held_out, model, expansion, precision)).wrong == 0
+    size = tools.sizes(board, tmp_path / "unit.c", tmp_path)
+    assert size is not None
+    assert size["static_ram_bytes"] == 0
+    assert 0 < size["flash_bytes"] - design.table_bytes < 4096
+
+
+def test_without_a_compiler_it_says_that_nothing_was_verified(
+    trained: rlg.Compensator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda program: None)
+    trained.save(tmp_path / "model")
+    code, out, err = run("export", tmp_path / "model", "--max-centres", 5, "--out", tmp_path / "out")
+    assert code == 0, err
+    assert "gcc is not installed" in out
+    assert "unverified on this machine" in out
+    assert not json.loads((tmp_path / "out" / "report.json").read_text())["verified"]
+
+
+@needs_gcc
+def test_a_compiler_that_does_not_work_is_told_from_code_that_does_not_compile(tmp_path: Path) -> None:
+    (tmp_path / "bad.c").write_text("int main(void) { return undeclared; }\n")
+    with pytest.raises(RuntimeError, match="does not compile the exported C"):
+        tools.build(GCC, [tmp_path / "bad.c"], tmp_path)
+    broken = tools.Toolchain("broken", "gcc", ("-O2", "-lno-such-library"))
+    with pytest.raises(tools.ToolchainError, match="a trivial program cannot be built"):
+        tools.build(broken, [tmp_path / "bad.c"], tmp_path)
+
+
+@needs_gcc
+def test_code_that_disagrees_is_not_written(trained: rlg.Compensator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tools, "TOOLCHAINS", (GCC,))
+    spoilt = {file: text.replace("*flagged = 1", "*flagged = 0") for file, text in rendered(trained).items()}
+    monkeypatch.setattr("rlgcomp.export.c.render", lambda *given: spoilt)
+    trained.save(tmp_path / "model")
+    code, _, err = run("export", tmp_path / "model", "--out", tmp_path / "out")
+    assert code == 1
+    assert "the self-test fails" in err
+    assert not (tmp_path / "out").exists()
+
+
+# --- what is refused ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--to", "fortran"], "--to 'fortran' is unknown"),
+        (["--precision", "half"], "must be double or float"),
+        (["--max-bytes", "0"], "--max-bytes is 0"),
+        (["--max-centres", "-3"], "--max-centres is -3"),
+        (["--name", "int main"], "cannot begin C identifiers"),
+        (["--name", "../x"], "cannot begin C identifiers"),
+    ],
+)
+def test_bad_options_are_refused(trained: rlg.Compensator, tmp_path: Path, arguments: list[str], message: str) -> None:
+    trained.save(tmp_path / "model")
+    code, _, err = run("export", tmp_path / "model", "--out", tmp_path / "out", *arguments)
+    assert code == 2
+    assert message in " ".join(err.split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_sequence_model_is_refused_in_words(trained: rlg.Compensator) -> None:
+    with pytest.raises(rlg.InputError, match="a SequenceRegressor has no sample-by-sample form"):
+        expansion_of_model(rlg.SequenceRegressor(), trained.scaling_)
+
+
+def test_damaged_artefacts_are_refused(trained: rlg.Compensator, tmp_path: Path) -> None:
+    trained.save(tmp_path / "model")
+    for spoil in (
+        lambda folder: (folder / "arrays" / "mean.npy").write_bytes(b"\x93NUMPY"),
+        lambda folder: (folder / "manifest.json").write_text("{}"),
+        lambda folder: (folder / "SHA256SUMS").write_text("0" * 64 + "  ../../etc/passwd\n"),
+        shutil.rmtree,
+    ):
+        copy = Path(shutil.copytree(tmp_path / "model", tmp_path / "copy"))
+        spoil(copy)
+        code, _, err = run("export", copy, "--out", tmp_path / "out")
+        assert (code, "Traceback" in err) == (2, False)
+        assert not (tmp_path / "out").exists()
+        shutil.rmtree(copy, ignore_errors=True)
+
+
+def test_a_kernel_too_narrow_for_c_is_refused(trained: rlg.Compensator, tmp_path: Path) -> None:
+    narrow(trained, 1e-3, 1.0).save(tmp_path / "model")
+    with pytest.raises(rlg.InputError, match="too narrow to compute safely in C"):
+        export(tmp_path / "model", tmp_path / "out")
+
+
+@needs_gcc
+def test_names_from_outside_cannot_become_code(
+    short_runs: list[rlg.Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Columns, units and runs named by whoever: they end up in comments and identifiers, never in code."""
+    evil = ["x*/ } int evil(void) { /*", 'q" ??/', "a b", "a_b", "MONITORS", "ü"]
+    runs = []
+    for recording in short_runs[:2]:
+        table = recording.table
+        for k, name in enumerate(evil):
+            table[name] = table["temperature_block_degC"] + np.sin(k + np.arange(len(table)))
+        named = rlg.Metadata(unit="*/ #include <stdlib.h> /* \\\n??/", notes={"calibration": "*/ abort(); /*"})
+        runs.append(recording.replace(table=table, metadata=named, name="*/ run"))
+    rlg.Compensator(rlg.CubicLeastSquares(), features=evil).fit(runs).save(tmp_path / "model")
+    monkeypatch.setattr(tools, "TOOLCHAINS", tools.TOOLCHAINS[:2])
+    found = export(tmp_path / "model", tmp_path / "out")
+    text = "".join((tmp_path / "out" / f"model{end}").read_text() for end in (".h", ".c"))
+    assert text.count("/*") == text.count("*/")
+    assert "#include <stdlib.h>" not in [line.strip() for line in text.splitlines()]
+    assert "??/" not in text
+    assert found.to_mapping()["verified"]
+
+
+def test_identifiers_differ() -> None:
+    names = identifiers(["a b", "a_b", "a-b", "MONITORS", "x" * 90, "x" * 91])
+    assert len(set(names)) == 6
+    assert all(name.isidentifier() and name.isascii() for name in names)
+
+
+def test_numbers_too_large_for_single_precision_are_refused(trained: rlg.Compensator, tmp_path: Path) -> None:
+    large = narrow(trained, 212.0, 1e5)
+    large.scaling_ = type(large.scaling_)(**{**large.scaling_.__dict__, "high": large.scaling_.high + 1e39})
+    golden, quiet = golden_stream(trained, expansion_of(trained), full=True)
+    bounds = bounds_of(golden, trained, expansion_of(trained), "float")
+    with pytest.raises(rlg.InputError, match="export it with --precision double"):
+        render(Design("unit", large, expansion_of(large), "float", libm=True, sha256=""), golden, bounds, quiet)

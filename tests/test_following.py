@@ -1,0 +1,340 @@
+"""Streaming: sample by sample as all at once to the last bit, files that grow, interruption, restart."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import rlgcomp as rlg
+from rlgcomp.calibration.file import Calibration
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.following import Follower, agrees, to_lines
+
+MONITORS = ("temperature_block_degC", "temperature_shell_degC", "light_intensity_V", "readout_a_V", "readout_b_V")
+ESTIMATORS = {
+    **{
+        f"lssvm {kernel}": rlg.LSSVMRegressor(kernel, c=10.0, sigma=9.0)
+        for kernel in ("gaussian", "linear", "polynomial", "sigmoid")
+    },
+    "cubic": rlg.CubicLeastSquares(),
+    "dynamic": rlg.CubicLeastSquares(linear="dynamics"),
+    **{method: rlg.KernelBaselines(method, sigma=9.0) for method in ("kernel_ridge", "svr", "gaussian_process")},
+}
+
+
+@pytest.fixture(scope="module")
+def compensators(short_runs: list[rlg.Recording]) -> dict[str, rlg.Compensator]:
+    """Every model that answers sample by sample, fitted; its parameters are of no consequence here, so none are searched."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rlgcomp.compensation.compensator.form_of", lambda model: None)
+        return {name: rlg.Compensator(estimator).fit(short_runs[:2]) for name, estimator in ESTIMATORS.items()}
+
+
+def recording(seed: int, rows: int) -> rlg.Recording:
+    """Irregular steps, gaps, monitors that jump, stand still and leave the training range."""
+    rng = np.random.default_rng(seed)
+    time_s = np.cumsum(rng.choice([0.01, 1.0, 5.0, 5.000001, 600.0], size=rows)) - rng.uniform(0.0, 1e6)
+    walk = np.cumsum(rng.choice([0.0, 0.1, -0.1, 3.0, -3.0], size=(rows, len(MONITORS))), axis=0)
+    monitors = np.array([20.0, 20.0, 1.0, 1.0, 1.0]) + walk * np.array([1.0, 1.0, 0.01, 0.01, 0.01])
+    table = pd.DataFrame(dict(zip(MONITORS, monitors.T, strict=True)))
+    return rlg.Recording(table.assign(time_s=time_s, gyro_deg_h=rng.standard_normal(rows)))
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 10**6), rows=st.integers(3, 90), cuts=st.lists(st.integers(0, 90), max_size=4))
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_any_pieces_give_the_bits_of_the_whole(
+    compensators: dict[str, rlg.Compensator], name: str, seed: int, rows: int, cuts: list[int]
+) -> None:
+    model, run = compensators[name], recording(seed, rows)
+    whole = model.predict(run)
+    model.restart()
+    assert pd.DataFrame([model.step(sample) for sample in run.table.to_dict("records")]).equals(whole)
+    model.restart()
+    edges = sorted({0, rows, *(cut for cut in cuts if cut < rows)})
+    parts = [model.steps(run.table.iloc[a:b]) for a, b in itertools.pairwise(edges)]
+    assert pd.concat(parts, ignore_index=True).equals(whole)
+
+
+@pytest.mark.parametrize("spoilt", [{"readout_a_V": np.nan}, {"readout_a_V": np.inf}, {"time_s": 40.0}, {"time_s": np.nan}])
+def test_a_sample_that_is_refused_leaves_no_trace(
+    trained: rlg.Compensator, short_runs: list[rlg.Recording], spoilt: dict[str, float]
+) -> None:
+    samples = short_runs[2].table.iloc[:30].to_dict("records")
+    trained.restart()
+    expected = [trained.step(sample) for sample in samples]
+    trained.restart()
+    found = [trained.step(sample) for sample in samples[:10]]
+    with pytest.raises(rlg.InputError, match="sample"):
+        trained.step(samples[10] | spoilt)
+    assert found + [trained.step(sample) for sample in samples[10:]] == expected
+
+
+def test_every_model_of_the_package_is_tried_here() -> None:
+    tried = {type(estimator) for estimator in ESTIMATORS.values()}
+    assert {form.estimator for form in MODELS.values() if not getattr(form.estimator, "reads_sequences", False)} == tried
+
+
+# --- lines ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def model(short_runs: list[rlg.Recording]) -> rlg.Compensator:
+    return rlg.Compensator(rlg.CubicLeastSquares(linear="dynamics")).fit(short_runs[:2])
+
+
+@pytest.fixture(scope="module")
+def csv(short_runs: list[rlg.Recording], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("csv") / "run.csv"
+    run = short_runs[2]
+    rlg.write(run.replace(table=run.table.iloc[:300], truth=None, name="run"), path)
+    return path
+
+
+def fed(model: rlg.Compensator, lines: list[str], cuts: list[int], **settings_: object) -> tuple[list[str], Follower]:
+    follower = Follower(model, lines[0], **settings_)
+    edges = sorted({1, len(lines), *(cut for cut in cuts if 1 < cut < len(lines))})
+    return [line for a, b in itertools.pairwise(edges) for line in to_lines(follower.feed(lines[a:b]))], follower
+
+
+def whole(model: rlg.Compensator, path: Path) -> list[str]:
+    rlg.write(model.correct(rlg.read(path)), path.with_name("whole.csv"))
+    return path.with_name("whole.csv").read_text().splitlines()
+
+
+def spoil(lines: list[str], seed: int) -> list[str]:
+    """Missing monitors in spells, missing gyro values, rows left out, rows doubled, absurd and textual entries: few of each."""
+    rng = np.random.default_rng(seed)
+    table = [line.split(",") for line in lines]
+    for column in (2, 4):
+        start, length = rng.integers(1, 250), rng.integers(1, 40)
+        for row in table[start : start + length]:
+            row[column] = ""
+    table[rng.integers(1, 300)][1] = ""
+    table[rng.integers(1, 300)][5] = "1e300"
+    table[rng.integers(1, 300)][5] = "broken"
+    gone = rng.integers(1, 250)
+    del table[gone : gone + rng.integers(0, 30)]
+    place = rng.integers(1, len(table))
+    table.insert(place, list(table[place]))
+    return [",".join(row) for row in table]
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 10**6), cuts=st.lists(st.integers(1, 300), max_size=5))
+def test_a_spoilt_stream_is_mended_as_the_whole_file_is(model: rlg.Compensator, csv: Path, seed: int, cuts: list[int]) -> None:
+    lines = spoil(csv.read_text().splitlines(), seed)
+    path = csv.with_name("spoilt.csv")
+    path.write_text("\n".join(lines) + "\n")
+    expected = whole(model, path)
+    found, follower = fed(model, lines, cuts)
+    assert [",".join(follower.columns), *found] == expected
+    assert sum(follower.left_out.values()) == len(lines) - len(expected)
+
+
+def test_lines_with_too_much_are_left_out(model: rlg.Compensator, csv: Path) -> None:
+    lines = csv.read_text().splitlines()
+    found, _ = fed(model, lines, [])
+    again, follower = fed(model, [*lines[:50], lines[50] + ",1", *lines[50:]], [20])
+    assert again == found
+    assert dict(follower.left_out) == {"with more entries than columns": 1}
+
+
+def test_pulses_names_and_a_calibration_of_ones_own(
+    model: rlg.Compensator, short_runs: list[rlg.Recording], csv: Path, tmp_path: Path
+) -> None:
+    """Pulses without time stamps under the laboratory's names, calibrated: as the whole file gives."""
+    run = short_runs[2].table.iloc[:300]
+    calibration = Calibration(pulse_arcsec=0.5, bias_deg_h=0.25)
+    table = run.drop(columns=["time_s", "gyro_deg_h"]).assign(N=np.round(1e4 * run["gyro_deg_h"]))
+    table.rename(columns={"temperature_block_degC": "T"}).assign(T=run["temperature_block_degC"] + 273.15).to_csv(
+        tmp_path / "raw.csv", index=False, float_format="%.17g"
+    )
+    mapping = {"gyro_pulses": "N", "temperature_block_degC": "T [K]"}
+    read = rlg.read(tmp_path / "raw.csv", columns=mapping, metadata={"pulse_arcsec": 0.5}, period_s=5.0)
+    expected = model.correct(calibration.apply(read))
+    found, follower = fed(
+        model, (tmp_path / "raw.csv").read_text().splitlines(), [7, 100], mapping=mapping, period_s=5.0, calibration=calibration
+    )
+    assert follower.columns == expected.columns
+    values = np.array([[float(part) for part in line.split(",")] for line in found])
+    assert values == pytest.approx(expected.table.to_numpy(), rel=1e-13)
+    bias = follower.columns.index("compensation_deg_h")
+    assert (values[:, bias] == expected.column("compensation_deg_h")).all()
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("a,b", "no column time_s"),
+        ("time_s,gyro_deg_h", "which the model needs"),
+        ("time_s," + ",".join(MONITORS), "no gyro column"),
+        ("time_s,gyro_x_deg_h,gyro_y_deg_h," + ",".join(MONITORS), "the model corrects gyro_deg_h"),
+        ("time_s,gyro_pulses," + ",".join(MONITORS), "give --pulse-arcsec and --period-s"),
+    ],
+)
+def test_a_stream_that_cannot_be_used_is_refused_at_its_header(model: rlg.Compensator, header: str, message: str) -> None:
+    with pytest.raises(rlg.InputError, match=message):
+        Follower(model, header)
+
+
+@pytest.mark.parametrize("period_s", [0.0, -1.0, np.nan, "soon"])
+def test_a_sample_period_that_is_none_is_refused(model: rlg.Compensator, period_s: object) -> None:
+    with pytest.raises(rlg.InputError, match="must be a positive number of seconds"):
+        Follower(model, "gyro_deg_h," + ",".join(MONITORS), period_s=period_s)
+
+
+def test_numbers_agree_or_not() -> None:
+    assert agrees("1,2.0000000001", "1,2")
+    for written in ("1,2.1", "1", "1,2,3", "1,x", "1,nan"):
+        assert not agrees(written, "1,2")
+
+
+# --- the command ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def saved(model: rlg.Compensator, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    register_commands()
+    path = tmp_path_factory.mktemp("model") / "model"
+    model.save(path)
+    return path
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < end, "nothing came"
+        time.sleep(0.05)
+
+
+def started(saved: Path, source: str, out: Path | str, **given_: object) -> subprocess.Popen[bytes]:
+    code = "import sys; from rlgcomp.cli import main; sys.argv[0] = 'rlgcomp'; main()"
+    command = [sys.executable, "-c", code, "compensate", str(saved), source, "--follow", "--out", str(out), "--json"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **given_)
+
+
+def lines_of(path: Path) -> list[str]:
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def test_a_growing_file_interrupted_killed_and_resumed(saved: Path, model: rlg.Compensator, csv: Path, tmp_path: Path) -> None:
+    lines, expected = csv.read_text().splitlines(), whole(model, csv)
+    growing, out = tmp_path / "growing.csv", tmp_path / "out.csv"
+    with growing.open("w", buffering=1) as stream:
+        stream.write("\n".join(lines[:50]) + "\n" + lines[50][:30])
+        first = started(saved, str(growing), out)
+        wait_for(lambda: len(lines_of(out)) == 50)
+        time.sleep(0.3)
+        assert lines_of(out) == expected[:50]  # nothing for the line whose end is not there
+        stream.write(lines[50][30:] + "\n")
+        stream.flush()
+        wait_for(lambda: len(lines_of(out)) == 51)
+        first.send_signal(signal.SIGINT)
+        said, errors = first.communicate(timeout=60)
+        assert first.returncode == 130
+        assert json.loads(said)["signal"] == signal.SIGINT
+        assert b"goes on from here" in errors
+        stream.write("\n".join(lines[51:100]) + "\n")
+        stream.flush()
+
+        second = started(saved, str(growing), out)
+        wait_for(lambda: len(lines_of(out)) == 100)
+        second.kill()
+        second.communicate(timeout=60)
+        with out.open("a") as torn:
+            torn.write(expected[100][:20])  # as a machine that lost its power leaves it
+
+        stream.write("\n".join(lines[100:]) + "\n")
+        stream.flush()
+        third = started(saved, str(growing), out)
+        wait_for(lambda: len(lines_of(out)) == len(expected))
+        third.terminate()
+        said, _ = third.communicate(timeout=60)
+        assert third.returncode == 143
+        assert json.loads(said)["found_there"] == 99
+    assert lines_of(out) == expected
+
+
+def test_standard_input_line_by_line(saved: Path, model: rlg.Compensator, csv: Path) -> None:
+    lines, expected = csv.read_text().splitlines(), whole(model, csv)
+    process = started(saved, "-", "-", stdin=subprocess.PIPE)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    for k in range(20):
+        process.stdin.write(f"{lines[k]}\n".encode())
+        process.stdin.flush()
+        assert process.stdout.readline().decode().strip() == expected[k]
+    process.stdin.write(f"{lines[20]}\n{lines[21][:10]}".encode())
+    rest, errors = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert rest.decode().splitlines() == expected[20:21]
+    assert b"has no end and was left out" in errors
+
+
+def follow(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["compensate", *map(str, arguments), "--follow", "--idle-s", "0"])
+    assert "Traceback" not in result.output
+    return result.exit_code, result.output
+
+
+def test_an_output_that_is_not_its_own_is_left_untouched(
+    saved: Path, csv: Path, short_runs: list[rlg.Recording], tmp_path: Path
+) -> None:
+    out, other = tmp_path / "out.csv", tmp_path / "other.csv"
+    assert follow(saved, csv, "--out", out)[0] == 0
+    before = out.read_bytes()
+    rlg.write(short_runs[0].replace(truth=None), other)
+    code, said = follow(saved, other, "--out", out)
+    assert (code, out.read_bytes()) == (2, before)
+    assert "not what this model makes of this input" in said
+    (tmp_path / "thesis.csv").write_text("years of work")
+    code, said = follow(saved, csv, "--out", tmp_path / "thesis.csv")
+    assert (code, (tmp_path / "thesis.csv").read_text()) == (2, "years of work")
+    assert "left untouched" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("absent.csv", None, "does not exist"),
+        ("run.parquet", b"PAR1", "reads plain CSV"),
+        ("empty.csv", b"", "no line with the names"),
+        ("bytes.csv", b"\xff\xfe\x00\x01\n", "not UTF-8"),
+        ("long.csv", b"x" * (3 << 20), "has no end"),
+    ],
+)
+def test_what_is_no_stream_is_refused(saved: Path, tmp_path: Path, name: str, content: bytes | None, message: str) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    code, said = follow(saved, tmp_path / name, "--out", tmp_path / "out.csv")
+    assert code == 2
+    assert message in " ".join(said.split())
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_file_that_is_replaced_is_noticed(saved: Path, csv: Path, tmp_path: Path) -> None:
+    growing = tmp_path / "growing.csv"
+    growing.write_bytes(csv.read_bytes())
+    process = started(saved, str(growing), tmp_path / "out.csv")
+    wait_for(lambda: len(lines_of(tmp_path / "out.csv")) == 301)
+    os.truncate(growing, 10)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert b"was replaced or cut" in errors

@@ -1,0 +1,116 @@
+"""Intervals of the bias: what they hold, on runs that were held out and beyond the training range."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.neighbors import KNeighborsRegressor
+
+import rlgcomp as rlg
+from experiments.coverage.__main__ import main, programme
+from rlgcomp.compensation.interval import Interval, excess, quantile
+from rlgcomp.compensation.rows import rows
+
+
+def test_ninety_percent_of_windows_held_out_by_run_lie_within() -> None:
+    """20 units, programmes of their own for every run, four runs to train on: 87 to 93 % (measured in docs/results/coverage.md)."""
+    shares = []
+    for seed in range(20):
+        unit, rng = rlg.simulated_unit(seed), np.random.default_rng(seed)
+        runs = [unit.simulate(programme(rng), seed=k, step_s=20.0, name=f"{k}") for k in range(6)]
+        compensator = rlg.Compensator(rlg.CubicLeastSquares(linear="dynamics")).fit(runs[:4])
+        for run in runs[4:]:
+            windows = rows(run, compensator.recipe_, 100.0)
+            error = np.abs(windows.y_deg_h - compensator.predict_rows(windows.X))
+            shares.append(np.mean(error <= compensator.half_widths(windows.X)))
+    assert 0.87 < np.mean(shares) < 0.93
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.3])
+def test_runs_that_differ_are_covered_on_average(spread: float) -> None:
+    """Errors drawn run by run with a scale of their own: what is calibrated on six runs holds 90 % of a seventh's, on average."""
+    rng = np.random.default_rng(4)
+    held = []
+    for _ in range(300):
+        errors = rng.standard_normal((7, 60)) * np.exp(spread * rng.standard_normal((7, 1)))
+        X = rng.uniform(size=(360, 1))
+        found = Interval.calibrated(errors[:6].ravel(), X, errors[:6].ravel(), np.repeat(np.arange(6), 60), runs=6)
+        held.append(np.mean(np.abs(errors[6]) <= found.inside_deg_h))
+    assert np.mean(held) == pytest.approx(0.9, abs=0.03)
+
+
+def test_the_quantile_counts_runs_not_windows() -> None:
+    long, short = np.zeros(900), np.ones(100)
+    assert quantile([long, short], 0.5) == 0.0
+    assert quantile([long, short], 0.51) == 1.0
+    assert quantile([np.arange(10.0)], 0.9) == 8.0
+
+
+def test_windows_beyond_the_range_of_the_others_do_not_tell_of_what_is_within() -> None:
+    """One run reaches further, with errors tenfold there: the half width within stays what it is without that part."""
+    rng = np.random.default_rng(0)
+    X = np.r_[np.linspace(0, 1, 50), np.linspace(0, 1, 50), np.linspace(0, 2, 100)][:, None]
+    errors = 0.01 * rng.standard_normal(200)
+    groups = np.repeat([0, 1, 2], [50, 50, 100])
+    plain = Interval.calibrated(errors, X, X[:, 0], groups, runs=3)
+    errors[155:] *= 10.0
+    assert Interval.calibrated(errors, X, X[:, 0], groups, runs=3) == plain
+    assert plain.per_span_deg_h == 2.0
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=2), st.floats(0.0, 1e3))
+def test_it_widens_with_every_step_outside_and_not_within(x: list[float], further: float) -> None:
+    low, high = np.array([-1.0, 3.0]), np.array([2.0, 3.0])  # the second input stood still in training
+    interval = Interval(0.002, 0.05, 0.9, 4)
+    here = interval.half_width_deg_h(excess(np.array([x]), low, high))[0]
+    outward = np.array(x) + further * np.where(np.array(x) > high, 1.0, np.where(np.array(x) < low, -1.0, 0.0))
+    there = interval.half_width_deg_h(excess(outward[None], low, high))[0]
+    assert there >= here >= 0.002
+    assert (here == 0.002) == bool((low <= x).all() and (x <= high).all())
+
+
+def test_it_is_in_what_a_compensator_says(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+    run = short_runs[2]
+    wild = run.table
+    wild.loc[500:, "temperature_block_degC"] += 200.0
+    predicted = trained.predict(run.replace(table=wild))["half_width_deg_h"].to_numpy()
+    assert (predicted[~trained.predict(run)["out_of_range"]][:400] == trained.interval_.inside_deg_h).all()
+    assert (predicted[500:] > trained.interval_.inside_deg_h + trained.interval_.per_span_deg_h).all()
+    assert (trained.correct(run.replace(table=wild)).column("compensation_half_width_deg_h") == predicted).all()
+    assert 0.8 < rlg.evaluate(trained, [run], compare=False).runs[0].in_interval <= 1.0
+
+
+def test_a_model_of_the_users_own_has_one_too(short_runs: list[rlg.Recording]) -> None:
+    model = rlg.Compensator(KNeighborsRegressor(), features="temperature").fit(short_runs[:2])
+    assert model.interval_.inside_deg_h > 0.0
+
+
+@pytest.mark.parametrize(("runs", "said"), [(1, "no share is promised"), (2, "nothing can be promised"), (12, "holds on average")])
+def test_the_card_promises_no_more_than_the_runs_allow(
+    trained: rlg.Compensator, tmp_path: object, runs: int, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trained, "interval_", Interval(0.002, 0.05, 0.9, runs))
+    trained.save(tmp_path / "model")
+    assert said in " ".join((tmp_path / "model" / "card.md").read_text().split())
+    assert rlg.load(tmp_path / "model").interval_ == trained.interval_
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"runs": 0}, {"runs": True}, {"coverage": 1.0}, {"inside_deg_h": -1.0}, {"inside_deg_h": "1"}, {"per_span_deg_h": None}],
+)
+def test_a_wrong_interval_is_refused(change: dict[str, object]) -> None:
+    good = Interval(0.002, 0.05, 0.9, 3).to_mapping()
+    assert Interval.from_mapping(good).to_mapping() == good
+    with pytest.raises(rlg.InputError, match="interval"):
+        Interval.from_mapping(good | change)
+
+
+def test_the_experiment_prints_its_table(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--quick", "--jobs", "1"])
+    said = capsys.readouterr().out
+    assert "windows beyond it" in said
+    assert said.count("| dynamic | play |") == 2
