@@ -63,6 +63,7 @@ def models(short_runs: list[rlg.Recording], trained: rlg.Compensator) -> dict[st
         "support vectors": rlg.Compensator(MODELS["svr"].make(), features="temperature,memory").fit(runs),
         "cubic, mean kept": rlg.Compensator(rlg.CubicLeastSquares(), features="lag", keep_mean=True).fit(runs),
         "dynamic": rlg.Compensator(MODELS["dynamic"].make()).fit(runs),
+        "fixed size": rlg.Compensator(MODELS["fixed-size"].make().set_params(centres=40), features="temperature").fit(runs),
     }
 
 
@@ -77,6 +78,7 @@ NAMES = [
     "support vectors",
     "cubic, mean kept",
     "dynamic",
+    "fixed size",
 ]
 
 

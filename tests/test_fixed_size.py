@@ -82,7 +82,7 @@ def test_a_selected_model_predicts_new_rows_to_the_noise() -> None:
     found = select(form, form.make(), X, y, groups, n_jobs=2)
     assert found.rmse == pytest.approx(0.1, rel=0.05)
     model = clone(form.make()).set_params(**found.best).fit(X, y)
-    again = form.unpack(*form.pack(model))
+    again = form.unpack(*form.pack(model), X.shape[1])
     assert np.array_equal(again.predict(X[:50]), model.predict(X[:50]))
 
 
