@@ -44,6 +44,8 @@ Modules, each importing only from those before it:
     report                      pages that show them
     diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
     export                      a compensation as code for the box, proved against Python by running it
+    fleet                       many gyros at once, on one machine or a cluster
+    bench sparse                how fast all this is beside its peers; sparse least squares
     cli                         the command line
 """
 
@@ -66,6 +68,7 @@ if TYPE_CHECKING:
     from rlgcomp.compensation.compensator import Compensator as Compensator
     from rlgcomp.compensation.compensator import load as load
     from rlgcomp.compensation.cubic import CubicLeastSquares as CubicLeastSquares
+    from rlgcomp.compensation.fixed_size import FixedSizeLSSVM as FixedSizeLSSVM
     from rlgcomp.compensation.lssvm import LSSVMRegressor as LSSVMRegressor
     from rlgcomp.compensation.sequence import SequenceRegressor as SequenceRegressor
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose
@@ -101,6 +104,7 @@ _HOMES = {
     "CubicLeastSquares": "compensation.cubic",
     "Evaluation": "evaluation",
     "FeatureRecipe": "recipe",
+    "FixedSizeLSSVM": "compensation.fixed_size",
     "InputError": "errors",
     "KernelBaselines": "compensation.baselines",
     "LSSVMRegressor": "compensation.lssvm",

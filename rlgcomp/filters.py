@@ -6,11 +6,16 @@ same bits, because the loop is the same: a real-time box that follows these line
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
+from rlgcomp.compiled import available, compiled
+
 Array = npt.NDArray[np.float64]
+_MANY: Final = 20_000  # samples from which compiling pays: a recording is passed through a dozen filters
 
 
 def low_pass(state: float, values: Array, step_s: Array, time_constant_s: float) -> tuple[Array, float]:
@@ -38,11 +43,18 @@ def low_pass(state: float, values: Array, step_s: Array, time_constant_s: float)
         The last output.
     """
     output = np.empty(len(values))
-    y = state
-    for k, (x, step) in enumerate(zip(values.tolist(), step_s.tolist(), strict=True)):
-        y = y + (step / (time_constant_s + step) if step > 0.0 else 0.0) * (x - y)
+    if len(values) >= _MANY and available():
+        return output, float(_low_pass(state, np.ascontiguousarray(values), step_s, time_constant_s, output))
+    return output, float(_low_pass.plain(state, values.tolist(), step_s.tolist(), time_constant_s, output))
+
+
+@compiled()
+def _low_pass(y: float, values: Array, step_s: Array, time_constant_s: float, output: Array) -> float:
+    for k in range(len(values)):
+        step = step_s[k]
+        y = y + (step / (time_constant_s + step) if step > 0.0 else 0.0) * (values[k] - y)
         output[k] = y
-    return output, y
+    return y
 
 
 def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:

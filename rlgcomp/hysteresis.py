@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.hysteresis_loops import bouc_wen, bouc_wen_constants, pays, play_states
+from rlgcomp.hysteresis_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, pays, play_states
 
 Array = npt.NDArray[np.float64]
 _TOGETHER: Final = 5  # radii from which one array a sample is faster than one number a sample and radius
@@ -195,6 +195,6 @@ class BoucWen:
         """z after each input, shape (n,), and the last state."""
         constants = bouc_wen_constants(self.slope, self.saturation, self.shape, self.exponent)
         output = np.empty(len(u))
-        inputs, loop = (np.ascontiguousarray(u), bouc_wen) if pays(len(u)) else (u.tolist(), bouc_wen.plain)
+        inputs, loop = (np.ascontiguousarray(u), bouc_wen) if pays(BOUC_WEN * len(u)) else (u.tolist(), bouc_wen.plain)
         z, before = loop(float(state[0]), float(state[1]), inputs, *constants, output)
         return output, np.array([z, before])

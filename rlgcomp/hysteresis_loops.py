@@ -17,6 +17,7 @@ from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
 MANY: Final = 100_000  # updates of an operator from which compiling pays
+BOUC_WEN: Final = 10  # a step of Bouc–Wen in updates of a play operator
 _TOGETHER: Final = 128  # gyros of one piece of work
 
 
@@ -75,7 +76,7 @@ def bouc_wen_fleet(u: Array, slope: float, saturation: float, shape: float, expo
     """Bouc–Wen's z of many gyros from rest, shape (n, gyros), for inputs of that shape; see `rlgcomp.hysteresis.BoucWen`."""
     constants = bouc_wen_constants(slope, saturation, shape, exponent)
     output = np.empty(u.shape)
-    if pays(u.size):
+    if pays(BOUC_WEN * u.size):
         in_threads(_bouc_wen_of_many, [(u, *constants, a, b, output) for a, b in _pieces(u.shape[1])], workers)
         return output
     for g in range(u.shape[1]):

@@ -135,9 +135,9 @@ def _numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             context.add("refused", f"{len(bad)} entries are no numbers, the first {values.iloc[bad[0]]!r}", column, bad[0])
         else:
             context.add("noted", "holds text, left out", column)
-    result = pd.DataFrame(numeric)
-    absurd = (result.abs() > LARGEST_VALUE).to_numpy()
-    if absurd.any():
+    result = pd.DataFrame(numeric, copy=False)
+    if any(_reaches_beyond(values, LARGEST_VALUE) for values in numeric.values()):
+        absurd = (result.abs() > LARGEST_VALUE).to_numpy()
         row = int(np.flatnonzero(absurd.any(axis=1))[0])
         context.add(
             "repaired", f"{int(absurd.sum())} infinite or absurd values count as missing", result.columns[absurd[row]][0], row
@@ -161,7 +161,7 @@ def _seconds(values: pd.Series, context: Context) -> pd.Series:
 
 
 def _empty_channels(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    for column in table.columns[table.isna().all()]:
+    for column in (name for name in table.columns if np.isnan(table[name].to_numpy()).all()):
         context.add("refused", f"every value is missing (NaN); leave the column out with --drop {column}, or mend the file", column)
     return table
 
@@ -294,10 +294,9 @@ def _frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     spoilt = np.zeros(len(table), dtype=np.bool_)
     time_s = table[TIME].to_numpy()
     for column in thermometers:
-        starts, stops = _runs(table[column].to_numpy())
-        for start, stop in zip(starts, stops, strict=True):
-            if time_s[stop - 1] - time_s[start] < FROZEN_S:
-                continue
+        starts, stops = _repeats(table[column].to_numpy())
+        long = time_s[stops - 1] - time_s[starts] >= FROZEN_S
+        for start, stop in zip(starts[long], stops[long], strict=True):
             others = table[[other for other in thermometers if other != column]].iloc[start:stop]
             if float((others.max() - others.min()).max()) > FROZEN_WHILE_OTHERS_MOVE_K:
                 lasted = time_s[stop - 1] - time_s[start]
@@ -307,9 +306,9 @@ def _frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 
 
 def _missing(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    missing = table.isna()
-    if not missing.to_numpy().any():
+    if not any(np.isnan(table[column].to_numpy().sum()) for column in table.columns):  # a sum is missing where a value is
         return table
+    missing = table.isna()
     time_s = table[TIME]
     latest_s = np.minimum(time_s - LONGEST_HOLD_S * (1.0 + ROUNDING), time_s.shift(1, fill_value=-np.inf))
     filled = table.copy()
@@ -418,6 +417,18 @@ def _runs(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Starts and stops of the runs of equal consecutive values."""
     edges = np.flatnonzero(np.diff(values) != 0) + 1
     return np.r_[0, edges], np.r_[edges, len(values)]
+
+
+def _repeats(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Starts and stops of the runs of two and more equal consecutive values."""
+    same = np.flatnonzero(values[1:] == values[:-1])
+    apart = np.diff(same) > 1
+    return same[np.r_[True, apart][: len(same)]], same[np.r_[apart, True][: len(same)]] + 2
+
+
+def _reaches_beyond(values: Array, limit: float) -> bool:
+    """Whether any value that is there is larger than the limit, of either sign."""
+    return bool(np.fmax.reduce(values, initial=0.0) > limit or np.fmin.reduce(values, initial=0.0) < -limit)
 
 
 def _stuck(values: Array) -> tuple[Rows, int]:

@@ -24,7 +24,7 @@ ROWS = [
     ["recording"],
     ["repair"],
     ["formats"],
-    ["hysteresis_loops"],
+    ["hysteresis_loops", "sparse"],
     ["filters", "hysteresis", "frames", "triad", "motion"],
     ["noise"],
     ["allan"],
@@ -42,6 +42,8 @@ ROWS = [
     ["report"],
     ["diagnosis"],
     ["export"],
+    ["fleet"],
+    ["bench"],
     ["cli"],
 ]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from rlgcomp import compiled, hysteresis_loops
+from rlgcomp import compiled, filters, hysteresis_loops
 from rlgcomp.errors import InputError
 from rlgcomp.hysteresis import BoucWen, Play, play_paths
 
@@ -110,3 +110,16 @@ def test_short_work_does_not_wait_for_numba() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@needs_numba
+def test_the_low_pass_has_the_same_bits_in_a_stream_and_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    values, step_s = np.cumsum(rng.normal(size=500)), np.r_[0.0, rng.uniform(0.5, 1.5, 499)]
+    plain, last = filters.low_pass(1.0, values, step_s, 7.0)
+    monkeypatch.setattr(filters, "_MANY", 1)
+    fast, end = filters.low_pass(1.0, values, step_s, 7.0)
+    assert np.array_equal(fast, plain)
+    assert end == last
+    first, middle = filters.low_pass(1.0, values[:200], step_s[:200], 7.0)
+    assert np.array_equal(np.r_[first, filters.low_pass(middle, values[200:], step_s[200:], 7.0)[0]], plain)

@@ -197,3 +197,39 @@ def test_metadata_of_parquet_is_plain_json(recording: rlg.Recording, tmp_path: P
     rlg.write(recording, tmp_path / "run.parquet")
     stored = json.loads(parquet.read_schema(tmp_path / "run.parquet").metadata[b"rlgcomp.recording"])
     assert stored["pulse_arcsec"] == 0.8428
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time_s,gyro_deg_h\n0,0.1\n1,0.30000000000000004\n2,1e-3\n",
+        "time_s;gyro_deg_h\n0;0.1\n1;0.2\n2;0.3\n",
+        "time_s,gyro_deg_h,note\n0,0.1,a\n1,0.2,b\n2,0.3,c\n",
+        "# made by hand\ntime_s,gyro_deg_h\n0,0.1\n1,0.2\n2,0.3\n",
+        "time_s,gyro_deg_h\n0,0.1\n# a remark\n1,0.2\n2,0.3\n",
+        "time_s, gyro_deg_h\n0, 0.1\n1, 0.2\n2, 0.3\n",
+        "time_s,gyro_deg_h\n0,0.1\n1,\n2,0.3\n",
+        "time_s,gyro_deg_h\n2026-01-01T00:00:00,0.1\n2026-01-01T00:00:01,0.2\n",
+        "time_s,gyro_deg_h,gyro_deg_h\n0,0.1,1\n1,0.2,2\n2,0.3,3\n",
+        "time_s,gyro_deg_h\n0,0.1\n1,0.2,7\n2,0.3\n",
+        "time_s,gyro_deg_h\n0,0.1\n1,OFF\n2,0.3\n",
+        "\n\ntime_s,gyro_deg_h\n0,0.1\n1,0.2\n",
+    ],
+)
+def test_large_text_is_read_as_small_text_is(tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arrow's reader, which serves large files of numbers, against pandas: the same table or the same refusal."""
+    from rlgcomp.formats import csv
+
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    found = []
+    for large in (1 << 40, 0):
+        monkeypatch.setattr(csv, "_LARGE", large)
+        try:
+            found.append(csv.load(path)[0])
+        except rlg.InputError as error:
+            found.append(str(error))
+    if isinstance(found[0], str):
+        assert found[0] == found[1]
+    else:
+        pd.testing.assert_frame_equal(found[0], found[1], rtol=1e-15, check_column_type=False)

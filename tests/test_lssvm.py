@@ -190,3 +190,31 @@ def test_shifting_and_scaling_the_output_does_the_same_to_the_prediction(seed: i
 def test_wrong_parameters_are_refused_at_fit(data: tuple[np.ndarray, np.ndarray], parameters: dict[str, object]) -> None:
     with pytest.raises(rlg.InputError, match=r"parameter of LSSVMRegressor must be .* Got .* instead"):
         rlg.LSSVMRegressor(**parameters).fit(*data)
+
+
+def test_one_row_at_a_time_predicts_the_same(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+    X, y = data
+    model = rlg.LSSVMRegressor(c=1e3, sigma=3.0).fit(X, y)
+    at = np.random.default_rng(3).normal(size=(20, 3))
+    for compiling in ("1", "0"):
+        monkeypatch.setenv("RLGCOMP_NUMBA", compiling)
+        one = model.one()
+        assert [one(row) for row in at] == pytest.approx(model.predict(at), abs=1e-11)
+    with pytest.raises(ValueError, match="kernel"):
+        rlg.LSSVMRegressor("linear").fit(X, y).one()
+
+
+@pytest.mark.parametrize("sigma", [0.4, 2.0, 60.0])
+def test_the_path_over_c_holds_for_narrow_and_wide_kernels(sigma: float) -> None:
+    """Few eigenvalues above rounding (wide) or all of them (narrow): both ways against solving again without the group."""
+    rng = np.random.default_rng(5)
+    X = rng.normal(size=(90, 2))
+    y = np.sin(2.0 * X[:, 0]) + 0.1 * rng.normal(size=90)
+    groups = np.arange(90) // 15
+    c = 10.0 ** np.arange(-1.0, 7.0)
+    found = cross_validation_path(rlg.LSSVMRegressor(sigma=sigma), X, y, groups, c)
+    for k, each in enumerate(c):
+        for label in range(6):
+            out = groups == label
+            brute = y[out] - rlg.LSSVMRegressor(c=each, sigma=sigma).fit(X[~out], y[~out]).predict(X[out])
+            assert found[k, out] == pytest.approx(brute, abs=1e-6 * np.abs(brute).max() + 1e-9)

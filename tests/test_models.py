@@ -29,6 +29,7 @@ def estimators() -> list[object]:
         rlg.LSSVMRegressor("linear"),
         rlg.LSSVMRegressor("polynomial"),
         rlg.LSSVMRegressor("sigmoid", c=1e4),
+        rlg.FixedSizeLSSVM(),
         rlg.CubicLeastSquares(),
         rlg.CubicLeastSquares(degree=1, linear=(0,)),
         rlg.KernelBaselines("kernel_ridge"),

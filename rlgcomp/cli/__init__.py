@@ -20,6 +20,8 @@ COMMANDS = (
     "export",
     "conceal",
     "sensitivity",
+    "fleet",
+    "bench",
 )  # the order in which --help lists them
 
 

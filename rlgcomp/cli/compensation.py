@@ -36,7 +36,10 @@ def train(
     runs: Runs,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="MODEL", help="Model folder to write.")],
     model: Annotated[
-        str, typer.Option(help="lssvm, cubic, dynamic, kernels, kernel-ridge, svr, gaussian-process or sequence.")
+        str,
+        typer.Option(
+            help="lssvm, fixed-size (of many rows), cubic, dynamic, kernels, kernel-ridge, svr, gaussian-process or sequence."
+        ),
     ] = "lssvm",
     features: Annotated[
         str,

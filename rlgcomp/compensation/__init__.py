@@ -8,11 +8,11 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import Any, Final
 
-from rlgcomp.compensation import baselines, cubic, lssvm, sequence
+from rlgcomp.compensation import baselines, cubic, fixed_size, lssvm, sequence
 from rlgcomp.compensation.form import ModelForm
 
 MODELS: Final[MappingProxyType[str, ModelForm]] = MappingProxyType(
-    {form.name: form for form in (lssvm.FORM, *cubic.FORMS, *baselines.FORMS, sequence.FORM)}
+    {form.name: form for form in (lssvm.FORM, fixed_size.FORM, *cubic.FORMS, *baselines.FORMS, sequence.FORM)}
 )
 
 

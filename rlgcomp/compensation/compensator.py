@@ -18,7 +18,7 @@ from sklearn.base import clone
 
 from rlgcomp.compensation import MODELS, artefact, form_of
 from rlgcomp.compensation.cubic import DYNAMICS
-from rlgcomp.compensation.form import finite, refit_residuals, sequential
+from rlgcomp.compensation.form import finite, residuals_left_out, sequential
 from rlgcomp.compensation.interval import Interval, excess
 from rlgcomp.compensation.lssvm import LSSVMRegressor
 from rlgcomp.compensation.rows import Rows, Scaling, rows
@@ -481,8 +481,7 @@ def _require_golden(found: Array, expected: Array) -> None:
 def _calibrated_interval(compensator: Compensator) -> Interval:
     """From the errors of the selected model on runs left out."""
     X, y, groups = compensator.training_rows()
-    residuals = refit_residuals if compensator.form_ is None else compensator.form_.residuals
-    (errors,) = residuals(compensator.model_, [compensator.selection_.best], X, y, groups)
+    errors = residuals_left_out(compensator.model_, X, y, groups)
     return Interval.calibrated(
         errors * compensator.scaling_.y_scale_deg_h,
         np.vstack([part.X for part in compensator.training_]),

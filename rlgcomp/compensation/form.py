@@ -33,6 +33,23 @@ def refit_residuals(model: Any, candidates: Candidates, X: Array, y: Array, grou
     return residuals
 
 
+def residuals_left_out(model: Any, X: Array, y: Array, groups: Labels) -> Array:
+    """Residuals of a fitted model with each group left out: in closed form where it has one, otherwise by fitting again."""
+    if hasattr(model, "leave_groups_out"):
+        return np.asarray(model.leave_groups_out(groups))
+    return np.asarray(refit_residuals(model, [{}], X, y, groups)[0])
+
+
+def refit_rmse(model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Array:
+    """Root mean square of :func:`refit_residuals`, one a candidate."""
+    return rms(refit_residuals(model, candidates, X, y, groups))
+
+
+def rms(residuals: Array) -> Array:
+    """Root mean squares of rows."""
+    return np.asarray(np.sqrt(np.mean(residuals**2, axis=1)))
+
+
 def sequential(model: Any) -> bool:
     """Whether the model reads rows as a sequence, so that `fit` must be told which recording each belongs to."""
     return bool(getattr(model, "reads_sequences", False))
@@ -52,8 +69,10 @@ class ModelForm:
         Parameters that make this form of the estimator.
     batches : callable
         Number of features to batches of candidates; a batch is scored in one piece of work.
-    residuals : callable
-        Scores a batch; see :func:`refit_residuals`.
+    rmse : callable
+        Scores a batch: the error of each candidate with groups left out; see :func:`refit_rmse`.
+    threads : bool
+        Whether that is all linear algebra, which threads do side by side; processes, which cost more to start, serve the others.
     reach : float
         How far beyond the training range the model may be asked, in spans of it; further out its inputs are held. 0 for a model
         that diverges there, such as a cubic.
@@ -71,7 +90,8 @@ class ModelForm:
     arrays: tuple[str, ...]
     check: Callable[[Any, int], None]
     defaults: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    residuals: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_residuals
+    rmse: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_rmse
+    threads: bool = False
     reach: float = 0.0
 
     def make(self) -> Any:

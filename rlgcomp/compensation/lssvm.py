@@ -23,6 +23,9 @@ G. C. Cawley, N. L. C. Talbot, Neural Networks 17, 1467 (2004) (leave-one-out in
 
 from __future__ import annotations
 
+import functools
+import math
+from collections.abc import Callable
 from typing import Any, Final, Self
 
 import numpy as np
@@ -31,14 +34,19 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.form import Candidates, ModelForm, require_shape
+from rlgcomp.compensation.fixed_size import fixed_size_rmse
+from rlgcomp.compensation.form import Candidates, ModelForm, require_shape, rms
 from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.parameters import require_choice, require_number
+from rlgcomp.compiled import compiled
 
 Array = npt.NDArray[np.float64]
 _KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid")
+MANY_ROWS: Final = 1500  # from which candidates are compared on so many centres that hold the kernel to rounding where it matters
+CENTRES_OF_MANY: Final = 400
 _ROBUST_PASSES: Final = 3
 _FEW_GROUPS: Final = 3
+_THIN: Final = 0.7  # rank over rows up to which a factor pays
 _WEIGHT_OF_OUTLIER: Final = 1e-4
 
 
@@ -160,6 +168,21 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         prediction = kernel_sum(name, self.get_params(), inputs, self.X_fit_, self.alpha_) + self.intercept_
         return (prediction, self._std(inputs)) if return_std else prediction
 
+    def one(self) -> Callable[[Array], float]:
+        """A function that predicts one row in microseconds, for a loop in real time: it checks nothing, and only floats may go in.
+
+        It is `predict` for the Gaussian kernel, with distances summed feature by feature, so that it differs by rounding.
+
+        Raises
+        ------
+        ValueError
+            The kernel is another one.
+        """
+        check_is_fitted(self)
+        require_choice(self, "kernel", ("gaussian",))
+        centres, alpha = np.ascontiguousarray(self.X_fit_.T), np.ascontiguousarray(self.alpha_)
+        return functools.partial(_one.fast(), centres, alpha, -0.5 / self.sigma**2, float(self.intercept_), np.empty(len(alpha)))
+
     def leave_groups_out(self, groups: npt.ArrayLike) -> Array:
         """Residual of each row when its whole group is left out, in closed form for any partition.
 
@@ -215,42 +238,94 @@ def cross_validation_path(
     """
     gram = kernel(estimator.kernel, estimator.get_params(), X, X)
     c = np.atleast_1d(np.asarray(c_values, dtype=np.float64))
-    members = [groups == label for label in np.unique(groups)]
+    members = [np.flatnonzero(groups == label) for label in np.unique(groups)]
     residuals = np.empty((len(c), len(y)))
     if len(members) <= _FEW_GROUPS:  # solving for the rest is cheaper than inverting large blocks
         for out in members:
-            path = _EigenPath(gram[np.ix_(~out, ~out)], y[~out])
-            for k, each in enumerate(c):
-                alpha, intercept = path.solve(each)
-                residuals[k, out] = y[out] - gram[np.ix_(out, ~out)] @ alpha - intercept
+            rest = np.delete(np.arange(len(y)), out)
+            alpha, intercept = _EigenPath(gram[np.ix_(rest, rest)], y[rest]).solve(c)
+            residuals[:, out] = y[out] - alpha @ gram[np.ix_(rest, out)] - intercept[:, None]
         return residuals
     path = _EigenPath(gram, y)
-    for k, each in enumerate(c):
-        alpha, _ = path.solve(each)
-        for out in members:
-            residuals[k, out] = linalg.solve(path.inverse_block(each, out), alpha[out], assume_a="sym", check_finite=False)
+    alpha, _ = path.solve(c)
+    for out in members:
+        residuals[:, out] = np.linalg.solve(path.inverse_blocks(c, out), alpha[:, out, None])[:, :, 0]
     return residuals
 
 
 class _EigenPath:
-    """Solutions of one bordered system for any c."""
+    """Solutions of one bordered system for many c.
+
+    Where the kernel matrix has few eigenvalues above rounding (wide kernels), they are found from its pivoted Cholesky factor, and
+    H^-1 = c (I - U diag(l / (l + 1/c)) U^T) needs no others.
+    """
 
     def __init__(self, gram: Array, y: Array) -> None:
-        self.values, self.vectors = linalg.eigh(gram, check_finite=False)
-        self.y, self.ones = self.vectors.T @ y, self.vectors.sum(axis=0)
+        rounding = len(y) * np.finfo(np.float64).eps * float(np.abs(np.diag(gram)).max())
+        factor = _pivoted_factor(gram, 0.1 * rounding)
+        self.thin = factor is not None
+        if factor is None:
+            self.values, self.vectors = np.linalg.eigh(gram)
+        else:
+            values, vectors = np.linalg.eigh(factor.T @ factor)
+            kept = values > rounding
+            self.values, self.vectors = values[kept], factor @ (vectors[:, kept] / np.sqrt(values[kept]))
+        self.target, self.y, self.ones = y, self.vectors.T @ y, self.vectors.sum(axis=0)
 
-    def solve(self, c: float) -> tuple[Array, float]:
-        """a and b."""
-        gain = 1.0 / (self.values + 1.0 / c)
-        intercept = float(self.ones @ (gain * self.y) / (self.ones @ (gain * self.ones)))
-        return self.vectors @ (gain * (self.y - intercept * self.ones)), intercept
+    def _gain(self, c: Array) -> Array:
+        """Weights of the eigenvectors, shape (m, r): of H^-1, or of what it lacks of c I."""
+        values = self.values + 1.0 / c[:, None]
+        return self.values / values if self.thin else 1.0 / values
 
-    def inverse_block(self, c: float, rows: npt.NDArray[np.bool_]) -> Array:
-        """C_GG."""
-        gain = 1.0 / (self.values + 1.0 / c)
+    def _applied(self, c: Array, gain: Array, coefficients: Array, whole: Array | float) -> Array:
+        """H^-1 on vectors, shape (m, n), whose coefficients in the eigenvectors are given."""
+        found = (gain * coefficients) @ self.vectors.T
+        return np.asarray(c[:, None] * (whole - found)) if self.thin else found
+
+    def solve(self, c: Array) -> tuple[Array, Array]:
+        """a and b for each c, shapes (m, n) and (m,)."""
+        gain = self._gain(c)
+        ones, y = self._applied(c, gain, self.ones, 1.0), self._applied(c, gain, self.y, self.target)
+        intercept = y.sum(axis=1) / ones.sum(axis=1)
+        return y - intercept[:, None] * ones, intercept
+
+    def inverse_blocks(self, c: Array, rows: npt.NDArray[np.intp]) -> Array:
+        """C_GG for each c, shape (m, rows, rows)."""
+        gain = self._gain(c)
+        ones = self._applied(c, gain, self.ones, 1.0)
         part = self.vectors[rows]
-        border = part @ (gain * self.ones)
-        return np.asarray((part * gain) @ part.T - np.outer(border, border) / (self.ones @ (gain * self.ones)))
+        blocks = ((gain[:, None, :] * part).reshape(-1, part.shape[1]) @ part.T).reshape(len(c), len(rows), len(rows))
+        if self.thin:
+            blocks = c[:, None, None] * (np.eye(len(rows)) - blocks)
+        border = ones[:, rows]
+        return np.asarray(blocks - border[:, :, None] * (border / ones.sum(axis=1)[:, None])[:, None, :])
+
+
+def _pivoted_factor(gram: Array, tolerance: float) -> Array | None:
+    """L of K = L L^T, shape (n, r), or None where r is more than 0.7 n or K is not positive semidefinite."""
+    if float(np.diag(gram).min()) < 0.0:
+        return None
+    factor, pivots, rank, _ = linalg.lapack.dpstrf(gram, tol=tolerance, lower=1)
+    if rank > _THIN * len(gram):
+        return None
+    lower = np.tril(factor[:, :rank])
+    thin = np.empty_like(lower)
+    thin[pivots - 1] = lower
+    error = np.abs(np.diag(gram) - np.einsum("ij,ij->i", thin, thin)).max()
+    return thin if error <= 100.0 * max(tolerance, np.finfo(np.float64).eps * float(np.diag(gram).max())) else None
+
+
+@compiled(reassociate=True)
+def _one(centres: Array, alpha: Array, factor: float, intercept: float, exponent: Array, x: Array) -> float:
+    """sum_i a_i (k(x_i, x) - 1) + b, centres of shape (features, n)."""
+    exponent[:] = 0.0
+    for f in range(len(centres)):
+        for i in range(len(alpha)):
+            exponent[i] += (centres[f, i] - x[f]) ** 2
+    total = intercept
+    for i in range(len(alpha)):
+        total += alpha[i] * math.expm1(factor * exponent[i])
+    return total
 
 
 def _solve(gram: Array, y: Array, c: Array) -> tuple[Array, float, Array]:
@@ -293,9 +368,12 @@ def _batches(features: int) -> list[list[dict[str, Any]]]:
     return [[{"sigma": float(sigma), "c": float(c)} for c in 10.0 ** np.arange(-1.0, 9.0)] for sigma in widths]
 
 
-def _path_residuals(model: LSSVMRegressor, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
-    widest = clone(model).set_params(sigma=candidates[0]["sigma"])
-    return cross_validation_path(widest, X, y, groups, [candidate["c"] for candidate in candidates])
+def _path_rmse(model: LSSVMRegressor, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
+    estimator = clone(model).set_params(sigma=candidates[0]["sigma"])
+    c = np.array([candidate["c"] for candidate in candidates])
+    if model.kernel == "gaussian" and not model.robust and len(y) > MANY_ROWS:
+        return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, estimator.sigma, c)
+    return rms(cross_validation_path(estimator, X, y, groups, c))
 
 
 def _check(model: LSSVMRegressor, features: int) -> None:
@@ -309,7 +387,8 @@ FORM: Final = ModelForm(
     name="lssvm",
     estimator=LSSVMRegressor,
     batches=_batches,
-    residuals=_path_residuals,
+    rmse=_path_rmse,
+    threads=True,
     reach=1.0,
     numbers=("intercept_", "scale_"),
     arrays=("alpha_", "X_fit_", "weights_"),

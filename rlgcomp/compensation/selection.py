@@ -76,13 +76,13 @@ def select(
     journal : path, optional
         Where to keep finished work.
     n_jobs : int
-        Worker processes; each computes with one thread.
+        Workers, processes or threads as the model needs; each computes with one thread of BLAS.
     progress : callable, optional
         Called with (done, total).
     """
     batches = form.batches(X.shape[1])
     if not batches:
-        (only,) = _rmse(form.residuals(model, [{}], X, y, groups))
+        (only,) = form.rmse(model, [{}], X, y, groups).tolist()
         return Selection({}, only, pd.DataFrame({"rmse": [only], "chosen": [True]}))
     fingerprint = _fingerprint(form, model, batches, X, y, groups)
     scores = _read_journal(journal, fingerprint)
@@ -91,9 +91,14 @@ def select(
     waiting = [k for k in range(len(batches)) if k not in scores]
     if progress:
         progress(len(scores), len(batches))
-    with _appending(journal, fingerprint, scores) as append:
+    workers = joblib.Parallel(
+        n_jobs=min(n_jobs, max(1, len(waiting))),
+        return_as="generator_unordered",
+        prefer="threads" if form.threads else "processes",
+    )
+    with _appending(journal, fingerprint, scores) as append, threadpool_limits(1, user_api="blas"):
         work = (joblib.delayed(_score)(k, form, model, batches[k], X, y, groups) for k in waiting)
-        for k, score in joblib.Parallel(n_jobs=min(n_jobs, max(1, len(waiting))), return_as="generator_unordered")(work):
+        for k, score in workers(work):
             scores[k] = score
             append({"piece": k, "rmse": score})
             if progress:
@@ -109,11 +114,7 @@ def _score(
     k: int, form: ModelForm, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels
 ) -> tuple[int, list[float]]:
     with threadpool_limits(1):
-        return k, _rmse(form.residuals(model, candidates, X, y, groups))
-
-
-def _rmse(residuals: Array) -> list[float]:
-    return [float(value) for value in np.sqrt(np.mean(residuals**2, axis=1))]
+        return k, form.rmse(model, candidates, X, y, groups).tolist()
 
 
 def _fingerprint(form: ModelForm, model: Any, batches: list[list[dict[str, Any]]], X: Array, y: Array, groups: Labels) -> str:

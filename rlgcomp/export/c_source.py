@@ -232,6 +232,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "runs": len(compensator.training_),
         "averaging_s": f"{compensator.averaging_s:g}",
         "table_bytes": design.table_bytes,
+        "centres_of_model": len(getattr(compensator.model_, "alpha_", ())),
         "monitors": monitors,
         "inputs": list(zip(map(_said, compensator.recipe_.names), map(_short, e.low), map(_short, e.high), strict=True)),
     }

@@ -26,7 +26,7 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     try:
         table = parquet.read_table(path)
         metadata = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
-        return table.to_pandas(), metadata
+        return table.to_pandas(split_blocks=True), metadata
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
 

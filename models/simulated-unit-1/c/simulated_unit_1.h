@@ -4,16 +4,18 @@
  * kind        LSSVMRegressor(c = 100000.0, degree = 3, kernel = gaussian, offset = 1.0, robust = False, sigma = 212.2639865827456, slope = 0.01), as Gaussian kernel with its first three orders summed beforehand
  * gyro        gyro_deg_h; unit simulated-1
  * trained on  816 means over 100 s from 2 runs
- * tables      816 centres x 11 inputs, double, 79568 bytes
+ * tables      816 of the model's 816 centres x 11 inputs, double, 79568 bytes
  * needs       C99, no library; not -ffast-math
  *
- * Call simulated_unit_1_init once after switching on, then simulated_unit_1_step for every sample, in order. One state serves one gyro; there is no
- * other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate.
+ * Call simulated_unit_1_init once after switching on,
+ * then simulated_unit_1_step for every sample, in order. One state serves one gyro;
+ * there is no other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate, or let
+ * simulated_unit_1_correct_deg_h do it.
  *
- * An input beyond its training range is flagged SIMULATED_UNIT_1_OUT_OF_RANGE; further out it is held where the model still answers, so the
- * output stays bounded. A sample that is not finite or not later than the one before is SIMULATED_UNIT_1_INVALID: it changes nothing, and the
- * result repeats the last valid one; before any, the training mean with a half width of 0.0605 deg/h, the bias's span in
- * training.
+ * SIMULATED_UNIT_1_OUT_OF_RANGE: an input is beyond its training range; further out it is held where the model still answers, so the output
+ * stays bounded.
+ * SIMULATED_UNIT_1_INVALID: the sample is not finite or not later than the one before. It changes nothing, and the result repeats the last
+ * valid one; before any, the training mean with a half width of 0.0605 deg/h, the bias's span in training.
  */
 #ifndef SIMULATED_UNIT_1_H
 #define SIMULATED_UNIT_1_H

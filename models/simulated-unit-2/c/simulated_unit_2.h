@@ -4,16 +4,18 @@
  * kind        CubicLeastSquares(degree = 3, linear = [1, 2, 3, 4, 5, 6, 7, 8]), as polynomial
  * gyro        gyro_deg_h; unit simulated-2
  * trained on  1176 means over 100 s from 3 runs
- * tables      0 centres x 11 inputs, double, 880 bytes
+ * tables      0 of the model's 0 centres x 11 inputs, double, 880 bytes
  * needs       C99, no library; not -ffast-math
  *
- * Call simulated_unit_2_init once after switching on, then simulated_unit_2_step for every sample, in order. One state serves one gyro; there is no
- * other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate.
+ * Call simulated_unit_2_init once after switching on,
+ * then simulated_unit_2_step for every sample, in order. One state serves one gyro;
+ * there is no other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate, or let
+ * simulated_unit_2_correct_deg_h do it.
  *
- * An input beyond its training range is flagged SIMULATED_UNIT_2_OUT_OF_RANGE; further out it is held where the model still answers, so the
- * output stays bounded. A sample that is not finite or not later than the one before is SIMULATED_UNIT_2_INVALID: it changes nothing, and the
- * result repeats the last valid one; before any, the training mean with a half width of 0.0753 deg/h, the bias's span in
- * training.
+ * SIMULATED_UNIT_2_OUT_OF_RANGE: an input is beyond its training range; further out it is held where the model still answers, so the output
+ * stays bounded.
+ * SIMULATED_UNIT_2_INVALID: the sample is not finite or not later than the one before. It changes nothing, and the result repeats the last
+ * valid one; before any, the training mean with a half width of 0.0753 deg/h, the bias's span in training.
  */
 #ifndef SIMULATED_UNIT_2_H
 #define SIMULATED_UNIT_2_H

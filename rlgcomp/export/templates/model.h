@@ -7,16 +7,18 @@
  * gyro input  calibrated with the file of SHA-256 {{ calibration }}
 {% endif %}
  * trained on  {{ rows }} means over {{ averaging_s }} s from {{ runs }} run{{ "" if runs == 1 else "s" }}
- * tables      {{ e.centres|length }} centres x {{ e.features }} inputs, {{ real }}, {{ table_bytes }} bytes
+ * tables      {{ e.centres|length }} of the model's {{ centres_of_model }} centres x {{ e.features }} inputs, {{ real }}, {{ table_bytes }} bytes
  * needs       C99, {{ "sqrt of the C library" if form == "matern" and libm else "no library" }}; not -ffast-math
  *
- * Call {{ p }}_init once after switching on, then {{ p }}_step for every sample, in order. One state serves one gyro; there is no
- * other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate.
+ * Call {{ p }}_init once after switching on,
+ * then {{ p }}_step for every sample, in order. One state serves one gyro;
+ * there is no other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate, or let
+ * {{ p }}_correct_deg_h do it.
  *
- * An input beyond its training range is flagged {{ P }}_OUT_OF_RANGE; further out it is held where the model still answers, so the
- * output stays bounded. A sample that is not finite or not later than the one before is {{ P }}_INVALID: it changes nothing, and the
- * result repeats the last valid one; before any, the training mean with a half width of {{ "%.3g"|format(interval.per_span_deg_h) }} deg/h, the bias's span in
- * training.
+ * {{ P }}_OUT_OF_RANGE: an input is beyond its training range; further out it is held where the model still answers, so the output
+ * stays bounded.
+ * {{ P }}_INVALID: the sample is not finite or not later than the one before. It changes nothing, and the result repeats the last
+ * valid one; before any, the training mean with a half width of {{ "%.3g"|format(interval.per_span_deg_h) }} deg/h, the bias's span in training.
  */
 #ifndef {{ P }}_H
 #define {{ P }}_H

@@ -1,0 +1,40 @@
+"""How fast the package is beside its peers, measured in the same run. One file a family of rows; `ROWS` lists them.
+
+A row is a :class:`~rlgcomp.bench.measure.Row`: what is done, on which data, by us and by which peers, and how far their results may
+differ. To add a row, write it in its family's file and name it in that file's `ROWS`; peers go to the extra `bench`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from rlgcomp.bench import allan, hysteresis, laws, reading, selection, start, whole
+from rlgcomp.bench.measure import Measured as Measured
+from rlgcomp.bench.measure import Row
+from rlgcomp.bench.measure import growth as growth
+from rlgcomp.bench.measure import measure as measure
+from rlgcomp.errors import InputError
+
+ROWS: Final[tuple[Row, ...]] = (
+    *selection.ROWS,
+    *allan.ROWS,
+    *hysteresis.ROWS,
+    *laws.ROWS,
+    *whole.ROWS,
+    *start.ROWS,
+    *reading.ROWS,
+)
+
+
+def chosen(names: list[str] | None) -> tuple[Row, ...]:
+    """Rows whose names begin with one of those given; all of them where none is.
+
+    Raises
+    ------
+    InputError
+        A name is no row's beginning.
+    """
+    for name in names or []:
+        if not any(row.name.startswith(name) for row in ROWS):
+            raise InputError(f"no row is called {name!r}; rows are {', '.join(row.name for row in ROWS)}")
+    return tuple(row for row in ROWS if not names or row.name.startswith(tuple(names)))

@@ -1,0 +1,73 @@
+"""Whole jobs: one prediction as a real-time box asks for it, and a diagnosis of four runs of twelve hours."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from rlgcomp.bench.measure import Case, Peer, Row
+
+CALLS: Final = 200
+CENTRES, INPUTS = 430, 12
+
+
+def _prediction(quick: bool) -> Case:
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF
+    from sklearn.kernel_ridge import KernelRidge
+
+    from rlgcomp.compensation.lssvm import LSSVMRegressor
+
+    del quick
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(CENTRES, INPUTS))
+    y = np.sin(X[:, 0]) + 0.1 * X[:, 1]
+    y -= y.mean()
+    sigma, c = 5.0, 1e3
+    model = LSSVMRegressor(c=c, sigma=sigma).fit(X, y)
+    at = X[7] + 0.1
+    row = at[None, :]
+    one = model.one()
+    ridge = KernelRidge(kernel="rbf", gamma=0.5 / sigma**2, alpha=1.0 / c).fit(X, y)
+    process = GaussianProcessRegressor(RBF(sigma), alpha=1.0 / c, optimizer=None).fit(X, y)
+
+    def many(predict: object) -> list[float]:
+        return [predict() for _ in range(CALLS)]  # type: ignore[operator]
+
+    def close(ours: list[float], theirs: list[float]) -> float:
+        return abs(ours[0] - theirs[0])
+
+    return Case(
+        lambda: many(lambda: one(at)),
+        [
+            Peer("the same model's predict", lambda: many(lambda: float(model.predict(row)[0])), close, 1e-9),
+            Peer("scikit-learn KernelRidge", lambda: many(lambda: float(ridge.predict(row)[0])), close, 0.05),
+            Peer("scikit-learn GaussianProcess", lambda: many(lambda: float(process.predict(row)[0])), close, 0.05),
+        ],
+        size=f"{CALLS} predictions, {CENTRES} centres x {INPUTS}",
+    )
+
+
+def _diagnosis(quick: bool) -> Case:
+    from rlgcomp.diagnosis.conceal import lacking
+    from rlgcomp.diagnosis.diagnose import diagnose
+    from rlgcomp.simulation.fleet import simulated_unit
+
+    unit = simulated_unit(1)
+    programmes = ("short", "short") if quick else ("paper", "minor-loops", "paper", "reversed")
+    runs = [unit.simulate(name, seed=seed, step_s=10.0 if quick else 1.0) for seed, name in enumerate(programmes, start=1)]
+    simulator = lacking(unit, "readout_incoherence", seed=1)
+    last = len(runs) - 1
+    hours = sum(run.duration_s for run in runs) / 3600.0
+    return Case(
+        lambda: diagnose(simulator, runs[:last], runs[last:], seed=1),
+        size=f"{len(runs)} runs, {hours:.1f} h in all",
+        n=sum(map(len, runs)),
+    )
+
+
+ROWS: Final = (
+    Row("predict", "one prediction at a time", _prediction, goal_s=CALLS * 10e-6),
+    Row("diagnose", "whole diagnosis, runs at 1 Hz", _diagnosis, goal_s=10.0),
+)

@@ -1,0 +1,78 @@
+"""The command for many gyros at once: fleet."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Jobs, command, progress, say
+from rlgcomp.cli.show import show_json, show_table
+
+
+@command("fleet")
+def fleet(
+    task: Annotated[str, typer.Argument(metavar="TASK", help="train or diagnose.")],
+    table: Annotated[
+        Path,
+        typer.Argument(metavar="UNITS.csv", help="Columns unit and train, for diagnose also test and simulator; ';' between runs."),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for one folder a unit, and fleet.json.")],
+    model: Annotated[str, typer.Option(help="Of train: as for `rlgcomp train`.")] = "lssvm",
+    features: Annotated[str, typer.Option(help="Of train: as for `rlgcomp train`.")] = "all",
+    averaging_s: Annotated[float, typer.Option(help="Of train: the model is trained on means over this time.")] = 100.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of diagnose: seed of all random streams.")] = 0,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work.")
+    ] = None,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Train or diagnose many gyros: each a task of its own; what fails is reported and the rest finished.
+
+    Given again after it was stopped, it goes on with what is not done yet.
+
+    Example: `rlgcomp fleet train units.csv --out models --jobs 2`
+    """
+    from rlgcomp.compensation import MODELS
+    from rlgcomp.errors import InputError
+    from rlgcomp.files import require_writable
+    from rlgcomp.fleet import Task, diagnose_unit, read_fleet, run_fleet, train_unit
+
+    require_writable(out)
+    if model not in MODELS:
+        raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
+    tasks: dict[str, Task] = {
+        "train": functools.partial(train_unit, model=model, features=features, averaging_s=averaging_s),
+        "diagnose": functools.partial(diagnose_unit, seed=seed),
+    }
+    if task not in tasks:
+        raise InputError(f"the task {task!r} is unknown; give train or diagnose")
+    units = read_fleet(table)
+    with progress(task, len(units)) as advance:
+        outcomes = run_fleet(tasks[task], units, out, n_jobs=jobs, scheduler=scheduler, progress=advance)
+    failed = [outcome for outcome in outcomes if outcome.state == "failed"]
+    if as_json:
+        show_json([outcome.to_mapping() for outcome in outcomes])
+    else:
+        rows = [
+            {
+                "unit": one.unit,
+                "": one.state,
+                "s": f"{one.seconds:.1f}",
+                "result": one.message or ", ".join(f"{key} {_said(value)}" for key, value in one.result.items()),
+            }
+            for one in outcomes
+        ]
+        show_table(f"{task}: {len(outcomes) - len(failed)} of {len(outcomes)} units", rows)
+    if failed:
+        raise InputError(f"{len(failed)} of {len(outcomes)} units failed, the first {failed[0].unit}: {failed[0].message}")
+    say(f"{out}: written")
+
+
+def _said(value: object) -> str:
+    if isinstance(value, dict):
+        return " ".join(f"{key}={_said(item)}" for key, item in value.items())
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

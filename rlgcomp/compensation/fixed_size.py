@@ -1,0 +1,258 @@
+r"""Fixed-size LS-SVM: the Gaussian kernel held by a few centres, for as many rows as there are.
+
+With centres Z spread over the rows and L L^T = K(Z, Z) (pivoted, to rounding), :math:`\varphi(x) = L^{-1} k(Z, x)` has as many
+coordinates as there are centres, and the LS-SVM in the primal is a ridge regression with a free intercept:
+
+.. math:: \min_{w, b} \tfrac12 w^T w + \tfrac{c}{2} \sum_i (y_i - w^T \varphi(x_i) - b)^2, \qquad f(x) = \sum_j a_j k(z_j, x) + b,
+          \quad a = L^{-T} w.
+
+Everything it needs is in the products of (phi, 1, y) summed over rows, taken in one pass, group by group: a group is left out by
+subtracting its sums, exactly, and its error follows from the same sums. Neither the kernel matrix nor phi is ever held: memory does
+not grow with the rows, and time grows in proportion to them. With all rows as centres it is the LS-SVM itself.
+
+References
+----------
+J. A. K. Suykens et al., *Least Squares Support Vector Machines*, World Scientific, 2002, chapter 6 (fixed-size LS-SVM).
+T. F. Gonzalez, Theoretical Computer Science 38, 293 (1985) (centres, each as far as can be from those before it).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from rlgcomp.compensation.form import Candidates, ModelForm, require_shape
+from rlgcomp.compensation.kernels import gaussian, kernel_sum
+from rlgcomp.compensation.parameters import require_number
+from rlgcomp.compiled import available, compiled
+
+Array = npt.NDArray[np.float64]
+_ROWS_AT_ONCE: Final = 1024
+_LOOKED_AT: Final = 10_000  # rows among which centres are looked for, once or twice as many
+_MANY: Final = 1_000_000  # distances from which the compiled search for centres pays
+_MARGIN: Final = 1e-12  # of the kernel's diagonal: what the centres leave of each other below this is rounding
+
+
+class FixedSizeLSSVM(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """Least squares support vector regression on a fixed number of centres, for many rows, with the Gaussian kernel.
+
+    Scale the features first.
+
+    Parameters
+    ----------
+    centres : int, default 300
+        At most so many; with all rows it is :class:`~rlgcomp.LSSVMRegressor`.
+    c : float, default 100.0
+        Weight of the errors against the smoothness; larger fits closer.
+    sigma : float, default 1.0
+        Width of the kernel, exp(-d²/2 sigma²).
+
+    Attributes
+    ----------
+    X_fit_ : ndarray, shape (m, features)
+        The centres.
+    alpha_ : ndarray, shape (m,)
+    intercept_ : float
+        f(x) = sum_j alpha_j (k(z_j, x) - 1) + intercept.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(0.0, 6.0, 20_000)[:, None]
+    >>> model = FixedSizeLSSVM(centres=30, c=1e4).fit(x, np.sin(x[:, 0]))
+    >>> bool(abs(model.predict([[1.5]])[0] - np.sin(1.5)) < 1e-5)
+    True
+    """
+
+    def __init__(self, centres: int = 300, *, c: float = 100.0, sigma: float = 1.0) -> None:
+        self.centres = centres
+        self.c = c
+        self.sigma = sigma
+
+    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
+        """Choose the centres and solve for their weights.
+
+        Parameters
+        ----------
+        X : array_like, shape (n, features)
+        y : array_like, shape (n,)
+
+        Raises
+        ------
+        ValueError
+            Shapes or values are unfit, or a parameter is out of bounds.
+        """
+        self.check_parameters()
+        inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True)
+        basis = _Basis(inputs[spread_out(inputs, self.centres)], self.sigma)
+        mean = float(target.mean())
+        sums = basis.sums(inputs, target - mean, [np.arange(len(target))])[0]
+        weights, intercept = _solve(sums, np.array([self.c]))
+        self.X_fit_ = basis.centres
+        self.alpha_ = linalg.solve_triangular(basis.lower, weights[:, 0], lower=True, trans=1)
+        self.intercept_ = mean + float(intercept[0]) + float(self.alpha_.sum())
+        return self
+
+    def check_parameters(self) -> None:
+        """Raise `InputError` unless every parameter is allowed."""
+        require_number(self, "centres", low=1, whole=True)
+        require_number(self, "c", low=0.0, open_low=True)
+        require_number(self, "sigma", low=0.0, open_low=True)
+
+    def predict(self, X: npt.ArrayLike) -> Any:
+        """Predict, shape (m,), for inputs of shape (m, features)."""
+        check_is_fitted(self)
+        inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
+        return kernel_sum("gaussian_less_one", {"sigma": self.sigma}, inputs, self.X_fit_, self.alpha_) + self.intercept_
+
+
+def fixed_size_rmse(X: Array, y: Array, groups: npt.NDArray[Any], centres: int, sigma: float, c_values: npt.ArrayLike) -> Array:
+    """Error of a fixed-size LS-SVM with each group left out, for many c: one pass over the rows.
+
+    Parameters
+    ----------
+    X : ndarray, shape (n, features)
+    y : ndarray, shape (n,)
+    groups : ndarray, shape (n,)
+        Label of each row's group.
+    centres : int
+        At most so many, chosen among all rows: their inputs are used, not what was measured there.
+    sigma : float
+    c_values : array_like, shape (m,)
+
+    Returns
+    -------
+    ndarray, shape (m,)
+    """
+    c = np.atleast_1d(np.asarray(c_values, dtype=np.float64))
+    basis = _Basis(X[spread_out(X, centres)], sigma)
+    members = [np.flatnonzero(groups == label) for label in np.unique(groups)]
+    sums = basis.sums(X, y - y.mean(), members)
+    together = sums.sum(axis=0)
+    squares = np.zeros(len(c))
+    for out in sums:
+        weights, intercept = _solve(together - out, c)
+        design = np.vstack([weights, intercept, -np.ones(len(c))])
+        squares += np.einsum("im,im->m", design, out @ design)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0) / len(y)))
+
+
+def spread_out(X: Array, count: int) -> npt.NDArray[np.int64]:
+    """Rows each as far as can be from those before it, the first nearest the mean; fewer where the others repeat them.
+
+    Of many rows every so many-th is looked at: those of one recording that follow each other are alike.
+    """
+    step = max(1, len(X) // _LOOKED_AT)
+    rows = np.ascontiguousarray(X[::step])
+    count = min(count, len(rows))
+    chosen = np.zeros(count, dtype=np.int64)
+    chosen[0] = int(np.argmin(((rows - rows.mean(axis=0)) ** 2).sum(axis=1)))
+    many = len(rows) * count >= _MANY and available()
+    found = int((_farthest if many else _farthest_plain)(rows, chosen))
+    return step * chosen[:found]
+
+
+class _Basis:
+    """phi of some centres."""
+
+    def __init__(self, centres: Array, sigma: float) -> None:
+        factor, pivots, rank, _ = linalg.lapack.dpstrf(gaussian(centres, centres, sigma=sigma), tol=_MARGIN, lower=1)
+        self.centres = np.ascontiguousarray(centres[pivots[:rank] - 1])
+        self.sigma = sigma
+        self.lower = np.tril(factor[:rank, :rank])
+
+    def sums(self, X: Array, y: Array, members: list[npt.NDArray[np.intp]]) -> Array:
+        """Products of (phi, 1, y) summed over the rows of each group, shape (groups, r + 2, r + 2)."""
+        r = len(self.centres)
+        sums = np.zeros((len(members), r + 2, r + 2))
+        block = np.empty((min(_ROWS_AT_ONCE, len(X)), r + 2))
+        for k, rows in enumerate(members):
+            for start in range(0, len(rows), _ROWS_AT_ONCE):
+                taken = rows[start : start + _ROWS_AT_ONCE]
+                part = block[: len(taken)]
+                across = gaussian(X[taken], self.centres, sigma=self.sigma)
+                part[:, :r] = linalg.blas.dtrsm(1.0, self.lower, across.T, lower=1).T
+                part[:, r] = 1.0
+                part[:, r + 1] = y[taken]
+                sums[k] += part.T @ part
+        return sums
+
+
+def _solve(sums: Array, c: Array) -> tuple[Array, Array]:
+    """w and b for each c from the sums over the rows: shapes (r, m) and (m,)."""
+    r = len(sums) - 2
+    rows = sums[r, r]
+    mean, mean_y = sums[:r, r] / rows, sums[r, r + 1] / rows
+    products = sums[:r, :r] - rows * np.outer(mean, mean)
+    right = sums[:r, r + 1] - rows * mean * mean_y
+    rounding = 4.0 * np.finfo(np.float64).eps * float(np.trace(sums[:r, :r]))
+    weights = np.empty((r, len(c)))
+    for k, each in enumerate(c):
+        system = products.copy()
+        system.flat[:: r + 1] += 1.0 / each + rounding
+        _, weights[:, k], _ = linalg.lapack.dposv(system, right, lower=1)
+    return weights, mean_y - mean @ weights
+
+
+def _farthest_plain(X: Array, chosen: npt.NDArray[np.int64]) -> int:
+    nearest = np.full(len(X), np.inf)
+    for j in range(1, len(chosen)):
+        np.minimum(nearest, ((X - X[chosen[j - 1]]) ** 2).sum(axis=1), out=nearest)
+        chosen[j] = int(np.argmax(nearest))
+        if nearest[chosen[j]] == 0.0:
+            return j
+    return len(chosen)
+
+
+@compiled()
+def _farthest(X: Array, chosen: npt.NDArray[np.int64]) -> int:
+    n, features = X.shape
+    nearest = np.full(n, np.inf)
+    for j in range(1, len(chosen)):
+        far, row = -1.0, 0
+        for i in range(n):
+            distance = 0.0
+            for f in range(features):
+                distance += (X[i, f] - X[chosen[j - 1], f]) ** 2
+            nearest[i] = min(nearest[i], distance)
+            if nearest[i] > far:
+                far, row = nearest[i], i
+        chosen[j] = row
+        if far == 0.0:
+            return j
+    return len(chosen)
+
+
+def _batches(features: int) -> list[list[dict[str, Any]]]:
+    """One batch a width, as for the LS-SVM; within it every c."""
+    widths = np.sqrt(features) * 2.0 ** np.arange(6.0, -2.5, -1.0)
+    return [[{"sigma": float(sigma), "c": float(c)} for c in 10.0 ** np.arange(-1.0, 9.0)] for sigma in widths]
+
+
+def _rmse(model: FixedSizeLSSVM, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
+    c = [candidate["c"] for candidate in candidates]
+    return fixed_size_rmse(X, y, groups, model.centres, candidates[0]["sigma"], c)
+
+
+def _check(model: FixedSizeLSSVM, features: int) -> None:
+    model.check_parameters()
+    require_shape(model, "X_fit_", len(model.alpha_), features)
+    require_shape(model, "alpha_", len(model.X_fit_))
+
+
+FORM: Final = ModelForm(
+    name="fixed-size",
+    estimator=FixedSizeLSSVM,
+    batches=_batches,
+    rmse=_rmse,
+    threads=True,
+    reach=1.0,
+    numbers=("intercept_",),
+    arrays=("alpha_", "X_fit_"),
+    check=_check,
+)

@@ -1,0 +1,329 @@
+"""Many gyros at once: each unit one task, on one machine or on a cluster; what fails is reported and the rest finished.
+
+A table names the units and their runs. Each unit's result is a folder written whole, with a note of what it was made from, so that
+a fleet that was stopped goes on where it was, and a unit whose files or settings have changed is done again. A task computes with
+one thread, wherever it runs, so that its result does not depend on where that is.
+
+On one machine joblib's processes do the work. With a scheduler's address, Dask's workers do; they must see the same files under the
+same names. A worker that dies takes no unit with it: its unit is given to another.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import joblib
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from rlgcomp.errors import InputError
+from rlgcomp.files import sha256, to_json, whole_folder, write_json, write_text
+
+NOTE: Final = "unit.json"
+SUMMARY: Final = "fleet.json"
+RETRIES: Final = 2  # times that a unit is tried again after its worker died
+Task = Callable[["Unit", Path], Mapping[str, Any]]
+_UNIT, _TRAIN = "unit", "train"
+
+
+@dataclasses.dataclass(frozen=True)
+class Unit:
+    """One gyro.
+
+    Parameters
+    ----------
+    name : str
+        Also the name of its folder.
+    train, test : tuple of Path
+        Its recordings.
+    simulator : Path, optional
+    """
+
+    name: str
+    train: tuple[Path, ...]
+    test: tuple[Path, ...] = ()
+    simulator: Path | None = None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return (*self.train, *self.test, *(() if self.simulator is None else (self.simulator,)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What became of a unit.
+
+    Parameters
+    ----------
+    unit : str
+    state : {"done", "kept", "failed"}
+        Kept is what an earlier run had finished.
+    seconds : float
+        That its task took.
+    result : mapping
+        What the task said of it.
+    message : str
+        Why it failed.
+    """
+
+    unit: str
+    state: str
+    seconds: float = 0.0
+    result: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    message: str = ""
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain mapping, for JSON."""
+        return dataclasses.asdict(self)
+
+
+def read_fleet(path: str | Path) -> list[Unit]:
+    """Units of a CSV table with the columns `unit` and `train`, and if wanted `test` and `simulator`.
+
+    Several recordings stand in one field, with semicolons between them; paths are taken from the table's folder.
+
+    Raises
+    ------
+    InputError
+        The table cannot be read, lacks a column, names a unit twice, or names no recording of one.
+    """
+    path = Path(path)
+    try:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist; give a CSV table of units") from None
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, OSError) as error:
+        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+    missing = [column for column in (_UNIT, _TRAIN) if column not in table]
+    if missing or table.empty:
+        received = f"lacks the column {missing[0]}" if missing else "has no rows"
+        raise InputError(f"{path} {received}; it needs the columns unit and train, recordings with semicolons between them")
+    units = []
+    for row in table.to_dict("records"):
+        name = str(row[_UNIT]).strip()
+        if not name or name.startswith(".") or Path(name).name != name:
+            raise InputError(f"{path}: the unit's name {name!r} cannot name a folder; use letters, digits and dashes")
+        train, test = (_paths(path, str(row.get(column, ""))) for column in (_TRAIN, "test"))
+        simulator = _paths(path, str(row.get("simulator", "")))
+        if not train:
+            raise InputError(f"{path}: unit {name} has no recording under train; name at least one")
+        units.append(Unit(name, train, test, simulator[0] if simulator else None))
+    names = [unit.name for unit in units]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{path}: units are named twice: {', '.join(twice)}; put all recordings of a unit into one row")
+    return units
+
+
+def run_fleet(
+    task: Task,
+    units: Sequence[Unit],
+    out: str | Path,
+    *,
+    n_jobs: int = 1,
+    scheduler: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Outcome]:
+    """Do a task for every unit; results in one folder a unit, a summary beside them.
+
+    Parameters
+    ----------
+    task : callable
+        (unit, folder) to what is to be said of it; it writes into the folder that it is given. It must be picklable, and its `repr`
+        or that of its arguments must say how it was set.
+    units : sequence of Unit
+    out : path
+        Made where it does not exist.
+    n_jobs : int
+        Worker processes on this machine.
+    scheduler : str, optional
+        Address of a Dask scheduler, as tcp://host:8786.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the units.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made, or the scheduler cannot be reached.
+    """
+    out = Path(out).absolute()
+    try:
+        out.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {out}: {error.strerror or error}; give another place") from None
+    found: dict[str, Outcome] = {}
+    waiting = []
+    for unit in units:
+        kept = _kept(task, unit, out)
+        if kept is None:
+            waiting.append(unit)
+        else:
+            found[unit.name] = kept
+    told = progress or (lambda done, total: None)
+    told(len(found), len(units))
+    finished = _on_cluster(task, waiting, out, scheduler) if scheduler else _on_this_machine(task, waiting, out, n_jobs)
+    for outcome in finished:
+        found[outcome.unit] = outcome
+        told(len(found), len(units))
+    outcomes = [found[unit.name] for unit in units]
+    write_json(out / SUMMARY, [outcome.to_mapping() for outcome in outcomes])
+    return outcomes
+
+
+def train_unit(
+    unit: Unit, folder: Path, *, model: str = "lssvm", features: str = "all", averaging_s: float = 100.0
+) -> dict[str, Any]:
+    """A task: train a compensation on the unit's runs."""
+    from rlgcomp.compensation import MODELS
+    from rlgcomp.compensation.compensator import Compensator
+    from rlgcomp.formats import read
+
+    compensator = Compensator(MODELS[model].make(), features=features, averaging_s=averaging_s)
+    compensator.fit([read(path) for path in unit.train])
+    compensator.save(folder / "model")
+    rmse = compensator.selection_.rmse
+    scale = compensator.scaling_.y_scale_deg_h
+    return {
+        "selected": compensator.selection_.best,
+        "before_rms_deg_h": scale,
+        "left_out_rms_deg_h": None if rmse is None else rmse * scale,
+    }
+
+
+def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
+    """A task: what the unit's simulator is missing."""
+    from rlgcomp.diagnosis.diagnose import diagnose
+    from rlgcomp.formats import read
+    from rlgcomp.simulation.simulator import Simulator
+
+    if unit.simulator is None:
+        raise InputError(f"unit {unit.name} has no simulator; name its file in the table's column simulator")
+    simulator = Simulator.from_yaml(unit.simulator)
+    found = diagnose(simulator, [read(path) for path in unit.train], [read(path) for path in unit.test], seed=seed)
+    found.save(folder)
+    found.report(folder / "report.html")
+    return {"verdict": found.verdict, "found": [cause.name for cause in found.causes], "p_value": found.p_value}
+
+
+# --- one unit ------------------------------------------------------------------------------------------------------------------
+
+
+def _attempt(task: Task, unit: Unit, out: Path) -> Outcome:
+    """Do one unit's task with one thread; nothing that happens in it goes further than its outcome."""
+    began = time.perf_counter()
+    try:
+        with _one_thread(), whole_folder(out / unit.name, ours=NOTE) as folder:
+            result = dict(task(unit, folder))
+            note = {"made_from": _fingerprint(task, unit), "seconds": time.perf_counter() - began, "result": result}
+            write_text(folder / NOTE, to_json(note) + "\n")
+    except InputError as error:
+        return Outcome(unit.name, "failed", time.perf_counter() - began, message=str(error))
+    except Exception as error:  # noqa: BLE001  one unit's fault must not take the fleet with it
+        return Outcome(unit.name, "failed", time.perf_counter() - began, message=f"{type(error).__name__}: {error}")
+    return Outcome(unit.name, "done", time.perf_counter() - began, result)
+
+
+def _kept(task: Task, unit: Unit, out: Path) -> Outcome | None:
+    """The outcome of an earlier run that was made from the same."""
+    try:
+        note = json.loads((out / unit.name / NOTE).read_text(encoding="utf-8"))
+        if note["made_from"] == _fingerprint(task, unit):
+            return Outcome(unit.name, "kept", float(note["seconds"]), note["result"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return None
+
+
+def _fingerprint(task: Task, unit: Unit) -> str:
+    """What a unit's result depends on: the task as it was set, and the files' names and contents."""
+    function, settings = (task.func, task.keywords) if isinstance(task, functools.partial) else (task, {})
+    digest = hashlib.sha256(f"{function.__module__}.{function.__qualname__} {sorted(settings.items())!r}".encode())
+    for group in (unit.train, unit.test, () if unit.simulator is None else (unit.simulator,)):
+        digest.update(b"|")
+        for path in group:
+            digest.update(f"{path.name} {sha256(path)} ".encode())
+    return digest.hexdigest()
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    before = os.environ.get("NUMBA_NUM_THREADS")
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        if before is None:
+            del os.environ["NUMBA_NUM_THREADS"]
+        else:
+            os.environ["NUMBA_NUM_THREADS"] = before
+
+
+# --- where they are done -------------------------------------------------------------------------------------------------------
+
+
+def _on_this_machine(task: Task, units: Sequence[Unit], out: Path, n_jobs: int) -> Iterator[Outcome]:
+    """Outcomes as they come. Where a process dies, what it took with it is done again, in the end unit by unit."""
+    if n_jobs == 1:
+        yield from (_attempt(task, unit, out) for unit in units)
+        return
+    left = {unit.name: unit for unit in units}
+    for _ in range(RETRIES):
+        with contextlib.suppress(joblib.externals.loky.process_executor.TerminatedWorkerError):
+            for outcome in _pool(task, list(left.values()), out, n_jobs):
+                del left[outcome.unit]
+                yield outcome
+        if not left:
+            return
+    for unit in left.values():
+        try:
+            yield from _pool(task, [unit], out, n_jobs)
+        except joblib.externals.loky.process_executor.TerminatedWorkerError:
+            yield _died(unit)
+
+
+def _pool(task: Task, units: Sequence[Unit], out: Path, n_jobs: int) -> Iterator[Outcome]:
+    work = (joblib.delayed(_attempt)(task, unit, out) for unit in units)
+    yield from joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", batch_size=1)(work)
+
+
+def _on_cluster(task: Task, units: Sequence[Unit], out: Path, scheduler: str) -> Iterator[Outcome]:
+    """Outcomes as Dask's workers send them."""
+    try:
+        import distributed
+    except ImportError:
+        raise InputError("a scheduler needs Dask: pip install 'rlgcomp[cluster]'") from None
+    try:
+        dask: Any = distributed
+        client = dask.Client(scheduler, timeout=10)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(f"no scheduler answers at {scheduler}: {error}; start one with `dask scheduler`, and workers") from None
+    with client:
+        futures = {client.submit(_attempt, task, unit, out, pure=False, retries=RETRIES): unit for unit in units}
+        for future in dask.as_completed(futures):
+            try:
+                yield future.result()
+            except dask.KilledWorker:
+                yield _died(futures[future])
+
+
+def _died(unit: Unit) -> Outcome:
+    return Outcome(unit.name, "failed", message="its worker process died each time: killed, or out of memory; give it more")
+
+
+def _paths(table: Path, field: str) -> tuple[Path, ...]:
+    return tuple(table.absolute().parent / part.strip() for part in field.split(";") if part.strip())

@@ -1,0 +1,118 @@
+"""The benchmark: pairs and medians, goals, peers that are missing or disagree, and that its rows run and agree on small data."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from rlgcomp import bench
+from rlgcomp.bench.measure import Case, Peer, Row, measure
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+from rlgcomp.errors import InputError
+
+register_commands()
+
+
+def slow() -> float:
+    time.sleep(0.02)
+    return 1.0
+
+
+def row(*peers: Peer, **goals: float) -> Row:
+    return Row("toy", "a toy", lambda quick: Case(lambda: 1.0, peers, size="one"), **goals)
+
+
+def apart(ours: float, theirs: float) -> float:
+    return abs(ours - theirs)
+
+
+def test_a_slow_peer_is_slower_and_agrees() -> None:
+    (found,) = measure(row(Peer("slow", slow, apart, 1e-12, 2.0), goal_s=0.01), repeats=3)
+    assert found.ratio > 2.0
+    assert found.peer_s == pytest.approx(0.02, abs=0.015)
+    assert (found.agrees, found.reached, found.goal) == (True, True, ">= 2 x, <= 0.01 s")
+
+
+def test_goals_that_are_missed_are_said_and_small_data_are_not_judged() -> None:
+    toy = row(Peer("slow", slow, apart, 1e-12, 1e9))
+    assert measure(toy, repeats=1)[0].reached is False
+    assert measure(toy, repeats=1, quick=True)[0].reached is None
+
+
+def test_another_result_is_said() -> None:
+    (found,) = measure(row(Peer("wrong", lambda: 2.0, apart, 1e-6)), repeats=1)
+    assert (found.agrees, found.disagreement) == (False, 1.0)
+    (found,) = measure(row(Peer("not a number", lambda: np.nan, apart, 1e-6)), repeats=1)
+    assert found.agrees is False
+
+
+def test_a_peer_that_is_not_installed_is_said() -> None:
+    def missing() -> float:
+        import no_such_peer
+
+        return float(no_such_peer.run())
+
+    (found,) = measure(row(Peer("absent", missing, apart, 0.0, 5.0)), repeats=1)
+    assert found.note == "peer not installed: no_such_peer"
+    assert found.ratio is None
+    assert found.reached is None
+
+
+def test_work_of_which_the_peer_does_a_part_is_scaled() -> None:
+    (whole,) = measure(row(Peer("slow", slow, apart, 0.0)), repeats=3)
+    (part,) = measure(row(Peer("slow", slow, apart, 0.0, scale=0.1)), repeats=3)
+    assert part.peer_s == pytest.approx(10.0 * whole.peer_s, rel=0.5)
+    assert "extrapolated from 0.1" in part.note
+
+
+def test_names_are_unique_and_chosen_by_their_beginning() -> None:
+    names = [one.name for one in bench.ROWS]
+    assert len(set(names)) == len(names)
+    assert [one.name for one in bench.chosen(["plays"])] == ["plays", "plays-fleet"]
+    with pytest.raises(InputError, match="rows are select-430"):
+        bench.chosen(["nothing"])
+
+
+@pytest.mark.parametrize(
+    "name", ["plays", "bouc-wen-fleet", "laws-61", "predict", "start-import", "allan-octave-1", "read-parquet"]
+)
+def test_rows_agree_with_their_peers(name: str) -> None:
+    (one,) = (one for one in bench.ROWS if one.name == name)
+    found = measure(one, quick=True, repeats=1)
+    assert found
+    assert all(each.agrees for each in found if not each.note.startswith("peer not installed"))
+
+
+def test_the_command_prints_and_writes(tmp_path: Path) -> None:
+    out = tmp_path / "bench.json"
+    arguments = ["bench", "--quick", "--only", "plays", "--repeats", "1", "--out", str(out)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    assert "NumPy" in done.output
+    written = json.loads(out.read_text())
+    assert {one["row"] for one in written["rows"]} == {"plays", "plays-fleet"}
+    assert written["machine"]["cores"] >= 1
+
+
+@pytest.mark.parametrize("arguments", [["--only", "nothing"], ["--out", "/nowhere/at/all.json"]])
+def test_bad_input_ends_with_one_message(arguments: list[str]) -> None:
+    done = CliRunner().invoke(app, ["bench", "--quick", *arguments])
+    assert done.exit_code == 2
+    assert done.output.count("error:") == 1
+
+
+def test_growth_is_the_exponent_of_the_work() -> None:
+    def prepare(quick: bool) -> Case:
+        n = 300 if quick else 1200
+        a = np.random.default_rng(0).normal(size=(n, n))
+        return Case(lambda: a @ a, n=n)
+
+    found = bench.growth(Row("product", "a product of matrices", prepare), 5)
+    assert found["exponent"] == pytest.approx(3.0, abs=1.0)
+    assert bench.growth(Row("toy", "a toy", lambda quick: Case(lambda: 1.0)), 1) is None

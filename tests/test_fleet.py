@@ -1,0 +1,197 @@
+"""Fleets: results bit for bit the same however they are worked on, failures reported, kept results kept, deaths survived."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rlgcomp as rlg
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+from rlgcomp.errors import InputError
+from rlgcomp.fleet import NOTE, SUMMARY, Unit, read_fleet, run_fleet, train_unit
+
+register_commands()
+TRAIN = functools.partial(train_unit, model="cubic", features="temperature")
+
+
+@pytest.fixture(scope="module")
+def units(tmp_path_factory: pytest.TempPathFactory) -> list[Unit]:
+    """Three gyros, the second of which has a damaged file."""
+    folder = tmp_path_factory.mktemp("runs")
+    lines = ["unit,train"]
+    for k in range(3):
+        paths = [folder / f"{k}-{seed}.parquet" for seed in (1, 2)]
+        for seed, path in enumerate(paths, start=1):
+            rlg.write(rlg.simulated_unit(k).simulate("short", seed=seed, step_s=10.0), path)
+        lines.append(f"gyro-{k},{paths[0].name};{paths[1].name}")
+    (folder / "1-2.parquet").write_bytes(b"PAR1 and nothing more")
+    (folder / "units.csv").write_text("\n".join(lines) + "\n")
+    return read_fleet(folder / "units.csv")
+
+
+def arrays(out: Path, unit: str) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted((out / unit / "model" / "arrays").iterdir())}
+
+
+def test_results_are_the_same_by_one_and_by_two_processes(units: list[Unit], tmp_path: Path) -> None:
+    one = run_fleet(TRAIN, units, tmp_path / "one")
+    two = run_fleet(TRAIN, units, tmp_path / "two", n_jobs=2)
+    assert [outcome.state for outcome in one] == [outcome.state for outcome in two] == ["done", "failed", "done"]
+    assert "1-2.parquet is a damaged Parquet file" in one[1].message
+    assert not (tmp_path / "one" / "gyro-1").exists()
+    for unit in ("gyro-0", "gyro-2"):
+        assert arrays(tmp_path / "one", unit) == arrays(tmp_path / "two", unit)
+    written = json.loads((tmp_path / "one" / SUMMARY).read_text())
+    assert [row["unit"] for row in written] == ["gyro-0", "gyro-1", "gyro-2"]
+    loaded = rlg.load(tmp_path / "one" / "gyro-0" / "model")
+    assert loaded.predict(rlg.read(units[0].train[0])).shape[1] == 2
+
+
+def test_what_is_done_is_kept_until_its_files_or_settings_change(units: list[Unit], tmp_path: Path) -> None:
+    healthy = [units[0], units[2]]
+    run_fleet(TRAIN, healthy, tmp_path / "out")
+    before = (tmp_path / "out" / "gyro-0" / NOTE).stat().st_mtime_ns
+    assert [one.state for one in run_fleet(TRAIN, healthy, tmp_path / "out")] == ["kept", "kept"]
+    assert (tmp_path / "out" / "gyro-0" / NOTE).stat().st_mtime_ns == before
+    other = functools.partial(train_unit, model="cubic", features="all")
+    assert [one.state for one in run_fleet(other, healthy, tmp_path / "out")] == ["done", "done"]
+    changed = [Unit("gyro-0", units[0].train[:1]), healthy[1]]
+    assert [one.state for one in run_fleet(other, changed, tmp_path / "out")] == ["done", "kept"]
+
+
+def dies_once(unit: Unit, folder: Path, *, marks: str) -> dict[str, object]:
+    """A task whose first worker is killed in the middle of the second unit, as by a want of memory."""
+    mark = Path(marks) / unit.name
+    if unit.name == "gyro-1" and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    (folder / "value").write_text(str(np.random.default_rng(int(unit.name[-1])).normal()))
+    return {"value": 1.0}
+
+
+def always_dies(unit: Unit, folder: Path) -> dict[str, object]:
+    if unit.name == "gyro-1":
+        os.kill(os.getpid(), signal.SIGKILL)
+    (folder / "value").touch()
+    return {}
+
+
+@pytest.mark.filterwarnings("ignore:A worker stopped")
+def test_a_process_that_is_killed_takes_no_unit_with_it(tmp_path: Path) -> None:
+    fleet = [Unit(f"gyro-{k}", ()) for k in range(4)]
+    outcomes = run_fleet(functools.partial(dies_once, marks=str(tmp_path)), fleet, tmp_path / "out", n_jobs=2)
+    assert [one.state for one in outcomes] == ["done"] * 4
+
+
+@pytest.mark.filterwarnings("ignore:A worker stopped")
+def test_a_unit_that_kills_its_process_each_time_fails_alone(tmp_path: Path) -> None:
+    fleet = [Unit(f"gyro-{k}", ()) for k in range(3)]
+    outcomes = run_fleet(always_dies, fleet, tmp_path / "out", n_jobs=2)
+    assert [one.state for one in outcomes] == ["done", "failed", "done"]
+    assert "process died" in outcomes[1].message
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A real scheduler and two worker processes."""
+    pytest.importorskip("distributed")
+    place = tmp_path / "scheduler.json"
+    log = (tmp_path / "log").open("wb")
+    paths = os.pathsep.join([str(Path(rlg.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    settings = {**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
+
+    def start(*arguments: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen([sys.executable, "-m", *arguments], stdout=log, stderr=log, env=settings, cwd=tmp_path)
+
+    options = ["--scheduler-file", str(place), "--no-dashboard"]
+    processes = [start("distributed.cli.dask_scheduler", *options, "--host", "127.0.0.1", "--port", "0")]
+    try:
+        for _ in range(200):
+            if place.exists():
+                break
+            time.sleep(0.1)
+        worker = ["distributed.cli.dask_worker", *options, "--nthreads", "1", "--no-nanny"]
+        processes += [start(*worker), start(*worker)]
+        yield json.loads(place.read_text())["address"], processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+        log.close()
+
+
+def slow(unit: Unit, folder: Path) -> dict[str, object]:
+    time.sleep(0.5)
+    (folder / "value").write_text(repr(np.random.default_rng(int(unit.name[-1])).normal(size=50).tolist()))
+    return {"pid": os.getpid()}
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::ResourceWarning")
+def test_a_cluster_gives_the_same_bits_though_a_worker_is_killed(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
+) -> None:
+    address, processes = cluster
+    fleet = [Unit(f"gyro-{k}", ()) for k in range(8)]
+    expected = run_fleet(slow, fleet, tmp_path / "here")
+
+    def told(done: int, total: int) -> None:
+        if done == 3:
+            processes[1].send_signal(signal.SIGKILL)
+
+    outcomes = run_fleet(slow, fleet, tmp_path / "there", scheduler=address, progress=told)
+    assert [one.state for one in outcomes] == [one.state for one in expected] == ["done"] * 8
+    for unit in fleet:
+        assert (tmp_path / "here" / unit.name / "value").read_bytes() == (tmp_path / "there" / unit.name / "value").read_bytes()
+    assert processes[1].poll() is not None
+    pids = {one.result["pid"] for one in outcomes}
+    assert os.getpid() not in pids
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("unit\na\n", "lacks the column train"),
+        ("unit,train\n", "has no rows"),
+        ("unit,train\na,x.csv\na,y.csv\n", "named twice: a"),
+        ("unit,train\n../a,x.csv\n", "cannot name a folder"),
+        ("unit,train\n,x.csv\n", "cannot name a folder"),
+        ("unit,train\na, ; \n", "no recording under train"),
+        ("", "not readable as CSV"),
+    ],
+)
+def test_bad_tables_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "units.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_fleet(path)
+
+
+def test_the_command_reports_each_unit_and_ends_with_two_where_one_failed(units: list[Unit], tmp_path: Path) -> None:
+    table = units[0].train[0].parent / "units.csv"
+    arguments = ["fleet", "train", str(table), "--out", str(tmp_path / "out"), "--model", "cubic", "--features", "temperature"]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 2
+    assert "2 of 3 units" in done.output
+    assert "1 of 3 units failed, the first gyro-1" in done.output
+    assert (tmp_path / "out" / "gyro-2" / "model" / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("arguments", [["dance"], ["train", "--model", "none"], ["train", "--scheduler", "nonsense://here"]])
+def test_bad_input_ends_with_one_message(units: list[Unit], tmp_path: Path, arguments: list[str]) -> None:
+    table = units[0].train[0].parent / "units.csv"
+    task, *options = arguments
+    done = CliRunner().invoke(app, ["fleet", task, str(table), "--out", str(tmp_path / "out"), *options])
+    assert done.exit_code == 2
+    assert done.output.count("error:") == 1
