@@ -28,6 +28,7 @@ import numpy.typing as npt
 from rlgcomp.compensation.baselines import KernelBaselines
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.cubic import CubicLeastSquares
+from rlgcomp.compensation.fixed_size import FixedSizeLSSVM
 from rlgcomp.compensation.kernels import kernel
 from rlgcomp.compensation.lssvm import LSSVMRegressor
 from rlgcomp.compensation.rows import Scaling
@@ -232,11 +233,13 @@ def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.
         return Expansion("polynomial", **common | mapped | {"constant": model.intercept_, "powers": model.coef_})
     if isinstance(model, LSSVMRegressor):
         return _of_kernel(common, model.kernel, model, less_one=model.kernel == "gaussian")
+    if isinstance(model, FixedSizeLSSVM):
+        return _of_kernel(common, "gaussian", model, less_one=True)
     if isinstance(model, KernelBaselines):
         return _of_kernel(common, model.kernel_name, model, less_one=False)
     raise InputError(
         f"a {type(model).__name__} has no sample-by-sample form (it answers once an averaging time, from the averages before); "
-        "train an lssvm, cubic, dynamic, kernel-ridge, svr or gaussian-process model to export one"
+        "train an lssvm, fixed-size, cubic, dynamic, kernel-ridge, svr or gaussian-process model to export one"
     )
 
 
