@@ -66,9 +66,9 @@ if TYPE_CHECKING:
     from rlgcomp.compensation.adaptation import adapt as adapt
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
-    from rlgcomp.compensation.compensator import load as load
     from rlgcomp.compensation.cubic import CubicLeastSquares as CubicLeastSquares
     from rlgcomp.compensation.fixed_size import FixedSizeLSSVM as FixedSizeLSSVM
+    from rlgcomp.compensation.keeping import load as load
     from rlgcomp.compensation.lssvm import LSSVMRegressor as LSSVMRegressor
     from rlgcomp.compensation.sequence import SequenceRegressor as SequenceRegressor
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose
@@ -128,7 +128,7 @@ _HOMES = {
     "diagnose": "diagnosis.diagnose",
     "evaluate": "evaluation",
     "fit_coefficients": "allan.coefficients",
-    "load": "compensation.compensator",
+    "load": "compensation.keeping",
     "read": "formats",
     "simulated_unit": "simulation.fleet",
     "write": "formats",

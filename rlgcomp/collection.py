@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.compensation.artefact import MANIFEST, SUMS, identity
-from rlgcomp.compensation.compensator import Compensator, load
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.keeping import load
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation import evaluate
 from rlgcomp.recording import Recording

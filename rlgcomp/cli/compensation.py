@@ -88,7 +88,7 @@ def train(
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
     if adapt is not None:
         from rlgcomp.compensation.adaptation import adapt as adapt_to
-        from rlgcomp.compensation.compensator import load
+        from rlgcomp.compensation.keeping import load
 
         fleet = load(adapt)
         _require_the_same_calibration(fleet, recordings)
@@ -149,7 +149,7 @@ def evaluate(
 
     Example: `rlgcomp evaluate models/unit-17 new.parquet --out report`
     """
-    from rlgcomp.compensation.compensator import load
+    from rlgcomp.compensation.keeping import load
     from rlgcomp.evaluation import evaluate as evaluate_runs
     from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.report.page import write_report
@@ -190,7 +190,7 @@ def compensate(
 
     Example: `rlgcomp compensate models/unit-17 growing.csv --follow --out corrected.csv`
     """
-    from rlgcomp.compensation.compensator import load
+    from rlgcomp.compensation.keeping import load
     from rlgcomp.files import require_writable
     from rlgcomp.formats import write
 

@@ -18,7 +18,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.compensation.artefact import identity
-from rlgcomp.compensation.compensator import Compensator, load
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.keeping import load
 from rlgcomp.errors import InputError
 from rlgcomp.export.budget import sized
 from rlgcomp.export.expansion import Expansion, expansion_of
