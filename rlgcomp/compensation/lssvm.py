@@ -243,13 +243,13 @@ def cross_validation_path(
     if len(members) <= _FEW_GROUPS:  # solving for the rest is cheaper than inverting large blocks
         for out in members:
             rest = np.delete(np.arange(len(y)), out)
-            alpha, intercept = _EigenPath(gram[np.ix_(rest, rest)], y[rest]).solve(c)
+            alpha, intercept, _ = _EigenPath(gram[np.ix_(rest, rest)], y[rest]).solve(c)
             residuals[:, out] = y[out] - alpha @ gram[np.ix_(rest, out)] - intercept[:, None]
         return residuals
     path = _EigenPath(gram, y)
-    alpha, _ = path.solve(c)
+    alpha, _, ones = path.solve(c)
     for out in members:
-        residuals[:, out] = np.linalg.solve(path.inverse_blocks(c, out), alpha[:, out, None])[:, :, 0]
+        residuals[:, out] = np.linalg.solve(path.inverse_blocks(c, out, ones), alpha[:, out, None])[:, :, 0]
     return residuals
 
 
@@ -265,9 +265,9 @@ class _EigenPath:
         factor = _pivoted_factor(gram, 0.1 * rounding)
         self.thin = factor is not None
         if factor is None:
-            self.values, self.vectors = np.linalg.eigh(gram)
+            self.values, self.vectors = linalg.eigh(gram, driver="evd", check_finite=False)
         else:
-            values, vectors = np.linalg.eigh(factor.T @ factor)
+            values, vectors = linalg.eigh(factor.T @ factor, driver="evd", check_finite=False)
             kept = values > rounding
             self.values, self.vectors = values[kept], factor @ (vectors[:, kept] / np.sqrt(values[kept]))
         self.target, self.y, self.ones = y, self.vectors.T @ y, self.vectors.sum(axis=0)
@@ -282,17 +282,16 @@ class _EigenPath:
         found = (gain * coefficients) @ self.vectors.T
         return np.asarray(c[:, None] * (whole - found)) if self.thin else found
 
-    def solve(self, c: Array) -> tuple[Array, Array]:
-        """a and b for each c, shapes (m, n) and (m,)."""
+    def solve(self, c: Array) -> tuple[Array, Array, Array]:
+        """a, b and H^-1 1 for each c, shapes (m, n), (m,) and (m, n)."""
         gain = self._gain(c)
         ones, y = self._applied(c, gain, self.ones, 1.0), self._applied(c, gain, self.y, self.target)
         intercept = y.sum(axis=1) / ones.sum(axis=1)
-        return y - intercept[:, None] * ones, intercept
+        return y - intercept[:, None] * ones, intercept, ones
 
-    def inverse_blocks(self, c: Array, rows: npt.NDArray[np.intp]) -> Array:
-        """C_GG for each c, shape (m, rows, rows)."""
+    def inverse_blocks(self, c: Array, rows: npt.NDArray[np.intp], ones: Array) -> Array:
+        """C_GG for each c, shape (m, rows, rows), from H^-1 1."""
         gain = self._gain(c)
-        ones = self._applied(c, gain, self.ones, 1.0)
         part = self.vectors[rows]
         blocks = ((gain[:, None, :] * part).reshape(-1, part.shape[1]) @ part.T).reshape(len(c), len(rows), len(rows))
         if self.thin:
