@@ -12,7 +12,10 @@ import os
 import types
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class Compiled:
@@ -78,6 +81,19 @@ def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], 
         waiting = [pool.submit(function, *piece) for piece in pieces]
     for done in waiting:
         done.result()
+
+
+def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorator: linear algebra has one thread while the function runs. Small matrices take longer with two."""
+
+    @functools.wraps(function)
+    def limited(*arguments: P.args, **named: P.kwargs) -> R:
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1, user_api="blas"):
+            return function(*arguments, **named)
+
+    return limited
 
 
 @functools.cache

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
 from rlgcomp.diagnosis.detect import detect
@@ -57,6 +58,7 @@ class _Conclusion:
     unrecorded: float
 
 
+@one_blas_thread
 def diagnose(
     simulator: Simulator | UserSimulator | None,
     train: Sequence[Recording],
