@@ -58,6 +58,12 @@ def train(
             "--adapt", metavar="MODEL", help="Adapt a cubic or dynamic model of several units to one more, from a short run."
         ),
     ] = None,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            "--export", metavar="DIR", help="Also write C code, compiled and compared at every sample of the runs, and its report."
+        ),
+    ] = None,
     gyro: Gyro = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -74,6 +80,8 @@ def train(
     Example: `rlgcomp train cold.parquet hot.parquet --model lssvm --features all --out models/unit-17`
 
     Example: `rlgcomp train two-hours.parquet --adapt models/fleet --out models/unit-18`
+
+    Example: `rlgcomp train cold.parquet hot.parquet --out models/unit-17 --export unit-17-c`
     """
     from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.artefact import identity
@@ -81,7 +89,8 @@ def train(
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_writable
 
-    require_writable(out)
+    for place in (out, *([export] if export else [])):
+        require_writable(place)
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
@@ -102,6 +111,12 @@ def train(
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
     compensator.save(out)
     journal.unlink(missing_ok=True)
+    exported = None
+    if export is not None:
+        from rlgcomp.export.target import Options
+        from rlgcomp.export.target import export as export_model
+
+        exported = export_model(out, export, "c", Options(runs=recordings))
     rmse = compensator.selection_.rmse
     summary = {
         "model": str(out),
@@ -112,7 +127,7 @@ def train(
         "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
         "half_width_deg_h": compensator.interval_.inside_deg_h,
-    }
+    } | ({} if exported is None else {"export": exported.to_mapping()})
     if as_json:
         show_json(summary)
     else:
@@ -129,6 +144,8 @@ def train(
                 {"": "selected", " ": chosen or "nothing to select"},
             ],
         )
+        for title, rows in () if exported is None else exported.tables:
+            show_table(title, rows)
         say(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
 
 
