@@ -214,6 +214,7 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
         raise InputError(f"unit {unit.name} has no simulator; name its file in the table's column simulator")
     simulator = Simulator.from_yaml(unit.simulator)
     found = diagnose(simulator, [read(path) for path in unit.train], [read(path) for path in unit.test], seed=seed)
+    found = found.of_files(unit.train, unit.test)
     found.save(folder)
     found.report(folder / "report.html")
     return {"verdict": found.verdict, "found": [cause.name for cause in found.causes], "p_value": found.p_value}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -72,7 +71,7 @@ def diagnose(
     """
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_writable, sha256, whole_folder
+    from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.physics.user import user_catalogue
 
     require_writable(out)
@@ -96,9 +95,7 @@ def diagnose(
             seed=seed,
             progress=lambda fraction: advance(round(100 * fraction), 100),
         )
-    files = {part: [interval_of(spec)[0] for spec in given or []] for part, given in (("train", train), ("test", test))}
-    hashes = {part: {str(path): sha256(path) for path in paths} for part, paths in files.items()}
-    found = dataclasses.replace(found, recordings=hashes)
+    found = found.of_files(*([Path(interval_of(spec)[0]) for spec in given or []] for given in (train, test)))
     with whole_folder(out, ours="diagnosis.json") as folder:
         found.save(folder)
         found.report(folder / "report.html")

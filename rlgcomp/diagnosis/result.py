@@ -8,9 +8,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ import pandas as pd
 
 from rlgcomp.diagnosis import wording
 from rlgcomp.errors import InputError
-from rlgcomp.files import to_json, write_json
+from rlgcomp.files import sha256, to_json, write_json
 from rlgcomp.noise import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.simulation.simulator import Simulator
@@ -370,6 +370,13 @@ class Diagnosis:
         for probability in [cause.probability for cause in self.causes] + [other.probability for other in self.alternatives]:
             if not -1e-9 <= probability <= 1.0 + 1e-9:
                 raise InputError(f"diagnosis: a probability is {probability}; it must lie between 0 and 1")
+
+    def of_files(self, train: Sequence[Path], test: Sequence[Path] = ()) -> Self:
+        """The same, with the SHA-256 of the files that the runs were read from."""
+        files = {"train": train, "test": test}
+        return dataclasses.replace(
+            self, recordings={part: {str(path): sha256(path) for path in paths} for part, paths in files.items()}
+        )
 
     # --- what it says ------------------------------------------------------------------------------------------------------
 
