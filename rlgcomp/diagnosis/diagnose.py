@@ -45,6 +45,7 @@ _RIVALS: Final = 3  # told apart by the next experiment
 _UNRECORDED: Final = 0.5
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
 _SAME: Final = 0.98  # correlation from which a law is a mechanism of the catalogue by another name
+_FEW: Final = 2  # mechanisms that a law may be the sum of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,7 +213,7 @@ def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     chosen, highest = None, best.log_posterior
     for model in (best,) if best is nothing else (best, nothing):
         law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
-        if law is None or explanations.evidence.resembles(explanations.evidence.problem.columns(law.mechanism)) > _SAME:
+        if law is None or _is_known(explanations, best if model is nothing else nothing, law):
             continue
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
@@ -225,6 +226,13 @@ def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary)
     lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
     return _Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
+
+
+def _is_known(explanations: Explanations, instead: Model, law: Discovery) -> bool:
+    """Whether a law is a mechanism by another name, or the one or two together that it would stand for."""
+    evidence = explanations.evidence
+    column = evidence.problem.columns(law.mechanism)
+    return evidence.resembles(column) > _SAME or (len(instead.members) <= _FEW and evidence.spans(instead.members, column) > _SAME)
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:

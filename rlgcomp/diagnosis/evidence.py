@@ -268,6 +268,15 @@ class Evidence:
         taken = gram[inside, -1] @ amplitudes
         return float(self.freedom * taken / max(gram[-1, -1] - taken, 1e-300))
 
+    def spans(self, members: Sequence[Member], column: Array) -> float:
+        """Multiple correlation of a column with members' columns, all less what the baseline absorbs."""
+        prepared = self._prepared(column.reshape(-1, 1))
+        inside = self._places(members)
+        if not prepared.shape[1] or not len(inside):
+            return 0.0
+        basis = np.linalg.qr(self._table[:, inside])[0]
+        return float(np.linalg.norm(basis.T @ prepared[:, 0]) / np.linalg.norm(prepared[:, 0]))
+
     def resembles(self, column: Array) -> float:
         """Largest correlation of a column with a candidate of one column, both less what the baseline absorbs."""
         prepared = self._prepared(column.reshape(-1, 1))

@@ -174,12 +174,17 @@ def _distances(rivals: Sequence[Members], runs: Sequence[_Run], *, refine: bool 
     found = np.zeros((len(rivals), len(rivals)))
     for k, truth in enumerate(rivals):
         target = np.concatenate(
-            [sum((run.of(one) @ _amplitudes(one) for one in truth), np.zeros(len(run.baseline))) for run in runs]
+            [sum((_contribution(run.of(one), one) for one in truth), np.zeros(len(run.baseline))) for run in runs]
         )
         for j, rival in enumerate(rivals):
             if k != j:
                 found[k, j] = _distance(target, rival, runs, refine=refine)
     return found
+
+
+def _contribution(columns: Array, mechanism: Mechanism) -> Array:
+    """What a mechanism makes; where it has amplitudes by run, the same in every run."""
+    return np.asarray(columns @ np.resize(_amplitudes(mechanism), columns.shape[1]))
 
 
 def _distance(target: Array, rival: Members, runs: Sequence[_Run], *, refine: bool) -> float:
