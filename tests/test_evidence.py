@@ -260,3 +260,14 @@ def test_explanations_hold_probabilities_and_reasons() -> None:
     assert explanations.models[0].labels == {("ambient_pressure", False)}
     assert explanations.probabilities.sum() == pytest.approx(1.0)
     assert "magnetic_field" in explanations.left_out
+
+
+def test_members_span_their_sums_and_nothing_else(small: Evidence) -> None:
+    names = [candidate.name for candidate in small.candidates]
+    pair = [Member(names.index(name), 3) for name in ("supply_voltage", "ambient_pressure")]
+    voltage, pressure = (small.candidates[member.candidate].columns[:, 0] for member in pair)
+    both = voltage / voltage.std() - 0.5 * pressure / pressure.std()
+    assert small.spans(pair, both + 3.0 * small.problem.baseline[:, 1]) == pytest.approx(1.0, abs=1e-9)
+    assert small.spans(pair[:1], both) < 0.98
+    assert small.spans([], both) == 0.0
+    assert small.spans(pair, small.problem.baseline[:, 1]) == 0.0

@@ -54,6 +54,16 @@ def test_distances_are_those_of_least_squares(problem: Problem, shape: NoiseShap
     assert np.diag(found).tolist() == [0.0, 0.0]
 
 
+def test_a_cause_with_amplitudes_by_run_beside_the_rivals(run: rlg.Recording) -> None:
+    other = BASE.simulate(ONE_RAMP, seed=1, step_s=5.0, name="other")
+    line = CATALOGUE["periodic_interference"]()
+    found = next_experiment(
+        Problem.of(BASE, [run, other]), [(LAG, line), (RATE, line)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H
+    )
+    assert found is not None
+    assert 0.5 <= found.expected_probability_after <= 1.0
+
+
 def test_a_shape_that_is_free_can_come_close(problem: Problem) -> None:
     """A lag imitates a rate by becoming short; a rate cannot imitate a lag."""
     past = _Run(problem.rows, problem.baseline, problem.columns, NoiseShape(), WHITE_DEG_H)
