@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
 from rlgcomp.filters import lag
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
 from rlgcomp.recording import Recording
+
+_SHORTEST: Final = 0.02  # of the longest tried: shorter, it is the temperature rate that a late thermometer shows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +36,7 @@ class ThermalLag(Mechanism):
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         longest = min(14400.0, max(120.0, 0.5 * max(recording.duration_s for recording in recordings)))
-        return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(max(60.0, 0.005 * longest), longest, 14))
+        return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(max(60.0, _SHORTEST * longest), longest, 12))
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
