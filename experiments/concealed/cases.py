@@ -26,6 +26,7 @@ from experiments.concealed.operators import first_order
 from rlgcomp.files import write_json
 from rlgcomp.formats import write
 from rlgcomp.noise import NoiseModel
+from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
@@ -147,7 +148,7 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
     weights = np.concatenate([part.weights for part in baseline])
     added = [sum((scale[name] * units[name][k] for name in scale), np.zeros(len(columns))) for k, columns in enumerate(known)]
     truth = [columns @ weights + extra for columns, extra in zip(known, added, strict=True)]
-    missing = hidden[0].drivers if kind == "driverless" else ()
+    missing = CATALOGUE[effects[0]].drivers if kind == "driverless" else ()
     recordings = []
     for k, (chamber, run) in enumerate(zip(chambers, runs, strict=True)):
         noisy = truth[k] + _noise(noise, len(truth[k]), seed, run, independent)
