@@ -98,6 +98,7 @@ def test_every_model_file_is_in_the_list() -> None:
         "following",
         "form",
         "interval",
+        "keeping",
         "kernels",
         "parameters",
         "rows",
