@@ -149,7 +149,8 @@ def test_stated_noise_is_believed_but_not_blindly() -> None:
     prior = np.exp(log_prior(noises, NoiseModel(angle_random_walk_deg_sqrt_h=3e-4, bias_instability_deg_h=4.5e-4), 100.0))
     assert prior.sum() == pytest.approx(1.0)
     assert noises[int(np.argmax(prior))] == NoiseShape(0.25, 0.0)
-    assert prior.min() > 0.001
+    usual = np.exp(log_prior(noises, None, 100.0))
+    assert (prior > 0.19 * usual).all()  # what the file says is wrong one time in five
 
 
 # --- jumps -----------------------------------------------------------------------------------------------------------------

@@ -24,6 +24,7 @@ from rlgcomp.calibration.file import Calibration
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.fixed_size import FixedSizeLSSVM
 from rlgcomp.compensation.following import Follower, agrees, to_lines
 
 MONITORS = ("temperature_block_degC", "temperature_shell_degC", "light_intensity_V", "readout_a_V", "readout_b_V")
@@ -32,6 +33,7 @@ ESTIMATORS = {
         f"lssvm {kernel}": rlg.LSSVMRegressor(kernel, c=10.0, sigma=9.0)
         for kernel in ("gaussian", "linear", "polynomial", "sigmoid")
     },
+    "fixed size": FixedSizeLSSVM(centres=30, c=10.0, sigma=9.0),
     "cubic": rlg.CubicLeastSquares(),
     "dynamic": rlg.CubicLeastSquares(linear="dynamics"),
     **{method: rlg.KernelBaselines(method, sigma=9.0) for method in ("kernel_ridge", "svr", "gaussian_process")},

@@ -30,11 +30,13 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from rlgcomp.errors import InputError
-from rlgcomp.units import EARTH_RATE_DEG_H, RAD_PER_ARCSEC, RAD_PER_DEG, SECONDS_PER_HOUR
+from rlgcomp.units import ARCSEC_PER_DEG, DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_ARCSEC, RAD_PER_DEG, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 Form = Literal["linear", "quadrature"]
 DRAWS: Final = 1000
+_TIMES_S: Final = (1e-3, 1e9)
+_SPREADS_ARCSEC: Final = (1e-9, ARCSEC_PER_DEG * DEG_PER_TURN)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +66,7 @@ class AlignmentFit:
     @property
     def digits(self) -> int:
         """Significant digits of N that its standard error supports: one more for every factor of ten between them."""
-        if not self.angle_random_walk_deg_sqrt_h > 0.0:
+        if not (self.angle_random_walk_deg_sqrt_h > 0.0 and self.angle_random_walk_sd_deg_sqrt_h > 0.0):
             return 0
         return max(0, math.floor(math.log10(self.angle_random_walk_deg_sqrt_h / self.angle_random_walk_sd_deg_sqrt_h)) + 1)
 
@@ -110,13 +112,17 @@ def fit_alignment(
     Raises
     ------
     InputError
-        Fewer points than parameters, times or spreads that are not positive, a latitude at a pole, or an unknown form.
+        Fewer points than parameters, times or spreads that are not positive or beyond a turn, a latitude at a pole, or an unknown
+        form.
     """
     time, spread = np.asarray(time_s, dtype=np.float64), np.asarray(std_arcsec, dtype=np.float64)
     if time.shape != spread.shape or time.ndim != 1 or len(time) < 1 + floor:
         raise InputError(f"{time.shape} times and {spread.shape} spreads; give as many of both, at least {1 + floor}")
-    if not (np.isfinite(time).all() and np.isfinite(spread).all() and (time > 0.0).all() and (spread > 0.0).all()):
-        raise InputError("alignment times and standard deviations must be positive, finite numbers")
+    if not all(((low <= values) & (values <= high)).all() for values, (low, high) in ((time, _TIMES_S), (spread, _SPREADS_ARCSEC))):
+        raise InputError(
+            f"alignment times must be positive, {_TIMES_S[0]:g} to {_TIMES_S[1]:g} s, and standard deviations too, "
+            f"{_SPREADS_ARCSEC[0]:g} to {_SPREADS_ARCSEC[1]:g} arcsec; leave the others out, or mend their unit"
+        )
     if len(np.unique(time)) < 1 + floor:
         raise InputError("one alignment time cannot separate the random walk from the floor; measure several")
     if not abs(latitude_deg) < 89.0 or runs < 2 or form not in get_args(Form):

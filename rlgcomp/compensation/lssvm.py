@@ -192,6 +192,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             Label of each training row's group.
         """
         check_is_fitted(self)
+        if not hasattr(self, "_inverse"):  # a model that was read from a file
+            gram = kernel(self.kernel, self.get_params(), self.X_fit_, self.X_fit_)
+            self._inverse = _solve(gram, np.zeros(len(gram)), self.c * self.weights_)[2]
         return _group_residuals(self._inverse, self.alpha_, np.asarray(groups))
 
     def check_parameters(self) -> None:
