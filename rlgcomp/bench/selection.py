@@ -46,7 +46,7 @@ def thermal_rows(n: int) -> tuple[Array, Array, Labels]:
     step_s = min(10.0, averaging_s) if n <= 50_000 else 2.0 * RUN_S / n
     runs = [unit.simulate(name, seed=seed, step_s=step_s) for seed, name in enumerate(("paper", "minor-loops"), start=1)]
     recipe = recipe_for(runs, "all")
-    parts = [rows_of(run, recipe, max(averaging_s, step_s)) for run in runs]
+    parts = [rows_of(run, recipe, max(averaging_s, run.period_s)) for run in runs]
     X = np.vstack([np.column_stack([part.X, np.linspace(0.0, 1.0, len(part.X))]) for part in parts])[:n]
     y = np.concatenate([part.y_deg_h for part in parts])[:n]
     X = (X - X.mean(axis=0)) / X.std(axis=0)

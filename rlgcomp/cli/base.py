@@ -200,6 +200,7 @@ def _require_rows(recording: Any, interval: tuple[float, float], spec: str) -> N
 
 
 def interval_of(spec: str) -> tuple[Path, tuple[float, float] | None]:
+    """The file of FILE@START:STOP, and its interval in s where there is one."""
     path, at, span = spec.rpartition("@")
     if not at or Path(spec).exists():
         return Path(spec), None

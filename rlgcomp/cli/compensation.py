@@ -86,6 +86,7 @@ def train(
     from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.artefact import identity
     from rlgcomp.compensation.compensator import Compensator
+    from rlgcomp.compensation.form import sequential
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_writable
 
@@ -93,6 +94,8 @@ def train(
         require_writable(place)
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
+    if export is not None and sequential(MODELS[model].make()):
+        raise InputError(f"--export: a {model} model has no sample-by-sample form; train another model to export one")
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
     if adapt is not None:
