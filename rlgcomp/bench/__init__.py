@@ -27,7 +27,7 @@ ROWS: Final[tuple[Row, ...]] = (
 
 
 def chosen(names: list[str] | None) -> tuple[Row, ...]:
-    """Rows of the names given, or whose names begin so where no row has the name; all of them where none is given.
+    """Rows whose names begin with one of those given; all of them where none is.
 
     Raises
     ------
@@ -37,7 +37,4 @@ def chosen(names: list[str] | None) -> tuple[Row, ...]:
     for name in names or []:
         if not any(row.name.startswith(name) for row in ROWS):
             raise InputError(f"no row is called {name!r}; rows are {', '.join(row.name for row in ROWS)}")
-    known = {row.name for row in ROWS}
-    return tuple(
-        row for row in ROWS if not names or any(row.name == n or (n not in known and row.name.startswith(n)) for n in names)
-    )
+    return tuple(row for row in ROWS if not names or row.name.startswith(tuple(names)))
