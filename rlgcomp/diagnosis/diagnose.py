@@ -44,6 +44,7 @@ _NOTED: Final = 0.01  # p-value below which it is said that something is there, 
 _RIVALS: Final = 3  # told apart by the next experiment
 _UNRECORDED: Final = 0.5
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
+_BESIDE: Final = math.log(100.0)  # odds from which a cause is named beside something that wanders unrecorded
 _SAME: Final = 0.98  # correlation from which a law is a mechanism of the catalogue by another name
 _FEW: Final = 2  # mechanisms that a law may be the sum of
 
@@ -206,8 +207,9 @@ def _known(
 
 def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     """The best of: a set of causes; a law alone; a set and a law beyond it."""
-    best = explanations.models[0]
-    nothing = explanations.nothing
+    best, nothing = explanations.models[0], explanations.nothing
+    if explanations.unrecorded(best) > _UNRECORDED and best.log_posterior - nothing.log_posterior < _BESIDE:
+        best = nothing  # a wander that is nobody's looks a little like many a cause
     dictionary = Dictionary(windowed)
     noises, prior = explanations.evidence.noises, explanations.search.noise_log_prior
     chosen, highest = None, best.log_posterior

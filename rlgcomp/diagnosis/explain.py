@@ -20,7 +20,7 @@ from rlgcomp.diagnosis.telegraph import best_path
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
-UNRECORDED: Final = 0.1  # before the data are seen: that something wanders which no recorded column follows
+UNRECORDED: Final = 0.15  # before the data are seen: that something wanders which no recorded column follows
 _ZOOMS: Final = 3
 _ZOOM: Final = 3  # a spacing becomes so many
 _LIKELY: Final = 0.02  # models less probable are not refined

@@ -16,7 +16,7 @@ from rlgcomp.units import arw_rate_sd_deg_h
 Array = npt.NDArray[np.float64]
 # Strengths that are tried, and how likely each is before the data are seen: at 100 s a ring laser gyro is mostly white.
 FLICKERS: Final = {0.0: 0.31, 0.1: 0.26, 0.25: 0.23, 0.6: 0.15, 1.3: 0.05}
-WALKS: Final = {0.0: 0.36, 0.06: 0.27, 0.18: 0.22, 0.5: 0.12, 1.5: 0.03}
+WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.05, 1.8: 0.02}
 WANDERS: Final = (0.2, 0.5, 1.2, 3.0)
 WANDERS_S: Final = (500.0, 1500.0, 4500.0, 13500.0)
 _TRUSTED: Final = 0.8  # weight of the noise that a simulator file states
