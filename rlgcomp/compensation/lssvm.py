@@ -34,6 +34,7 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from rlgcomp import lapack
 from rlgcomp.compensation.fixed_size import fixed_size_rmse
 from rlgcomp.compensation.form import Candidates, ModelForm, require_shape, rms
 from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
@@ -47,6 +48,7 @@ CENTRES_OF_MANY: Final = 300
 _ROBUST_PASSES: Final = 3
 _FEW_GROUPS: Final = 3
 _THIN: Final = 0.7  # rank over rows up to which a factor pays
+_LOST: Final = 1e-8  # pivots of the kernel matrix up to which they are left out, against 1 / c: below what folds are held to, 1e-6
 _WEIGHT_OF_OUTLIER: Final = 1e-4
 
 
@@ -246,10 +248,10 @@ def cross_validation_path(
     if len(members) <= _FEW_GROUPS:  # solving for the rest is cheaper than inverting large blocks
         for out in members:
             rest = np.delete(np.arange(len(y)), out)
-            alpha, intercept, _ = _EigenPath(gram[np.ix_(rest, rest)], y[rest]).solve(c)
+            alpha, intercept, _ = _EigenPath(gram[np.ix_(rest, rest)], y[rest], float(c.max())).solve(c)
             residuals[:, out] = y[out] - alpha @ gram[np.ix_(rest, out)] - intercept[:, None]
         return residuals
-    path = _EigenPath(gram, y)
+    path = _EigenPath(gram, y, float(c.max()))
     alpha, _, ones = path.solve(c)
     for out in members:
         residuals[:, out] = np.linalg.solve(path.inverse_blocks(c, out, ones), alpha[:, out, None])[:, :, 0]
@@ -259,18 +261,18 @@ def cross_validation_path(
 class _EigenPath:
     """Solutions of one bordered system for many c.
 
-    Where the kernel matrix has few eigenvalues above rounding (wide kernels), they are found from its pivoted Cholesky factor, and
-    H^-1 = c (I - U diag(l / (l + 1/c)) U^T) needs no others.
+    Where the kernel matrix has few eigenvalues that matter for the largest c (wide kernels), they are found from its pivoted
+    Cholesky factor, and H^-1 = c (I - U diag(l / (l + 1/c)) U^T) needs no others.
     """
 
-    def __init__(self, gram: Array, y: Array) -> None:
+    def __init__(self, gram: Array, y: Array, largest_c: float) -> None:
         rounding = len(y) * np.finfo(np.float64).eps * float(np.abs(np.diag(gram)).max())
-        factor = _pivoted_factor(gram, 0.1 * rounding)
+        factor = _pivoted_factor(gram, max(0.1 * rounding, _LOST / largest_c))
         self.thin = factor is not None
         if factor is None:
-            self.values, self.vectors = linalg.eigh(gram, driver="evd", check_finite=False)
+            self.values, self.vectors = lapack.eigh(gram)
         else:
-            values, vectors = linalg.eigh(factor.T @ factor, driver="evd", check_finite=False)
+            values, vectors = lapack.eigh(factor.T @ factor)
             kept = values > rounding
             self.values, self.vectors = values[kept], factor @ (vectors[:, kept] / np.sqrt(values[kept]))
         self.target, self.y, self.ones = y, self.vectors.T @ y, self.vectors.sum(axis=0)
@@ -307,12 +309,11 @@ def _pivoted_factor(gram: Array, tolerance: float) -> Array | None:
     """L of K = L L^T, shape (n, r), or None where r is more than 0.7 n or K is not positive semidefinite."""
     if float(np.diag(gram).min()) < 0.0:
         return None
-    factor, pivots, rank, _ = linalg.lapack.dpstrf(gram, tol=tolerance, lower=1)
-    if rank > _THIN * len(gram):
+    lower, order = lapack.pivoted_cholesky(gram, tolerance)
+    if lower.shape[1] > _THIN * len(gram):
         return None
-    lower = np.tril(factor[:, :rank])
-    thin = np.empty_like(lower)
-    thin[pivots - 1] = lower
+    thin = np.empty(lower.shape)
+    thin[order] = lower
     error = np.abs(np.diag(gram) - np.einsum("ij,ij->i", thin, thin)).max()
     return thin if error <= 100.0 * max(tolerance, np.finfo(np.float64).eps * float(np.diag(gram).max())) else None
 
