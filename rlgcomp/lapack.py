@@ -1,8 +1,7 @@
 """Routines of LAPACK and BLAS, called without the interpreter's lock, so that threads compute side by side.
 
 SciPy's own wrappers hold the lock while they compute; NumPy's do not, but it has no pivoted, triangular or tridiagonal ones. The
-routines are those that SciPy lends to compiled code (`scipy.linalg.cython_lapack`). What is given is checked by the callers: float64,
-finite, of fitting shapes.
+routines are those that SciPy lends to compiled code (`scipy.linalg.cython_lapack`). Callers give what fits: float64, finite.
 """
 
 from __future__ import annotations
@@ -41,16 +40,40 @@ def pivoted_cholesky(matrix: Array, tolerance: float) -> tuple[Array, npt.NDArra
     n = len(matrix)
     factor, pivots, rank = np.array(matrix, order="F"), np.empty(n, dtype=np.intc), ctypes.c_int()
     _call(_lapack("dpstrf"), b"L", n, factor, n, pivots, rank, tolerance, np.empty(2 * n))
-    return np.tril(factor[:, : rank.value]), pivots.astype(np.intp) - 1
+    return np.asfortranarray(np.tril(factor[:, : rank.value])), pivots.astype(np.intp) - 1
 
 
 def solve_lower(lower: Array, right: Array) -> Array:
-    """X of X L^T = right, shape (m, r), in place of right, which is C-contiguous: solutions of L x = b for rows b."""
+    """X of X L^T = right, shape (m, r), in place of right, whose rows are contiguous: solutions of L x = b for rows b."""
     transposed = np.asfortranarray(lower)
     m, r = right.shape
     # rows of right are columns to Fortran
     _call(_blas("dtrsm"), b"L", b"L", b"N", b"N", r, m, 1.0, transposed, len(transposed), right, right.strides[0] // 8)
     return right
+
+
+def tridiagonal(matrix: Array) -> tuple[Array, Array, Array]:
+    """Q^T, whose rows are orthonormal, and the diagonal of T and what is beside it, for a symmetric matrix Q T Q^T."""
+    n = len(matrix)
+    basis = np.array(matrix, order="F")
+    diagonal, beside, scales, work = np.empty(n), np.empty(max(1, n - 1)), np.empty(max(1, n - 1)), np.empty(_BLOCK * n)
+    _call(_lapack("dsytrd"), b"L", n, basis, n, diagonal, beside, scales, work, len(work))
+    _call(_lapack("dorgtr"), b"L", n, basis, n, scales, work, len(work))
+    return basis.T, diagonal, beside
+
+
+def tridiagonal_solutions(diagonal: Array, beside: Array, right: Array) -> tuple[Array, Array, Array]:
+    """Solutions of T x = right, shape (k, n), for a positive definite T, and D and l of T = L D L^T, l beside L's ones.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        T is not positive definite.
+    """
+    pivots, factors, found = diagonal.copy(), beside.copy(), right.copy()
+    if _call(_lapack("dptsv"), len(pivots), len(found), pivots, factors, found, len(pivots)):
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    return found, pivots, factors
 
 
 def shifted_solutions(matrix: Array, right: Array, shifts: Array) -> Array:
@@ -69,14 +92,10 @@ def shifted_solutions(matrix: Array, right: Array, shifts: Array) -> Array:
     _call(_lapack("dsytrd"), b"L", r, reduced, r, diagonal, beside, scales, work, len(work))
     turned = right.copy()
     _call(_lapack("dormtr"), b"L", b"L", b"T", r, 1, reduced, r, scales, turned, r, work, len(work))
-    found = np.empty((r, len(shifts)), order="F")
-    for k, shift in enumerate(shifts):
-        found[:, k] = turned
-        if _call(_lapack("dptsv"), r, 1, diagonal + shift, beside.copy(), found[:, k], r):
-            raise np.linalg.LinAlgError("matrix and shift are not positive definite")
+    found = np.vstack([tridiagonal_solutions(diagonal + shift, beside, turned[None, :])[0] for shift in shifts])
     work = np.empty(_BLOCK * (r + len(shifts)))
     _call(_lapack("dormtr"), b"L", b"L", b"N", r, len(shifts), reduced, r, scales, found, r, work, len(work))
-    return found
+    return found.T
 
 
 def _call(routine: tuple[Callable[..., None], bool], *given: Any) -> int:
@@ -99,12 +118,12 @@ def _reference(given: Any) -> Any:
 
 @functools.cache
 def _lapack(name: str) -> tuple[Callable[..., None], bool]:
-    return _routine(cython_lapack.__pyx_capi__[name]), True
+    return _routine(vars(cython_lapack)["__pyx_capi__"][name]), True
 
 
 @functools.cache
 def _blas(name: str) -> tuple[Callable[..., None], bool]:
-    return _routine(cython_blas.__pyx_capi__[name]), False
+    return _routine(vars(cython_blas)["__pyx_capi__"][name]), False
 
 
 def _routine(capsule: Any) -> Callable[..., None]:

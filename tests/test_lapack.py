@@ -59,6 +59,21 @@ def test_every_shift_is_solved(n: int) -> None:
     assert np.array_equal(right, before)
 
 
+@pytest.mark.parametrize("n", [1, 2, 60])
+def test_the_tridiagonal_matrix_is_the_same_in_another_basis(n: int) -> None:
+    matrix = gram(n) + np.eye(n)
+    basis, diagonal, beside = lapack.tridiagonal(matrix)
+    beside = beside[: n - 1]
+    middle = np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1)
+    assert basis @ basis.T == pytest.approx(np.eye(n), abs=1e-13)
+    assert basis.T @ middle @ basis == pytest.approx(matrix, abs=1e-12)
+    right = np.random.default_rng(3).normal(size=(2, n))
+    found, pivots, factors = lapack.tridiagonal_solutions(diagonal, beside, right)
+    assert found @ middle == pytest.approx(right, abs=1e-12)
+    lower = np.eye(n) + np.diag(factors[: n - 1], -1)
+    assert (lower * pivots) @ lower.T == pytest.approx(middle, abs=1e-12)
+
+
 def test_what_is_not_positive_definite_is_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
         lapack.shifted_solutions(-np.eye(5), np.ones(5), np.array([0.5]))

@@ -111,9 +111,7 @@ def select(
     return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen))
 
 
-def _score(
-    k: int, form: ModelForm, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels
-) -> Scored:
+def _score(k: int, form: ModelForm, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Scored:
     return k, form.rmse(model, candidates, X, y, groups).tolist()
 
 
