@@ -12,7 +12,7 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.linear_model import Ridge
 
 import rlgcomp as rlg
-from rlgcomp.compensation import lssvm
+from rlgcomp.compensation import path
 from rlgcomp.compensation.form import rms
 from rlgcomp.compensation.lssvm import cross_validation_path
 from rlgcomp.compiled import available
@@ -213,7 +213,7 @@ def test_the_path_over_c_holds_for_narrow_and_wide_kernels(sigma: float, by: str
     """Few eigenvalues above rounding (wide) or all of them (narrow): every way against solving again without the group."""
     if by == "tridiagonal matrix" and not available():
         pytest.skip("Numba is not installed, or switched off")
-    monkeypatch.setattr(lssvm, "_MIDDLING", 1 if by == "tridiagonal matrix" else 1000)
+    monkeypatch.setattr(path, "_MIDDLING", 1 if by == "tridiagonal matrix" else 1000)
     rng = np.random.default_rng(5)
     X = rng.normal(size=(90, 2))
     y = np.sin(2.0 * X[:, 0]) + 0.1 * rng.normal(size=90)

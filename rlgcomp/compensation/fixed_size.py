@@ -27,11 +27,11 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp import lapack
 from rlgcomp.compensation.form import Candidates, ModelForm, require_shape
 from rlgcomp.compensation.kernels import gaussian, kernel_sum
 from rlgcomp.compensation.parameters import require_number
 from rlgcomp.compiled import available, compiled
+from rlgcomp.lapack import pivoted_cholesky, shifted_solutions, solve_lower
 
 Array = npt.NDArray[np.float64]
 _ROWS_AT_ONCE: Final = 1024
@@ -169,7 +169,7 @@ class _Basis:
     """phi of some centres."""
 
     def __init__(self, centres: Array, sigma: float) -> None:
-        factor, order = lapack.pivoted_cholesky(gaussian(centres, centres, sigma=sigma), _MARGIN)
+        factor, order = pivoted_cholesky(gaussian(centres, centres, sigma=sigma), _MARGIN)
         self.centres = np.ascontiguousarray(centres[order[: factor.shape[1]]])
         self.sigma = sigma
         self.lower = np.asfortranarray(factor[: factor.shape[1]])
@@ -184,7 +184,7 @@ class _Basis:
                 taken = rows[start : start + _ROWS_AT_ONCE]
                 part = block[: len(taken)]
                 part[:, :r] = gaussian(X[taken], self.centres, sigma=self.sigma)
-                lapack.solve_lower(self.lower, part[:, :r])
+                solve_lower(self.lower, part[:, :r])
                 part[:, r] = 1.0
                 part[:, r + 1] = y[taken]
                 sums[k] += part.T @ part
@@ -199,7 +199,7 @@ def _solve(sums: Array, c: Array) -> tuple[Array, Array]:
     products = sums[:r, :r] - rows * np.outer(mean, mean)
     right = sums[:r, r + 1] - rows * mean * mean_y
     rounding = 16.0 * np.finfo(np.float64).eps * float(np.trace(sums[:r, :r]))
-    weights = lapack.shifted_solutions(products, right, 1.0 / c + rounding)
+    weights = shifted_solutions(products, right, 1.0 / c + rounding)
     return weights, mean_y - mean @ weights
 
 

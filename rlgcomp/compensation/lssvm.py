@@ -34,12 +34,12 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp import lapack
 from rlgcomp.compensation.fixed_size import fixed_size_rmse
 from rlgcomp.compensation.form import Candidates, ModelForm, require_shape, rms
 from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.parameters import require_choice, require_number
-from rlgcomp.compiled import available, compiled
+from rlgcomp.compensation.path import EigenPath, path_over
+from rlgcomp.compiled import compiled
 
 Array = npt.NDArray[np.float64]
 _KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid")
@@ -47,9 +47,6 @@ MANY_ROWS: Final = 1500  # from which candidates are compared on so many centres
 CENTRES_OF_MANY: Final = 300
 _ROBUST_PASSES: Final = 3
 _FEW_GROUPS: Final = 3
-_MIDDLING: Final = 400  # rows from which compiling a loop pays where many selections are made
-_THIN: Final = 0.7  # rank over rows up to which a factor pays
-_LOST: Final = 1e-8  # pivots of the kernel matrix up to which they are left out, against 1 / c: below what folds are held to, 1e-6
 _WEIGHT_OF_OUTLIER: Final = 1e-4
 
 
@@ -225,9 +222,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 def cross_validation_path(
     estimator: LSSVMRegressor, X: Array, y: Array, groups: npt.NDArray[Any], c_values: npt.ArrayLike
 ) -> Array:
-    """Residuals of leaving each group out, for many c at the price of one eigendecomposition, or one a group where groups are few.
-
-    With K = U diag(l) U^T, H^-1 = U diag(1 / (l + 1/c)) U^T for every c.
+    """Residuals of leaving each group out, for many c at the price of one decomposition, or one a group where groups are few.
 
     Parameters
     ----------
@@ -249,121 +244,14 @@ def cross_validation_path(
     if len(members) <= _FEW_GROUPS:  # solving for the rest is cheaper than inverting large blocks
         for out in members:
             rest = np.delete(np.arange(len(y)), out)
-            alpha, intercept, _ = _EigenPath(gram[np.ix_(rest, rest)], y[rest], float(c.max())).solve(c)
+            alpha, intercept, _ = EigenPath(gram[np.ix_(rest, rest)], y[rest], float(c.max())).solve(c)
             residuals[:, out] = y[out] - alpha @ gram[np.ix_(rest, out)] - intercept[:, None]
         return residuals
-    tridiagonal = estimator.kernel == "gaussian" and len(y) >= _MIDDLING and available()
-    path = _TridiagonalPath(gram, y) if tridiagonal else _EigenPath(gram, y, float(c.max()))
+    path = path_over(gram, y, float(c.max()), definite=estimator.kernel == "gaussian")
     alpha, _, ones = path.solve(c)
     for out in members:
         residuals[:, out] = np.linalg.solve(path.inverse_blocks(c, out, ones), alpha[:, out, None])[:, :, 0]
     return residuals
-
-
-class _EigenPath:
-    """Solutions of one bordered system for many c.
-
-    Where the kernel matrix has few eigenvalues that matter for the largest c (wide kernels), they are found from its pivoted
-    Cholesky factor, and H^-1 = c (I - U diag(l / (l + 1/c)) U^T) needs no others.
-    """
-
-    def __init__(self, gram: Array, y: Array, largest_c: float) -> None:
-        rounding = len(y) * np.finfo(np.float64).eps * float(np.abs(np.diag(gram)).max())
-        factor = _pivoted_factor(gram, max(0.1 * rounding, _LOST / largest_c))
-        self.thin = factor is not None
-        if factor is None:
-            self.values, self.vectors = lapack.eigh(gram)
-        else:
-            values, vectors = lapack.eigh(factor.T @ factor)
-            kept = values > rounding
-            self.values, self.vectors = values[kept], factor @ (vectors[:, kept] / np.sqrt(values[kept]))
-        self.target, self.y, self.ones = y, self.vectors.T @ y, self.vectors.sum(axis=0)
-
-    def _gain(self, c: Array) -> Array:
-        """Weights of the eigenvectors, shape (m, r): of H^-1, or of what it lacks of c I."""
-        values = self.values + 1.0 / c[:, None]
-        return self.values / values if self.thin else 1.0 / values
-
-    def _applied(self, c: Array, gain: Array, coefficients: Array, whole: Array | float) -> Array:
-        """H^-1 on vectors, shape (m, n), whose coefficients in the eigenvectors are given."""
-        found = (gain * coefficients) @ self.vectors.T
-        return np.asarray(c[:, None] * (whole - found)) if self.thin else found
-
-    def solve(self, c: Array) -> tuple[Array, Array, Array]:
-        """a, b and H^-1 1 for each c, shapes (m, n), (m,) and (m, n)."""
-        gain = self._gain(c)
-        ones, y = self._applied(c, gain, self.ones, 1.0), self._applied(c, gain, self.y, self.target)
-        intercept = y.sum(axis=1) / ones.sum(axis=1)
-        return y - intercept[:, None] * ones, intercept, ones
-
-    def inverse_blocks(self, c: Array, rows: npt.NDArray[np.intp], ones: Array) -> Array:
-        """C_GG for each c, shape (m, rows, rows), from H^-1 1."""
-        gain = self._gain(c)
-        part = self.vectors[rows]
-        blocks = ((gain[:, None, :] * part).reshape(-1, part.shape[1]) @ part.T).reshape(len(c), len(rows), len(rows))
-        if self.thin:
-            blocks = c[:, None, None] * (np.eye(len(rows)) - blocks)
-        border = ones[:, rows]
-        return np.asarray(blocks - border[:, :, None] * (border / ones.sum(axis=1)[:, None])[:, None, :])
-
-
-class _TridiagonalPath:
-    """The same for a positive definite kernel matrix Q T Q^T, T tridiagonal, which takes half as long as its eigenvectors.
-
-    With T + I/c = L D L^T, Z = D^-1/2 L^-1 Q^T has a row from the row before it, and H^-1 = Z^T Z.
-    """
-
-    def __init__(self, gram: Array, y: Array) -> None:
-        self.basis, self.diagonal, self.beside = lapack.tridiagonal(gram)
-        self.right = np.stack([y, np.ones(len(y))]) @ self.basis.T
-
-    def solve(self, c: Array) -> tuple[Array, Array, Array]:
-        """a, b and H^-1 1 for each c, shapes (m, n), (m,) and (m, n)."""
-        found = np.empty((len(c), *self.right.shape))
-        self.scales, self.steps = np.empty((len(c), len(self.basis))), np.zeros((len(c), len(self.basis)))
-        for k, each in enumerate(c):
-            found[k], pivots, factors = lapack.tridiagonal_solutions(self.diagonal + 1.0 / each, self.beside, self.right)
-            self.scales[k] = 1.0 / np.sqrt(pivots)
-            self.steps[k, 1:] = -factors * self.scales[k, 1:] / self.scales[k, :-1]
-        y, ones = np.moveaxis((found.reshape(-1, len(self.basis)) @ self.basis).reshape(found.shape), 1, 0)
-        intercept = y.sum(axis=1) / ones.sum(axis=1)
-        return y - intercept[:, None] * ones, intercept, ones
-
-    def inverse_blocks(self, c: Array, rows: npt.NDArray[np.intp], ones: Array) -> Array:
-        """C_GG for each c that was solved for, shape (m, rows, rows), from H^-1 1."""
-        part = np.take(self.basis, rows, axis=1)
-        z, blocks = np.empty(part.shape), np.empty((len(c), len(rows), len(rows)))
-        recur = _recur.fast()
-        for k in range(len(c)):
-            recur(part, self.scales[k], self.steps[k], z)
-            np.matmul(z.T, z, out=blocks[k])
-        border = ones[:, rows]
-        blocks -= border[:, :, None] * (border / ones.sum(axis=1)[:, None])[:, None, :]
-        return blocks
-
-
-@compiled()
-def _recur(basis: Array, scales: Array, steps: Array, z: Array) -> None:
-    """Rows of z: that of the basis, scaled, and a step times the row before."""
-    for j in range(basis.shape[1]):
-        z[0, j] = basis[0, j] * scales[0]
-    for i in range(1, len(basis)):
-        scale, step = scales[i], steps[i]
-        for j in range(basis.shape[1]):
-            z[i, j] = basis[i, j] * scale + step * z[i - 1, j]
-
-
-def _pivoted_factor(gram: Array, tolerance: float) -> Array | None:
-    """L of K = L L^T, shape (n, r), or None where r is more than 0.7 n or K is not positive semidefinite."""
-    if float(np.diag(gram).min()) < 0.0:
-        return None
-    lower, order = lapack.pivoted_cholesky(gram, tolerance)
-    if lower.shape[1] > _THIN * len(gram):
-        return None
-    thin = np.empty(lower.shape)
-    thin[order] = lower
-    error = np.abs(np.diag(gram) - np.einsum("ij,ij->i", thin, thin)).max()
-    return thin if error <= 100.0 * max(tolerance, np.finfo(np.float64).eps * float(np.diag(gram).max())) else None
 
 
 @compiled(reassociate=True)
