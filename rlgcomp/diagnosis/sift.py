@@ -24,7 +24,7 @@ _BEHIND: Final = 30.0  # log units behind the best from which a family is not wo
 _STEPS: Final = 9
 _TRIED: Final = 3  # steps before families are given up
 _FIRST_STEP: Final = 0.12
-_ROUNDING: Final = 1.0  # log units that a round number may cost
+_ROUNDING: Final = 3.0  # log units that a round number may cost
 _CURVATURE_STEP: Final = 0.004
 _SHARPEST: Final = 1e8  # curvature at most
 
