@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from rlgcomp import bench
 from rlgcomp.bench.measure import Case, Peer, Row, measure
+from rlgcomp.bench.selection import thermal_rows
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError
@@ -87,6 +88,14 @@ def test_rows_agree_with_their_peers(name: str) -> None:
     found = measure(one, quick=True, repeats=1)
     assert found
     assert all(each.agrees for each in found if not each.note.startswith("peer not installed"))
+
+
+@pytest.mark.parametrize("n", [200, 430, 4300])
+def test_selection_is_measured_on_as_many_rows_as_it_says(n: int) -> None:
+    X, y, groups = thermal_rows(n)
+    assert X.shape == (n, 12)
+    assert len(y) == n
+    assert np.array_equal(np.bincount(groups), np.full(10, n // 10))
 
 
 def test_the_command_prints_and_writes(tmp_path: Path) -> None:

@@ -12,7 +12,10 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.linear_model import Ridge
 
 import rlgcomp as rlg
+from rlgcomp.compensation import path
+from rlgcomp.compensation.form import rms
 from rlgcomp.compensation.lssvm import cross_validation_path
+from rlgcomp.compiled import available
 
 KERNELS = [
     {"kernel": "gaussian", "sigma": 1.3},
@@ -204,9 +207,13 @@ def test_one_row_at_a_time_predicts_the_same(data: tuple[np.ndarray, np.ndarray]
         rlg.LSSVMRegressor("linear").fit(X, y).one()
 
 
+@pytest.mark.parametrize("by", ["eigenvectors", "tridiagonal matrix"])
 @pytest.mark.parametrize("sigma", [0.4, 2.0, 60.0])
-def test_the_path_over_c_holds_for_narrow_and_wide_kernels(sigma: float) -> None:
-    """Few eigenvalues above rounding (wide) or all of them (narrow): both ways against solving again without the group."""
+def test_the_path_over_c_holds_for_narrow_and_wide_kernels(sigma: float, by: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few eigenvalues above rounding (wide) or all of them (narrow): every way against solving again without the group."""
+    if by == "tridiagonal matrix" and not available():
+        pytest.skip("Numba is not installed, or switched off")
+    monkeypatch.setattr(path, "_MIDDLING", 1 if by == "tridiagonal matrix" else 1000)
     rng = np.random.default_rng(5)
     X = rng.normal(size=(90, 2))
     y = np.sin(2.0 * X[:, 0]) + 0.1 * rng.normal(size=90)
@@ -218,3 +225,20 @@ def test_the_path_over_c_holds_for_narrow_and_wide_kernels(sigma: float) -> None
             out = groups == label
             brute = y[out] - rlg.LSSVMRegressor(c=each, sigma=sigma).fit(X[~out], y[~out]).predict(X[out])
             assert found[k, out] == pytest.approx(brute, abs=1e-6 * np.abs(brute).max() + 1e-9)
+
+
+@pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
+@pytest.mark.parametrize("groups", [np.arange(410) // 41, np.arange(410) % 7, np.arange(410)])
+def test_the_compiled_path_gives_the_folds_of_the_plain_one(groups: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The whole range of c that is searched, for blocks, scattered rows and single ones."""
+    rng = np.random.default_rng(6)
+    X = np.cumsum(rng.normal(size=(410, 12)), axis=0) / 10.0
+    y = np.sin(X[:, 0]) + 0.1 * rng.normal(size=410)
+    c = 10.0 ** np.arange(-1.0, 9.0)
+    for sigma in (1.0, 4.0, 50.0):
+        monkeypatch.setenv("RLGCOMP_NUMBA", "1")
+        fast = cross_validation_path(rlg.LSSVMRegressor(sigma=sigma), X, y, groups, c)
+        monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+        plain = cross_validation_path(rlg.LSSVMRegressor(sigma=sigma), X, y, groups, c)
+        assert np.abs(fast - plain)[:-2].max() <= 1e-6 * np.abs(plain).max()
+        assert rms(fast) == pytest.approx(rms(plain), rel=1e-5)  # c of 1e7 and 1e8 leave ten digits of sixteen to either

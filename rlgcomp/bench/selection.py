@@ -41,9 +41,9 @@ FORM: Final = ModelForm(
 @functools.cache
 def thermal_rows(n: int) -> tuple[Array, Array, Labels]:
     """Scaled inputs (12 of them) and output of two chamber runs, n rows in all, and the blocks that are left out."""
-    averaging_s = 1.8 * RUN_S / n  # what the lead-in takes off is made up for
+    averaging_s = 2.0 * RUN_S / n
     unit = simulated_unit(1)
-    step_s = min(10.0, averaging_s) if n <= 50_000 else 2.0 * RUN_S / n
+    step_s = averaging_s / np.ceil(averaging_s / 10.0)
     runs = [unit.simulate(name, seed=seed, step_s=step_s) for seed, name in enumerate(("paper", "minor-loops"), start=1)]
     recipe = recipe_for(runs, "all")
     parts = [rows_of(run, recipe, max(averaging_s, run.period_s)) for run in runs]

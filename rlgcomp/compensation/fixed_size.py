@@ -18,6 +18,7 @@ T. F. Gonzalez, Theoretical Computer Science 38, 293 (1985) (centres, each as fa
 
 from __future__ import annotations
 
+import functools
 from typing import Any, Final, Self
 
 import numpy as np
@@ -30,6 +31,7 @@ from rlgcomp.compensation.form import Candidates, ModelForm, require_shape
 from rlgcomp.compensation.kernels import gaussian, kernel_sum
 from rlgcomp.compensation.parameters import require_number
 from rlgcomp.compiled import available, compiled
+from rlgcomp.lapack import pivoted_cholesky, shifted_solutions, solve_lower
 
 Array = npt.NDArray[np.float64]
 _ROWS_AT_ONCE: Final = 1024
@@ -149,22 +151,28 @@ def spread_out(X: Array, count: int) -> npt.NDArray[np.int64]:
     """
     step = max(1, len(X) // _LOOKED_AT)
     rows = np.ascontiguousarray(X[::step])
-    count = min(count, len(rows))
+    compiled_search = len(rows) * min(count, len(rows)) >= _MANY and available()
+    return step * _spread_out(rows.tobytes(), rows.shape[1], min(count, len(rows)), compiled_search)
+
+
+@functools.lru_cache(maxsize=2)
+def _spread_out(data: bytes, features: int, count: int, compiled_search: bool) -> npt.NDArray[np.int64]:
+    """Kept for the width that is tried on the same rows next."""
+    rows = np.frombuffer(data).reshape(-1, features)
     chosen = np.zeros(count, dtype=np.int64)
     chosen[0] = int(np.argmin(((rows - rows.mean(axis=0)) ** 2).sum(axis=1)))
-    many = len(rows) * count >= _MANY and available()
-    found = int((_farthest if many else _farthest_plain)(rows, chosen))
-    return step * chosen[:found]
+    found = int((_farthest if compiled_search else _farthest_plain)(rows, chosen))
+    return chosen[:found]
 
 
 class _Basis:
     """phi of some centres."""
 
     def __init__(self, centres: Array, sigma: float) -> None:
-        factor, pivots, rank, _ = linalg.lapack.dpstrf(gaussian(centres, centres, sigma=sigma), tol=_MARGIN, lower=1)
-        self.centres = np.ascontiguousarray(centres[pivots[:rank] - 1])
+        factor, order = pivoted_cholesky(gaussian(centres, centres, sigma=sigma), _MARGIN)
+        self.centres = np.ascontiguousarray(centres[order[: factor.shape[1]]])
         self.sigma = sigma
-        self.lower = np.tril(factor[:rank, :rank])
+        self.lower = np.asfortranarray(factor[: factor.shape[1]])
 
     def sums(self, X: Array, y: Array, members: list[npt.NDArray[np.intp]]) -> Array:
         """Products of (phi, 1, y) summed over the rows of each group, shape (groups, r + 2, r + 2)."""
@@ -175,8 +183,8 @@ class _Basis:
             for start in range(0, len(rows), _ROWS_AT_ONCE):
                 taken = rows[start : start + _ROWS_AT_ONCE]
                 part = block[: len(taken)]
-                across = gaussian(X[taken], self.centres, sigma=self.sigma)
-                part[:, :r] = linalg.blas.dtrsm(1.0, self.lower, across.T, lower=1).T
+                part[:, :r] = gaussian(X[taken], self.centres, sigma=self.sigma)
+                solve_lower(self.lower, part[:, :r])
                 part[:, r] = 1.0
                 part[:, r + 1] = y[taken]
                 sums[k] += part.T @ part
@@ -190,12 +198,8 @@ def _solve(sums: Array, c: Array) -> tuple[Array, Array]:
     mean, mean_y = sums[:r, r] / rows, sums[r, r + 1] / rows
     products = sums[:r, :r] - rows * np.outer(mean, mean)
     right = sums[:r, r + 1] - rows * mean * mean_y
-    rounding = 4.0 * np.finfo(np.float64).eps * float(np.trace(sums[:r, :r]))
-    weights = np.empty((r, len(c)))
-    for k, each in enumerate(c):
-        system = products.copy()
-        system.flat[:: r + 1] += 1.0 / each + rounding
-        _, weights[:, k], _ = linalg.lapack.dposv(system, right, lower=1)
+    rounding = 16.0 * np.finfo(np.float64).eps * float(np.trace(sums[:r, :r]))
+    weights = shifted_solutions(products, right, 1.0 / c + rounding)
     return weights, mean_y - mean @ weights
 
 

@@ -38,6 +38,7 @@ from rlgcomp.compensation.fixed_size import fixed_size_rmse
 from rlgcomp.compensation.form import Candidates, ModelForm, require_shape, rms
 from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.parameters import require_choice, require_number
+from rlgcomp.compensation.path import EigenPath, path_over
 from rlgcomp.compiled import compiled
 
 Array = npt.NDArray[np.float64]
@@ -46,7 +47,6 @@ MANY_ROWS: Final = 1500  # from which candidates are compared on so many centres
 CENTRES_OF_MANY: Final = 300
 _ROBUST_PASSES: Final = 3
 _FEW_GROUPS: Final = 3
-_THIN: Final = 0.7  # rank over rows up to which a factor pays
 _WEIGHT_OF_OUTLIER: Final = 1e-4
 
 
@@ -222,9 +222,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 def cross_validation_path(
     estimator: LSSVMRegressor, X: Array, y: Array, groups: npt.NDArray[Any], c_values: npt.ArrayLike
 ) -> Array:
-    """Residuals of leaving each group out, for many c at the price of one eigendecomposition, or one a group where groups are few.
-
-    With K = U diag(l) U^T, H^-1 = U diag(1 / (l + 1/c)) U^T for every c.
+    """Residuals of leaving each group out, for many c at the price of one decomposition, or one a group where groups are few.
 
     Parameters
     ----------
@@ -246,75 +244,14 @@ def cross_validation_path(
     if len(members) <= _FEW_GROUPS:  # solving for the rest is cheaper than inverting large blocks
         for out in members:
             rest = np.delete(np.arange(len(y)), out)
-            alpha, intercept, _ = _EigenPath(gram[np.ix_(rest, rest)], y[rest]).solve(c)
+            alpha, intercept, _ = EigenPath(gram[np.ix_(rest, rest)], y[rest], float(c.max())).solve(c)
             residuals[:, out] = y[out] - alpha @ gram[np.ix_(rest, out)] - intercept[:, None]
         return residuals
-    path = _EigenPath(gram, y)
+    path = path_over(gram, y, float(c.max()), definite=estimator.kernel == "gaussian")
     alpha, _, ones = path.solve(c)
     for out in members:
         residuals[:, out] = np.linalg.solve(path.inverse_blocks(c, out, ones), alpha[:, out, None])[:, :, 0]
     return residuals
-
-
-class _EigenPath:
-    """Solutions of one bordered system for many c.
-
-    Where the kernel matrix has few eigenvalues above rounding (wide kernels), they are found from its pivoted Cholesky factor, and
-    H^-1 = c (I - U diag(l / (l + 1/c)) U^T) needs no others.
-    """
-
-    def __init__(self, gram: Array, y: Array) -> None:
-        rounding = len(y) * np.finfo(np.float64).eps * float(np.abs(np.diag(gram)).max())
-        factor = _pivoted_factor(gram, 0.1 * rounding)
-        self.thin = factor is not None
-        if factor is None:
-            self.values, self.vectors = linalg.eigh(gram, driver="evd", check_finite=False)
-        else:
-            values, vectors = linalg.eigh(factor.T @ factor, driver="evd", check_finite=False)
-            kept = values > rounding
-            self.values, self.vectors = values[kept], factor @ (vectors[:, kept] / np.sqrt(values[kept]))
-        self.target, self.y, self.ones = y, self.vectors.T @ y, self.vectors.sum(axis=0)
-
-    def _gain(self, c: Array) -> Array:
-        """Weights of the eigenvectors, shape (m, r): of H^-1, or of what it lacks of c I."""
-        values = self.values + 1.0 / c[:, None]
-        return self.values / values if self.thin else 1.0 / values
-
-    def _applied(self, c: Array, gain: Array, coefficients: Array, whole: Array | float) -> Array:
-        """H^-1 on vectors, shape (m, n), whose coefficients in the eigenvectors are given."""
-        found = (gain * coefficients) @ self.vectors.T
-        return np.asarray(c[:, None] * (whole - found)) if self.thin else found
-
-    def solve(self, c: Array) -> tuple[Array, Array, Array]:
-        """a, b and H^-1 1 for each c, shapes (m, n), (m,) and (m, n)."""
-        gain = self._gain(c)
-        ones, y = self._applied(c, gain, self.ones, 1.0), self._applied(c, gain, self.y, self.target)
-        intercept = y.sum(axis=1) / ones.sum(axis=1)
-        return y - intercept[:, None] * ones, intercept, ones
-
-    def inverse_blocks(self, c: Array, rows: npt.NDArray[np.intp], ones: Array) -> Array:
-        """C_GG for each c, shape (m, rows, rows), from H^-1 1."""
-        gain = self._gain(c)
-        part = self.vectors[rows]
-        blocks = ((gain[:, None, :] * part).reshape(-1, part.shape[1]) @ part.T).reshape(len(c), len(rows), len(rows))
-        if self.thin:
-            blocks = c[:, None, None] * (np.eye(len(rows)) - blocks)
-        border = ones[:, rows]
-        return np.asarray(blocks - border[:, :, None] * (border / ones.sum(axis=1)[:, None])[:, None, :])
-
-
-def _pivoted_factor(gram: Array, tolerance: float) -> Array | None:
-    """L of K = L L^T, shape (n, r), or None where r is more than 0.7 n or K is not positive semidefinite."""
-    if float(np.diag(gram).min()) < 0.0:
-        return None
-    factor, pivots, rank, _ = linalg.lapack.dpstrf(gram, tol=tolerance, lower=1)
-    if rank > _THIN * len(gram):
-        return None
-    lower = np.tril(factor[:, :rank])
-    thin = np.empty_like(lower)
-    thin[pivots - 1] = lower
-    error = np.abs(np.diag(gram) - np.einsum("ij,ij->i", thin, thin)).max()
-    return thin if error <= 100.0 * max(tolerance, np.finfo(np.float64).eps * float(np.diag(gram).max())) else None
 
 
 @compiled(reassociate=True)

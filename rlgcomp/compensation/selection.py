@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,6 +29,8 @@ from rlgcomp.files import to_json
 Array = npt.NDArray[np.float64]
 TIE: Final = 0.01  # candidates whose error is this close to the smallest count as equal; the first, which is the smoothest, wins
 Progress = Callable[[int, int], None]
+Scored = tuple[int, list[float]]
+Work = Callable[[], Scored]
 logger = logging.getLogger(__name__)
 
 
@@ -84,21 +88,18 @@ def select(
     if not batches:
         (only,) = form.rmse(model, [{}], X, y, groups).tolist()
         return Selection({}, only, pd.DataFrame({"rmse": [only], "chosen": [True]}))
-    fingerprint = _fingerprint(form, model, batches, X, y, groups)
+    fingerprint = _fingerprint(form, model, batches, X, y, groups) if journal is not None else ""
     scores = _read_journal(journal, fingerprint)
     if scores and journal is not None:
         logger.info("resuming: %d of %d pieces of the search are in %s", len(scores), len(batches), journal)
-    waiting = [k for k in range(len(batches)) if k not in scores]
+    # the least smooth, which take the longest, go first, so that no worker is left alone with one of them
+    waiting = [k for k in reversed(range(len(batches))) if k not in scores]
     if progress:
         progress(len(scores), len(batches))
-    workers = joblib.Parallel(
-        n_jobs=min(n_jobs, max(1, len(waiting))),
-        return_as="generator_unordered",
-        prefer="threads" if form.threads else "processes",
-    )
+    side_by_side = _in_threads if form.threads else _in_processes
     with _appending(journal, fingerprint, scores) as append, threadpool_limits(1, user_api="blas"):
-        work = (joblib.delayed(_score)(k, form, model, batches[k], X, y, groups) for k in waiting)
-        for k, score in workers(work):
+        work = [functools.partial(_score, k, form, model, batches[k], X, y, groups) for k in waiting]
+        for k, score in side_by_side(work, max(1, min(joblib.effective_n_jobs(n_jobs), len(waiting)))):
             scores[k] = score
             append({"piece": k, "rmse": score})
             if progress:
@@ -110,11 +111,28 @@ def select(
     return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen))
 
 
-def _score(
-    k: int, form: ModelForm, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels
-) -> tuple[int, list[float]]:
+def _score(k: int, form: ModelForm, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Scored:
+    return k, form.rmse(model, candidates, X, y, groups).tolist()
+
+
+def _in_threads(work: Sequence[Work], workers: int) -> Iterator[Scored]:
+    """What each piece of work returns, as they end; what has not begun when the caller stops is not done."""
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for done in as_completed([pool.submit(piece) for piece in work]):
+                yield done.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _in_processes(work: Sequence[Work], workers: int) -> Iterator[Scored]:
+    pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", prefer="processes")
+    yield from pool(joblib.delayed(_one_thread)(piece) for piece in work)
+
+
+def _one_thread(piece: Work) -> Scored:
     with threadpool_limits(1):
-        return k, form.rmse(model, candidates, X, y, groups).tolist()
+        return piece()
 
 
 def _fingerprint(form: ModelForm, model: Any, batches: list[list[dict[str, Any]]], X: Array, y: Array, groups: Labels) -> str:
