@@ -56,7 +56,7 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
         )
     columns = [target for column in table.columns for target in names.get(str(column), [column])]
     mapped = {column: converted[column] if column in converted else table[column] for column in columns}
-    return pd.DataFrame(mapped), frozenset(vouched)
+    return pd.DataFrame(mapped, copy=False), frozenset(vouched)
 
 
 def parse_mapping(items: list[str]) -> dict[str, str]:
