@@ -1,4 +1,4 @@
-"""What few numbers prove of long columns: their extents and those of their steps, taken in blocks that stay in the cache, in threads.
+"""What few numbers prove of long columns: their extents and those of their steps, taken in blocks and threads.
 
 Most files are in order. An extent shows that at once (nothing missing, nothing absurd, time increases); columns are looked at value
 by value only where it does not. Nothing is copied.
