@@ -146,6 +146,20 @@ class Recording:
         problems = _problems(table, truth)
         if problems:
             raise InputError(f"{name} is not a valid recording:\n" + "\n".join(f"  - {problem}" for problem in problems))
+        self._hold(table, metadata, name, truth, findings)
+
+    @classmethod
+    def repaired(
+        cls, table: pd.DataFrame, metadata: Metadata, *, name: str, truth: pd.DataFrame | None, findings: tuple[Finding, ...]
+    ) -> Self:
+        """A recording of a table as :func:`rlgcomp.repair.repair` returns it: what that has proved is not looked at again."""
+        recording = cls.__new__(cls)
+        recording._hold(table, metadata, name, truth, findings)
+        return recording
+
+    def _hold(
+        self, table: pd.DataFrame, metadata: Metadata | None, name: str, truth: pd.DataFrame | None, findings: tuple[Finding, ...]
+    ) -> None:
         frame = table.astype(np.float64).reset_index(drop=True)
         object.__setattr__(self, "_table", frame)
         object.__setattr__(self, "_metadata", metadata or Metadata())

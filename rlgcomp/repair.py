@@ -325,7 +325,7 @@ def _stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         how = "saturated" if at_rail else "stuck"
         context.add("repaired", f"{how} at {values[first]:.6g} for {int(stuck.sum())} samples in all, rows left out", column, first)
         spoilt |= stuck
-    return table[~spoilt]
+    return table[~spoilt] if spoilt.any() else table
 
 
 def _frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -344,7 +344,7 @@ def _frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                 lasted = time_s[stop - 1] - time_s[start]
                 context.add("repaired", f"frozen for {lasted:.0f} s while another thermometer moved, rows left out", column, start)
                 spoilt[start:stop] = True
-    return table[~spoilt]
+    return table[~spoilt] if spoilt.any() else table
 
 
 def _missing(table: pd.DataFrame, context: Context) -> pd.DataFrame:

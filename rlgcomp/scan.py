@@ -16,8 +16,8 @@ import numpy.typing as npt
 from rlgcomp.compiled import in_threads
 
 Array = npt.NDArray[np.float64]
-_BLOCK: Final = 1 << 15  # values: 256 KiB
-_LONG: Final = 1 << 18  # values from which threads pay
+_BLOCK: Final = 1 << 18  # values: 2 MiB; threads that call for less wait for each other
+_LONG: Final = 1 << 19  # values from which threads pay
 _PROBES: Final = 64  # values of a stretch that are compared before it may count as equal throughout
 
 

@@ -127,3 +127,4 @@ def test_bounds_find_what_looking_at_every_value_finds(
     assert quick[1] == slow[1]
     if quick[0] is not None and slow[0] is not None:
         pd.testing.assert_frame_equal(quick[0], slow[0])
+        rlg.Recording(quick[0])  # what is repaired is valid
