@@ -146,7 +146,7 @@ class Recording:
         problems = _problems(table, truth)
         if problems:
             raise InputError(f"{name} is not a valid recording:\n" + "\n".join(f"  - {problem}" for problem in problems))
-        self._hold(table, metadata, name, truth, findings)
+        _hold(self, table, metadata, name, truth, findings)
 
     @classmethod
     def repaired(
@@ -154,18 +154,8 @@ class Recording:
     ) -> Self:
         """A recording of a table as :func:`rlgcomp.repair.repair` returns it: what that has proved is not looked at again."""
         recording = cls.__new__(cls)
-        recording._hold(table, metadata, name, truth, findings)
+        _hold(recording, table, metadata, name, truth, findings)
         return recording
-
-    def _hold(
-        self, table: pd.DataFrame, metadata: Metadata | None, name: str, truth: pd.DataFrame | None, findings: tuple[Finding, ...]
-    ) -> None:
-        frame = table.astype(np.float64).reset_index(drop=True)
-        object.__setattr__(self, "_table", frame)
-        object.__setattr__(self, "_metadata", metadata or Metadata())
-        object.__setattr__(self, "_name", name)
-        object.__setattr__(self, "_truth", None if truth is None else truth.reset_index(drop=True))
-        object.__setattr__(self, "_findings", tuple(findings))
 
     def __setattr__(self, attribute: str, value: Any) -> None:
         raise dataclasses.FrozenInstanceError(f"a Recording is frozen; make another with .replace({attribute}=...)")
@@ -405,6 +395,22 @@ def rate_name(gyro_column: str) -> str:
         if gyro_column.endswith(suffix):
             return gyro_column.removesuffix(suffix) + "_deg_h"
     return gyro_column
+
+
+def _hold(
+    recording: Recording,
+    table: pd.DataFrame,
+    metadata: Metadata | None,
+    name: str,
+    truth: pd.DataFrame | None,
+    findings: tuple[Finding, ...],
+) -> None:
+    """Give a recording what it holds for good."""
+    object.__setattr__(recording, "_table", table.astype(np.float64).reset_index(drop=True))
+    object.__setattr__(recording, "_metadata", metadata or Metadata())
+    object.__setattr__(recording, "_name", name)
+    object.__setattr__(recording, "_truth", None if truth is None else truth.reset_index(drop=True))
+    object.__setattr__(recording, "_findings", tuple(findings))
 
 
 def _rebuild(table: pd.DataFrame, metadata: Metadata, name: str, truth: Any, findings: Any) -> Recording:
