@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv as text
 import gzip
 import zlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,8 +14,6 @@ import pandas as pd
 from rlgcomp.errors import InputError
 
 SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
-
-
 _LARGE: Final = 1 << 23  # bytes from which Arrow's reader, which uses all cores, pays for its import
 
 
@@ -25,11 +24,33 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         if table is not None:
             return table, {}
     try:
-        return pd.read_csv(path, sep=_separator(path), comment="#", skipinitialspace=True, low_memory=False), {}
+        return _pandas(path), {}
     except pd.errors.EmptyDataError:
         raise InputError(f"{path} is empty: no header and no rows") from None
     except (pd.errors.ParserError, UnicodeError, OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+
+
+def header(path: Path) -> list[str]:
+    """Column names of a CSV file."""
+    try:
+        return [str(name) for name in _pandas(path, nrows=0).columns]
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError) as error:
+        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+
+
+def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
+    """Some columns of a CSV file, so many rows at a time."""
+    try:
+        with _pandas(path, usecols=list(columns), chunksize=rows) as reader:
+            for table in reader:
+                yield table[list(columns)]
+    except (pd.errors.ParserError, UnicodeError) as error:
+        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+
+
+def _pandas(path: Path, **named: Any) -> Any:
+    return pd.read_csv(path, sep=_separator(path), comment="#", skipinitialspace=True, low_memory=False, **named)
 
 
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
