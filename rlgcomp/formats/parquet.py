@@ -59,7 +59,7 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
     from pyarrow import parquet
 
     try:
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, pre_buffer=False) as file:  # what is buffered ahead is kept until the end
             for batch in file.iter_batches(rows, columns=list(columns)):
                 yield batch.to_pandas()[list(columns)]
     except OSError as error:  # Arrow's own errors among them
