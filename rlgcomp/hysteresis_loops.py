@@ -63,7 +63,8 @@ def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int
             states = np.maximum(u[k] - reach, np.minimum(u[k] + reach, states))
             sums[k] = weights @ states
     elif u.ndim == 1:
-        _sums_of_one(u, radii, weights, states, sums)
+        rest = (0, -len(radii) % 4)  # operators of no weight, so that vector registers are full
+        _sums_of_one(u, np.pad(radii, rest), np.pad(weights, rest), np.pad(states, rest), sums)
     else:
         pieces = _pieces(u.shape[1])
         in_threads(
