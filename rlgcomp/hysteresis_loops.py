@@ -18,7 +18,7 @@ from rlgcomp.errors import InputError
 Array = npt.NDArray[np.float64]
 MANY: Final = 100_000  # updates of an operator from which compiling pays
 BOUC_WEN: Final = 10  # a step of Bouc–Wen in updates of a play operator
-_TOGETHER: Final = 128  # gyros of one piece of work
+_TOGETHER: Final = 256  # gyros of one piece of work
 
 
 def pays(updates: int) -> bool:
