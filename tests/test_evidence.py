@@ -14,7 +14,7 @@ from scipy import stats
 import rlgcomp as rlg
 from rlgcomp.diagnosis import telegraph
 from rlgcomp.diagnosis.candidates import Candidate, candidates
-from rlgcomp.diagnosis.detect import detect, tail_probability
+from rlgcomp.diagnosis.detect import _own_p_values, detect, tail_probability
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import fit
@@ -272,3 +272,15 @@ def test_members_span_their_sums_and_nothing_else(small: Evidence) -> None:
     assert small.spans(pair[:1], both) < 0.98
     assert small.spans([], both) == 0.0
     assert small.spans(pair, small.problem.baseline[:, 1]) == 0.0
+
+
+def test_a_replicate_is_ranked_among_those_of_the_noise_it_is_credited_with() -> None:
+    rng = np.random.default_rng(3)
+    found = rng.exponential(size=40)
+    alone = _own_p_values(found, np.zeros((1, 40)), np.zeros(1), np.ones(1))
+    np.testing.assert_allclose(np.sort(alone), np.arange(1, 41) / 40.0)
+    quiet = np.arange(40) < 20  # each replicate shows plainly which of two noises it is of
+    likelihood = np.where(np.array([quiet, ~quiet]), 0.0, -100.0)
+    apart = _own_p_values(np.where(quiet, found, 10.0 + found), likelihood, np.log([0.5, 0.5]), np.array([0.5, 0.5]))
+    for members in (quiet, ~quiet):
+        np.testing.assert_allclose(np.sort(apart[members]), np.arange(1, 21) / 20.0)

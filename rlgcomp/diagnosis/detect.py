@@ -6,7 +6,15 @@ sizes and noises. Under the null its distribution is that of replicates
 .. math:: y^* = \sigma \, \epsilon^*, \qquad \epsilon^* \sim N(0, \Sigma_\eta), \qquad \eta \sim p(\eta \mid y, \text{no cause})
 
 (the baseline's parameters do not matter, for it is projected out). Beyond the largest replicates the tail is exponential, as that
-of a log evidence is.
+of a log evidence is at most.
+
+Noise that by chance looks like something missing also looks coarser than it is, so such p-values lean to one half. Each replicate
+therefore gets a p-value of its own, from the same replicates weighted to the noises that it would have been credited with, and the
+data's p-value is where theirs stands among these (prepivoting).
+
+References
+----------
+R. Beran, "Prepivoting test statistics", J. Am. Stat. Assoc. 83, 687 (1988).
 """
 
 from __future__ import annotations
@@ -23,7 +31,7 @@ from rlgcomp.diagnosis.whitening import simulate
 
 Array = npt.NDArray[np.float64]
 REPLICATES: Final = 400
-_TAIL: Final = 0.1  # of the replicates give the tail's slope
+_TAIL: Final = 0.025  # of the replicates: beyond these they are too few to count
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,20 +76,42 @@ def detect(
     for k in np.unique(drawn):
         chosen = np.flatnonzero(drawn == k)
         targets[:, chosen + 1] = simulate(rows, evidence.noises[k], len(chosen), rng)
-    found = _statistics(evidence, noise_log_prior, ordinary, count, targets)
-    return Detection(tail_probability(found[0], found[1:]), float(found[0]), found[1:])
+    found, likelihood = _statistics(evidence, noise_log_prior, ordinary, count, targets)
+    first = tail_probability(found[0], found[1:])
+    theirs = _own_p_values(found[1:], likelihood[:, 1:], noise_log_prior[ordinary], share)
+    return Detection(tail_probability(-math.log(first), -np.log(theirs)), float(found[0]), found[1:])
+
+
+def _own_p_values(found: Array, log_likelihood: Array, noise_log_prior: Array, share: Array) -> Array:
+    """p-value of each replicate among all, weighted as if drawn from the noises that it is credited with itself.
+
+    Parameters
+    ----------
+    found : ndarray, shape (replicates,)
+    log_likelihood : ndarray, shape (noises, replicates)
+        Of nothing missing.
+    noise_log_prior, share : ndarray, shape (noises,)
+        `share` of the replicates were drawn from each noise.
+    """
+    posterior = log_likelihood + noise_log_prior[:, None]
+    credited = np.exp(posterior - log_sum_exp(posterior, axis=0))
+    likelihood = np.exp(log_likelihood - log_likelihood.max(axis=0))
+    weights = credited.T @ (likelihood / (share @ likelihood))  # (credited, drawn)
+    above = weights * (found >= found[:, None])
+    return np.asarray(above.sum(axis=1) / weights.sum(axis=1))
 
 
 def tail_probability(value: float, replicates: Array) -> float:
-    """Probability of at least this value, by rank among replicates, and by an exponential tail beyond the largest tenth."""
-    above = int((replicates >= value).sum())
+    """Probability of at least this value, by rank among replicates, and beyond the largest few by an exponential tail.
+
+    The tail falls by e a unit: so does that of -log p, and no log evidence falls slower (Markov's inequality).
+    """
     ordered = np.sort(replicates)
     count = max(5, int(_TAIL * len(ordered)))
-    threshold = ordered[-count]
-    if above >= count // 2:
+    above = int((replicates >= value).sum())
+    if above >= count:
         return (above + 1.0) / (len(ordered) + 1.0)
-    slope = float(np.mean(ordered[-count:] - threshold))
-    return float(count / len(ordered) * math.exp(-max(value - threshold, 0.0) / max(slope, 1e-12)))
+    return float((count + 1.0) / (len(ordered) + 1.0) * math.exp(min(float(ordered[-count]) - value, 0.0)))
 
 
 def _line(evidence: Evidence, left: Array) -> Array:
@@ -103,8 +133,10 @@ def _line(evidence: Evidence, left: Array) -> Array:
     return np.asarray(log_sum_exp(np.array(factors), axis=0) - math.log(2.0 * len(SIZES) * len(kept)))
 
 
-def _statistics(evidence: Evidence, noise_log_prior: Array, ordinary: npt.NDArray[np.bool_], count: int, targets: Array) -> Array:
-    """The statistic of every column of targets."""
+def _statistics(
+    evidence: Evidence, noise_log_prior: Array, ordinary: npt.NDArray[np.bool_], count: int, targets: Array
+) -> tuple[Array, Array]:
+    """The statistic of every column of targets, and its log likelihood with nothing missing, by ordinary noise."""
     weights = np.array([candidate.log_weight for candidate in evidence.candidates[:count]])
     per_name = -math.log(len({candidate.name for candidate in evidence.candidates[:count]}))
     nothing, something = [], []
@@ -118,4 +150,5 @@ def _statistics(evidence: Evidence, noise_log_prior: Array, ordinary: npt.NDArra
         averaged = log_sum_exp(gains, axis=0) + (weights + per_name)[:, None]
         something.append(point + log_sum_exp(averaged, axis=0))
         something.append(point + per_name + _line(evidence, evidence.left(k, whitened)))
-    return np.asarray(log_sum_exp(np.array(something), axis=0) - log_sum_exp(np.array(nothing), axis=0))
+    statistic = log_sum_exp(np.array(something), axis=0) - log_sum_exp(np.array(nothing), axis=0)
+    return np.asarray(statistic), np.array(nothing) - noise_log_prior[ordinary][:, None]

@@ -213,12 +213,16 @@ def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     chosen, highest = None, best.log_posterior
     for model in (best,) if best is nothing else (best, nothing):
         law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
-        if law is None or _is_known(explanations, best if model is nothing else nothing, law):
+        if law is None:
             continue
+        instead = best if model is nothing else nothing
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
         if model.members and score - model.log_posterior < _BEYOND:
             continue
+        if _is_known(explanations, instead, law):
+            rival = explanations.evidence.explained(instead.members, int(np.argmax(instead.noise_log)))
+            score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
         if score > highest:
             chosen, highest = model, score
     if chosen is None:

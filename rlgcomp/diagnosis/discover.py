@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.laws import MEMORY_CLASS, Dictionary
 from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.search import inadequacy
 from rlgcomp.diagnosis.sift import Judged, refine, screen, with_round_references
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.empirical_law import EmpiricalLaw
@@ -168,7 +169,8 @@ def discover_laws(
     found: list[Discovery] = []
     while len(found) < largest:
         held = np.column_stack([design, *(_tangents(problem, one.mechanism) for one in found)])
-        one = discover(problem, held, noises, noise_log_prior, dictionary=dictionary, least=least)
+        toll = inadequacy(2.0 * sum(one.log_bayes_factor for one in found))
+        one = discover(problem, held, noises, noise_log_prior, dictionary=dictionary, least=least + toll)
         if one is None:
             break
         found.append(one)

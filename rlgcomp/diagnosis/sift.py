@@ -24,7 +24,7 @@ _BEHIND: Final = 30.0  # log units behind the best from which a family is not wo
 _STEPS: Final = 9
 _TRIED: Final = 3  # steps before families are given up
 _FIRST_STEP: Final = 0.12
-_ROUNDING: Final = 1.0  # log units that a round number may cost
+_ROUNDING: Final = 3.0  # log units that a round number may cost
 _CURVATURE_STEP: Final = 0.004
 _SHARPEST: Final = 1e8  # curvature at most
 
@@ -66,10 +66,13 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[Judg
     chosen = [one for one in judged[:_REFINED] if one.log_evidence > _least(judged[0].log_evidence)]
     others = [one for one in judged if one not in chosen and one.family.screened]
     places = [np.array(one.place, dtype=np.float64) for one in chosen]
-    background = background.calmer(dictionary.columns(chosen[0].family, places[0][None])[:, 0])
+    every_noise, best = background, 0
     steps = np.full(len(chosen), _FIRST_STEP)
-    current = np.array([values[0] for values in _at(dictionary, background, chosen, [place[None] for place in places])])
+    current = np.zeros(len(chosen))
     for sweep in range(_STEPS):
+        if sweep % _TRIED == 0:  # the nearer a law is, the calmer the noise seems
+            background = every_noise.calmer(dictionary.columns(chosen[best].family, places[best][None])[:, 0])
+            current = np.array([values[0] for values in _at(dictionary, background, chosen, [place[None] for place in places])])
         kept = [k for k in range(len(chosen)) if len(places[k]) and (sweep < _TRIED or current[k] > _least(float(current.max())))]
         if not kept:
             break
@@ -80,6 +83,7 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[Judg
                 places[k] = table[int(np.argmax(values))]
             else:
                 steps[k] *= 0.35
+        best = int(np.argmax(current))
     widths = _log_widths(dictionary, background, chosen, places)
     refined = []
     for one, place, value, width in zip(chosen, places, current, widths, strict=True):
