@@ -71,9 +71,9 @@ def threads() -> int:
 
 
 def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], workers: int | None = None) -> None:
-    """Call a compiled loop once a piece, in threads: it holds no lock of the interpreter while it runs."""
+    """Call a compiled loop, or one of NumPy's on long arrays, once a piece, in threads: neither holds the interpreter's lock."""
     workers = min(threads() if workers is None else workers, len(pieces))
-    if workers <= 1 or not available():
+    if workers <= 1 or (isinstance(function, Compiled) and not available()):
         for piece in pieces:
             function(*piece)
         return

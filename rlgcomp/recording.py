@@ -17,6 +17,7 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.errors import InputError
+from rlgcomp.scan import extents, step_extent
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["chamber", "turntable", "static"]
@@ -27,6 +28,7 @@ FEWEST_ROWS: Final = 3
 DEFAULT_AVERAGING_S: Final = 100.0
 LEAST_COVERAGE: Final = 0.8
 GAP_PERIODS: Final = 1.5
+_LARGEST: Final = float(np.finfo(np.float64).max)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,12 +146,16 @@ class Recording:
         problems = _problems(table, truth)
         if problems:
             raise InputError(f"{name} is not a valid recording:\n" + "\n".join(f"  - {problem}" for problem in problems))
-        frame = table.astype(np.float64).reset_index(drop=True)
-        object.__setattr__(self, "_table", frame)
-        object.__setattr__(self, "_metadata", metadata or Metadata())
-        object.__setattr__(self, "_name", name)
-        object.__setattr__(self, "_truth", None if truth is None else truth.reset_index(drop=True))
-        object.__setattr__(self, "_findings", tuple(findings))
+        _hold(self, table, metadata, name, truth, findings)
+
+    @classmethod
+    def repaired(
+        cls, table: pd.DataFrame, metadata: Metadata, *, name: str, truth: pd.DataFrame | None, findings: tuple[Finding, ...]
+    ) -> Self:
+        """A recording of a table as :func:`rlgcomp.repair.repair` returns it: what that has proved is not looked at again."""
+        recording = cls.__new__(cls)
+        _hold(recording, table, metadata, name, truth, findings)
+        return recording
 
     def __setattr__(self, attribute: str, value: Any) -> None:
         raise dataclasses.FrozenInstanceError(f"a Recording is frozen; make another with .replace({attribute}=...)")
@@ -391,6 +397,22 @@ def rate_name(gyro_column: str) -> str:
     return gyro_column
 
 
+def _hold(
+    recording: Recording,
+    table: pd.DataFrame,
+    metadata: Metadata | None,
+    name: str,
+    truth: pd.DataFrame | None,
+    findings: tuple[Finding, ...],
+) -> None:
+    """Give a recording what it holds for good."""
+    object.__setattr__(recording, "_table", table.astype(np.float64).reset_index(drop=True))
+    object.__setattr__(recording, "_metadata", metadata or Metadata())
+    object.__setattr__(recording, "_name", name)
+    object.__setattr__(recording, "_truth", None if truth is None else truth.reset_index(drop=True))
+    object.__setattr__(recording, "_findings", tuple(findings))
+
+
 def _rebuild(table: pd.DataFrame, metadata: Metadata, name: str, truth: Any, findings: Any) -> Recording:
     return Recording(table, metadata, name=name, truth=truth, findings=findings)
 
@@ -410,12 +432,12 @@ def _problems(table: pd.DataFrame, truth: pd.DataFrame | None) -> list[str]:
             "no gyro column (gyro_deg_h, gyro_deg_s, gyro_pulses or one per axis, as gyro_x_deg_h); map it with "
             f"--map gyro_deg_h='NAME [unit]'; the columns are {', '.join(map(str, table.columns)) or 'none'}"
         )
-    for column in table.columns:
-        if not pd.api.types.is_numeric_dtype(table[column]):
-            problems.append(f"{column} is not numeric ({table[column].dtype})")
-        elif not np.isfinite(table[column].to_numpy(dtype=np.float64, na_value=np.nan)).all():
-            problems.append(f"{column} has missing or infinite values")
-    if not problems and not (np.diff(table[TIME].to_numpy(dtype=np.float64)) > 0).all():
+    numeric = [column for column in table.columns if pd.api.types.is_numeric_dtype(table[column])]
+    problems += [f"{column} is not numeric ({table[column].dtype})" for column in table.columns if column not in numeric]
+    values = [table[column].to_numpy(dtype=np.float64, na_value=np.nan) for column in numeric]
+    found = zip(numeric, extents(values), strict=True)
+    problems += [f"{column} has missing or infinite values" for column, extent in found if not extent.within(_LARGEST)]
+    if not problems and not step_extent(table[TIME].to_numpy(dtype=np.float64)).least > 0.0:
         problems.append(f"{TIME} does not increase")
     if truth is not None and len(truth) != len(table):
         problems.append(f"the truth has {len(truth)} rows and the table {len(table)}")

@@ -18,6 +18,7 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.errors import InputError
 from rlgcomp.recording import FEWEST_ROWS, GAP_PERIODS, TIME, Finding, Metadata, is_gyro
+from rlgcomp.scan import Extent, extents, may_hold, step_extent
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.bool_]
@@ -32,6 +33,7 @@ LARGEST_VALUE: Final = 1e15  # in any unit of any column
 ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
 QUIETEST_DEG_SQRT_H: Final = 2e-6  # two orders below the quantum limit of the best navigation-grade gyros
 LARGEST_STATIC_RATE_DEG_H: Final = 100.0
+_SOME: Final = 1 << 16  # samples whose noise may speak for the whole record's
 
 
 @dataclasses.dataclass
@@ -45,6 +47,23 @@ class Context:
     vouched: frozenset[str] = frozenset()
     computed: bool = False
     findings: list[Finding] = dataclasses.field(default_factory=list)
+    _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
+    _steps: tuple[Array, Extent] | None = None
+
+    def extents(self, table: pd.DataFrame) -> dict[str, Extent]:
+        """Extent of every column; a column that was seen before and still is that very array is not read again."""
+        columns = {str(name): table[name].to_numpy() for name in table.columns}
+        places = {name: (values.__array_interface__["data"][0], len(values)) for name, values in columns.items()}
+        new = {place: columns[name] for name, place in places.items() if place not in self._seen}
+        self._seen |= {place: (new[place], extent) for place, extent in zip(new, extents(list(new.values())), strict=True)}
+        return {name: self._seen[place][1] for name, place in places.items()}
+
+    def steps(self, table: pd.DataFrame) -> Extent:
+        """Extent of the steps of time."""
+        time_s = table[TIME].to_numpy()
+        if self._steps is None or not (self._steps[0].ctypes.data == time_s.ctypes.data and len(self._steps[0]) == len(time_s)):
+            self._steps = (time_s, step_extent(time_s))
+        return self._steps[1]
 
     def add(
         self,
@@ -136,7 +155,8 @@ def _numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         else:
             context.add("noted", "holds text, left out", column)
     result = pd.DataFrame(numeric, copy=False)
-    if any(_reaches_beyond(values, LARGEST_VALUE) for values in numeric.values()):
+    doubtful = [str(name) for name, extent in context.extents(result).items() if not extent.within(LARGEST_VALUE)]
+    if any((np.abs(numeric[name]) > LARGEST_VALUE).any() for name in doubtful):
         absurd = (result.abs() > LARGEST_VALUE).to_numpy()
         row = int(np.flatnonzero(absurd.any(axis=1))[0])
         context.add(
@@ -161,12 +181,15 @@ def _seconds(values: pd.Series, context: Context) -> pd.Series:
 
 
 def _empty_channels(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    for column in (name for name in table.columns if np.isnan(table[name].to_numpy()).all()):
+    doubtful = [name for name, extent in context.extents(table).items() if extent.missing]
+    for column in (name for name in doubtful if np.isnan(table[name].to_numpy()).all()):
         context.add("refused", f"every value is missing (NaN); leave the column out with --drop {column}, or mend the file", column)
     return table
 
 
 def _time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    if context.steps(table).least > 0.0:
+        return table
     known = table[TIME].notna().to_numpy()
     if not known.all():
         context.add("repaired", f"{int((~known).sum())} rows without a time left out", TIME, np.flatnonzero(~known)[0])
@@ -218,12 +241,11 @@ def _time_unit(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 
 
 def _units(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    period_s = float(np.median(np.diff(table[TIME].to_numpy())))
-    for column in table.columns:
+    for column, extent in context.extents(table).items():
         values = table[column].to_numpy()
-        if column in context.vouched or np.isnan(values).all():
+        if column in context.vouched or (extent.missing and np.isnan(values).all()):
             continue
-        if str(column).endswith("_degC"):
+        if column.endswith("_degC") and not extent.greatest <= 180.0:
             median = float(np.nanmedian(values))
             if 180.0 < median < 400.0:
                 context.add(
@@ -231,14 +253,30 @@ def _units(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                     f"the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{column} [K]'",
                     column,
                 )
-        elif is_gyro(str(column)) and not str(column).endswith("_pulses"):
-            _gyro_unit(table, str(column), period_s, context)
+        elif is_gyro(column) and not column.endswith("_pulses") and not _plainly_in_its_unit(table, column, context):
+            _gyro_unit(table, column, context)
     return table
 
 
-def _gyro_unit(table: pd.DataFrame, column: str, period_s: float, context: Context) -> None:
+def _plainly_in_its_unit(table: pd.DataFrame, column: str, context: Context) -> bool:
+    """Whether bounds suffice to see that a gyro is noisy and slow enough, no table contradicting.
+
+    Squares of some steps sum up to no more than those of all, and no mean exceeds the greatest value.
+    """
+    if "table_rate_deg_s" in table:
+        return False
+    scale = float(units.convert(1.0, units.column_unit(column) or "deg/h", "deg/h"))
+    steps = scale * np.diff(table[column].to_numpy()[:_SOME])
+    sample_sd_deg_h = float(np.sqrt(np.dot(steps, steps) / (2.0 * len(table))))
+    noisy = sample_sd_deg_h * float(np.sqrt(context.steps(table).least)) / 60.0 >= QUIETEST_DEG_SQRT_H
+    slow = context.extents(table)[column].within(LARGEST_STATIC_RATE_DEG_H / scale)
+    return (noisy or context.computed) and (slow or context.metadata.kind == "turntable")
+
+
+def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
     unit = units.column_unit(column) or "deg/h"
     rate_deg_h = units.convert(table[column].to_numpy(), unit, "deg/h")
+    period_s = float(np.median(np.diff(table[TIME].to_numpy())))
     advice = (
         f"if it is in rad/s, say --map {column}='{column} [rad/s]'; if the unit is right, say --map {column}='{column} [{unit}]'"
     )
@@ -269,7 +307,8 @@ def _stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     spoilt = np.zeros(len(table), dtype=np.bool_)
     for column in (str(column) for column in table.columns if is_gyro(str(column)) and not context.computed):
         values = table[column].to_numpy()
-        if np.nanmin(values) == np.nanmax(values):
+        extent = context.extents(table)[column]
+        if extent.least == extent.greatest or (extent.missing and np.nanmin(values) == np.nanmax(values)):
             context.add(
                 "refused", f"never changes from {values[0]:.6g}: the channel is dead; choose another with --map or --drop", column
             )
@@ -277,6 +316,8 @@ def _stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         turns = context.metadata.kind == "turntable" or any(encoder in table for encoder in ENCODERS)
         if column.endswith("_pulses") and turns:
             continue  # a steady rate gives the same count for as long as its fraction of a pulse takes to add up to one
+        if not may_hold(values, STUCK_SAMPLES):
+            continue
         stuck, first = _stuck(values)
         if not stuck.any():
             continue
@@ -284,7 +325,7 @@ def _stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         how = "saturated" if at_rail else "stuck"
         context.add("repaired", f"{how} at {values[first]:.6g} for {int(stuck.sum())} samples in all, rows left out", column, first)
         spoilt |= stuck
-    return table[~spoilt]
+    return table[~spoilt] if spoilt.any() else table
 
 
 def _frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -293,7 +334,8 @@ def _frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         return table
     spoilt = np.zeros(len(table), dtype=np.bool_)
     time_s = table[TIME].to_numpy()
-    for column in thermometers:
+    fewest = 1 + int(FROZEN_S / context.steps(table).greatest)
+    for column in (name for name in thermometers if may_hold(table[name].to_numpy(), fewest)):
         starts, stops = _repeats(table[column].to_numpy())
         long = time_s[stops - 1] - time_s[starts] >= FROZEN_S
         for start, stop in zip(starts[long], stops[long], strict=True):
@@ -302,11 +344,11 @@ def _frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                 lasted = time_s[stop - 1] - time_s[start]
                 context.add("repaired", f"frozen for {lasted:.0f} s while another thermometer moved, rows left out", column, start)
                 spoilt[start:stop] = True
-    return table[~spoilt]
+    return table[~spoilt] if spoilt.any() else table
 
 
 def _missing(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    if not any(np.isnan(table[column].to_numpy().sum()) for column in table.columns):  # a sum is missing where a value is
+    if not any(extent.missing for extent in context.extents(table).values()):
         return table
     missing = table.isna()
     time_s = table[TIME]
@@ -351,6 +393,8 @@ def _sampling(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     time_s = table[TIME].to_numpy()
     if len(time_s) < FEWEST_ROWS:
         return table
+    if context.steps(table).greatest <= 1.25 * context.steps(table).least:  # whatever the period is, no step is far from it
+        return table
     steps = np.diff(time_s)
     period_s = float(np.median(steps))
     gaps = np.flatnonzero(steps > GAP_PERIODS * period_s)
@@ -364,9 +408,13 @@ def _sampling(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         context.add(
             "noted", f"{100 * uneven:.0f} % of the steps differ from the period of {period_s:.6g} s by more than a quarter", TIME
         )
-    for column in table.columns:
-        if column not in (TIME, *ENCODERS) and not is_gyro(str(column)) and table[column].min() == table[column].max():
-            context.add("noted", f"constant at {table[column].iloc[0]:.6g}: it can explain nothing", str(column))
+    return table
+
+
+def _constant_columns(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    for column, extent in context.extents(table).items():
+        if column not in (TIME, *ENCODERS) and not is_gyro(column) and extent.least == extent.greatest:
+            context.add("noted", f"constant at {table[column].iloc[0]:.6g}: it can explain nothing", column)
     return table
 
 
@@ -383,6 +431,7 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     _missing,
     _encoder_wrap,
     _sampling,
+    _constant_columns,
 )
 # Once one of these has refused, the later checks would only repeat it in other words.
 _DECISIVE: Final = (_structure, _numbers, _empty_channels, _time_order, _missing)
@@ -424,11 +473,6 @@ def _repeats(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
     same = np.flatnonzero(values[1:] == values[:-1])
     apart = np.diff(same) > 1
     return same[np.r_[True, apart][: len(same)]], same[np.r_[apart, True][: len(same)]] + 2
-
-
-def _reaches_beyond(values: Array, limit: float) -> bool:
-    """Whether any value that is there is larger than the limit, of either sign."""
-    return bool(np.fmax.reduce(values, initial=0.0) > limit or np.fmin.reduce(values, initial=0.0) < -limit)
 
 
 def _stuck(values: Array) -> tuple[Rows, int]:

@@ -21,6 +21,7 @@ PACKAGE = Path(rlgcomp.__file__).parent
 ROWS = [
     ["errors"],
     ["units", "files", "plugins", "compiled", "lapack"],
+    ["scan"],
     ["recording"],
     ["repair"],
     ["formats"],
@@ -85,7 +86,7 @@ def test_every_mechanism_file_is_in_the_catalogue() -> None:
 
 
 def test_every_format_file_is_in_the_list() -> None:
-    assert _names_in("formats") - {"mapping"} == {form.__name__.rsplit(".", 1)[1] for form in FORMATS}
+    assert _names_in("formats") - {"mapping", "pieces"} == {form.__name__.rsplit(".", 1)[1] for form in FORMATS}
 
 
 def test_every_model_file_is_in_the_list() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy.typing as npt
@@ -84,11 +86,9 @@ def analyse_noise(
     scored = recording.scored
     rate, time = recording.rate_deg_h(column)[scored], recording.time_s[scored]
     try:
-        deviation = allan_deviation(rate, time, tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade)
-        fitted = deviation
-        if tau_s is not None or per_decade < 7.0 or estimator in _FITTED:
-            fitted = allan_deviation(rate, time, estimator=_FITTED.get(estimator, estimator))
-        coefficients = fit_coefficients(fitted)
+        shown, fitted, coefficients = deviation_and_coefficients(
+            functools.partial(allan_deviation, rate, time), tau_s, estimator, confidence, per_decade
+        )
     except InputError as error:
         raise InputError(f"{recording.name}, {column}: {error}") from None
     accelerometers = {name: recording.column(name)[scored] for name in recording.columns if name.startswith("accel_")}
@@ -99,4 +99,21 @@ def analyse_noise(
     said: tuple[str, ...] = () if stationarity is None else stationarity.findings()
     moves = stationarity is not None and stationarity.base_motion
     said = (*findings(fitted, coefficients, base_moves=moves), *said)
-    return NoiseAnalysis(column, float(rate.mean()), deviation, coefficients, stationarity, said)
+    return NoiseAnalysis(column, float(rate.mean()), shown, coefficients, stationarity, said)
+
+
+def deviation_and_coefficients(
+    deviation_at: Callable[..., AllanDeviation],
+    tau_s: npt.ArrayLike | None,
+    estimator: Estimator,
+    confidence: float,
+    per_decade: float,
+) -> tuple[AllanDeviation, AllanDeviation, NoiseCoefficients]:
+    """The deviation asked for, the one that the coefficients are fitted to, and the coefficients.
+
+    `deviation_at` takes averaging times, `estimator`, `confidence` and `per_decade` as `allan_deviation` does after its samples.
+    """
+    shown = fitted = deviation_at(tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade)
+    if tau_s is not None or per_decade < 7.0 or estimator in _FITTED:
+        fitted = deviation_at(estimator=_FITTED.get(estimator, estimator))
+    return shown, fitted, fit_coefficients(fitted)

@@ -37,6 +37,7 @@ Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
 FEWEST_SAMPLES: Final = 5
 GAP_PERIODS: Final = 1.5
 _ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
+_IDENTIFIED: Final = 1 << 20  # means, whose autocorrelation is then known to a thousandth
 _GROUPS: Final = 64  # of parts of about one length, for the degrees of freedom
 
 
@@ -158,16 +159,41 @@ def allan_deviation(
             f"rates of shape {rate.shape} at times of shape {time.shape}; an Allan deviation needs one column of each, at least "
             f"{FEWEST_SAMPLES} samples"
         )
+    if not np.isfinite(rate).all():
+        raise InputError("some rates are not finite; leave those samples out: gaps are allowed")
+    period_s, ends = _parts(time)
+    return deviation_of_angle(
+        angle_of(rate), ends, period_s, tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade
+    )
+
+
+def deviation_of_angle(
+    angle: Array,
+    ends: Whole,
+    period_s: float,
+    tau_s: npt.ArrayLike | None = None,
+    *,
+    estimator: Estimator = "overlapping",
+    confidence: float = 0.683,
+    per_decade: float = 10.0,
+) -> AllanDeviation:
+    """Allan or Hadamard deviation of an angle, in memory or mapped from disk: overlapping estimators copy none of it.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n + 1,)
+        Cumulative sums of the rate in deg/h, in periods, from zero; parts between gaps in one row, without their gaps.
+    ends : ndarray of int, shape (parts,)
+        Where each part ends, the last at n.
+    period_s : float
+    tau_s, estimator, confidence, per_decade
+        As `allan_deviation` takes them.
+    """
     if estimator not in get_args(Estimator):
         raise InputError(f"estimator {estimator!r} is unknown; known are {', '.join(get_args(Estimator))}")
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence is {confidence}; it must lie between 0 and 1, as 0.683 for one sigma")
-    if not np.isfinite(rate).all():
-        raise InputError("some rates are not finite; leave those samples out: gaps are allowed")
-    period_s, ends = _parts(time)
     parts = np.diff(np.r_[0, ends])
-    angle = angle_of(rate)  # in periods of deg/h, parts in one row without their gaps
-
     order, overlapping = _ORDER[estimator], not estimator.startswith("plain")
     counts = _counts(tau_s, period_s, int(parts.max()), per_decade)
     counts = counts[order * counts <= int(parts.max())]
@@ -184,7 +210,7 @@ def allan_deviation(
             alpha = 0
         rows.append((m * period_s, deviation, taken, _edf(parts, m, alpha, order, overlapping), alpha))
     if not rows:
-        raise InputError(f"no averaging time fits a record of {len(rate)} samples every {period_s:g} s")
+        raise InputError(f"no averaging time fits a record of {len(angle) - 1} samples every {period_s:g} s")
     taus, deviations, differences, edf, alphas = (np.array(column) for column in zip(*rows, strict=True))
     tails = stats.chi2.ppf([[0.5 + 0.5 * confidence], [0.5 - 0.5 * confidence]], edf)
     lower, upper = deviations * np.sqrt(edf / tails)
@@ -255,17 +281,19 @@ def _sum_of_squares_plain(angle: Array, parts: Whole, m: int, order: int) -> tup
 
 
 def _means(angle: Array, parts: Whole, m: int) -> tuple[Array, Whole]:
-    """Means over m samples, one after the other, and the part of each."""
+    """Means over m samples, one after the other, and the part of each: no more than tell the noise's exponent for sure."""
     if len(parts) == 1:
-        means = np.diff(angle[::m]) / m
+        means = np.diff(angle[: _IDENTIFIED * m + 1 : m]) / m
         return means, np.zeros(len(means), dtype=np.int64)
-    first, groups = _starts(parts, m, 1)
+    first, groups = _starts(parts, m, 1, _IDENTIFIED)
     return (angle[first + m] - angle[first]) / m, groups
 
 
-def _starts(parts: Whole, m: int, spanned: int) -> tuple[Whole, Whole]:
-    """First samples of spans of `spanned` m samples, one every m in each part, and the part of each."""
+def _starts(parts: Whole, m: int, spanned: int, most: int | None = None) -> tuple[Whole, Whole]:
+    """First samples of spans of `spanned` m samples, one every m in each part, and the part of each; at most the first so many."""
     counts = np.maximum(parts // m - spanned + 1, 0)
+    if most is not None:
+        counts = np.clip(most - (np.cumsum(counts) - counts), 0, counts)
     part = np.repeat(np.arange(len(parts)), counts)
     within = np.arange(len(part)) - np.repeat(np.cumsum(counts) - counts, counts)
     return (np.cumsum(parts) - parts)[part] + m * within, part

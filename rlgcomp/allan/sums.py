@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 MANY: Final = 300_000  # samples from which compiling pays
 _BLOCK: Final = 2048  # samples: those of one averaging time stay in the first-level cache
+_AT_ONCE: Final = 1 << 20  # samples that NumPy takes, where nothing is compiled
 _PIECE: Final = 1 << 17  # samples a piece of work; fixed, so that the sums do not depend on the number of threads
 
 
@@ -93,19 +94,23 @@ def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None
 
 
 def _one_sum(angle: Array, part: npt.NDArray[np.int32] | None, m: int, order: int) -> float:
-    stop = len(angle) - order * m
-    if stop <= 0:
-        return 0.0
+    return sum(
+        _sum_between(angle, part, m, order, first, min(first + _AT_ONCE, len(angle) - order * m))
+        for first in range(0, len(angle) - order * m, _AT_ONCE)
+    )
+
+
+def _sum_between(angle: Array, part: npt.NDArray[np.int32] | None, m: int, order: int, first: int, stop: int) -> float:
     if order == 2:
-        difference = angle[m : m + stop] * -2.0
-        difference += angle[:stop]
+        difference = angle[first + m : stop + m] * -2.0
+        difference += angle[first:stop]
     else:
-        difference = angle[m : m + stop] - angle[2 * m : 2 * m + stop]
+        difference = angle[first + m : stop + m] - angle[first + 2 * m : stop + 2 * m]
         difference *= 3.0
-        difference -= angle[:stop]
-    difference += angle[order * m :]
+        difference -= angle[first:stop]
+    difference += angle[first + order * m : stop + order * m]
     if part is not None:
-        difference = difference[part[order * m - 1 :] == part[:stop]]
+        difference = difference[part[first + order * m - 1 : stop + order * m - 1] == part[first:stop]]
     return float(np.dot(difference, difference))
 
 

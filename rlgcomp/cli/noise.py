@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PeriodS, PulseArcsec, command, progress, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PeriodS, PulseArcsec, command, interval_of, progress, read_runs, say
 from rlgcomp.cli.show import show_json, show_table
 
 
@@ -31,6 +32,14 @@ def allan(
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
     period_s: PeriodS = None,
+    in_pieces: Annotated[
+        bool,
+        typer.Option(
+            "--in-pieces",
+            help="Read a .parquet or .csv file in pieces, the angle kept in a scratch file under TMPDIR, as is done by itself with "
+            "files that would take more than a quarter of memory.",
+        ),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Allan deviation of every gyro, the noise coefficients with their standard errors, and what the curve says.
@@ -41,28 +50,34 @@ def allan(
     """
     from rlgcomp.allan.analysis import analyse_noise
     from rlgcomp.files import require_writable
+    from rlgcomp.formats.pieces import too_large
 
     taus = None if tau is None else _times(tau)
     if out is not None:
         require_writable(out)
-    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
-    columns = recording.gyro_columns if gyro is None else (recording.gyro_column(gyro),)
-    analyses = []
-    with progress("gyros", len(columns)) as advance:
-        for done, column in enumerate(columns, start=1):
-            analyses.append(
-                analyse_noise(recording, column, taus, estimator=estimator, confidence=confidence, per_decade=per_decade)  # type: ignore[arg-type]  # checked there
-            )
-            advance(done, len(columns))
+    asked = {"estimator": estimator, "confidence": confidence, "per_decade": per_decade}
+    path, interval = interval_of(run)
+    if in_pieces or (interval is None and too_large(path)):
+        analyses = _in_pieces(run, gyro, taus, asked, mapping, pulse_arcsec, period_s)
+        name = path.stem
+    else:
+        (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
+        name = recording.name
+        columns = recording.gyro_columns if gyro is None else (recording.gyro_column(gyro),)
+        analyses = []
+        with progress("gyros", len(columns)) as advance:
+            for done, column in enumerate(columns, start=1):
+                analyses.append(analyse_noise(recording, column, taus, **asked))  # type: ignore[arg-type]  # checked there
+                advance(done, len(columns))
     if taus is not None:
-        period_s = recording.period_s
+        period_s = analyses[0].deviation.period_s
         there = analyses[0].deviation.tau_s
         missing = [tau_s for tau_s in taus if min(abs(there - tau_s)) > 0.5 * period_s]
         if missing:
             held = f"{there[0]:g} to {there[-1]:g} s" if len(there) > 1 else f"{there[0]:g} s"
             say(f"no deviation at {', '.join(f'{tau_s:g}' for tau_s in missing)} s: the record shows {held} of those asked for")
     if out is not None:
-        _write(out, analyses, recording.name)
+        _write(out, analyses, name)
     if as_json:
         show_json([analysis.to_mapping() for analysis in analyses])
         return
@@ -70,6 +85,50 @@ def allan(
         _show(analysis)
     if out is not None:
         say(f"{out / 'allan.png'}: written, with allan.csv and coefficients.json")
+
+
+def _in_pieces(
+    run: str,
+    gyro: str | None,
+    taus: list[float] | None,
+    asked: dict[str, Any],
+    mapping: list[str] | None,
+    pulse_arcsec: float | None,
+    period_s: float | None,
+) -> list[Any]:
+    """Analyses of a file that is not held in memory: one pass over it a gyro."""
+    from rlgcomp.allan.streaming import analyse_pieces
+    from rlgcomp.errors import InputError
+    from rlgcomp.formats.mapping import parse_mapping
+    from rlgcomp.formats.pieces import gyros_of, read_pieces
+
+    path, interval = interval_of(run)
+    if interval is not None:
+        raise InputError(f"{run}: an interval is not read in pieces; leave --in-pieces out, or give the whole file")
+    columns = parse_mapping(mapping or [])
+    gyros = gyros_of(path, columns)
+    if not gyros or (gyro is not None and gyro not in gyros):
+        raise InputError(
+            f"{path.name} has the gyro columns {', '.join(gyros) or 'none'}; choose one of them, or map one with --map"
+        )
+    say(f"{path.name}: read in pieces")
+
+    def said(pieces: Iterator[Any]) -> Iterator[Any]:
+        for k, piece in enumerate(pieces):
+            for finding in piece.findings:
+                if finding.severity == "repaired" or k == 0:
+                    say(f"{piece.name}, piece {k + 1}: {finding}")
+            yield piece
+
+    return [
+        analyse_pieces(
+            said(read_pieces(path, column, columns=columns, metadata={"pulse_arcsec": pulse_arcsec}, period_s=period_s)),
+            column,
+            taus,
+            **asked,
+        )
+        for column in (gyros if gyro is None else (gyro,))
+    ]
 
 
 def _show(analysis: Any) -> None:

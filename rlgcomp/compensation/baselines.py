@@ -11,10 +11,6 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import Matern
-from sklearn.kernel_ridge import KernelRidge
-from sklearn.svm import SVR
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from rlgcomp.compensation.form import ModelForm, require_shape
@@ -59,12 +55,19 @@ class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         inputs, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
         gamma, mean = 0.5 / self.sigma**2, float(target.mean())
         if self.method == "kernel_ridge":
+            from sklearn.kernel_ridge import KernelRidge
+
             ridge = KernelRidge(alpha=1.0 / self.c, kernel="rbf", gamma=gamma).fit(inputs, target - mean)
             self.X_fit_, self.alpha_, self.intercept_ = inputs, np.asarray(ridge.dual_coef_), mean
         elif self.method == "svr":
+            from sklearn.svm import SVR
+
             svr = SVR(C=self.c, kernel="rbf", gamma=gamma, epsilon=self.epsilon, cache_size=500).fit(inputs, target)
             self.X_fit_, self.alpha_, self.intercept_ = svr.support_vectors_, svr.dual_coef_[0], float(svr.intercept_[0])
         else:
+            from sklearn.gaussian_process import GaussianProcessRegressor
+            from sklearn.gaussian_process.kernels import Matern
+
             process = GaussianProcessRegressor(Matern(self.sigma, nu=1.5), alpha=1.0 / self.c, optimizer=None).fit(
                 inputs, target - mean
             )

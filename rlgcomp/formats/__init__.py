@@ -93,7 +93,8 @@ def read(
     table, findings = repair(table, merged, name=path.name, vouched=vouched, computed=computed)
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
     truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
-    return Recording(table.drop(columns=truths), merged, name=_stem(path), truth=truth if truths else None, findings=findings)
+    rest = table.drop(columns=truths)
+    return Recording.repaired(rest, merged, name=_stem(path), truth=truth if truths else None, findings=findings)
 
 
 def write(recording: Recording, path: str | Path) -> None:

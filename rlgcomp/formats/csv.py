@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv as text
 import gzip
 import zlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,8 +14,6 @@ import pandas as pd
 from rlgcomp.errors import InputError
 
 SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
-
-
 _LARGE: Final = 1 << 23  # bytes from which Arrow's reader, which uses all cores, pays for its import
 
 
@@ -24,11 +24,33 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         if table is not None:
             return table, {}
     try:
-        return pd.read_csv(path, sep=_separator(path), comment="#", skipinitialspace=True, low_memory=False), {}
+        return _pandas(path), {}
     except pd.errors.EmptyDataError:
         raise InputError(f"{path} is empty: no header and no rows") from None
     except (pd.errors.ParserError, UnicodeError, OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+
+
+def header(path: Path) -> list[str]:
+    """Column names of a CSV file."""
+    try:
+        return [str(name) for name in _pandas(path, nrows=0).columns]
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError) as error:
+        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+
+
+def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
+    """Some columns of a CSV file, so many rows at a time."""
+    try:
+        with _pandas(path, usecols=list(columns), chunksize=rows) as reader:
+            for table in reader:
+                yield table[list(columns)]
+    except (pd.errors.ParserError, UnicodeError) as error:
+        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+
+
+def _pandas(path: Path, **named: Any) -> Any:
+    return pd.read_csv(path, sep=_separator(path), comment="#", skipinitialspace=True, low_memory=False, **named)
 
 
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
@@ -43,17 +65,19 @@ def _all_numbers(path: Path) -> pd.DataFrame | None:
     from pyarrow import csv
 
     try:
-        with path.open("rb") as stream:
+        with path.open(encoding="utf-8") as stream:
             header = stream.readline().strip()
-        if not header or header.startswith(b"#"):
+        separator = _separator(path)
+        names = next(text.reader([header], delimiter=separator), [])
+        plain = not header.startswith("#") and all(name and name == name.strip() for name in names)
+        if not (names and plain and len(set(names)) == len(names)):
             return None
-        table = csv.read_csv(path, parse_options=csv.ParseOptions(delimiter=_separator(path)))
+        numbers = csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.float64()))  # told, not found out: half the work
+        with pyarrow.memory_map(str(path)) as mapped:
+            table = csv.read_csv(mapped, parse_options=csv.ParseOptions(delimiter=separator), convert_options=numbers)
     except (pyarrow.ArrowInvalid, OSError, UnicodeError):
         return None
-    names = table.column_names
-    numeric = all(pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind) for kind in table.schema.types)
-    plain = all(name and name == name.strip() for name in names) and len(set(names)) == len(names)
-    return table.to_pandas(split_blocks=True) if numeric and plain else None
+    return table.to_pandas(split_blocks=True) if table.column_names == names else None
 
 
 def _separator(path: Path) -> str:

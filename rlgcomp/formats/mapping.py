@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import pandas as pd
 
@@ -40,7 +40,7 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
     names: dict[str, list[str]] = {}
     converted: dict[str, pd.Series] = {}
     for target, source in mapping.items():
-        column, unit = _find(table, str(source), name)
+        column, unit = find_column(table.columns, str(source), name)
         wanted = units.column_unit(target)
         values = table[column]
         if unit is not None and wanted is not None:
@@ -56,7 +56,7 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
         )
     columns = [target for column in table.columns for target in names.get(str(column), [column])]
     mapped = {column: converted[column] if column in converted else table[column] for column in columns}
-    return pd.DataFrame(mapped), frozenset(vouched)
+    return pd.DataFrame(mapped, copy=False), frozenset(vouched)
 
 
 def parse_mapping(items: list[str]) -> dict[str, str]:
@@ -76,10 +76,17 @@ def parse_mapping(items: list[str]) -> dict[str, str]:
     return mapping
 
 
-def _find(table: pd.DataFrame, source: str, name: str) -> tuple[str, str | None]:
+def find_column(columns: Collection[str], source: str, name: str) -> tuple[str, str | None]:
+    """Which of a file's columns a source means, and the unit that it states.
+
+    Raises
+    ------
+    InputError
+        None of them.
+    """
     stem, unit = units.header_unit(source)
-    if source in table.columns:
+    if source in columns:
         return source, unit
-    if stem in table.columns:
+    if stem in columns:
         return stem, unit
-    raise InputError(f"{name}: no column {source!r} to map; the columns are {', '.join(map(str, table.columns))}")
+    raise InputError(f"{name}: no column {source!r} to map; the columns are {', '.join(map(str, columns))}")

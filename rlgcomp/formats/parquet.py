@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +29,40 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         metadata = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
         return table.to_pandas(split_blocks=True), metadata
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
+        raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
+
+
+def header(path: Path) -> tuple[list[str], dict[str, Any]]:
+    """Column names and metadata of a Parquet file, its rows unread."""
+    from pyarrow import parquet
+
+    try:
+        schema = parquet.read_schema(path)
+        return list(schema.names), json.loads((schema.metadata or {}).get(_KEY, b"{}"))
+    except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
+        raise InputError(f"{path} is no Parquet file, or a damaged one: {str(error).splitlines()[0]}") from None
+
+
+def shape(path: Path) -> tuple[int, int]:
+    """Rows and columns of a Parquet file; none of a damaged one."""
+    from pyarrow import parquet
+
+    try:
+        found = parquet.read_metadata(path)
+    except Exception:  # noqa: BLE001  a damaged file can make the reader fail in any way; reading it says how
+        return 0, 0
+    return int(found.num_rows), int(found.num_columns)
+
+
+def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
+    """Some columns of a Parquet file, so many rows at a time."""
+    from pyarrow import parquet
+
+    try:
+        with parquet.ParquetFile(path, pre_buffer=False) as file:  # what is buffered ahead is kept until the end
+            for batch in file.iter_batches(rows, columns=list(columns)):
+                yield batch.to_pandas()[list(columns)]
+    except OSError as error:  # Arrow's own errors among them
         raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
 
 

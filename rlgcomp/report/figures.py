@@ -33,6 +33,7 @@ STYLE: Final[Any] = {
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # where it would be found to be anyway, after measuring every label
     "axes.grid": True,
     "axes.axisbelow": True,
     "grid.color": "#eceef1",

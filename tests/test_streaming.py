@@ -1,0 +1,188 @@
+"""Recordings in pieces: the same samples, the same deviations as of the whole, in memory that does not grow with the file."""
+
+from __future__ import annotations
+
+import json
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import rlgcomp as rlg
+from rlgcomp.allan import sums
+from rlgcomp.allan.analysis import analyse_noise
+from rlgcomp.allan.streaming import analyse_pieces
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+from rlgcomp.formats import pieces
+from rlgcomp.formats.pieces import gyros_of, read_pieces, too_large
+
+register_commands()
+ROWS = 1700
+
+
+def table(rows: int = 20_000, *, gaps: bool = False) -> pd.DataFrame:
+    rng = np.random.default_rng(0)
+    rate = 10.0 + rng.normal(size=rows) + 0.02 * np.cumsum(rng.normal(size=rows))
+    frame = pd.DataFrame({"time_s": 5.0 + 0.5 * np.arange(rows), "temperature_block_degC": 20.0, "gyro_z_deg_h": rate})
+    return frame.drop(index=[*range(3, 6), *range(1697, 1702), *range(9000, 9500)]) if gaps else frame
+
+
+def written(frame: pd.DataFrame, path: Path) -> Path:
+    frame.to_csv(path, index=False) if path.suffix == ".csv" else frame.to_parquet(path, row_group_size=3000)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+@pytest.mark.parametrize("estimator", ["overlapping", "hadamard"])
+@pytest.mark.parametrize("gaps", [False, True], ids=["whole", "gaps"])
+@pytest.mark.parametrize("many", [1000, 1 << 40], ids=["compiled", "NumPy"])
+def test_deviations_are_those_of_the_whole(
+    tmp_path: Path, suffix: str, estimator: str, gaps: bool, many: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sums, "MANY", many)
+    monkeypatch.setattr(sums, "_AT_ONCE", 1234)
+    path = written(table(gaps=gaps), tmp_path / f"run{suffix}")
+    whole = analyse_noise(rlg.read(path), estimator=estimator, per_decade=5.0)
+    found = analyse_pieces(
+        read_pieces(path, "gyro_z_deg_h", rows=ROWS), "gyro_z_deg_h", estimator=estimator, per_decade=5.0, scratch=tmp_path
+    )
+    assert (found.deviation.parts == whole.deviation.parts).all()
+    assert (found.deviation.tau_s == whole.deviation.tau_s).all()
+    assert (found.deviation.differences == whole.deviation.differences).all()
+    assert (found.deviation.alpha == whole.deviation.alpha).all()
+    np.testing.assert_allclose(found.deviation.deviation_deg_h, whole.deviation.deviation_deg_h, rtol=1e-10)
+    np.testing.assert_allclose(found.deviation.lower_deg_h, whole.deviation.lower_deg_h, rtol=1e-10)
+    assert found.mean_deg_h == pytest.approx(whole.mean_deg_h, rel=1e-13)
+    assert found.coefficients.to_frame()["value"].to_numpy() == pytest.approx(whole.coefficients.to_frame()["value"].to_numpy())
+    assert found.stationarity is None
+    assert found.findings[-1].startswith("read in pieces")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+@pytest.mark.parametrize("rows", [1000, 1700, 6000, 1 << 20])
+def test_pieces_are_the_whole(tmp_path: Path, suffix: str, rows: int) -> None:
+    frame = table(10_001)
+    found = list(read_pieces(written(frame, tmp_path / f"run{suffix}"), "gyro_z_deg_h", rows=rows))
+    assert min(map(len, found)) >= min(rows, len(frame))
+    together = pd.concat([piece.table for piece in found], ignore_index=True)
+    pd.testing.assert_frame_equal(together, frame[["time_s", "gyro_z_deg_h"]], rtol=1e-15)
+
+
+def test_mapping_pulses_and_the_lead_in(tmp_path: Path) -> None:
+    frame = table(5000).rename(columns={"gyro_z_deg_h": "Z", "time_s": "t [ms]"})
+    frame["t [ms]"] *= 1000.0
+    frame["Z"] = np.round(10.0 * frame["Z"])
+    path = written(frame, tmp_path / "run.parquet")
+    (tmp_path / "run.yaml").write_text("lead_in_s: 700\npulse_arcsec: 0.5\ncolumns: {time_s: 't [ms]', gyro_pulses: Z}\n")
+    assert gyros_of(path) == ("gyro_pulses",)
+    whole = analyse_noise(rlg.read(path))
+    found = analyse_pieces(read_pieces(path, "gyro_pulses", rows=1000), "gyro_pulses")
+    assert (found.deviation.parts == whole.deviation.parts).all()
+    np.testing.assert_allclose(found.deviation.deviation_deg_h, whole.deviation.deviation_deg_h, rtol=1e-10)
+
+
+def test_without_time_stamps(tmp_path: Path) -> None:
+    path = written(table(5000).drop(columns="time_s"), tmp_path / "run.csv")
+    found = pd.concat([piece.table for piece in read_pieces(path, "gyro_z_deg_h", period_s=0.5, rows=1000)])
+    assert found["time_s"].to_numpy() == pytest.approx(0.5 * np.arange(5000))
+
+
+def test_faults_are_mended_or_refused_piece_by_piece(tmp_path: Path) -> None:
+    frame = table(5000)
+    frame.loc[2500:2504, "gyro_z_deg_h"] = np.nan
+    found = list(read_pieces(written(frame, tmp_path / "run.csv"), "gyro_z_deg_h", rows=1000))
+    assert sum(map(len, found)) == 4995
+    assert [str(finding) for finding in found[2].findings if finding.severity == "repaired"] == [
+        "repaired: gyro_z_deg_h, row 500: 5 values missing, rows left out"
+    ]
+    frame = table(5000)
+    frame.loc[2500:, "time_s"] -= 2000.0
+    with pytest.raises(rlg.InputError, match=r"rows from 2000.*\n.*time runs backwards"):
+        list(read_pieces(written(frame, tmp_path / "run.csv"), "gyro_z_deg_h", rows=1000))
+    frame = table(5000)
+    frame.loc[2000:, "time_s"] -= 2000.0
+    with pytest.raises(rlg.InputError, match="at row 2000 time goes from"):
+        list(read_pieces(written(frame, tmp_path / "run.csv"), "gyro_z_deg_h", rows=1000))
+
+
+def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arrays take less than half of the one column that is asked for."""
+    monkeypatch.setattr("rlgcomp.allan.streaming._AT_ONCE", 1 << 14)
+    monkeypatch.setattr("rlgcomp.allan.deviation._IDENTIFIED", 1 << 12)
+    monkeypatch.setattr(sums, "_AT_ONCE", 1 << 14)
+    rows = 1_200_000
+    path = written(table(rows), tmp_path / "run.parquet")
+    analyse_pieces(read_pieces(path, "gyro_z_deg_h", rows=4000), "gyro_z_deg_h", [1.0, 100.0])  # what is imported and compiled once
+    tracemalloc.start()
+    try:
+        analyse_pieces(read_pieces(path, "gyro_z_deg_h", rows=4000), "gyro_z_deg_h", scratch=tmp_path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 8 * rows / 2
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "message"),
+    [
+        ("run.h5", ROWS, r"only \.parquet and plain \.csv"),
+        ("run.csv.gz", ROWS, r"only \.parquet and plain \.csv"),
+        ("absent.csv", ROWS, "does not exist"),
+        ("run.csv", 10, "too short to tell"),
+        ("bad.parquet", ROWS, "no Parquet file"),
+        ("empty.csv", ROWS, "not readable as CSV"),
+        ("other.csv", ROWS, "no column 'time_s' to map"),
+    ],
+)
+def test_what_cannot_be_read_in_pieces_is_refused(tmp_path: Path, name: str, rows: int, message: str) -> None:
+    written(table(3000), tmp_path / "run.csv")
+    for other, content in (
+        ("run.h5", b"x"),
+        ("run.csv.gz", b"x"),
+        ("bad.parquet", b"no"),
+        ("empty.csv", b""),
+        ("other.csv", b"a\n1\n"),
+    ):
+        (tmp_path / other).write_bytes(content)
+    with pytest.raises(rlg.InputError, match=message):
+        list(read_pieces(tmp_path / name, "gyro_z_deg_h", rows=rows))
+
+
+def test_estimators_that_do_not_overlap_are_refused() -> None:
+    with pytest.raises(rlg.InputError, match="take overlapping or hadamard"):
+        analyse_pieces([], "gyro_z_deg_h", estimator="plain")
+    with pytest.raises(rlg.InputError, match="0 samples"):
+        analyse_pieces([], "gyro_z_deg_h")
+
+
+def test_the_command_reads_large_files_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(table(6000), tmp_path / "run.parquet")
+    whole = CliRunner().invoke(app, ["allan", str(path), "--json"])
+    asked = CliRunner().invoke(app, ["allan", str(path), "--json", "--in-pieces"])
+    assert not too_large(path)
+    monkeypatch.setattr(pieces, "SHARE", 1e-12)
+    assert too_large(path)
+    alone = CliRunner().invoke(app, ["allan", str(path), "--json", "--out", str(tmp_path / "noise")])
+    for done in (whole, asked, alone):
+        assert done.exit_code == 0, done.output
+    assert "read in pieces" in alone.stderr
+    tables = [json.loads(done.stdout)[0]["deviation"]["table"] for done in (whole, asked, alone)]
+    for other in tables[1:]:
+        for row, expected in zip(other, tables[0], strict=True):
+            assert row["deviation_deg_h"] == pytest.approx(expected["deviation_deg_h"], rel=1e-10)
+    assert (tmp_path / "noise" / "allan.csv").exists()
+
+
+@pytest.mark.parametrize("arguments", [["--gyro", "gyro_x_deg_h"], ["--estimator", "plain"]])
+def test_bad_options_end_with_one_message(tmp_path: Path, arguments: list[str]) -> None:
+    path = written(table(3000), tmp_path / "run.parquet")
+    done = CliRunner().invoke(app, ["allan", str(path), "--in-pieces", *arguments])
+    assert done.exit_code == 2
+    assert done.output.count("error:") == 1
+    done = CliRunner().invoke(app, ["allan", f"{path}@0:100", "--in-pieces"])
+    assert (done.exit_code, done.output.count("error:")) == (2, 1)
