@@ -4,6 +4,9 @@ Generalised least squares of baseline and causes together, shapes linearised abo
 
 .. math:: (\hat\beta, \hat a, \hat\theta) : \quad \min \lVert L^{-1} (y - X \beta - \sum_m \Phi_m(\theta_m) a_m) \rVert^2,
     \qquad \mathrm{cov} = \hat\sigma^2 (J^T \Sigma^{-1} J)^{-1}
+
+A weak step's place is far less certain than its slope says: where the likelihood along a shape is wider than that, the standard
+deviation is the likelihood's.
 """
 
 from __future__ import annotations
@@ -29,6 +32,8 @@ Array = npt.NDArray[np.float64]
 _STEPS: Final = 3  # of Gauss–Newton
 _DERIVATIVE: Final = 0.02  # relative step: wide enough for a threshold to pass over rows
 _DEPENDENT: Final = 1e-9
+_DOUBLINGS: Final = 8  # of half a standard deviation, along a shape
+_IMPOSSIBLE: Final = 8.0  # log units below the best from which a shape is out of the question
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,6 +111,12 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     final, _, square = _solve(problem, plain, noise)
     freedom = len(problem.rows) - design.shape[1]
     covariance = covariance * square / freedom
+    wider = [1.0] * plain.shape[1]
+    for k, found in enumerate(slopes):
+        for name, slope in found:
+            others = [problem.baseline, *columns[:k], *columns[k + 1 :]]
+            wider.append(_wider(problem, mechanisms[k], name, np.column_stack([plain, slope]), others, noise))
+    covariance *= np.outer(wider, wider)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
     causes = _causes(problem, chosen, mechanisms, columns, slopes, final, covariance)
@@ -191,6 +202,38 @@ def _moved(
             k += 1
         moved.append(dataclasses.replace(mechanism, **changes))  # type: ignore[type-var]
     return moved
+
+
+def _wider(problem: Problem, mechanism: Mechanism, name: str, linear: Array, others: Sequence[Array], noise: NoiseShape) -> float:
+    """How much wider the likelihood along a shape is than linearised, all amplitudes fitted again; at least 1.
+
+    Parameters
+    ----------
+    linear : ndarray, shape (n, p)
+        Everything that is in the model, and last the derivative by the shape.
+    others : sequence of ndarray
+        Everything but the mechanism's columns.
+    """
+    _, covariance, square = _solve(problem, linear, noise)
+    variance = square / (len(problem.rows) - linear.shape[1])
+    expected = math.sqrt(variance * max(covariance[-1, -1], 0.0))
+    parameter = next(parameter for parameter in mechanism.parameters() if parameter.name == name)
+    value = getattr(mechanism, name)
+    best = _solve(problem, linear[:, :-1], noise)[2]
+    found = {0.0: 0.0}  # log likelihood by offset
+    for sign in (-1.0, 1.0):
+        for doubling in range(_DOUBLINGS):
+            moved = float(np.clip(value + sign * expected * 2.0 ** (doubling - 1), parameter.low, parameter.high))
+            if moved - value in found:
+                break
+            columns = problem.columns(dataclasses.replace(mechanism, **{name: moved}))  # type: ignore[type-var]
+            found[moved - value] = 0.5 * (best - _solve(problem, np.column_stack([*others, columns]), noise)[2]) / variance
+            if found[moved - value] < -_IMPOSSIBLE:
+                break
+    offsets = np.array(sorted(found))
+    likelihood = np.exp(np.array([found[offset] for offset in offsets]) - max(found.values()))
+    spread = np.trapezoid(likelihood * offsets**2, offsets) / max(np.trapezoid(likelihood, offsets), 1e-300)
+    return max(1.0, math.sqrt(spread) / expected) if expected > 0.0 else 1.0
 
 
 def _baseline(problem: Problem, weights: Array, sd: Array) -> tuple[dict[str, dict[str, Estimate]], Simulator]:
