@@ -19,6 +19,7 @@ _RATIO: Final = 1.6  # between the lock-in rates that diagnosis tries
 _LOWEST_DEG_S: Final = 1e-4
 _SLOW: Final = 0.05  # of the highest rate: below, a table is near enough to rest for its gyro to lock
 _OFTEN: Final = 0.01  # of the rows
+_WRONG: Final = 2.0  # standard deviations on the wrong side of zero: no lock-in
 _MOST_ROWS: Final = 200_000  # that the best lock-in rate is sought in
 
 
@@ -122,7 +123,7 @@ def _locked_offset(rate: Array, beyond: Array, top: float) -> tuple[float, ...]:
 def _consistent(rate: Array, beyond: Array, rates: Sequence[float], offset_deg_h: float) -> list[float]:
     """The rates, the lowest in place of those that least squares does not find to make about their own error, and the best.
 
-    None where the error has the wrong sign. Other laws of the rate are fitted beside, so that they do not pose as lock-in.
+    None where the error plainly has the wrong sign. Other laws of the rate are fitted beside, so that they do not pose as lock-in.
     """
     felt = rate + offset_deg_h / SECONDS_PER_HOUR
     scaled = rate / np.abs(rate).max()
@@ -135,16 +136,19 @@ def _consistent(rate: Array, beyond: Array, rates: Sequence[float], offset_deg_h
         rest = seen - column + plain @ (plain.T @ column)
         return float(rest @ rest)
 
-    def share(lock_in_deg_s: float) -> float:
+    def share(lock_in_deg_s: float) -> tuple[float, float]:
+        """Factor of the error that is seen, and the same over its standard deviation in white noise."""
         column = _error_deg_h(felt, lock_in_deg_s)
         column = column - plain @ (plain.T @ column)
-        return float(column @ seen) / max(float(column @ column), 1e-300)
+        norm = max(float(np.linalg.norm(column)), 1e-150)
+        along = float(column @ seen) / norm
+        return along / norm, along / max(float(np.std(seen)), 1e-150)
 
     logs = np.log(rates)
     nearest = float(min(logs, key=left))
     step = math.log(_RATIO)
     best = minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7}).x
-    if max(share(rates[0]), share(math.exp(best))) <= 0.0:
+    if max(share(rates[0])[1], share(math.exp(best))[1]) < -_WRONG:
         return []
-    fitting = [value if _RATIO**-2 <= share(value) <= _RATIO**2 else rates[0] for value in rates]
+    fitting = [value if _RATIO**-2 <= share(value)[0] <= _RATIO**2 else rates[0] for value in rates]
     return [*fitting, min(max(math.exp(best), rates[0]), rates[-1])]
