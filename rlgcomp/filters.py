@@ -71,13 +71,13 @@ def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
     """
     steps = np.diff(time_s)
     uniform = len(steps) > 0 and np.ptp(steps) <= 1e-6 * steps[0]
-    ratio = steps / time_constant_s
+    ratio = (steps[:1] if uniform else steps) / time_constant_s
     keep = np.exp(-ratio)
     # y_k = keep y_{k-1} + old x_{k-1} + new x_k, from integrating the straight line between the samples
     new = 1.0 + np.expm1(-ratio) / ratio
     old = -np.expm1(-ratio) - new
     if uniform:
-        drive = np.r_[values[0], old[0] * values[:-1] + new[0] * values[1:]]
+        drive = np.r_[values[0], old * values[:-1] + new * values[1:]]
         return np.asarray(signal.lfilter([1.0], [1.0, -keep[0]], drive), dtype=np.float64)
     output = np.empty(len(values))
     y = output[0] = values[0]

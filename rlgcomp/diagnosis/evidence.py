@@ -33,7 +33,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import log_ndtr
 
+from rlgcomp.compiled import available
 from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.loops import log_gains
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, Whitener, norms
 
@@ -230,13 +232,18 @@ class Evidence:
         """Log evidence that columns add at each size: from the eigenvalues of their Gram matrix and the squares of their products
         with the target along its vectors, shapes (..., width), and what was left of the target's square; shape (sizes, ...)."""
         values = np.maximum(values, 0.0)
-        gains = []
-        for size in SIZES:
-            prior = squares.shape[-1] / size**2
-            explained = (squares / (values + prior)).sum(axis=-1) / left
-            occam = 0.5 * np.log1p(values / prior).sum(axis=-1)
-            gains.append(-occam - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12)))
-        return np.array(gains)
+        width = squares.shape[-1]
+        precisions = width / SIZES**2
+        if available():
+            gains = np.empty((len(SIZES), *squares.shape[:-1]))
+            table = np.ascontiguousarray(np.broadcast_to(values, squares.shape)).reshape(-1, width)
+            each = np.ascontiguousarray(np.broadcast_to(left, squares.shape[:-1])).reshape(-1)
+            flat = gains.reshape(len(SIZES), -1)
+            log_gains(table, np.ascontiguousarray(squares).reshape(-1, width), each, precisions, self.freedom, flat)
+            return gains
+        explained = np.array([(squares / (values + prior)).sum(axis=-1) / left for prior in precisions])
+        occam = np.array([0.5 * np.log1p(values / prior).sum(axis=-1) for prior in precisions])
+        return np.asarray(-occam - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12)))
 
     def _amplitudes(self, members: Sequence[Member], noise: int) -> tuple[IntArray, Array, Array]:
         """Places of the members' columns, their likeliest amplitudes, and the inverse of their precision."""

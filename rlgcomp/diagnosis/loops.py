@@ -128,3 +128,33 @@ def forward_backward(plus: Array, minus: Array, flip: Array, ahead: Array, mean:
             back_down = (1.0 - flip[k, j]) * from_down + flip[k, j] * from_up
             largest = max(back_up, back_down)
             back_up, back_down = back_up / largest, back_down / largest
+
+
+@compiled()
+def log_gains(values: Array, squares: Array, left: Array, precisions: Array, freedom: int, gains: Array) -> None:
+    """Log evidence that columns add, by the precision of the prior on their amplitudes.
+
+    Parameters
+    ----------
+    values, squares : ndarray, shape (m, width)
+        Eigenvalues of the columns' Gram matrices, and squares of their products with the target along its vectors.
+    left : ndarray, shape (m,)
+        Of the target's square.
+    precisions : ndarray, shape (sizes,)
+    freedom : int
+    gains : ndarray, shape (sizes, m)
+        To be filled.
+    """
+    rows, width = squares.shape
+    for s in range(len(precisions)):
+        prior = precisions[s]
+        for i in range(rows):
+            explained, occam, product = 0.0, 0.0, 1.0
+            for j in range(width):
+                explained += squares[i, j] / (values[i, j] + prior)
+                product *= 1.0 + values[i, j] / prior
+                if product > 1e250:  # of many columns
+                    occam += math.log(product)
+                    product = 1.0
+            share = min(explained / left[i], 1.0 - 1e-12)
+            gains[s, i] = -0.5 * (occam + math.log(product)) - 0.5 * freedom * math.log1p(-share)
