@@ -6,11 +6,11 @@ same bits, because the loop is the same: a real-time box that follows these line
 
 from __future__ import annotations
 
+import sys
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
 
 from rlgcomp.compiled import available, compiled
 
@@ -76,14 +76,19 @@ def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
     # y_k = keep y_{k-1} + old x_{k-1} + new x_k, from integrating the straight line between the samples
     new = 1.0 + np.expm1(-ratio) / ratio
     old = -np.expm1(-ratio) - new
-    if uniform:
-        drive = np.r_[values[0], old * values[:-1] + new * values[1:]]
-        return np.asarray(signal.lfilter([1.0], [1.0, -keep[0]], drive), dtype=np.float64)
-    output = np.empty(len(values))
-    y = output[0] = values[0]
-    for k, (a, b) in enumerate(zip(keep.tolist(), (old * values[:-1] + new * values[1:]).tolist(), strict=True), start=1):
-        y = a * y + b
-        output[k] = y
+    output = np.r_[values[:1], old * values[:-1] + new * values[1:]]
+    if available() and (len(values) >= _MANY or "numba" in sys.modules):
+        _decay(keep, output)
+    else:
+        output[:] = _decay.plain(keep.tolist(), output.tolist())
+    return output
+
+
+@compiled()
+def _decay(keep: Array, output: Array) -> Array:
+    """Each value gains a share of the one before it; the share is the same for all where one is given."""
+    for k in range(1, len(output)):
+        output[k] = keep[min(k, len(keep)) - 1] * output[k - 1] + output[k]
     return output
 
 

@@ -23,7 +23,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import special
 
 from rlgcomp.diagnosis.proof import whiteness_p_value
 from rlgcomp.diagnosis.result import Alignment
@@ -234,7 +234,7 @@ class _Grid:
         f_statistic = max(0.0, 0.5 * (worse - freedom * variance) / variance)
         spread = target[inside] - _projected(fixed[inside], target[inside])
         explained = 1.0 - float(rest @ rest) / max(float(spread @ spread), least)
-        p_value = float(stats.f.sf(f_statistic, 2, freedom))
+        p_value = float(special.fdtrc(2, freedom, f_statistic))
         return _Settled(_Clock(offset_s, float(sd[0]), drift, float(sd[1]), p_value, explained), variance)
 
     def _shifted(self, simulated: Array, offset_s: float, drift: float) -> tuple[Array, Array, npt.NDArray[np.bool_]]:

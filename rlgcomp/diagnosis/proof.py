@@ -9,6 +9,7 @@ References
 ----------
 D. N. Politis, J. P. Romano, in *Exploring the Limits of Bootstrap*, Wiley, 1992 (circular block bootstrap).
 M. S. Bartlett, *An Introduction to Stochastic Processes*, Cambridge, 1955 (cumulative periodogram).
+M. A. Stephens, J. R. Stat. Soc. B 32, 115 (1970) (the Kolmogorov–Smirnov statistic of few values).
 """
 
 from __future__ import annotations
@@ -21,10 +22,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import stats
+from scipy import special
 
-from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.lssvm import LSSVMRegressor
 from rlgcomp.diagnosis.result import Fit, RunFit, Trace
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
 from rlgcomp.diagnosis.windows import Windows
@@ -151,7 +150,9 @@ def whiteness_p_value(series: Sequence[Array]) -> float:
         frequency.append(np.arange(1, len(spectrum) + 1) / len(values))
     ordered = np.concatenate(power)[np.argsort(np.concatenate(frequency), kind="stable")]
     cumulative = np.cumsum(ordered)[:-1] / ordered.sum()
-    return float(stats.kstest(cumulative, "uniform").pvalue)
+    n = len(cumulative)
+    apart = max(float(np.max(np.arange(1, n + 1) / n - cumulative)), float(np.max(cumulative - np.arange(n) / n)))
+    return float(special.kolmogorov((math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n)) * apart))
 
 
 def improvement_interval(
@@ -221,6 +222,9 @@ def _without(values: Array, blocks: Sequence[Array]) -> Array:
 
 def _black_box(windows: Sequence[Windows], training: int, window_s: float) -> list[Array | None]:
     """Window means of what an LS-SVM learned from the mismatch of the training runs; None where no monitor can teach it."""
+    from rlgcomp.compensation.compensator import Compensator
+    from rlgcomp.compensation.lssvm import LSSVMRegressor
+
     fine = [one.fine for one in windows]
     rows = sum(int(one.kept.sum()) for one in windows[:training])
     averaging_s = max(window_s * math.ceil(rows / _BLACK_BOX_ROWS), *(run.period_s for run in fine))  # windows may be rows

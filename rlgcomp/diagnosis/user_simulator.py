@@ -14,7 +14,6 @@ from typing import Any, Final, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import optimize
 
 from rlgcomp.diagnosis.align import align, same_axis
 from rlgcomp.diagnosis.result import Alignment
@@ -101,6 +100,8 @@ class SimulatedRuns:
 
 def _require_order(runs: Sequence[Recording], simulated: Sequence[Recording], gyro: str | None) -> None:
     """Refuse simulations that fit the runs in another order only."""
+    from scipy import optimize
+
     ours = np.array([_course(run, run.rate_deg_h(gyro)) for run in runs])
     theirs = np.array([_course(run, run.rate_deg_h(same_axis(runs[0].gyro_column(gyro), run))) for run in simulated])
     alike = ours @ theirs.T

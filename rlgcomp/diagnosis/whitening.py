@@ -24,7 +24,6 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
 
 from rlgcomp.compiled import available, in_threads, threads
 from rlgcomp.diagnosis.loops import innovations, kalman_gains
@@ -225,7 +224,6 @@ def simulate(rows: Rows, shape: NoiseShape, draws: int, rng: np.random.Generator
     noise = np.sqrt(rows.white)[:, None] * rng.standard_normal((len(rows), draws))
     for part in rows.runs:
         steps = np.diff(rows.time_s[part])
-        uniform = len(steps) > 0 and np.ptp(steps) <= 1e-6 * steps[0]
         for time_constant, stationary, diffusion in zip(*shape.processes(rows.window_s), strict=True):
             if stationary == 0.0 and diffusion == 0.0:
                 continue
@@ -233,9 +231,6 @@ def simulate(rows: Rows, shape: NoiseShape, draws: int, rng: np.random.Generator
             kicks = rng.standard_normal((part.stop - part.start, draws))
             kicks[0] *= math.sqrt(stationary + diffusion * rows.window_s)
             kicks[1:] *= np.sqrt(stationary * (1.0 - keep**2) + diffusion * steps)[:, None]
-            if uniform:
-                noise[part] += signal.lfilter([1.0], [1.0, -keep[0]], kicks, axis=0)
-                continue
             for k in range(1, len(kicks)):
                 kicks[k] += keep[k - 1] * kicks[k - 1]
             noise[part] += kicks

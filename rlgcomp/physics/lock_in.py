@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from rlgcomp.motion import rate_deg_s, reference_rate_deg_s
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
@@ -125,6 +124,8 @@ def _consistent(rate: Array, beyond: Array, rates: Sequence[float], offset_deg_h
 
     None where the error plainly has the wrong sign. Other laws of the rate are fitted beside, so that they do not pose as lock-in.
     """
+    from scipy.optimize import minimize_scalar
+
     felt = rate + offset_deg_h / SECONDS_PER_HOUR
     scaled = rate / np.abs(rate).max()
     other = [np.ones(len(rate)), scaled, np.abs(scaled), scaled * np.abs(scaled), scaled**3]

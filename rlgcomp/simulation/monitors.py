@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import signal
 
 from rlgcomp.errors import InputError
 from rlgcomp.filters import rate_per_min
@@ -187,6 +186,8 @@ class Monitors:
 
 def wander(sd: float, correlation_s: float, time_s: Array, rng: np.random.Generator) -> Array:
     """Ornstein–Uhlenbeck process: Gaussian, of standard deviation `sd`, its correlation falling by e in `correlation_s`."""
+    from scipy import signal
+
     keep = math.exp(-(time_s[1] - time_s[0]) / correlation_s)
     kicks = rng.standard_normal(len(time_s))
     kicks[1:] *= math.sqrt(1.0 - keep**2)

@@ -23,7 +23,6 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, signal
 
 from rlgcomp.errors import InputError
 from rlgcomp.filters import lag
@@ -83,6 +82,8 @@ class ThermalPlant:
         -------
         shell_degC, block_degC : ndarray, shape (n,)
         """
+        from scipy import linalg, signal
+
         c_s, c_b, g_cs, g_sb = self.shell_capacity_J_K, self.block_capacity_J_K, self.chamber_shell_W_K, self.shell_block_W_K
         a = np.array(
             [

@@ -22,7 +22,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import signal
 
 from rlgcomp.errors import InputError
 from rlgcomp.noise import NoiseModel, stream
@@ -190,6 +189,8 @@ def _angle_deg(time_s: Array, edges_s: Array, rates: Array) -> Array:
 
 def _servo_arcsec(samples: int, step_s: float, table: RotationTable, seed: int) -> Array:
     """Angle error of the servo: white noise through two equal poles, and the integral of an exponentially correlated rate."""
+    from scipy import signal
+
     error = np.zeros(samples)
     if table.jitter_deg_s > 0.0:
         pole = math.exp(-2.0 * math.pi * table.jitter_bandwidth_hz * step_s)
