@@ -215,9 +215,9 @@ def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     chosen, highest = None, best.log_posterior
     for model in (best,) if best is nothing else (best, nothing):
         law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
-        if law is None:
-            continue
         instead = best if model is nothing else nothing
+        if law is None or _is_sum(explanations, instead, law):
+            continue
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
         if model.members and score - model.log_posterior < _BEYOND:
@@ -234,11 +234,17 @@ def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     return _Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
 
 
+def _is_sum(explanations: Explanations, instead: Model, law: Discovery) -> bool:
+    """Whether a law is a few mechanisms together that it would stand for."""
+    evidence = explanations.evidence
+    return 1 < len(instead.members) <= _FEW and evidence.spans(instead.members, evidence.problem.columns(law.mechanism)) > _SAME
+
+
 def _is_known(explanations: Explanations, instead: Model, law: Discovery) -> bool:
-    """Whether a law is a mechanism by another name, or the one or two together that it would stand for."""
+    """Whether a law may be a mechanism by another name."""
     evidence = explanations.evidence
     column = evidence.problem.columns(law.mechanism)
-    return evidence.resembles(column) > _SAME or (len(instead.members) <= _FEW and evidence.spans(instead.members, column) > _SAME)
+    return evidence.resembles(column) > _SAME or (len(instead.members) == 1 and evidence.spans(instead.members, column) > _SAME)
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
