@@ -21,11 +21,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compiled import threads
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, log_sum_exp
 from rlgcomp.diagnosis.whitening import simulate
 
@@ -139,16 +141,20 @@ def _statistics(
     """The statistic of every column of targets, and its log likelihood with nothing missing, by ordinary noise."""
     weights = np.array([candidate.log_weight for candidate in evidence.candidates[:count]])
     per_name = -math.log(len({candidate.name for candidate in evidence.candidates[:count]}))
-    nothing, something = [], []
-    for k, whitened in enumerate(evidence.whitener(targets)):
+
+    def one(k: int, whitened: Array) -> tuple[Array, Array]:
         left, gains = evidence.gains(k, whitened, count)
         point = evidence.constant(k) + noise_log_prior[k] - 0.5 * evidence.freedom * np.log(left)
         if not ordinary[k]:
-            something.append(point)
-            continue
-        nothing.append(point)
+            return point, point
         averaged = log_sum_exp(gains, axis=0) + (weights + per_name)[:, None]
-        something.append(point + log_sum_exp(averaged, axis=0))
-        something.append(point + per_name + _line(evidence, evidence.left(k, whitened)))
-    statistic = log_sum_exp(np.array(something), axis=0) - log_sum_exp(np.array(nothing), axis=0)
-    return np.asarray(statistic), np.array(nothing) - noise_log_prior[ordinary][:, None]
+        line = per_name + _line(evidence, evidence.left(k, whitened))
+        return point, point + np.logaddexp(log_sum_exp(averaged, axis=0), line)
+
+    whitened = evidence.whitener(targets)
+    with ThreadPoolExecutor(threads()) as pool:  # NumPy holds no lock over long arrays
+        found = list(pool.map(one, range(len(whitened)), whitened))
+    points, something = (np.array(part) for part in zip(*found, strict=True))
+    nothing = points[ordinary]
+    statistic = log_sum_exp(something, axis=0) - log_sum_exp(nothing, axis=0)
+    return np.asarray(statistic), nothing - noise_log_prior[ordinary][:, None]
