@@ -284,3 +284,15 @@ def test_a_replicate_is_ranked_among_those_of_the_noise_it_is_credited_with() ->
     apart = _own_p_values(np.where(quiet, found, 10.0 + found), likelihood, np.log([0.5, 0.5]), np.array([0.5, 0.5]))
     for members in (quiet, ~quiet):
         np.testing.assert_allclose(np.sort(apart[members]), np.arange(1, 21) / 20.0)
+
+
+@pytest.mark.parametrize("width", [1, 3, 60])
+def test_the_evidence_of_sizes_is_the_same_compiled(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(width)
+    evidence = Evidence.__new__(Evidence)
+    evidence.freedom = 800
+    values = rng.exponential(500.0, size=(12, 1, width))
+    squares, left = rng.exponential(40.0, size=(12, 5, width)), rng.uniform(5000.0, 9000.0, size=5)
+    compiled = evidence._gains(values, squares, left)
+    monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+    np.testing.assert_allclose(compiled, evidence._gains(values, squares, left), rtol=1e-12)

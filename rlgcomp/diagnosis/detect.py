@@ -21,13 +21,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import threads
+from rlgcomp.compiled import in_threads
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, log_sum_exp
 from rlgcomp.diagnosis.whitening import simulate
 
@@ -142,19 +141,19 @@ def _statistics(
     weights = np.array([candidate.log_weight for candidate in evidence.candidates[:count]])
     per_name = -math.log(len({candidate.name for candidate in evidence.candidates[:count]}))
 
-    def one(k: int, whitened: Array) -> tuple[Array, Array]:
-        left, gains = evidence.gains(k, whitened, count)
-        point = evidence.constant(k) + noise_log_prior[k] - 0.5 * evidence.freedom * np.log(left)
-        if not ordinary[k]:
-            return point, point
-        averaged = log_sum_exp(gains, axis=0) + (weights + per_name)[:, None]
-        line = per_name + _line(evidence, evidence.left(k, whitened))
-        return point, point + np.logaddexp(log_sum_exp(averaged, axis=0), line)
-
     whitened = evidence.whitener(targets)
-    with ThreadPoolExecutor(threads()) as pool:  # NumPy holds no lock over long arrays
-        found = list(pool.map(one, range(len(whitened)), whitened))
-    points, something = (np.array(part) for part in zip(*found, strict=True))
+    points, something = np.empty((2, len(whitened), targets.shape[1]))
+
+    def fill(k: int) -> None:
+        left, gains = evidence.gains(k, whitened[k], count)
+        points[k] = evidence.constant(k) + noise_log_prior[k] - 0.5 * evidence.freedom * np.log(left)
+        something[k] = points[k]
+        if ordinary[k]:
+            averaged = log_sum_exp(gains, axis=0) + (weights + per_name)[:, None]
+            line = per_name + _line(evidence, evidence.left(k, whitened[k]))
+            something[k] += np.logaddexp(log_sum_exp(averaged, axis=0), line)
+
+    in_threads(fill, [(k,) for k in range(len(whitened))])
     nothing = points[ordinary]
     statistic = log_sum_exp(something, axis=0) - log_sum_exp(nothing, axis=0)
     return np.asarray(statistic), nothing - noise_log_prior[ordinary][:, None]

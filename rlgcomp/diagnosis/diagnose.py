@@ -216,13 +216,18 @@ def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     for model in (best,) if best is nothing else (best, nothing):
         law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
         instead = best if model is nothing else nothing
-        if law is None or _is_sum(explanations, instead, law):
+        if law is None:
             continue
+        column = explanations.evidence.problem.columns(law.mechanism)
+        spanned = explanations.evidence.spans(instead.members, column) > _SAME
+        if spanned and 1 < len(instead.members) <= _FEW:
+            continue  # it is these mechanisms together
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
         if model.members and score - model.log_posterior < _BEYOND:
             continue
-        if _is_known(explanations, instead, law):
+        if explanations.evidence.resembles(column) > _SAME or (spanned and len(instead.members) == 1):
+            # perhaps that mechanism by another name: it must win by what the mechanism's equation may be wrong by
             rival = explanations.evidence.explained(instead.members, int(np.argmax(instead.noise_log)))
             score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
         if score > highest:
@@ -232,19 +237,6 @@ def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
     laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary)
     lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
     return _Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
-
-
-def _is_sum(explanations: Explanations, instead: Model, law: Discovery) -> bool:
-    """Whether a law is a few mechanisms together that it would stand for."""
-    evidence = explanations.evidence
-    return 1 < len(instead.members) <= _FEW and evidence.spans(instead.members, evidence.problem.columns(law.mechanism)) > _SAME
-
-
-def _is_known(explanations: Explanations, instead: Model, law: Discovery) -> bool:
-    """Whether a law may be a mechanism by another name."""
-    evidence = explanations.evidence
-    column = evidence.problem.columns(law.mechanism)
-    return evidence.resembles(column) > _SAME or (len(instead.members) == 1 and evidence.spans(instead.members, column) > _SAME)
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:

@@ -115,7 +115,7 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     for k, found in enumerate(slopes):
         for name, slope in found:
             others = [problem.baseline, *columns[:k], *columns[k + 1 :]]
-            wider.append(_wider(problem, mechanisms[k], name, np.column_stack([plain, slope]), others, noise))
+            wider.append(_wider(problem, mechanisms[k], name, np.column_stack([plain, slope]), others, noise, square))
     covariance *= np.outer(wider, wider)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
@@ -204,7 +204,9 @@ def _moved(
     return moved
 
 
-def _wider(problem: Problem, mechanism: Mechanism, name: str, linear: Array, others: Sequence[Array], noise: NoiseShape) -> float:
+def _wider(
+    problem: Problem, mechanism: Mechanism, name: str, linear: Array, others: Sequence[Array], noise: NoiseShape, best: float
+) -> float:
     """How much wider the likelihood along a shape is than linearised, all amplitudes fitted again; at least 1.
 
     Parameters
@@ -213,13 +215,14 @@ def _wider(problem: Problem, mechanism: Mechanism, name: str, linear: Array, oth
         Everything that is in the model, and last the derivative by the shape.
     others : sequence of ndarray
         Everything but the mechanism's columns.
+    best : float
+        Whitened residual's square at the shape found.
     """
     _, covariance, square = _solve(problem, linear, noise)
     variance = square / (len(problem.rows) - linear.shape[1])
     expected = math.sqrt(variance * max(covariance[-1, -1], 0.0))
     parameter = next(parameter for parameter in mechanism.parameters() if parameter.name == name)
     value = getattr(mechanism, name)
-    best = _solve(problem, linear[:, :-1], noise)[2]
     found = {0.0: 0.0}  # log likelihood by offset
     for sign in (-1.0, 1.0):
         for doubling in range(_DOUBLINGS):
