@@ -25,6 +25,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -73,9 +74,11 @@ def diagnose(
     Raises
     ------
     InputError
-        Runs are too short, lack a monitor, or belong to another kind than the simulator.
+        Runs are too short, lack a monitor, belong to another kind than the simulator, or are beyond what it can be off by; a
+        mechanism of the user's fails on them.
     """
     told = progress or (lambda fraction: None)
+    require_computable(mechanisms, [*train, *test])
     base, predicted, alignment = _known(simulator, simulated, train, test, gyro)
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
     told(0.05)

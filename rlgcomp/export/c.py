@@ -6,7 +6,7 @@ import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +21,10 @@ from rlgcomp.export.c_source import KINDS, Design, operations, render, state_byt
 from rlgcomp.export.expansion import expansion_of
 from rlgcomp.export.golden import OK, Stream, golden_stream, stream_of
 from rlgcomp.export.reduce import smallest_within
-from rlgcomp.export.target import Options
+from rlgcomp.export.target import REPORT, Options
 from rlgcomp.files import to_json, whole_folder
 
 Array = npt.NDArray[np.float64]
-REPORT: Final = "report.json"
 
 
 def export(model: Path, out: Path, options: Options) -> CExport:
