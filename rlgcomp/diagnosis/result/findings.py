@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
-from rlgcomp.diagnosis import wording
 from rlgcomp.physics.mechanism import Mechanism
 
 
@@ -41,14 +41,23 @@ class Place:
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A number with its standard deviation and unit."""
+    """A number with its standard deviation and unit; printed, both have two digits of the latter.
+
+    >>> str(Estimate(0.0012345, 0.000056, "deg/h/K")), str(Estimate(1834.2, 41.0, "s")), str(Estimate(3.0, 0.0))
+    ('0.001234 ± 0.000056 deg/h/K', '1834 ± 41 s', '3')
+    """
 
     value: float
     sd: float
     unit: str = ""
 
     def __str__(self) -> str:
-        return wording.quantity(self.value, self.sd, self.unit)
+        if not (math.isfinite(self.sd) and self.sd > 0.0):
+            return f"{self.value:.6g} {self.unit}".rstrip()
+        digits = max(0, 1 - math.floor(math.log10(self.sd)))
+        if digits > 8:
+            return f"{self.value:.4g} ± {self.sd:.2g} {self.unit}".rstrip()
+        return f"{self.value:.{digits}f} ± {self.sd:.{digits}f} {self.unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True)

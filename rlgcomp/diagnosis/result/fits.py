@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from rlgcomp.diagnosis.result.findings import Estimate
+
 Array = npt.NDArray[np.float64]
 
 
@@ -151,3 +153,11 @@ class Alignment:
     compared: str
     epoch_s: float = 0.0
     taken_out: bool = True
+
+    @property
+    def offset(self) -> Estimate:
+        return Estimate(self.offset_s, self.offset_sd_s, "s")
+
+    @property
+    def drift(self) -> Estimate:
+        return Estimate(self.drift_ppm, self.drift_ppm_sd, "ppm")
