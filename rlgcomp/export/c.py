@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import tempfile
 from collections.abc import Sequence
@@ -25,6 +26,7 @@ from rlgcomp.export.target import REPORT, Options
 from rlgcomp.files import to_json, whole_folder
 
 Array = npt.NDArray[np.float64]
+logger = logging.getLogger(__name__)
 
 
 def export(model: Path, out: Path, options: Options) -> CExport:
@@ -113,6 +115,8 @@ def _verified(
             except tools.ToolchainError as error:
                 skipped.append(str(error))
                 continue
+            samples = sum(len(stream.time_s) for stream in streams)
+            logger.info("%s: comparing %d samples with Python", toolchain.name, samples)  # minutes on an emulated board
             tools.selftest(toolchain, command)
             for stream, allowed in zip(streams, bounds, strict=True):
                 found = tools.check(toolchain, command, stream, allowed)
