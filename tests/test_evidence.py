@@ -112,6 +112,23 @@ def test_an_extension_is_the_model_with_one_more(small: Evidence) -> None:
         np.testing.assert_allclose(extension.extended[:, candidate], averaged, atol=1e-8)
 
 
+def test_compiled_and_added_extensions_are_the_plain_ones(small: Evidence, monkeypatch: pytest.MonkeyPatch) -> None:
+    wide = Candidate(CATALOGUE["thermal_polynomial"](), np.random.default_rng(3).standard_normal((len(small.problem.rows), 3)), 0.0)
+    first, others = [*small.candidates[:4], wide], small.candidates[4:]
+    for members in ((), (Member(1, 4),), (Member(4, 2), Member(0, 3))):
+        grown = Evidence(small.problem, first, small.noises)
+        grown.extensions(members)
+        grown.add(others)
+        fast = [grown.extensions(members), Evidence(small.problem, [*first, *others], small.noises).extensions(members)]
+        with monkeypatch.context() as without:
+            without.setenv("RLGCOMP_NUMBA", "0")
+            plain = Evidence(small.problem, [*first, *others], small.noises).extensions(members)
+        for found in fast:
+            np.testing.assert_array_equal(found.best_size, plain.best_size)
+            for name in ("point", "extended", "at_best_size"):
+                np.testing.assert_allclose(getattr(found, name), getattr(plain, name), rtol=1e-10, atol=1e-9)
+
+
 def test_a_cause_that_the_baseline_has_is_no_candidate(small: Evidence) -> None:
     before = len(small.candidates)
     small.add([Candidate(CATALOGUE["thermal_polynomial"](degree=1), small.problem.baseline[:, :2], 0.0)])
