@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from typing import Final
 
 import numpy as np
@@ -12,18 +13,19 @@ import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import log_sum_exp
-from rlgcomp.diagnosis.explain import Explanations, explain
+from rlgcomp.diagnosis.explain import Explanations, considered, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.laws import Dictionary
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.proof import prove, whiteness_p_value
+from rlgcomp.diagnosis.proof import proved, whiteness_p_value
 from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, NextExperiment, Unexplained, Verdict
 from rlgcomp.diagnosis.search import Model, inadequacy
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
@@ -73,6 +75,7 @@ def diagnose(
     seed: int = 0,
     black_box: bool = True,
     progress: Callable[[float], None] | None = None,
+    executor: Executor | None = None,
 ) -> Diagnosis:
     """What physics a simulator is missing, how sure that is, and what it gains on runs held out.
 
@@ -98,6 +101,8 @@ def diagnose(
         Train an LS-SVM compensation beside, as a yardstick.
     progress : callable, optional
         Told the fraction done.
+    executor : Executor, optional
+        Trains the LS-SVM while this process goes on.
 
     Raises
     ------
@@ -113,6 +118,9 @@ def diagnose(
     lines, among = mechanisms_at_lines(problem, within, mechanisms)
     if base.kind == "turntable" or lines:
         problem = problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
+    before = fit(problem, [], _noise_of_nothing(problem))
+    mismatches = [Mismatch.of(before.simulator, run, gyro, predicted, problem.rows.window_s) for run in (*train, *test)]
+    box = learned(mismatches, len(train), executor) if black_box and test else None
     explanations = explain(problem, mechanisms, lines, among)
     told(0.5)
     rng = stream(seed, "diagnosis")
@@ -123,22 +131,18 @@ def diagnose(
     noise = _best_noise(windowed, explanations, conclusion)
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
-    before = fit(problem, [], explanations.evidence.noises[int(np.argmax(explanations.nothing.noise_log))])
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
     after = fit(problem, [*chosen, *laws], dataclasses.replace(noise, wander=0.0))
     where = locate(windowed, within, noise, rng)
     told(0.85)
-    proof = prove(
+    proof = proved(
+        mismatches,
+        len(train),
         before.simulator,
         after.simulator,
-        train,
-        test,
-        window_s=problem.rows.window_s,
         shape=noise,
         white_deg_h=after.white_deg_h,
-        gyro=gyro,
-        predicted=predicted,
-        black_box=black_box,
+        box=box,
         seed=seed,
     )
     told(0.98)
@@ -200,6 +204,12 @@ def _known(
             "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
         )
     return base, predicted, alignment
+
+
+def _noise_of_nothing(problem: Problem) -> NoiseShape:
+    """The likeliest noise with nothing missing."""
+    noises, noise_log_prior, _ = considered(problem)
+    return noises[int(np.argmax(Background(problem, problem.baseline, noises, noise_log_prior).log_evidence))]
 
 
 # --- conclusions ---------------------------------------------------------------------------------------------------------------

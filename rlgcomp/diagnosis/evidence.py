@@ -251,10 +251,9 @@ class Evidence:
         width = part.stop - part.start
         return np.full(width, width / SIZES[member.size] ** 2)
 
-    def gains(self, noise: int, whitened: Array, count: int) -> tuple[Array, Array]:
-        """For other targets, whitened with one noise, shape (n, targets): what the baseline leaves of each one's square, and the
-        log evidence that each of the first `count` candidates adds at each size, shape (sizes, count, targets)."""
-        targets = self.left(noise, whitened)
+    def gains(self, noise: int, targets: Array, count: int) -> Array:
+        """For other targets, as :meth:`left` gives them, the log evidence that each of the first `count` candidates adds at each
+        size, shape (sizes, count, targets)."""
         left = np.einsum("nt,nt->t", targets, targets)
         last = self._slices[count - 1].stop
         cross = self._columns[noise][:, :last].T @ targets
@@ -265,7 +264,7 @@ class Evidence:
             values, vectors = np.linalg.eigh(self._blocks[width][noise][here])
             squares = np.einsum("cji,cjt->cti", vectors, cross[places]) ** 2
             gains[:, which[here]] = self._gains(values[:, None], squares, left)
-        return left, gains - math.log(len(SIZES))
+        return gains - math.log(len(SIZES))
 
     def _gains(self, values: Array, squares: Array, left: Array) -> Array:
         """Log evidence that columns add at each size: from the eigenvalues of their Gram matrix and the squares of their products

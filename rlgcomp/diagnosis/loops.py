@@ -274,3 +274,30 @@ def log_extensions(
         best_size[c] = best
         for e in range(noises):
             at_best_size[e, c] = gains[e, best] - math.log(len(sizes))
+
+
+@compiled()
+def table_sums(values: Array, table: Array, slopes: Array, step: float, sums: Array) -> None:
+    """Sums over rows of a function of each value, by cubics between the places of a table; values beyond it count nothing.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, m)
+        From zero on.
+    table, slopes : ndarray, shape (places,)
+        The function at multiples of the step, and its derivative times the step.
+    step : float
+    sums : ndarray, shape (m,)
+        To be added to.
+    """
+    rows, columns = values.shape
+    last = (len(table) - 1) * step
+    for i in range(rows):
+        for j in range(columns):
+            if values[i, j] < last:
+                place = values[i, j] / step
+                k = int(place)
+                t = place - k
+                rise = table[k + 1] - table[k]
+                curve = (1.0 - t) * (slopes[k] - rise) - t * (slopes[k + 1] - rise)
+                sums[j] += table[k] + t * (rise + (1.0 - t) * curve)

@@ -4,28 +4,48 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.resources
+from concurrent.futures import Executor
 from pathlib import Path
 
 import jinja2
 import pandas as pd
 
 import rlgcomp
-from rlgcomp.diagnosis import pictures, wording
+from rlgcomp.diagnosis import wording
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.files import write_text
 
 
-def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis) -> None:
+def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis, executor: Executor | None = None) -> None:
     """Write the page, whole or not at all."""
-    write_text(path, render(diagnosis))
+    write_text(path, render(diagnosis, executor))
 
 
-def render(diagnosis: Diagnosis) -> str:
-    """The page as HTML text."""
+def drawn(diagnosis: Diagnosis) -> dict[str, str]:
+    """All pictures, as SVG text; empty where there is nothing to show."""
+    from rlgcomp.diagnosis import pictures
+
+    return {
+        "timeline": pictures.timeline(diagnosis) if diagnosis.traces else "",
+        "loop": pictures.loop(diagnosis),
+        "driver_map": pictures.driver_map(diagnosis),
+        "channels": pictures.channels(diagnosis),
+        "probabilities": pictures.probabilities(diagnosis),
+        "held_out": pictures.held_out(diagnosis),
+        "bars": pictures.bars(diagnosis.test or diagnosis.train),
+        "left": pictures.what_is_left(diagnosis) if diagnosis.traces else "",
+        "programme": pictures.programme(diagnosis),
+    }
+
+
+def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
+    """The page as HTML text; an executor, where given, draws the pictures."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
+    pictures = executor.submit(drawn, diagnosis).result() if executor is not None else drawn(diagnosis)
     return environment.get_template("diagnosis.html").render(
+        **pictures,
         title=f"What {wording.subject(diagnosis)} is missing",
         style=importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
         version=rlgcomp.__version__,
@@ -34,15 +54,6 @@ def render(diagnosis: Diagnosis) -> str:
         proved="held out" if diagnosis.test is not None else "in training",
         p_value=wording.p_text(diagnosis.p_value),
         left_p_value=wording.p_text(diagnosis.unexplained.p_value),
-        timeline=pictures.timeline(diagnosis) if diagnosis.traces else "",
-        loop=pictures.loop(diagnosis),
-        driver_map=pictures.driver_map(diagnosis),
-        channels=pictures.channels(diagnosis),
-        probabilities=pictures.probabilities(diagnosis),
-        held_out=pictures.held_out(diagnosis),
-        bars=pictures.bars(diagnosis.test or diagnosis.train),
-        left=pictures.what_is_left(diagnosis) if diagnosis.traces else "",
-        programme=pictures.programme(diagnosis),
         places=_places(diagnosis),
         causes=_causes(diagnosis),
         parameters=_parameters(diagnosis),
