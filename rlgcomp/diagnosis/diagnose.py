@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
@@ -124,9 +124,11 @@ def diagnose(
     explanations = explain(problem, mechanisms, lines, among)
     told(0.5)
     rng = stream(seed, "diagnosis")
-    detection = detect(explanations.evidence, explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng)
-    told(0.6)
-    conclusion = _concluded(windowed, explanations)
+    with ThreadPoolExecutor(1) as beside:  # neither needs the other
+        given = explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng
+        detecting = beside.submit(detect, explanations.evidence, *given)
+        conclusion = _concluded(windowed, explanations)
+    detection = detecting.result()
     told(0.75)
     noise = _best_noise(windowed, explanations, conclusion)
     chosen = explanations.candidates(conclusion.model)
