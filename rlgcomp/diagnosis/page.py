@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.resources
-from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Final
 
 import jinja2
 import pandas as pd
@@ -17,41 +15,35 @@ from rlgcomp.diagnosis import wording
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.files import write_text
 
-# about as long to draw as the others, with what these must import
-_THEIRS: Final = ("timeline", "left", "held_out")
-_OURS: Final = ("loop", "driver_map", "channels", "probabilities", "bars", "programme")
-
 
 def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis, executor: Executor | None = None) -> None:
     """Write the page, whole or not at all."""
     write_text(path, render(diagnosis, executor))
 
 
-def drawn(diagnosis: Diagnosis, names: Sequence[str] = (*_THEIRS, *_OURS)) -> dict[str, str]:
-    """Pictures by name, as SVG text; empty where there is nothing to show."""
+def drawn(diagnosis: Diagnosis) -> dict[str, str]:
+    """All pictures, as SVG text; empty where there is nothing to show."""
     from rlgcomp.diagnosis import pictures
 
-    draw: dict[str, Callable[[], str]] = {
-        "timeline": lambda: pictures.timeline(diagnosis) if diagnosis.traces else "",
-        "left": lambda: pictures.what_is_left(diagnosis) if diagnosis.traces else "",
-        "held_out": lambda: pictures.held_out(diagnosis),
-        "loop": lambda: pictures.loop(diagnosis),
-        "driver_map": lambda: pictures.driver_map(diagnosis),
-        "channels": lambda: pictures.channels(diagnosis),
-        "probabilities": lambda: pictures.probabilities(diagnosis),
-        "bars": lambda: pictures.bars(diagnosis.test or diagnosis.train),
-        "programme": lambda: pictures.programme(diagnosis),
+    return {
+        "timeline": pictures.timeline(diagnosis) if diagnosis.traces else "",
+        "loop": pictures.loop(diagnosis),
+        "driver_map": pictures.driver_map(diagnosis),
+        "channels": pictures.channels(diagnosis),
+        "probabilities": pictures.probabilities(diagnosis),
+        "held_out": pictures.held_out(diagnosis),
+        "bars": pictures.bars(diagnosis.test or diagnosis.train),
+        "left": pictures.what_is_left(diagnosis) if diagnosis.traces else "",
+        "programme": pictures.programme(diagnosis),
     }
-    return {name: draw[name]() for name in names}
 
 
 def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
-    """The page as HTML text; an executor, where given, draws half of the pictures."""
+    """The page as HTML text; an executor, where given, draws the pictures."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    theirs = None if executor is None else executor.submit(drawn, diagnosis, _THEIRS)
-    pictures = drawn(diagnosis) if theirs is None else drawn(diagnosis, _OURS) | theirs.result()
+    pictures = drawn(diagnosis) if executor is None else executor.submit(drawn, diagnosis).result()
     return environment.get_template("diagnosis.html").render(
         **pictures,
         title=f"What {wording.subject(diagnosis)} is missing",

@@ -458,7 +458,7 @@ class Diagnosis:
         self.augmented.to_yaml(Path(folder) / "augmented.yaml")
 
     def report(self, path: str | Path, executor: Executor | None = None) -> None:
-        """Write the page that shows it: one self-contained HTML file. An executor, where given, draws half of the pictures."""
+        """Write the page that shows it: one self-contained HTML file. An executor, where given, draws the pictures."""
         from rlgcomp.diagnosis.page import write_diagnosis_report
 
         write_diagnosis_report(path, self, executor)
