@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
 import rlgcomp as rlg
+from rlgcomp.beside import Beside
 from rlgcomp.diagnosis import pictures
 from rlgcomp.diagnosis.page import render
 from rlgcomp.diagnosis.proof import prove
@@ -166,3 +167,8 @@ def test_powers_are_those_of_matplotlib_in_plain_characters() -> None:
         for one, other in zip(said, (theirs(value) for value in values), strict=True):
             normal = unicodedata.normalize("NFKC", one).replace("−", "-")
             assert normal == re.sub(r"[${}^]|\\mathdefault", "", other).replace(r"\times", "×")
+
+
+def test_the_second_process_draws_the_same_page(diagnosis: Diagnosis) -> None:
+    with Beside("rlgcomp.diagnosis.page") as other:
+        assert render(diagnosis, other) == render(diagnosis)

@@ -32,7 +32,13 @@ if TYPE_CHECKING:
     from rlgcomp.simulation.simulator import Simulator
 
 RUNS = "RUN..."
-_BESIDE = ("rlgcomp.diagnosis.black_box", "rlgcomp.compensation.compensator", "rlgcomp.diagnosis.pictures")  # imported beside
+_BESIDE = (  # imported beside: for the LS-SVM, then for the pictures
+    "rlgcomp.compensation.compensator",
+    "rlgcomp.diagnosis.black_box",
+    "rlgcomp.diagnosis.page",
+    "rlgcomp.diagnosis.pictures",
+    "matplotlib.backends.backend_svg",
+)
 
 
 @command("diagnose", several=("--train", "--test", "--simulated", "--mechanisms"))

@@ -7,7 +7,6 @@ import importlib.resources
 from concurrent.futures import Executor
 from pathlib import Path
 
-import jinja2
 import pandas as pd
 
 import rlgcomp
@@ -40,33 +39,36 @@ def drawn(diagnosis: Diagnosis) -> dict[str, str]:
 
 def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     """The page as HTML text; an executor, where given, draws the pictures."""
+    drawing = None if executor is None else executor.submit(drawn, diagnosis)
+    import jinja2
+
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    pictures = drawn(diagnosis) if executor is None else executor.submit(drawn, diagnosis).result()
-    return environment.get_template("diagnosis.html").render(
-        **pictures,
-        title=f"What {wording.subject(diagnosis)} is missing",
-        style=importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
-        version=rlgcomp.__version__,
-        diagnosis=diagnosis,
-        fit=diagnosis.test or diagnosis.train,
-        proved="held out" if diagnosis.test is not None else "in training",
-        p_value=wording.p_text(diagnosis.p_value),
-        left_p_value=wording.p_text(diagnosis.unexplained.p_value),
-        places=_places(diagnosis),
-        causes=_causes(diagnosis),
-        parameters=_parameters(diagnosis),
-        fits=_fits(diagnosis),
-        whiteness=[
+    page = {
+        "title": f"What {wording.subject(diagnosis)} is missing",
+        "style": importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
+        "version": rlgcomp.__version__,
+        "diagnosis": diagnosis,
+        "fit": diagnosis.test or diagnosis.train,
+        "proved": "held out" if diagnosis.test is not None else "in training",
+        "p_value": wording.p_text(diagnosis.p_value),
+        "left_p_value": wording.p_text(diagnosis.unexplained.p_value),
+        "places": _places(diagnosis),
+        "causes": _causes(diagnosis),
+        "parameters": _parameters(diagnosis),
+        "fits": _fits(diagnosis),
+        "whiteness": [
             (name, wording.p_text(fit.whiteness_p_value))
             for name, fit in (("training", diagnosis.train), ("held out", diagnosis.test))
             if fit is not None and fit.whiteness_p_value is not None
         ],
-        baseline=_baseline(diagnosis),
-        noise=_noise(diagnosis),
-        clocks=[(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
-    )
+        "baseline": _baseline(diagnosis),
+        "noise": _noise(diagnosis),
+        "clocks": [(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
+    }
+    template = environment.get_template("diagnosis.html")
+    return template.render(**page, **(drawn(diagnosis) if drawing is None else drawing.result()))
 
 
 def _places(diagnosis: Diagnosis) -> pd.DataFrame:
