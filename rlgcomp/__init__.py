@@ -27,6 +27,7 @@ Results
 Modules, each importing only from those before it:
     errors units files plugins  the one exception, units and constants, whole-or-nothing writing, a user's own Python file
     compiled lapack             loops that carry state, compiled when first called; linear algebra for threads side by side
+    beside                      a second process, for commands
     scan                        what a few numbers prove of long columns
     recording repair formats    the data type; what is mended in files, a room a kind of fault; one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state; hysteresis_loops: of many gyros

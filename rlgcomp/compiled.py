@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import os
+import threading
 import types
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -77,8 +78,20 @@ def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], 
         for piece in pieces:
             function(*piece)
         return
-    with ThreadPoolExecutor(workers) as pool:
-        waiting = [pool.submit(function, *piece) for piece in pieces]
+    left = iter(pieces)
+    lock = threading.Lock()
+
+    def work() -> None:
+        while True:
+            with lock:
+                piece = next(left, None)
+            if piece is None:
+                return
+            function(*piece)
+
+    with ThreadPoolExecutor(workers - 1) as pool:  # this thread is one of them
+        waiting = [pool.submit(work) for _ in range(workers - 1)]
+        work()
     for done in waiting:
         done.result()
 

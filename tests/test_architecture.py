@@ -21,6 +21,7 @@ PACKAGE = Path(rlgcomp.__file__).parent
 ROWS = [
     ["errors"],
     ["units", "files", "plugins", "compiled", "lapack"],
+    ["beside"],
     ["scan"],
     ["recording"],
     ["repair"],

@@ -6,17 +6,22 @@ import dataclasses
 import re
 import shutil
 import subprocess
+import unicodedata
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
 
 import rlgcomp as rlg
+from rlgcomp.beside import Beside
 from rlgcomp.diagnosis import pictures
 from rlgcomp.diagnosis.page import render
 from rlgcomp.diagnosis.proof import prove
 from rlgcomp.diagnosis.result import Alternative, Cause, Diagnosis, Estimate, NextExperiment, Place, Unexplained
 from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.report.figures import Powers
 
 CATALOGUE = rlg.CATALOGUE
 BASE = rlg.Simulator((CATALOGUE["thermal_polynomial"](),), noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
@@ -145,3 +150,25 @@ def test_a_browser_shows_it(page: str, tmp_path: Path, width: int) -> None:
     assert pictures_shown == 9
     assert (empty, empty_tables) == (0, 0)
     assert overflow <= 0
+
+
+def test_powers_are_those_of_matplotlib_in_plain_characters() -> None:
+    axes = Figure().subplots()
+    axes.set_yscale("log")
+    for low, high, expected in ((1e-4, 5e-2, "10⁻³"), (0.2, 3000.0, "10²"), (1.5e-3, 8e-3, "2×10⁻³")):
+        axes.set_ylim(low, high)
+        values = np.sort(np.r_[axes.yaxis.get_majorticklocs(), axes.yaxis.get_minorticklocs()])
+        plain, theirs = Powers(), LogFormatterSciNotation()
+        for formatter in (plain, theirs):
+            formatter.set_axis(axes.yaxis)
+            formatter.set_locs(values)
+        said = [plain(value) for value in values]
+        assert expected in said
+        for one, other in zip(said, (theirs(value) for value in values), strict=True):
+            normal = unicodedata.normalize("NFKC", one).replace("−", "-")
+            assert normal == re.sub(r"[${}^]|\\mathdefault", "", other).replace(r"\times", "×")
+
+
+def test_the_second_process_draws_the_same_page(diagnosis: Diagnosis) -> None:
+    with Beside("rlgcomp.diagnosis.page") as other:
+        assert render(diagnosis, other) == render(diagnosis)

@@ -14,7 +14,7 @@ from scipy import stats
 import rlgcomp as rlg
 from rlgcomp.diagnosis import telegraph
 from rlgcomp.diagnosis.candidates import Candidate, candidates
-from rlgcomp.diagnosis.detect import _own_p_values, detect, tail_probability
+from rlgcomp.diagnosis.detect import _line_factors, _of_each, _of_many, _own_p_values, detect, tail_probability
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import fit
@@ -111,6 +111,23 @@ def test_an_extension_is_the_model_with_one_more(small: Evidence) -> None:
         sizes = [small.extensions((held, Member(candidate, k))).point for k in range(len(SIZES))]
         averaged = np.log(np.mean(np.exp(np.array(sizes) - extension.point), axis=0)) + extension.point
         np.testing.assert_allclose(extension.extended[:, candidate], averaged, atol=1e-8)
+
+
+def test_compiled_and_added_extensions_are_the_plain_ones(small: Evidence, monkeypatch: pytest.MonkeyPatch) -> None:
+    wide = Candidate(CATALOGUE["thermal_polynomial"](), np.random.default_rng(3).standard_normal((len(small.problem.rows), 3)), 0.0)
+    first, others = [*small.candidates[:4], wide], small.candidates[4:]
+    for members in ((), (Member(1, 4),), (Member(4, 2), Member(0, 3))):
+        grown = Evidence(small.problem, first, small.noises)
+        grown.extensions(members)
+        grown.add(others)
+        fast = [grown.extensions(members), Evidence(small.problem, [*first, *others], small.noises).extensions(members)]
+        with monkeypatch.context() as without:
+            without.setenv("RLGCOMP_NUMBA", "0")
+            plain = Evidence(small.problem, [*first, *others], small.noises).extensions(members)
+        for found in fast:
+            np.testing.assert_array_equal(found.best_size, plain.best_size)
+            for name in ("point", "extended", "at_best_size"):
+                np.testing.assert_allclose(getattr(found, name), getattr(plain, name), rtol=1e-10, atol=1e-9)
 
 
 def test_a_cause_that_the_baseline_has_is_no_candidate(small: Evidence) -> None:
@@ -320,3 +337,13 @@ def test_the_evidence_of_sizes_is_the_same_compiled(width: int, monkeypatch: pyt
     compiled = evidence._gains(values, squares, left)
     monkeypatch.setenv("RLGCOMP_NUMBA", "0")
     np.testing.assert_allclose(compiled, evidence._gains(values, squares, left), rtol=1e-12)
+
+
+def test_sums_of_lines_by_a_table_are_the_sums_of_each() -> None:
+    rng = np.random.default_rng(1)
+    for rows, amplitudes in ((80, 2), (700, 4), (50_000, 12)):
+        shares = np.minimum(rng.exponential(amplitudes / rows, (300, 40)), 0.9)
+        shares[7, :4] = 0.3, 0.99, 1.0 - 1e-9, 1.0  # lines beyond the table, and all there is
+        factors = _line_factors(rows, amplitudes)
+        one, other = (function(shares, factors, rows - 4) for function in (_of_many, _of_each))
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10)

@@ -7,6 +7,8 @@ import pytest
 from scipy import stats
 
 import rlgcomp as rlg
+from rlgcomp.beside import Beside
+from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.proof import Proof, improvement_interval, noise_floor, prove, whiteness_p_value
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate
 
@@ -137,3 +139,11 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
         (low, high), _ = improvement_interval(series[:2], series[2:], block=block, seed=draw)
         covered += low <= 0.0 <= high
     assert covered / 150 > 0.88  # 95 % in the limit of many blocks; here there are 24 of them
+
+
+def test_the_second_process_learns_the_same(runs: list[rlg.Recording]) -> None:
+    mismatches = [Mismatch.of(BASE, run, None, None, 100.0) for run in runs]
+    with Beside() as other:
+        theirs = learned(mismatches, 2, other)()
+    for one, same in zip(theirs, learned(mismatches, 2)(), strict=True):
+        np.testing.assert_array_equal(one, same)

@@ -33,6 +33,13 @@ if TYPE_CHECKING:
     from rlgcomp.simulation.simulator import Simulator
 
 RUNS = "RUN..."
+_BESIDE = (  # imported beside: for the LS-SVM, then for the pictures
+    "rlgcomp.compensation.compensator",
+    "rlgcomp.diagnosis.black_box",
+    "rlgcomp.diagnosis.page",
+    "rlgcomp.diagnosis.pictures",
+    "matplotlib.backends.backend_svg",
+)
 
 
 @command("diagnose", several=("--train", "--test", "--simulated", "--mechanisms"))
@@ -70,36 +77,40 @@ def diagnose(
 
     Example: `rlgcomp diagnose --simulator gyro.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
     """
-    from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
+    from rlgcomp.beside import beside
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_folder, whole_folder
-    from rlgcomp.physics.user import user_catalogue
 
     require_folder(out, ours="diagnosis.json")
     if averaging_s is not None and not 0.0 < averaging_s < math.inf:
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
-    catalogue = user_catalogue(mechanisms or [])
-    chosen = _simulator(simulator, simulated, catalogue)
-    specs = [*train, *(test or [])]
-    runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration))
-    require_held_out(runs[: len(train)], runs[len(train) :])
-    own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, computed=True)) if simulated else None
-    with progress("diagnosing", 100) as advance:
-        found = diagnose_runs(
-            chosen,
-            runs[: len(train)],
-            runs[len(train) :],
-            simulated=own,
-            mechanisms=catalogue,
-            gyro=gyro,
-            window_s=averaging_s,
-            seed=seed,
-            progress=lambda fraction: advance(round(100 * fraction), 100),
-        )
-    found = found.of_files(*([Path(interval_of(spec)[0]) for spec in given or []] for given in (train, test)))
-    with whole_folder(out, ours="diagnosis.json") as folder:
-        found.save(folder)
-        found.report(folder / "report.html")
+    with beside(*_BESIDE) as executor:
+        from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
+        from rlgcomp.physics.user import user_catalogue
+
+        catalogue = user_catalogue(mechanisms or [])
+        chosen = _simulator(simulator, simulated, catalogue)
+        specs = [*train, *(test or [])]
+        runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration))
+        require_held_out(runs[: len(train)], runs[len(train) :])
+        own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, computed=True)) if simulated else None
+        with progress("diagnosing", 100) as advance:
+            found = diagnose_runs(
+                chosen,
+                runs[: len(train)],
+                runs[len(train) :],
+                simulated=own,
+                mechanisms=catalogue,
+                gyro=gyro,
+                window_s=averaging_s,
+                seed=seed,
+                progress=lambda fraction: advance(round(100 * fraction), 100),
+                executor=executor,
+            )
+        found = found.of_files(*([Path(interval_of(spec)[0]) for spec in given or []] for given in (train, test)))
+        with whole_folder(out, ours="diagnosis.json") as folder:
+            found.save(folder)
+            found.report(folder / "report.html", executor)
     if as_json:
         show_json(found.to_mapping())
         return

@@ -22,9 +22,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
-from rlgcomp.diagnosis.evidence import SIZES
+from rlgcomp.diagnosis.evidence import SIZES, log_sum_exp
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, Whitener
 
@@ -76,11 +75,11 @@ class Background:
         self._targets = np.array(targets)
         self._left = (self._targets**2).sum(axis=1)
         self.log_evidence = np.array(constants) - 0.5 * self.freedom * np.log(self._left) + self._log_prior
-        self._nothing = float(logsumexp(self.log_evidence)) if nothing is None else nothing
+        self._nothing = float(log_sum_exp(self.log_evidence)) if nothing is None else nothing
 
     def log_bayes_factors(self, columns: Array) -> Array:
         """Log Bayes factor of each column, shape (m,), against none; -inf where the design leaves nothing of it."""
-        return np.asarray(logsumexp(self.by_noise(columns), axis=0))
+        return np.asarray(log_sum_exp(self.by_noise(columns), axis=0))
 
     def by_noise(self, columns: Array) -> Array:
         """Each noise's share of that, shape (noises, m)."""
@@ -88,7 +87,7 @@ class Background:
         explained = crosses**2 / np.where(squares > 0.0, squares, 1.0) / self._left[:, None]
         ratio = squares[:, :, None] * SIZES**2
         share = np.minimum(explained[:, :, None] * ratio / (1.0 + ratio), 1.0 - 1e-12)
-        gains = logsumexp(-0.5 * np.log1p(ratio) - 0.5 * self.freedom * np.log1p(-share), axis=2) - math.log(len(SIZES))
+        gains = log_sum_exp(-0.5 * np.log1p(ratio) - 0.5 * self.freedom * np.log1p(-share), axis=2) - math.log(len(SIZES))
         return np.where(squares[0] > 0.0, gains + self.log_evidence[:, None] - self._nothing, -np.inf)
 
     def calmer(self, column: Array) -> Background:

@@ -26,12 +26,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import in_threads
+from rlgcomp.compiled import available, in_threads
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, log_sum_exp
+from rlgcomp.diagnosis.loops import table_sums
 from rlgcomp.diagnosis.whitening import simulate
 
 Array = npt.NDArray[np.float64]
 REPLICATES: Final = 400
+_REACH: Final = 30.0  # log units up to which Bayes factors of lines are read off a table
+_STEP: Final = 0.005  # of that table, in log units: cubics between are right to 1e-12
 _TAIL: Final = 0.025  # of the replicates: beyond these they are too few to count
 
 
@@ -121,17 +124,46 @@ def _line(evidence: Evidence, left: Array) -> Array:
     size = 2 * max(part.stop - part.start for part in parts)
     spectra = [np.fft.rfft(left[part], size, axis=0)[2:-1] for part in parts]
     square = np.einsum("nt,nt->t", left, left)
-    factors = []
     kept = np.abs(np.sum(spectra, axis=0)) ** 2
-    anew = np.sum(np.abs(spectra) ** 2, axis=0)
-    for power, amplitudes in ((kept, 2), (anew, 2 * len(parts))):
-        explained = 2.0 * power / len(left) if amplitudes == 2 else 2.0 * power * len(parts) / len(left)
-        for size_of_line in SIZES:
-            shrunk = len(left) / (len(left) + amplitudes / size_of_line**2)
-            occam = 0.5 * amplitudes * math.log1p(len(left) * size_of_line**2 / amplitudes)
-            share = np.minimum(shrunk * explained / square, 1.0 - 1e-12)
-            factors.append(log_sum_exp(-occam - 0.5 * evidence.freedom * np.log1p(-share), axis=0))
+    anew = len(parts) * np.sum(np.abs(spectra) ** 2, axis=0)
+    summed = _of_many if available() else _of_each
+    factors = [
+        summed(2.0 * power / len(left) / square, _line_factors(len(left), amplitudes), evidence.freedom)
+        for power, amplitudes in ((kept, 2), (anew, 2 * len(parts)))
+    ]
     return np.asarray(log_sum_exp(np.array(factors), axis=0) - math.log(2.0 * len(SIZES) * len(kept)))
+
+
+def _line_factors(rows: int, amplitudes: int) -> tuple[Array, Array]:
+    """Of a line at each of `SIZES`: by how much what it explains is shrunk, and its Occam factor."""
+    shrunk = rows / (rows + amplitudes / SIZES**2)
+    return shrunk, 0.5 * amplitudes * np.log1p(rows * SIZES**2 / amplitudes)
+
+
+def _of_each(shares: Array, factors: tuple[Array, Array], freedom: int) -> Array:
+    """Log of the sum of Bayes factors over frequencies and sizes, of shares of the square, shape (frequencies, targets)."""
+    logs = [
+        log_sum_exp(-occam - 0.5 * freedom * np.log1p(-np.minimum(shrunk * shares, 1.0 - 1e-12)), axis=0)
+        for shrunk, occam in zip(*factors, strict=True)
+    ]
+    return log_sum_exp(np.array(logs), axis=0)
+
+
+def _of_many(shares: Array, factors: tuple[Array, Array], freedom: int) -> Array:
+    """The same by a table of the sum over sizes, which is a smooth function of the share; shares beyond it are few."""
+    step = 2.0 * _STEP / freedom
+    places = step * np.arange(math.ceil(min(_REACH / _STEP, 0.5 / step)) + 1)
+    shrunk, occam = (column[:, None] for column in factors)
+    rest = 1.0 - shrunk * places
+    each = np.exp(-occam - 0.5 * freedom * np.log(rest))
+    slopes = step * (0.5 * freedom * shrunk / rest * each).sum(axis=0)
+    sums = np.zeros(shares.shape[1])
+    table_sums(shares, each.sum(axis=0), slopes, step, sums)
+    beyond = np.where(shares >= places[-1], shares, -np.inf)
+    strong = np.flatnonzero(np.isfinite(beyond).any(axis=0))
+    logs = np.log(sums)
+    logs[strong] = np.logaddexp(logs[strong], _of_each(beyond[:, strong], factors, freedom))
+    return logs
 
 
 def _statistics(
@@ -145,13 +177,12 @@ def _statistics(
     points, something = np.empty((2, len(whitened), targets.shape[1]))
 
     def fill(k: int) -> None:
-        left, gains = evidence.gains(k, whitened[k], count)
-        points[k] = evidence.constant(k) + noise_log_prior[k] - 0.5 * evidence.freedom * np.log(left)
+        left = evidence.left(k, whitened[k])
+        points[k] = evidence.constant(k) + noise_log_prior[k] - 0.5 * evidence.freedom * np.log(np.einsum("nt,nt->t", left, left))
         something[k] = points[k]
         if ordinary[k]:
-            averaged = log_sum_exp(gains, axis=0) + (weights + per_name)[:, None]
-            line = per_name + _line(evidence, evidence.left(k, whitened[k]))
-            something[k] += np.logaddexp(log_sum_exp(averaged, axis=0), line)
+            averaged = log_sum_exp(evidence.gains(k, left, count), axis=0) + (weights + per_name)[:, None]
+            something[k] += np.logaddexp(log_sum_exp(averaged, axis=0), per_name + _line(evidence, left))
 
     in_threads(fill, [(k,) for k in range(len(whitened))])
     nothing = points[ordinary]

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis.account import alternatives_of, causes_of, remarks_of, unexplained_of, what_to_run, whiteness
+from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
 from rlgcomp.diagnosis.conclusion import best_noise, concluded, healthy, rivals_of, verdict_of
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.explain import explain
+from rlgcomp.diagnosis.explain import considered, explain
 from rlgcomp.diagnosis.fit import fit, noise_model
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.proof import prove
+from rlgcomp.diagnosis.proof import proved
 from rlgcomp.diagnosis.result import Alignment, Diagnosis
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
+from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.errors import InputError
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
@@ -45,6 +49,7 @@ def diagnose(
     seed: int = 0,
     black_box: bool = True,
     progress: Callable[[float], None] | None = None,
+    executor: Executor | None = None,
 ) -> Diagnosis:
     """What physics a simulator is missing, how sure that is, and what it gains on runs held out.
 
@@ -70,6 +75,8 @@ def diagnose(
         Train an LS-SVM compensation beside, as a yardstick.
     progress : callable, optional
         Told the fraction done.
+    executor : Executor, optional
+        Trains the LS-SVM while this process goes on.
 
     Raises
     ------
@@ -87,32 +94,33 @@ def diagnose(
     lines, among = mechanisms_at_lines(problem, within, mechanisms)
     if base.kind == "turntable" or lines:
         problem = problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
+    before = fit(problem, [], _noise_of_nothing(problem))
+    mismatches = [Mismatch.of(before.simulator, run, gyro, predicted, problem.rows.window_s) for run in (*train, *test)]
+    box = learned(mismatches, len(train), executor) if black_box and test else None
     explanations = explain(problem, mechanisms, lines, among)
     told(0.5)
     rng = stream(seed, "diagnosis")
-    detection = detect(explanations.evidence, explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng)
-    told(0.6)
-    conclusion = concluded(windowed, explanations)
+    with ThreadPoolExecutor(1) as beside:  # neither needs the other
+        given = explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng
+        detecting = beside.submit(detect, explanations.evidence, *given)
+        conclusion = concluded(windowed, explanations)
+    detection = detecting.result()
     told(0.75)
     noise = best_noise(windowed, explanations, conclusion)
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
-    before = fit(problem, [], explanations.evidence.noises[int(np.argmax(explanations.nothing.noise_log))])
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
     after = fit(problem, [*chosen, *laws], dataclasses.replace(noise, wander=0.0))
     where = locate(windowed, within, noise, rng)
     told(0.85)
-    proof = prove(
+    proof = proved(
+        mismatches,
+        len(train),
         before.simulator,
         after.simulator,
-        train,
-        test,
-        window_s=problem.rows.window_s,
         shape=noise,
         white_deg_h=after.white_deg_h,
-        gyro=gyro,
-        predicted=predicted,
-        black_box=black_box,
+        box=box,
         seed=seed,
     )
     told(0.98)
@@ -171,3 +179,9 @@ def _known(
             "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
         )
     return base, predicted, alignment
+
+
+def _noise_of_nothing(problem: Problem) -> NoiseShape:
+    """The likeliest noise with nothing missing."""
+    noises, noise_log_prior, _ = considered(problem)
+    return noises[int(np.argmax(Background(problem, problem.baseline, noises, noise_log_prior).log_evidence))]

@@ -15,9 +15,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.laws import MEMORY_CLASS, Dictionary
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import inadequacy
@@ -117,10 +117,10 @@ def discover(
         return None
     background = Background(problem, design, shapes, noise_log_prior)
     judged = screen(dictionary, background.few())
-    if logsumexp([one.log_evidence for one in judged]) < min(-2.0, least):
+    if _total(judged) < min(-2.0, least):
         return None
     judged = refine(dictionary, background, judged)
-    log_bayes_factor = float(logsumexp([one.log_evidence for one in judged]))
+    log_bayes_factor = _total(judged)
     if log_bayes_factor < least:
         return None
     by_drivers = _posterior({one.family.drivers: [] for one in judged}, judged, lambda one: one.family.drivers)
@@ -211,5 +211,10 @@ def _posterior(start: dict[Any, list[float]], judged: Sequence[Judged], key: Any
     groups = dict(start)
     for one in judged:
         groups.setdefault(key(one), []).append(one.log_evidence)
-    total = logsumexp([one.log_evidence for one in judged])
-    return {name: float(np.exp(logsumexp(values) - total)) if values else 0.0 for name, values in groups.items()}
+    total = _total(judged)
+    return {name: float(np.exp(log_sum_exp(np.array(values)) - total)) if values else 0.0 for name, values in groups.items()}
+
+
+def _total(judged: Sequence[Judged]) -> float:
+    """Log evidence of all of them together."""
+    return float(log_sum_exp(np.array([one.log_evidence for one in judged])))

@@ -25,6 +25,7 @@ F. Liang et al., "Mixtures of g priors for Bayesian variable selection", J. Am. 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -33,15 +34,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import log_ndtr
 
-from rlgcomp.compiled import available
+from rlgcomp.compiled import available, in_threads, threads
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.loops import log_gains
+from rlgcomp.diagnosis.loops import log_extensions, log_gains
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, Whitener, norms
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 SIZES: Final = np.geomspace(0.06, 40.0, 8)
+_WORTH_A_THREAD: Final = 2000  # candidates times noises
 _ABSORBED: Final = 1e-5  # of a column's norm: less than this left by the baseline is nothing
 
 
@@ -73,6 +75,15 @@ class Extension:
     extended: Array
     best_size: IntArray
     at_best_size: Array
+
+    def and_more(self, other: Extension) -> Extension:
+        """The same, and the candidates of another after these."""
+        return Extension(
+            self.point,
+            np.concatenate([self.extended, other.extended], axis=1),
+            np.concatenate([self.best_size, other.best_size]),
+            np.concatenate([self.at_best_size, other.at_best_size], axis=1),
+        )
 
 
 class Evidence:
@@ -107,7 +118,8 @@ class Evidence:
             self._whitened_baseline.append(q)
             self._constant[k] = -0.5 * log_determinant[k] - np.log(np.abs(np.diag(r))).sum()
             self._targets[k] = table[:, -1] - q @ (q.T @ table[:, -1])
-        self._columns = np.empty((len(self.noises), len(problem.rows), 0))
+        self._columns: list[Array] = []  # whitened, of the candidates that were added together
+        self._found: dict[tuple[Member, ...], Extension] = {}
         self.gram = np.einsum("en,en->e", self._targets, self._targets)[:, None, None]
         self.add(candidates)
 
@@ -125,18 +137,23 @@ class Evidence:
         if not blocks:
             return
         fresh = np.column_stack(blocks)
+        before, after = self._table.shape[1], self._table.shape[1] + fresh.shape[1]
         self._table = np.column_stack([self._table, fresh])
-        grams = []
-        columns = np.empty((len(self.noises), len(fresh), self._table.shape[1]))
-        columns[:, :, : self._columns.shape[2]] = self._columns
-        for k, table in enumerate(self.whitener(fresh)):
+        columns = self.whitener(fresh)
+        gram = np.empty((len(self.noises), after + 1, after + 1))
+        old = np.r_[:before, after]
+
+        def join(k: int) -> None:
             q = self._whitened_baseline[k]
-            columns[k, :, self._columns.shape[2] :] = table - q @ (q.T @ table)
-        for k, table in enumerate(columns):
-            everything = np.column_stack([table, self._targets[k]])
-            grams.append(everything.T @ everything)
-        self._columns = columns
-        self.gram = np.array(grams)
+            columns[k] -= q @ (q.T @ columns[k])
+            products = [block[k].T @ columns[k] for block in (*self._columns, columns)]
+            table = np.concatenate([*products, self._targets[k : k + 1] @ columns[k]])
+            gram[k, old[:, None], old] = self.gram[k]
+            gram[k, :, before:after], gram[k, before:after] = table, table.T
+
+        in_threads(join, [(k,) for k in range(len(self.noises))])
+        self._columns.append(columns)
+        self.gram = gram
         widths = np.array([part.stop - part.start for part in self._slices])
         self._groups = [
             (width, np.flatnonzero(widths == width), np.array([self._slices[c].start for c in np.flatnonzero(widths == width)]))
@@ -150,14 +167,22 @@ class Evidence:
         for width, _, starts in self._groups:
             places = starts[:, None] + np.arange(width)
             self._blocks[width] = self.gram[:, places[:, :, None], places[:, None, :]]
+        starts = np.array([part.start for part in self._slices])
+        widths = np.array([part.stop - part.start for part in self._slices])
+        blocks = np.zeros((len(starts), len(self.noises), widths.max(), widths.max()))
+        for width, which, _ in self._groups:
+            blocks[which, :, :width, :width] = self._blocks[width].swapaxes(0, 1)
+        self._own = blocks, starts, widths
+        self._crosses = np.ascontiguousarray(self.gram[:, :-1, -1].T)
 
     def keep(self, noises: IntArray) -> None:
         """Go on with some of the noises: those that no likely model gives any weight are dropped."""
+        self._found = {}
         self.noises = tuple(self.noises[k] for k in noises)
         self.whitener = self.whitener.keep(noises)
         self._whitened_baseline = [self._whitened_baseline[k] for k in noises]
         self._constant, self._targets = self._constant[noises], self._targets[noises]
-        self._columns, self.gram = self._columns[noises], self.gram[noises]
+        self._columns, self.gram = [block[noises] for block in self._columns], self.gram[noises]
         self._set_blocks()
 
     def _prepared(self, columns: Array) -> Array:
@@ -169,39 +194,58 @@ class Evidence:
         return np.asarray(u[:, w > _ABSORBED] * math.sqrt(len(columns)))
 
     def extensions(self, members: Sequence[Member]) -> Extension:
-        """The evidence of a model and of every model with one candidate more."""
-        precision = [self._precision(member) for member in members]
+        """The evidence of a model and of every model with one candidate more; what was found before is kept."""
+        known = self._found.get(tuple(members))
+        first = 0 if known is None else len(known.best_size)
+        if known is not None and first == len(self.candidates):
+            return known
         inside = self._places(members)
-        point = self._constant.copy()
-        cross, left = self.gram[:, :-1, -1], self.gram[:, -1, -1]
-        half = np.zeros((len(self.noises), 0, self.gram.shape[2]))
+        begin = self._slices[first].start
+        point, left = self._constant.copy(), self.gram[:, -1, -1]
+        half = np.zeros((len(self.noises), 0, self.gram.shape[2] - begin))
         if len(inside):
-            weights = np.concatenate(precision)
-            block = self.gram[:, inside[:, None], inside] + np.diag(weights)
-            factor = np.linalg.cholesky(block)
+            weights = np.concatenate([self._precision(member) for member in members])
+            factor = np.linalg.cholesky(self.gram[:, inside[:, None], inside] + np.diag(weights))
             point -= np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1) - 0.5 * np.log(weights).sum()
-            half = np.linalg.solve(factor, self.gram[:, inside])
-            cross = cross - (np.swapaxes(half[:, :, -1:], 1, 2) @ half)[:, 0, :-1]
+            half = np.linalg.solve(factor, self.gram[:, inside, begin:])
             left = left - (half[:, :, -1] ** 2).sum(axis=1)
-        point = point - 0.5 * self.freedom * np.log(left)
+        point -= 0.5 * self.freedom * np.log(left)
+        extended, best, at_best = (self._extended if available() else self._extended_plainly)(half, left, point, first)
+        found = Extension(point, extended + point[:, None], best, at_best + point[:, None])
+        if known is not None:
+            found = known.and_more(found)
+        self._found[tuple(members)] = found
+        return found
+
+    def _extended(self, half: Array, left: Array, point: Array, first: int) -> tuple[Array, IntArray, Array]:
+        """What each candidate from the first on adds, its size averaged over; its best size; what it adds at that."""
+        blocks, starts, widths = (part[first:] for part in self._own)
+        begin, count = starts[0], len(starts)
+        extended, at_best = np.empty((2, len(self.noises), count))
+        best = np.empty(count, dtype=np.intp)
+        reached = np.ascontiguousarray(half[:, :, :-1].transpose(2, 0, 1))
+        taken = np.ascontiguousarray(half[:, :, -1])
+        given = blocks, self._crosses[begin:], reached, taken, left, point, starts - begin, widths, SIZES, self.freedom
+        pieces = min(threads(), 1 + count * len(self.noises) // _WORTH_A_THREAD)
+        edges = np.linspace(0, count, pieces + 1).astype(int)
+        in_threads(log_extensions, [(*given, a, b, extended, best, at_best) for a, b in itertools.pairwise(edges)])
+        return extended, best, at_best
+
+    def _extended_plainly(self, half: Array, left: Array, point: Array, first: int) -> tuple[Array, IntArray, Array]:
+        """The same without compiled loops."""
+        begin = self._slices[first].start
         gains = np.empty((len(SIZES), len(self.noises), len(self.candidates)))
+        cross = self.gram[:, begin:-1, -1] - (np.swapaxes(half[:, :, -1:], 1, 2) @ half)[:, 0, :-1]
         for width, which, starts in self._groups:
-            places = starts[:, None] + np.arange(width)
-            reached = half[:, :, places]  # (noises, inside, candidates, width)
-            if width == 1:
-                values = self._blocks[width][:, :, :, 0] - (reached**2).sum(axis=1)
-                squares = cross[:, places] ** 2
-            else:
-                block = self._blocks[width] - np.einsum("epcj,epck->ecjk", reached, reached)
-                values, vectors = np.linalg.eigh(block)
-                squares = np.einsum("ecji,ecj->eci", vectors, cross[:, places]) ** 2
-            gains[:, :, which] = self._gains(values, squares, left[:, None])
-        gains -= math.log(len(SIZES))
-        extended = log_sum_exp(gains, axis=0)
-        overall = log_sum_exp(gains + point[:, None], axis=1)
-        best = np.argmax(overall, axis=0)
-        at_best = gains[best, :, np.arange(len(self.candidates))].T
-        return Extension(point, extended + point[:, None], best, at_best + point[:, None])
+            fresh = which >= first
+            places = starts[fresh, None] + np.arange(width)
+            reached = half[:, :, places - begin]  # (noises, inside, candidates, width)
+            values, vectors = np.linalg.eigh(self._blocks[width][:, fresh] - np.einsum("epcj,epck->ecjk", reached, reached))
+            squares = np.einsum("ecji,ecj->eci", vectors, cross[:, places - begin]) ** 2
+            gains[:, :, which[fresh]] = self._gains(values, squares, left[:, None])
+        gains = gains[:, :, first:] - math.log(len(SIZES))
+        best = np.argmax(log_sum_exp(gains + point[:, None], axis=1), axis=0)
+        return log_sum_exp(gains, axis=0), best, gains[best, :, np.arange(len(best))].T
 
     def _places(self, members: Sequence[Member]) -> IntArray:
         parts = [self._slices[member.candidate] for member in members]
@@ -212,13 +256,12 @@ class Evidence:
         width = part.stop - part.start
         return np.full(width, width / SIZES[member.size] ** 2)
 
-    def gains(self, noise: int, whitened: Array, count: int) -> tuple[Array, Array]:
-        """For other targets, whitened with one noise, shape (n, targets): what the baseline leaves of each one's square, and the
-        log evidence that each of the first `count` candidates adds at each size, shape (sizes, count, targets)."""
-        targets = self.left(noise, whitened)
+    def gains(self, noise: int, targets: Array, count: int) -> Array:
+        """For other targets, as :meth:`left` gives them, the log evidence that each of the first `count` candidates adds at each
+        size, shape (sizes, count, targets)."""
         left = np.einsum("nt,nt->t", targets, targets)
         last = self._slices[count - 1].stop
-        cross = self._columns[noise][:, :last].T @ targets
+        cross = self._whitened(noise)[:, :last].T @ targets
         gains = np.empty((len(SIZES), count, targets.shape[1]))
         for width, which, starts in self._groups:
             here = which < count
@@ -226,7 +269,7 @@ class Evidence:
             values, vectors = np.linalg.eigh(self._blocks[width][noise][here])
             squares = np.einsum("cji,cjt->cti", vectors, cross[places]) ** 2
             gains[:, which[here]] = self._gains(values[:, None], squares, left)
-        return left, gains - math.log(len(SIZES))
+        return gains - math.log(len(SIZES))
 
     def _gains(self, values: Array, squares: Array, left: Array) -> Array:
         """Log evidence that columns add at each size: from the eigenvalues of their Gram matrix and the squares of their products
@@ -315,7 +358,11 @@ class Evidence:
         if not members:
             return target
         inside, amplitudes, _ = self._amplitudes(members, noise)
-        return np.asarray(target - self._columns[noise][:, inside] @ amplitudes)
+        return np.asarray(target - self._whitened(noise)[:, inside] @ amplitudes)
+
+    def _whitened(self, noise: int) -> Array:
+        """All candidates' columns, for one noise, less what the baseline takes."""
+        return np.concatenate([block[noise] for block in self._columns], axis=1)
 
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:

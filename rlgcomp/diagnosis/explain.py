@@ -17,6 +17,7 @@ from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, stated_noise, un
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Model, Search, posterior
 from rlgcomp.diagnosis.telegraph import best_path
+from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
@@ -92,14 +93,8 @@ def explain(
         Frequencies that these were sought among.
     """
     tried, left_out = candidates(problem, catalogue)
-    stated = stated_noise(problem.simulator.noise, problem.rows.window_s)
-    usual, unusual = ordinary_noise(stated), unrecorded_cause(stated)
-    ordinary = np.r_[np.ones(len(usual), bool), np.zeros(len(unusual), bool)]
-    noise_log_prior = np.r_[
-        log_prior(usual, stated) + math.log(1.0 - UNRECORDED),
-        np.full(len(unusual), math.log(UNRECORDED / len(unusual))),
-    ]
-    evidence = Evidence(problem, tried, (*usual, *unusual))
+    noises, noise_log_prior, ordinary = considered(problem)
+    evidence = Evidence(problem, tried, noises)
     coarse = len(evidence.candidates)
     kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
     search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
@@ -128,6 +123,17 @@ def explain(
         search = Search(evidence, noise_log_prior)
         models = search.run()
     return Explanations(tuple(models), posterior(models), search, ordinary, coarse, left_out)
+
+
+def considered(problem: Problem) -> tuple[tuple[NoiseShape, ...], Array, npt.NDArray[np.bool_]]:
+    """Noises, the logarithm of how likely each is before the data are seen, and which of them gyros have."""
+    stated = stated_noise(problem.simulator.noise, problem.rows.window_s)
+    usual, unusual = ordinary_noise(stated), unrecorded_cause(stated)
+    noise_log_prior = np.r_[
+        log_prior(usual, stated) + math.log(1.0 - UNRECORDED),
+        np.full(len(unusual), math.log(UNRECORDED / len(unusual))),
+    ]
+    return (*usual, *unusual), noise_log_prior, np.arange(len(noise_log_prior)) < len(usual)
 
 
 def _likely(models: Sequence[Model]) -> list[Model]:

@@ -158,3 +158,146 @@ def log_gains(values: Array, squares: Array, left: Array, precisions: Array, fre
                     product = 1.0
             share = min(explained / left[i], 1.0 - 1e-12)
             gains[s, i] = -0.5 * (occam + math.log(product)) - 0.5 * freedom * math.log1p(-share)
+
+
+def _explained(
+    block: Array, cross: Array, width: int, prior: float, lower: Array, scaled: Array, solved: Array, pivots: Array
+) -> tuple[float, float]:
+    """c^T (G + prior I)^-1 c and log |I + G / prior| by G + prior I = L D L^T; the last four arrays are room to work in."""
+    explained, occam, growth = 0.0, 0.0, 1.0
+    for i in range(width):
+        pivot, rest = block[i, i] + prior, cross[i]
+        for j in range(i):
+            product = block[i, j]
+            for k in range(j):
+                product -= scaled[i, k] * lower[j, k]
+            scaled[i, j] = product
+            lower[i, j] = product / pivots[j]
+            pivot -= product * lower[i, j]
+            rest -= lower[i, j] * solved[j]
+        pivots[i], solved[i] = max(pivot, prior), rest  # less is rounding
+        explained += rest**2 / pivots[i]
+        growth *= pivots[i] / prior
+        if growth > 1e250:  # of many columns
+            occam += math.log(growth)
+            growth = 1.0
+    return explained, occam + math.log(growth)
+
+
+def _left_by_model(block: Array, cross: Array, own: Array, crosses: Array, reached: Array, taken: Array) -> None:
+    """A candidate's block and its products with the target, less what the model takes, into `block` and `cross`."""
+    for i in range(len(crosses)):
+        product = crosses[i]
+        for p in range(len(taken)):
+            product -= reached[i, p] * taken[p]
+        cross[i] = product
+        for j in range(i + 1):
+            product = own[i, j]
+            for p in range(len(taken)):
+                product -= reached[i, p] * reached[j, p]
+            block[i, j] = product
+
+
+@compiled()
+def log_extensions(
+    blocks: Array,
+    crosses: Array,
+    reached: Array,
+    taken: Array,
+    left: Array,
+    point: Array,
+    starts: IntArray,
+    widths: IntArray,
+    sizes: Array,
+    freedom: int,
+    first: int,
+    last: int,
+    extended: Array,
+    best_size: IntArray,
+    at_best_size: Array,
+) -> None:
+    """Log evidence of a model with each candidate more, relative to the model, by noise.
+
+    What the model takes is subtracted from a candidate's block of the Gram matrix; the sum with the prior's precision is L D L^T,
+    for which a candidate's few columns take a few multiplications.
+
+    Parameters
+    ----------
+    blocks : ndarray, shape (candidates, noises, widest, widest)
+        Of the Gram matrix.
+    crosses : ndarray, shape (columns, noises)
+        Products with the target.
+    reached, taken : ndarray, shape (columns, noises, inside) and (noises, inside)
+        F^-1 times the model's products with columns and target, F F^T being its own block and precisions.
+    left, point : ndarray, shape (noises,)
+        Of the target's square, and the model's log evidence.
+    starts, widths : ndarray of int, shape (candidates,)
+        Place of each candidate's columns.
+    sizes : ndarray
+    freedom : int
+    first, last : int
+        Candidates to be done.
+    extended, best_size, at_best_size : ndarray
+        To be filled, as :class:`rlgcomp.diagnosis.evidence.Extension` has them, but for the point.
+    """
+    noises = len(taken)
+    widest = blocks.shape[2]
+    block, lower, scaled = np.empty((widest, widest)), np.empty((widest, widest)), np.empty((widest, widest))
+    cross, solved, pivots = np.empty(widest), np.empty(widest), np.empty(widest)
+    gains, weights = np.empty((noises, len(sizes))), np.empty((noises, len(sizes)))
+    highest, totals = np.empty(noises), np.empty(len(sizes))
+    for c in range(first, last):
+        start, width = starts[c], widths[c]
+        for e in range(noises):
+            columns = slice(start, start + width)
+            _left_by_model(block, cross, blocks[c, e], crosses[columns, e], reached[columns, e], taken[e])
+            highest[e] = -math.inf
+            for s in range(len(sizes)):
+                prior = width / sizes[s] ** 2
+                explained, occam = _explained(block, cross, width, prior, lower, scaled, solved, pivots)
+                gains[e, s] = -0.5 * occam - 0.5 * freedom * math.log1p(-min(explained / left[e], 1.0 - 1e-12))
+                highest[e] = max(highest[e], gains[e, s])
+            total = 0.0
+            for s in range(len(sizes)):
+                weights[e, s] = math.exp(gains[e, s] - highest[e])
+                total += weights[e, s]
+            extended[e, c] = highest[e] + math.log(total / len(sizes))
+        most = -math.inf
+        for e in range(noises):
+            most = max(most, highest[e] + point[e])
+        totals[:] = 0.0
+        for e in range(noises):
+            share = math.exp(highest[e] + point[e] - most)
+            for s in range(len(sizes)):
+                totals[s] += share * weights[e, s]
+        best = np.argmax(totals)
+        best_size[c] = best
+        for e in range(noises):
+            at_best_size[e, c] = gains[e, best] - math.log(len(sizes))
+
+
+@compiled()
+def table_sums(values: Array, table: Array, slopes: Array, step: float, sums: Array) -> None:
+    """Sums over rows of a function of each value, by cubics between the places of a table; values beyond it count nothing.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, m)
+        From zero on.
+    table, slopes : ndarray, shape (places,)
+        The function at multiples of the step, and its derivative times the step.
+    step : float
+    sums : ndarray, shape (m,)
+        To be added to.
+    """
+    rows, columns = values.shape
+    last = (len(table) - 1) * step
+    for i in range(rows):
+        for j in range(columns):
+            if values[i, j] < last:
+                place = values[i, j] / step
+                k = int(place)
+                t = place - k
+                rise = table[k + 1] - table[k]
+                curve = (1.0 - t) * (slopes[k] - rise) - t * (slopes[k + 1] - rise)
+                sums[j] += table[k] + t * (rise + (1.0 - t) * curve)

@@ -4,60 +4,72 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.resources
+from concurrent.futures import Executor
 from pathlib import Path
 
-import jinja2
 import pandas as pd
 
 import rlgcomp
-from rlgcomp.diagnosis import pictures, wording
+from rlgcomp.diagnosis import wording
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.files import write_text
 
 
-def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis) -> None:
+def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis, executor: Executor | None = None) -> None:
     """Write the page, whole or not at all."""
-    write_text(path, render(diagnosis))
+    write_text(path, render(diagnosis, executor))
 
 
-def render(diagnosis: Diagnosis) -> str:
-    """The page as HTML text."""
-    following = diagnosis.next_experiment
+def drawn(diagnosis: Diagnosis) -> dict[str, str]:
+    """All pictures, as SVG text; empty where there is nothing to show."""
+    from rlgcomp.diagnosis import pictures
+
+    return {
+        "timeline": pictures.timeline(diagnosis) if diagnosis.traces else "",
+        "loop": pictures.loop(diagnosis),
+        "driver_map": pictures.driver_map(diagnosis),
+        "channels": pictures.channels(diagnosis),
+        "probabilities": pictures.probabilities(diagnosis),
+        "held_out": pictures.held_out(diagnosis),
+        "bars": pictures.bars(diagnosis.test or diagnosis.train),
+        "left": pictures.what_is_left(diagnosis) if diagnosis.traces else "",
+        "programme": pictures.programme(diagnosis),
+    }
+
+
+def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
+    """The page as HTML text; an executor, where given, draws the pictures."""
+    drawing = None if executor is None else executor.submit(drawn, diagnosis)
+    import jinja2
+
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    return environment.get_template("diagnosis.html").render(
-        title=f"What {wording.subject(diagnosis)} is missing",
-        style=importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
-        version=rlgcomp.__version__,
-        diagnosis=diagnosis,
-        fit=diagnosis.test or diagnosis.train,
-        proved="held out" if diagnosis.test is not None else "in training",
-        p_value=wording.p_text(diagnosis.p_value),
-        left_p_value=wording.p_text(diagnosis.unexplained.p_value),
-        timeline=pictures.timeline(diagnosis) if diagnosis.traces else "",
-        loop=pictures.loop(diagnosis),
-        driver_map=pictures.driver_map(diagnosis),
-        channels=pictures.channels(diagnosis),
-        probabilities=pictures.probabilities(diagnosis),
-        held_out=pictures.held_out(diagnosis),
-        bars=pictures.bars(diagnosis.test or diagnosis.train),
-        left=pictures.what_is_left(diagnosis) if diagnosis.traces else "",
-        programme=pictures.programme(diagnosis),
-        next_aim="" if following is None else wording.next_aim(following),
-        places=_places(diagnosis),
-        causes=_causes(diagnosis),
-        parameters=_parameters(diagnosis),
-        fits=_fits(diagnosis),
-        whiteness=[
+    page = {
+        "title": f"What {wording.subject(diagnosis)} is missing",
+        "style": importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
+        "version": rlgcomp.__version__,
+        "diagnosis": diagnosis,
+        "fit": diagnosis.test or diagnosis.train,
+        "proved": "held out" if diagnosis.test is not None else "in training",
+        "p_value": wording.p_text(diagnosis.p_value),
+        "left_p_value": wording.p_text(diagnosis.unexplained.p_value),
+        "next_aim": "" if diagnosis.next_experiment is None else wording.next_aim(diagnosis.next_experiment),
+        "places": _places(diagnosis),
+        "causes": _causes(diagnosis),
+        "parameters": _parameters(diagnosis),
+        "fits": _fits(diagnosis),
+        "whiteness": [
             (name, wording.p_text(fit.whiteness_p_value))
             for name, fit in (("training", diagnosis.train), ("held out", diagnosis.test))
             if fit is not None and fit.whiteness_p_value is not None
         ],
-        baseline=_baseline(diagnosis),
-        noise=_noise(diagnosis),
-        clocks=[(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
-    )
+        "baseline": _baseline(diagnosis),
+        "noise": _noise(diagnosis),
+        "clocks": [(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
+    }
+    template = environment.get_template("diagnosis.html")
+    return template.render(**page, **(drawn(diagnosis) if drawing is None else drawing.result()))
 
 
 def _places(diagnosis: Diagnosis) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
 from rlgcomp.errors import InputError
-from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
+from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, svg
 from rlgcomp.simulation.programme import Programme
 from rlgcomp.units import SECONDS_PER_HOUR, column_unit
 
@@ -252,6 +252,9 @@ def what_is_left(diagnosis: Diagnosis) -> str:
             tau = np.geomspace(fit.averaging_s, longest)
             floor = fit.white_floor_rms * np.sqrt(fit.averaging_s / tau)
             spread.loglog(tau, floor, color=FLOOR, lw=1.2, ls="--", label="white noise")
+        for axis in (spread.xaxis, spread.yaxis):
+            axis.set_major_formatter(Powers())
+            axis.set_minor_formatter(Powers())
         spread.set_xlabel("averaging time in s")
         spread.set_ylabel("Allan deviation in deg/h")
         spread.set_title("Allan deviation")

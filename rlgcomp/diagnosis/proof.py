@@ -24,10 +24,10 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import special
 
+from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.result import Fit, RunFit, Trace
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
 from rlgcomp.diagnosis.windows import Windows
-from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.simulation.simulator import Simulator
 
@@ -35,7 +35,6 @@ Array = npt.NDArray[np.float64]
 Prediction = Callable[[Recording], Array]
 BLOCK_S: Final = 3600.0
 DRAWS: Final = 2000
-_BLACK_BOX_ROWS: Final = 900  # its selection takes the cube of their number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +50,7 @@ class Proof:
 class _Left:
     """Window means of one run: what each simulator leaves, and what each added mechanism contributes."""
 
+    run: Recording
     windows: Windows  # of the run whose gyro is what the simulator before leaves
     before: Array
     after: Array
@@ -95,30 +95,57 @@ def prove(
         A run is too short or lacks a monitor.
     """
     runs = (*train, *test)
-    left = [_left(before, after, run, gyro, predicted, window_s) for run in runs]
-    learned = _black_box([one.windows for one in left], len(train), window_s) if black_box and test else [None] * len(runs)
+    mismatches = [Mismatch.of(before, run, gyro, predicted, window_s) for run in runs]
+    box = learned(mismatches, len(train)) if black_box and test else None
+    return proved(mismatches, len(train), before, after, shape=shape, white_deg_h=white_deg_h, box=box, seed=seed)
+
+
+def proved(
+    mismatches: Sequence[Mismatch],
+    training: int,
+    before: Simulator,
+    after: Simulator,
+    *,
+    shape: NoiseShape,
+    white_deg_h: float,
+    box: Callable[[], list[Array] | None] | None = None,
+    seed: int = 0,
+) -> Proof:
+    """The same where it is known what `before` leaves of the runs, the first of which were trained on.
+
+    Parameters
+    ----------
+    mismatches : sequence of Mismatch
+    training : int
+    before, after, shape, white_deg_h, seed
+        As in :func:`prove`.
+    box : callable, optional
+        As :func:`rlgcomp.diagnosis.black_box.learned` gives it.
+    """
+    left = [_left(before, after, one) for one in mismatches]
+    biases: Sequence[Array | None] = (box() if box is not None else None) or [None] * len(left)
     traces = tuple(
         Trace(
-            run=run.name,
-            held_out=k >= len(train),
+            run=one.run.name,
+            held_out=k >= training,
             time_s=one.windows.middles_s,
             before_deg_h=one.before,
             after_deg_h=one.after,
             compensation_deg_h=None if bias is None else one.before - bias,
             monitors=pd.DataFrame(
-                {column: one.windows.means(run.column(column)) for column in run.columns if column != TIME and not is_gyro(column)}
+                {c: one.windows.means(one.run.column(c)) for c in one.run.columns if c != TIME and not is_gyro(c)}
             ),
             added_deg_h=one.added,
-            channel=run.gyro_column(gyro),
+            channel=one.run.gyro_columns[0],
         )
-        for k, (run, one, bias) in enumerate(zip(runs, left, learned, strict=True))
+        for k, (one, bias) in enumerate(zip(left, biases, strict=True))
     )
     fits = [
         _fit([one.windows for one in left[part]], traces[part], shape, white_deg_h, seed)
-        for part in (slice(0, len(train)), slice(len(train), None))
+        for part in (slice(0, training), slice(training, None))
         if traces[part]
     ]
-    return Proof(fits[0], fits[1] if test else None, traces)
+    return Proof(fits[0], fits[1] if len(fits) > 1 else None, traces)
 
 
 def noise_floor(rows: Rows, shape: NoiseShape) -> float:
@@ -187,29 +214,18 @@ def improvement_interval(
     return _interval(squares), _interval(about_mean)
 
 
-def _left(
-    before: Simulator, after: Simulator, whole: Recording, gyro: str | None, predicted: Prediction | None, window_s: float
-) -> _Left:
-    column = whole.gyro_column(gyro)
-    others = [other for other in whole.gyro_columns if other != column]
-    run = whole.replace(table=whole.table.drop(columns=others), truth=None)
-    said = before.predict(run).rate_deg_h()
-    # the user's simulation holds what a perfect gyro would show, and so does ours: it counts once
-    own = 0.0 if predicted is None else predicted(whole) - before.nominal_deg_h(run)
-    mismatch = run.rate_deg_h() - said - own
-    table = run.table.drop(columns=column)
-    table.insert(1, "gyro_deg_h", mismatch)
-    windows = Windows.of(run.replace(table=table), window_s)
+def _left(before: Simulator, after: Simulator, known: Mismatch) -> _Left:
+    run, windows = known.run, known.windows
     expected = after.predict(run).rate_deg_h()
-    known = {mechanism.name for mechanism in before.mechanisms}
+    names = {mechanism.name for mechanism in before.mechanisms}
     added = {
         mechanism.name: windows.means(expected - after.without(mechanism.name).predict(run).rate_deg_h())
         for mechanism in after.mechanisms
-        if mechanism.name not in known and mechanism.amplitude_parameters()
+        if mechanism.name not in names and mechanism.amplitude_parameters()
     }
     own_columns = [windows.means(m.basis(run)) for m in before.mechanisms if m.each_run and m.amplitude_parameters()]
-    before_means, after_means = windows.means(mismatch), windows.means(mismatch - (expected - said))
-    return _Left(windows, _without(before_means, own_columns), _without(after_means, own_columns), added)
+    means, left = windows.means(known.mismatch_deg_h), windows.means(known.mismatch_deg_h - (expected - known.said_deg_h))
+    return _Left(run, windows, _without(means, own_columns), _without(left, own_columns), added)
 
 
 def _without(values: Array, blocks: Sequence[Array]) -> Array:
@@ -218,27 +234,6 @@ def _without(values: Array, blocks: Sequence[Array]) -> Array:
         return values
     design, _ = np.linalg.qr(np.column_stack(blocks))
     return np.asarray(values - design @ (design.T @ values))
-
-
-def _black_box(windows: Sequence[Windows], training: int, window_s: float) -> list[Array | None]:
-    """Window means of what an LS-SVM learned from the mismatch of the training runs; None where no monitor can teach it."""
-    from rlgcomp.compensation.compensator import Compensator
-    from rlgcomp.compensation.lssvm import LSSVMRegressor
-
-    fine = [one.fine for one in windows]
-    rows = sum(int(one.kept.sum()) for one in windows[:training])
-    averaging_s = max(window_s * math.ceil(rows / _BLACK_BOX_ROWS), *(run.period_s for run in fine))  # windows may be rows
-    common = set.intersection(*(set(run.columns) for run in fine)) - {TIME, "gyro_deg_h"}
-    levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns
-    for features in (levels,) if fine[0].metadata.kind == "turntable" else ("all", levels):
-        try:
-            model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(fine[:training])
-            return [
-                one.means(model.predict(run)["bias_deg_h"].to_numpy(), of_fine=True) for one, run in zip(windows, fine, strict=True)
-            ]
-        except InputError:
-            continue
-    return [None] * len(windows)
 
 
 def _fit(windows: Sequence[Windows], traces: Sequence[Trace], shape: NoiseShape, white_deg_h: float, seed: int) -> Fit:

@@ -74,6 +74,7 @@ class Search:
         self.largest = largest
         self._toll = 0.0  # of every cause beyond the first
         self.models: dict[frozenset[Label], Model] = {}
+        self._log_priors: dict[tuple[int, int], float] = {}
         self._scored: dict[tuple[Member, ...], dict[Label, tuple[float, Member, float, Array]]] = {}
         self._labels = [(candidate.name, candidate.known) for candidate in self.evidence.candidates]
         self._weights = np.array([candidate.log_weight for candidate in self.evidence.candidates])
@@ -102,13 +103,18 @@ class Search:
     def log_prior(self, labels: frozenset[Label]) -> float:
         """Log prior probability of a set."""
         missing = sum(not known for _, known in labels)
-        wrong = len(labels) - missing
+        counts = missing, len(labels) - missing
+        if counts not in self._log_priors:
+            self._log_priors[counts] = self._log_prior(*counts)
+        return self._log_priors[counts] - self._toll * max(len(labels) - 1, 0)
+
+    def _log_prior(self, missing: int, wrong: int) -> float:
+        """The same by how many mechanisms are missing and how many have wrong numbers, but for the toll."""
         if missing >= len(MISSING):
             return -math.inf
         count = len(self.names)
         ways = gammaln(count + 1) - gammaln(missing + 1) - gammaln(count - missing + 1) if missing <= count else math.inf
-        toll = self._toll * max(len(labels) - 1, 0)
-        return float(math.log(MISSING[missing]) - ways + wrong * math.log(KNOWN_WRONG / (1.0 - KNOWN_WRONG)) - toll)
+        return float(math.log(MISSING[missing]) - ways + wrong * math.log(KNOWN_WRONG / (1.0 - KNOWN_WRONG)))
 
     # --- steps -------------------------------------------------------------------------------------------------------------
 
@@ -144,16 +150,24 @@ class Search:
         averaged = log_sum_exp(node.extended + self.noise_log_prior[:, None], axis=0) + self._weights + given
         at_best = log_sum_exp(node.at_best_size + self.noise_log_prior[:, None], axis=0) + self._weights + given
         scores = {}
-        for label, which in self._by_label.items():
+        for (label, which), log_evidence in zip(self._by_label.items(), self._summed(averaged), strict=True):
             if label in here:
                 continue
             best = which[int(np.argmax(at_best[which]))]
             member = Member(int(best), int(node.best_size[best]))
-            log_evidence = float(log_sum_exp(averaged[which]))
             noise_log = node.at_best_size[:, best] + self.noise_log_prior + self._weights[best] + given
             scores[label] = (log_evidence, member, float(at_best[best]), noise_log)
         self._scored[key] = scores
         return scores
+
+    def _summed(self, values: Array) -> list[float]:
+        """Logarithm of the sum of exponentials over the candidates of each label."""
+        order = np.concatenate(list(self._by_label.values()))
+        counts = np.array([len(which) for which in self._by_label.values()])
+        starts = np.cumsum(counts) - counts
+        largest = np.maximum.reduceat(values[order], starts)
+        sums = np.add.reduceat(np.exp(values[order] - np.repeat(largest, counts)), starts)
+        return (largest + np.log(sums)).tolist()
 
     def _settle(self, proposals: dict[frozenset[Label], tuple[float, tuple[Member, ...]]]) -> list[Model]:
         """The best proposals at their best points; swaps that these find are taken in."""

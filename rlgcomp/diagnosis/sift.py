@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.laws import Dictionary, Family
 
 Array = npt.NDArray[np.float64]
@@ -51,7 +51,7 @@ def screen(dictionary: Dictionary, background: Background) -> list[Judged]:
         values = factors[start : start + len(places)]
         start += len(places)
         best = int(np.argmax(values))
-        judged.append(Judged(family, family.log_prior + float(logsumexp(values + weights)), float(values[best]), places[best]))
+        judged.append(Judged(family, family.log_prior + float(log_sum_exp(values + weights)), float(values[best]), places[best]))
         if family.form == "bump":
             siblings[family.driver] = judged[-1].log_evidence, places[best]
     for family in dictionary.families:

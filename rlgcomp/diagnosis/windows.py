@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import Final, Self
@@ -60,7 +61,7 @@ class Windows:
 
     def means(self, values: Array, *, of_fine: bool = False) -> Array:
         """Window means of rows, shape (n,) or (n, k), of the run itself or of its fine version."""
-        starts = _starts(self.of_fine if of_fine else self.of_full)
+        starts = self.fine_starts if of_fine else self._full_starts
         counts = np.diff(np.r_[starts, len(values)])
         sums = np.add.reduceat(values.reshape(len(values), -1), starts, axis=0)
         means = (sums / counts[:, None])[self.kept]
@@ -68,18 +69,23 @@ class Windows:
 
     def within(self, values: Array) -> Array:
         """Rows of the kept windows less their window's mean, shape (rows,) or (rows, k)."""
-        starts = _starts(self.of_full)
+        starts = self._full_starts
         counts = np.diff(np.r_[starts, len(values)])
         means = np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
         return self.rows_within(values) - np.repeat(means[self.kept], counts[self.kept], axis=0)
 
     def rows_within(self, values: Array) -> Array:
         """Rows of the kept windows."""
-        starts = _starts(self.of_full)
+        starts = self._full_starts
         counts = np.diff(np.r_[starts, len(values)])
         return np.asarray(values[starts[0] :][np.repeat(self.kept, counts)])
 
-    @property
+    @functools.cached_property
+    def _full_starts(self) -> IntArray:
+        """The row with which each window begins."""
+        return _starts(self.of_full)
+
+    @functools.cached_property
     def fine_starts(self) -> IntArray:
         """The fine row with which each window begins."""
         return _starts(self.of_fine)

@@ -49,11 +49,6 @@ class ModeHop(Mechanism):
         (temperature,) = self.read(recording)
         up = temperature >= self.threshold_degC
         down = temperature <= self.threshold_degC - self.dead_band_K
-        decided = np.flatnonzero(up | down)
+        decided = np.maximum.accumulate(np.where(up | down, np.arange(len(temperature)), -1))  # the latest row that was
         first = 1.0 if temperature[0] > self.threshold_degC - 0.5 * self.dead_band_K else 0.0
-        state = np.full(len(temperature), first)
-        if len(decided):
-            latest = np.searchsorted(decided, np.arange(len(temperature)), side="right") - 1
-            known = latest >= 0
-            state[known] = up[decided[latest[known]]]
-        return state[:, None]
+        return np.where(decided >= 0, up[decided], first)[:, None]

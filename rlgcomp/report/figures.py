@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -10,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
 
 from rlgcomp.evaluation import Evaluation, Trace
 from rlgcomp.noise import NOISES
@@ -24,6 +26,7 @@ FLOOR: Final = "#009e73"
 WARM: Final = "#cc3311"
 INK: Final = "#23272e"
 WIDTH_IN: Final = 9.6
+_RAISED: Final = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLE: Final[Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
@@ -190,6 +193,15 @@ def _log_edges(centres: Any) -> np.ndarray:
         if len(logs) > 1
         else np.exp(logs[0] + np.r_[-1, 1])
     )
+
+
+class Powers(LogFormatterSciNotation):
+    """Labels of a logarithmic axis in plain characters, 2×10⁻³: as Matplotlib's own, which go through a parser of formulas."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        said = re.sub(r"\$\\mathdefault\{(.*)\}\$", r"\1", super().__call__(x, pos))
+        raised = re.sub(r"\^\{(.*?)\}", lambda power: power[1].translate(_RAISED), said)
+        return raised.replace(r"\times", "×")
 
 
 def svg(figure: Figure) -> str:

@@ -9,6 +9,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
@@ -184,8 +185,8 @@ class Diagnosis:
         write_json(Path(folder) / "diagnosis.json", self.to_mapping())
         self.augmented.to_yaml(Path(folder) / "augmented.yaml")
 
-    def report(self, path: str | Path) -> None:
-        """Write the page that shows it: one self-contained HTML file."""
+    def report(self, path: str | Path, executor: Executor | None = None) -> None:
+        """Write the page that shows it: one self-contained HTML file. An executor, where given, draws the pictures."""
         from rlgcomp.diagnosis.page import write_diagnosis_report
 
-        write_diagnosis_report(path, self)
+        write_diagnosis_report(path, self, executor)

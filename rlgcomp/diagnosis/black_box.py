@@ -1,0 +1,117 @@
+"""A black box as a yardstick: what the simulator leaves of each run, and an LS-SVM that learns it from the training runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.compiled import one_blas_thread
+from rlgcomp.diagnosis.windows import Windows
+from rlgcomp.errors import InputError
+from rlgcomp.recording import TIME, Recording
+from rlgcomp.simulation.simulator import Simulator
+
+Array = npt.NDArray[np.float64]
+_ROWS: Final = 900  # its selection takes the cube of their number
+
+
+@dataclasses.dataclass(frozen=True)
+class Mismatch:
+    """What a simulator leaves of one run.
+
+    Parameters
+    ----------
+    run : Recording
+        With the one gyro.
+    said_deg_h, mismatch_deg_h : ndarray, shape (n,)
+        What the simulator says, and the gyro less all that is said of it.
+    windows : Windows
+        Of the run whose gyro is the mismatch.
+    """
+
+    run: Recording
+    said_deg_h: Array
+    mismatch_deg_h: Array
+    windows: Windows
+
+    @classmethod
+    def of(
+        cls, before: Simulator, whole: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None, window_s: float
+    ) -> Mismatch:
+        """Of one run.
+
+        Parameters
+        ----------
+        before : Simulator
+        whole : Recording
+        gyro : str, optional
+        predicted : callable, optional
+            Further prediction in deg/h: the user's own simulator.
+        window_s : float
+
+        Raises
+        ------
+        InputError
+            The run is too short or lacks a monitor.
+        """
+        column = whole.gyro_column(gyro)
+        others = [other for other in whole.gyro_columns if other != column]
+        run = whole.replace(table=whole.table.drop(columns=others), truth=None)
+        said = before.predict(run).rate_deg_h()
+        # the user's simulation holds what a perfect gyro would show, and so does ours: it counts once
+        own = 0.0 if predicted is None else predicted(whole) - before.nominal_deg_h(run)
+        mismatch = run.rate_deg_h() - said - own
+        table = run.table.drop(columns=column)
+        table.insert(1, "gyro_deg_h", mismatch)
+        return cls(run, said, mismatch, Windows.of(run.replace(table=table), window_s))
+
+
+def learned(mismatches: Sequence[Mismatch], training: int, executor: Executor | None = None) -> Callable[[], list[Array] | None]:
+    """Start to train an LS-SVM on the mismatch of the first runs, and call what is returned for what it says of all.
+
+    Parameters
+    ----------
+    mismatches : sequence of Mismatch
+    training : int
+        Runs that it is trained on.
+    executor : Executor, optional
+        That trains it, while this process goes on.
+
+    Returns
+    -------
+    callable
+        Window means of what it says, an array a run; None where no monitor can teach it.
+    """
+    windows = [one.windows for one in mismatches]
+    fine = [one.fine for one in windows]
+    rows = sum(int(one.kept.sum()) for one in windows[:training])
+    averaging_s = max(windows[0].window_s * math.ceil(rows / _ROWS), *(run.period_s for run in fine))  # windows may be rows
+    future = None if executor is None else executor.submit(_trained, fine, training, averaging_s)
+
+    def means() -> list[Array] | None:
+        said = _trained(fine, training, averaging_s) if future is None else future.result()
+        return said and [one.means(values, of_fine=True) for one, values in zip(windows, said, strict=True)]
+
+    return means
+
+
+@one_blas_thread
+def _trained(fine: Sequence[Recording], training: int, averaging_s: float) -> list[Array] | None:
+    from rlgcomp.compensation.compensator import Compensator
+    from rlgcomp.compensation.lssvm import LSSVMRegressor
+
+    common = set.intersection(*(set(run.columns) for run in fine)) - {TIME, "gyro_deg_h"}
+    levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns
+    for features in (levels,) if fine[0].metadata.kind == "turntable" else ("all", levels):
+        try:
+            model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(fine[:training])
+            return [model.predict(run)["bias_deg_h"].to_numpy() for run in fine]
+        except InputError:
+            continue
+    return None
