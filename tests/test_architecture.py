@@ -43,6 +43,7 @@ ROWS = [
     ["report"],
     ["diagnosis"],
     ["export"],
+    ["workers"],
     ["fleet"],
     ["bench"],
     ["cli"],
