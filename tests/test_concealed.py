@@ -242,6 +242,7 @@ class TestTables:
         "error_to_oracle": 1.1,
         "seconds": 2.0,
         "information_nats": 20.0,
+        "white_noise": True,
     }
 
     def row(self, kind: str, hidden: str, **changes: Any) -> dict[str, Any]:
@@ -253,6 +254,11 @@ class TestTables:
         text = capsys.readouterr().out
         assert "50 % (1/2" in text
         assert "Boom" in text
+
+    def test_units_with_flicker_are_counted_by_themselves(self) -> None:
+        noisy = [self.row("pair", "ageing", white_noise=False, exact=False, in_class=right) for right in (True, False)]
+        (line,) = tables.by_noise([self.row("pair", "ageing"), *noisy])
+        assert [line[key].split(";")[0] for key in list(line)[2:]] == ["100 % (1/1", "100 % (1/1", "0 % (0/2", "50 % (1/2"]
 
     def test_what_counts_as_right(self) -> None:
         assert tables.right(self.row("null", "", verdict="none"))

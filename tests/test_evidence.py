@@ -19,9 +19,10 @@ from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import fit
 from rlgcomp.diagnosis.noises import log_prior, ordinary_noise
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.problem import Problem, default_window_s
 from rlgcomp.diagnosis.search import Search, posterior
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate
+from rlgcomp.diagnosis.windows import FEWEST_WINDOWS
 from rlgcomp.noise import NoiseModel
 from rlgcomp.physics import CATALOGUE
 
@@ -261,6 +262,24 @@ def test_explanations_hold_probabilities_and_reasons() -> None:
     assert explanations.models[0].labels == {("ambient_pressure", False)}
     assert explanations.probabilities.sum() == pytest.approx(1.0)
     assert "magnetic_field" in explanations.left_out
+
+
+def test_a_short_run_beside_long_ones_does_not_chop_them_up() -> None:
+    long, short = runs(hours=12.0), runs(hours=2.0)
+    assert default_window_s(long) == 100.0
+    alone = default_window_s([run.between(0.0, 900.0) for run in _each_second(short)])
+    beside = default_window_s([*_each_second(long), *(run.between(0.0, 900.0) for run in _each_second(short))])
+    assert alone == round(899.0 / 200.0)
+    assert beside == round(899.0 / (2 * FEWEST_WINDOWS))
+
+
+def _each_second(recordings: list[rlg.Recording]) -> list[rlg.Recording]:
+    """Runs of the same length with a sample a second."""
+    found = []
+    for run in recordings:
+        time_s = np.arange(0.0, run.duration_s)
+        found.append(rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.zeros_like(time_s)}), name=run.name))
+    return found
 
 
 def test_members_span_their_sums_and_nothing_else(small: Evidence) -> None:

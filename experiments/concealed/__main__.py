@@ -17,7 +17,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import to_json
 from rlgcomp.workers import spread
 
-CASES: dict[Kind, int] = {"single": 102, "pair": 40, "triple": 20, "null": 200, "open": 30, "driverless": 18, "table": 36}
+CASES: dict[Kind, int] = {"single": 102, "pair": 40, "triple": 20, "null": 200, "open": 30, "driverless": 36, "table": 36}
 QUICK: dict[Kind, int] = {"single": 17, "pair": 4, "triple": 2, "null": 8, "open": 5, "driverless": 3, "table": 9}
 
 

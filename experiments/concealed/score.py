@@ -79,6 +79,7 @@ def diagnosed(case: Case) -> dict[str, Any]:
         "true_drivers": sorted(case.drivers),
         "true_memory": case.memory,
         "repeats": case.repeats,
+        "white_noise": case.white_noise,
         "information_nats": case.information_nats,
         "promised": None if diagnosis.test is None else diagnosis.test.improvement,
         "error_to_oracle": error / oracle,

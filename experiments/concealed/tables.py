@@ -26,6 +26,8 @@ def show(rows: Sequence[Row]) -> None:
     for kind, title in (("single", "One effect"), ("pair", "Two at once"), ("triple", "Three at once")):
         if chosen := [row for row in rows if row["kind"] == kind]:
             show_table(f"{title}, by strength and maker", by_strength(chosen))
+    if named := [row for row in done if row["kind"] in ("single", "pair", "triple", "driverless")]:
+        show_table("What flicker and random walk cost", by_noise(named))
     if singles := [row for row in rows if row["kind"] == "single"]:
         show_table("One effect, by effect", by_effect(singles))
         show_table("Injected (rows) against named (columns), one effect", confusion(singles))
@@ -152,6 +154,19 @@ def by_strength(rows: Sequence[Row]) -> list[dict[str, str]]:
                     "overlap": median(chosen, "overlap"),
                 }
             )
+    return lines
+
+
+def by_noise(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Right answers on units whose noise is white, and on units that have flicker and rate random walk as well."""
+    lines = []
+    for kind, strength in dict.fromkeys((row["kind"], row["strength"]) for row in rows):
+        chosen = [row for row in rows if (row["kind"], row["strength"]) == (kind, strength)]
+        line = {"cases": kind, "strength": f"{strength:g}"}
+        for noise, white in (("white noise", True), ("flicker and walk", False)):
+            units = [row for row in chosen if row["white_noise"] == white]
+            line |= {noise: share(units, right), f"{noise}, in class": share(units, in_class) if kind in NAMED else "–"}
+        lines.append(line)
     return lines
 
 

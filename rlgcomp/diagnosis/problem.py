@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.whitening import Rows, norms
-from rlgcomp.diagnosis.windows import Contrasts, Windows
+from rlgcomp.diagnosis.windows import FEWEST_WINDOWS, Contrasts, Windows
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -19,7 +19,7 @@ from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
-_WINDOWS_A_RUN: Final = 200  # at least, where the window is not given
+_WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _RELATIVE_STEP: Final = 1e-3
 
 
@@ -247,10 +247,10 @@ class Problem:
 
 
 def default_window_s(runs: Sequence[Recording]) -> float:
-    """100 s, or what gives the shortest run two hundred windows; never less than a sample."""
-    shortest = min(run.duration_s - run.metadata.lead_in_s for run in runs)
+    """100 s, or what gives the longest run two hundred windows and every run enough; never less than a sample."""
+    lengths = [run.duration_s - run.metadata.lead_in_s for run in runs]
     period = max(run.period_s for run in runs)
-    wanted = min(DEFAULT_AVERAGING_S, shortest / _WINDOWS_A_RUN)
+    wanted = min(DEFAULT_AVERAGING_S, max(lengths) / _WINDOWS, min(lengths) / (2 * FEWEST_WINDOWS))
     return period * max(1, round(wanted / period))
 
 
