@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,12 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     require_writable(path)
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; give the name of a file to write")
-    handle, scratch_name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    try:
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; give the name of a file to write")
+        handle, scratch_name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}; give another place") from None
     os.close(handle)
     scratch = Path(scratch_name)
     try:
@@ -43,35 +46,37 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole_folder(path: str | Path, *, ours: str) -> Iterator[Path]:
-    """Yield a scratch folder that becomes `path` only if the block ends without an exception.
+    """Yield a scratch folder that becomes `path` only if the block ends without an exception; missing parents are made.
 
     An existing folder is replaced only when it is empty or holds the file named `ours`, that is, when an earlier run made it.
 
     Raises
     ------
     InputError
-        The parent does not exist or cannot be written to, or `path` exists and is something else.
+        As :func:`require_folder`.
     """
-    path = Path(path)
-    require_writable(path)
-    if path.exists() and not (path.is_dir() and ((path / ours).exists() or not any(path.iterdir()))):
-        raise InputError(f"{path} exists and holds no {ours}, so it is left untouched; give another name, or remove it first")
+    require_folder(path, ours=ours)
+    place = Path(path).resolve()  # what a link points to is replaced, not the link
+    missing = [parent for parent in place.parents if not parent.exists()]
     try:
-        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        place.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
     except OSError as error:
+        _remove_empty(missing)
         raise InputError(f"cannot write {path}: {error.strerror or error}; give another place") from None
     try:
         yield scratch
         scratch.chmod(0o777 & ~_umask())
-        if path.exists():
-            retired = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
-            os.replace(path, retired)
-            os.replace(scratch, path)
+        if place.exists():
+            retired = Path(tempfile.mkdtemp(prefix=f".{place.name}.old.", dir=place.parent))
+            os.replace(place, retired)
+            os.replace(scratch, place)
             shutil.rmtree(retired)
         else:
-            os.replace(scratch, path)
+            os.replace(scratch, place)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+        _remove_empty(missing)
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -113,7 +118,7 @@ def _plain(value: Any) -> Any:
 
 
 def require_writable(path: str | Path) -> None:
-    """Raise unless a file or folder of this name could be written: said before the work, not after it.
+    """Raise unless a file of this name could be written: said before the work, not after it.
 
     Raises
     ------
@@ -123,8 +128,42 @@ def require_writable(path: str | Path) -> None:
     parent = Path(path).absolute().parent
     if not parent.is_dir():
         raise InputError(f"cannot write {path}: the folder {parent} does not exist; create it first")
-    if not os.access(parent, os.W_OK):
-        raise InputError(f"cannot write {path}: no permission to write in {parent}")
+    _require_access(parent, path)
+
+
+def require_folder(path: str | Path, *, ours: str) -> None:
+    """Raise unless :func:`whole_folder` could write a folder of this name: said before the work, not after it.
+
+    Raises
+    ------
+    InputError
+        No folder can be made there, or `path` exists and is neither empty nor a folder with the file named `ours`.
+    """
+    try:
+        place = Path(path).resolve()
+        standing = next(folder for folder in (place, *place.parents) if folder.exists())
+        replaceable = standing != place or (place.is_dir() and ((place / ours).exists() or not any(place.iterdir())))
+    except (OSError, RuntimeError) as error:  # a name too long, a folder that may not be read, links in a circle
+        raise InputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}; give another place") from None
+    if not replaceable:
+        raise InputError(f"{path} exists and holds no {ours}, so it is left untouched; give another name, or remove it first")
+    if standing == place and Path.cwd().is_relative_to(place):
+        raise InputError(f"{path} is the folder you are in, which cannot be replaced; give the name of a folder to write")
+    if standing != place and not standing.is_dir():
+        raise InputError(f"cannot write {path}: {standing} is no folder; give another place")
+    _require_access(place.parent if standing == place else standing, path)
+
+
+def _require_access(folder: Path, path: str | Path) -> None:
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"cannot write {path}: no permission to write in {folder}")
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Folders that were made and hold nothing go again, the innermost first."""
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
 
 
 def _umask() -> int:

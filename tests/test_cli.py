@@ -203,7 +203,8 @@ def test_a_model_with_a_changed_byte_or_a_missing_file(folder: Path, tmp_path: P
     [
         (("train", "{run}", "--model", "magic", "--out", "{tmp}/m"), "'magic' is unknown"),
         (("train", "{run}", "--features", "colour", "--out", "{tmp}/m"), "neither a group"),
-        (("train", "{run}", "--out", "{tmp}/absent/m"), "does not exist; create it first"),
+        (("simulate", "{sim}", "--out", "{tmp}/absent/r.parquet"), "does not exist; create it first"),
+        (("train", "{run}", "--out", "{run}/m"), "is no folder"),
         (("train", "{run}", "--averaging-s", "0.001", "--out", "{tmp}/m"), "cannot average over"),
         (("train", "{run}", "--map", "nonsense", "--out", "{tmp}/m"), "expected TARGET=SOURCE"),
         (("train", "{run}", "--gyro", "gyro_q_deg_h", "--out", "{tmp}/m"), "choose with --gyro"),

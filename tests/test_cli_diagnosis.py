@@ -191,6 +191,7 @@ WRONG = {
     ),
     "too few simulations": (["--simulated", "{files}/sim0.parquet", "--train", RUN0, RUN1], "1 simulated runs for 2 recordings"),
     "averaging": (["--simulator", SIM, "--train", RUN0, "--averaging-s", "-5"], "must be positive"),
+    "averaging without end": (["--simulator", SIM, "--train", RUN0, "--averaging-s", "inf"], "must be positive and finite"),
     "mechanisms": (["--simulator", SIM, "--train", RUN0, "--mechanisms", "{files}/my_sim.py"], "defines no mechanism"),
     "no such option": (["--simulator", SIM, "--train", RUN0, "--tests", RUN1], "--tests"),
     "no training runs": (["--simulator", SIM], "--train"),
@@ -205,6 +206,14 @@ def test_bad_input_ends_with_one_message(files: Path, engine: dict, tmp_path: Pa
     assert message in done.output
     assert "Traceback" not in done.output
     assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_of_something_else_is_refused_before_the_work(files: Path, engine: dict, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("1")
+    done = run("diagnose", "--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--out", tmp_path)
+    assert done.exit_code == 2, done.output
+    assert "left untouched" in done.output
+    assert not engine
 
 
 def test_what_is_wrong_with_a_mechanism_is_said(files: Path, engine: dict, tmp_path: Path) -> None:

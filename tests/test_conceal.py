@@ -265,6 +265,33 @@ class TestReveal:
         with pytest.raises(rlg.InputError):
             reveal(folder, path)
 
+    @pytest.mark.parametrize(
+        ("file", "key", "value"),
+        [
+            ("challenge.json", "train", ["nothing.parquet"]),
+            ("challenge.json", "train", 7),
+            ("truth.json", "files", [1]),
+            ("truth.json", "hidden", None),
+            ("truth.json", "intervals", {"train0": [["a", 1]]}),
+            ("truth.json", "strengths", {}),
+            ("truth.json", "parameters", {"temperature_rate.k_deg_h_min_K": "x"}),
+            ("truth.json", "possible_rms_deg_h", None),
+            ("diagnosis.json", "recordings", [1]),
+            ("diagnosis.json", "fit", [1]),
+            ("diagnosis.json", "mismatch", {"where": [{"run": "train0", "start_s": "a", "end_s": "b"}]}),
+        ],
+    )
+    def test_what_is_not_as_it_was_written_is_refused(self, folder: Path, file: str, key: str, value: Any) -> None:
+        path = self.write(folder, diagnosis("none") | {"recordings": {"train": {"t": sha256(folder / "train0.parquet")}}})
+        changed = path if file == "diagnosis.json" else folder / file
+        changed.write_text(json.dumps(json.loads(changed.read_text()) | {key: value}))
+        if file == "truth.json":  # sealed anew, so that it is read
+            challenge_file = folder / "challenge.json"
+            content = json.loads(challenge_file.read_text()) | {"truth_sha256": sha256(changed)}
+            challenge_file.write_text(json.dumps(content))
+        with pytest.raises(rlg.InputError, match="is not as it was written"):
+            reveal(folder, path)
+
 
 class TestScore:
     HIDDEN = Hidden(("warm_up", "ageing"), {"ageing.k_deg_h_day": 0.1}, {"run0": [(0.0, 100.0)], "run1": [(0.0, 100.0)]})

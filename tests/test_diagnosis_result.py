@@ -123,6 +123,15 @@ def test_its_text_begins_with_the_verdict(diagnosis: Diagnosis) -> None:
     assert max(map(len, lines[1:])) <= 140
 
 
+def test_an_experiment_that_would_not_tell_is_said_to_be_none(diagnosis: Diagnosis) -> None:
+    assert "to tell between thermal_lag and thermal_gradient" in str(diagnosis)
+    dull = dataclasses.replace(
+        diagnosis, next_experiment=NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60", 0.5)
+    )
+    assert "though none in the recorded ranges would tell between thermal_lag and thermal_gradient" in str(dull)
+    assert "to tell between" not in str(dull)
+
+
 def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     none = dataclasses.replace(diagnosis, verdict="none", causes=(), p_value=0.3)
     assert none.sentence.startswith("The simulator lacks nothing")

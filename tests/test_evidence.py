@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.detect import _own_p_values, detect, tail_probability
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import fit
-from rlgcomp.diagnosis.noises import log_prior, ordinary_noise
+from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, stated_noise, unrecorded_cause
 from rlgcomp.diagnosis.problem import Problem, default_window_s
 from rlgcomp.diagnosis.search import Search, posterior
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate
@@ -128,7 +128,7 @@ def test_the_search_finds_a_pair_and_says_nothing_of_nothing() -> None:
     for causes in ((), hidden):
         problem = Problem.of(SIMULATOR, with_effect(runs(seed=5, hours=8.0), *causes), window_s=100.0)
         noises = ordinary_noise()
-        search = Search(Evidence(problem, candidates(problem, few)[0], noises), log_prior(noises, None, 100.0))
+        search = Search(Evidence(problem, candidates(problem, few)[0], noises), log_prior(noises))
         models = search.run()
         assert {name for name, _ in models[0].labels} == {cause.name for cause in causes}
         assert posterior(models).sum() == pytest.approx(1.0)
@@ -146,12 +146,17 @@ def test_priors_over_sets_sum_to_one(small: Evidence) -> None:
 
 
 def test_stated_noise_is_believed_but_not_blindly() -> None:
-    noises = ordinary_noise()
-    prior = np.exp(log_prior(noises, NoiseModel(angle_random_walk_deg_sqrt_h=3e-4, bias_instability_deg_h=4.5e-4), 100.0))
+    stated = stated_noise(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4, bias_instability_deg_h=6e-4), 100.0)
+    assert stated == NoiseShape(pytest.approx(1.0 / 3.0), 0.0)
+    noises = ordinary_noise(stated)
+    prior = np.exp(log_prior(noises, stated))
     assert prior.sum() == pytest.approx(1.0)
-    assert noises[int(np.argmax(prior))] == NoiseShape(0.25, 0.0)
-    usual = np.exp(log_prior(noises, None, 100.0))
-    assert (prior > 0.19 * usual).all()  # what the file says is wrong one time in five
+    assert noises[int(np.argmax(prior))] == stated
+    assert noises[int(np.argsort(prior)[-2])] == NoiseShape(0.25, 0.0)
+    usual = np.exp(log_prior(ordinary_noise()))
+    assert (prior[: len(usual)] > 0.19 * usual).all()  # what the file says is wrong one time in five
+    assert ordinary_noise(NoiseShape()) == ordinary_noise()
+    assert {(noise.flicker, noise.walk) for noise in unrecorded_cause(stated)} == {(stated.flicker, stated.walk)}
 
 
 # --- jumps -----------------------------------------------------------------------------------------------------------------
@@ -204,7 +209,7 @@ def test_p_values_of_noise_are_uniform() -> None:
     for seed in range(60):
         problem = Problem.of(SIMULATOR, runs(shapes[seed % 3], seed=100 + seed), window_s=100.0)
         evidence = Evidence(problem, candidates(problem, few)[0], noises)
-        prior = log_prior(noises, None, 100.0)
+        prior = np.full(len(noises), -math.log(len(noises)))
         found.append(detect(evidence, prior, np.ones(4, dtype=bool), len(evidence.candidates), np.random.default_rng(seed)).p_value)
     assert stats.kstest(found, "uniform").pvalue > 0.01
 

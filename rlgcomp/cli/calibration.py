@@ -37,12 +37,12 @@ def calibrate(
     """
     from rlgcomp.calibration.file import write_calibration
     from rlgcomp.calibration.triad.calibrate import calibrate_recordings
-    from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.files import require_folder, require_writable, whole_folder
     from rlgcomp.report.calibration import write_calibration_report
 
     require_writable(out)
     if report is not None:
-        require_writable(report)
+        require_folder(report, ours="report.html")
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, history=False)
     with progress("calibrating") as advance:
         found = calibrate_recordings(

@@ -84,14 +84,16 @@ def train(
     Example: `rlgcomp train cold.parquet hot.parquet --out models/unit-17 --export unit-17-c`
     """
     from rlgcomp.compensation import MODELS
-    from rlgcomp.compensation.artefact import identity
+    from rlgcomp.compensation.artefact import MANIFEST, identity
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.compensation.form import sequential
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_writable
+    from rlgcomp.export.target import REPORT
+    from rlgcomp.files import require_folder
 
-    for place in (out, *([export] if export else [])):
-        require_writable(place)
+    require_folder(out, ours=MANIFEST)
+    if export is not None:
+        require_folder(export, ours=REPORT)
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     if export is not None and sequential(MODELS[model].make()):
@@ -171,10 +173,10 @@ def evaluate(
     """
     from rlgcomp.compensation.keeping import load
     from rlgcomp.evaluation import evaluate as evaluate_runs
-    from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.files import require_folder, whole_folder
     from rlgcomp.report.page import write_report
 
-    require_writable(out)
+    require_folder(out, ours="report.html")
     compensator = load(model)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
     _require_the_same_calibration(compensator, recordings)

@@ -41,10 +41,10 @@ def conceal(
     from rlgcomp.diagnosis.conceal import conceal as make
     from rlgcomp.diagnosis.seal import CHALLENGE, SIMULATOR, TRUTH, seal
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_writable, sha256
+    from rlgcomp.files import require_folder, sha256
     from rlgcomp.simulation.simulator import Simulator
 
-    require_writable(out)
+    require_folder(out, ours=CHALLENGE)
     if (out / CHALLENGE).exists():
         raise InputError(f"{out} holds a challenge already, and a seal that can be broken proves nothing; give another --out")
     with progress("simulating"):

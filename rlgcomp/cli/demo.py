@@ -35,12 +35,12 @@ def demo(
     from rlgcomp.diagnosis.conceal import lacking
     from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.evaluation import evaluate
-    from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.files import require_folder, whole_folder
     from rlgcomp.formats import write
     from rlgcomp.report.page import write_report
     from rlgcomp.simulation.fleet import simulated_unit
 
-    require_writable(out)
+    require_folder(out, ours="report.html")
     unit = simulated_unit(UNIT)
     programmes = (
         {"train-1": "short", "train-2": "short", "held-out": "short"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -71,12 +72,12 @@ def diagnose(
     """
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.files import require_folder, whole_folder
     from rlgcomp.physics.user import user_catalogue
 
-    require_writable(out)
-    if averaging_s is not None and not averaging_s > 0.0:
-        raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive")
+    require_folder(out, ours="diagnosis.json")
+    if averaging_s is not None and not 0.0 < averaging_s < math.inf:
+        raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
     catalogue = user_catalogue(mechanisms or [])
     chosen = _simulator(simulator, simulated, catalogue)
     specs = [*train, *(test or [])]

@@ -36,11 +36,11 @@ def export(
 
     Example: `rlgcomp export models/unit-17 --to c --precision float --smallest --test new.parquet --out unit-17-c`
     """
-    from rlgcomp.export.target import Options
+    from rlgcomp.export.target import REPORT, Options
     from rlgcomp.export.target import export as export_model
-    from rlgcomp.files import require_writable
+    from rlgcomp.files import require_folder
 
-    require_writable(out)
+    require_folder(out, ours=REPORT)
     runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration)
     options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name)  # type: ignore[arg-type]
     found = export_model(model, out, to, options)

@@ -49,12 +49,12 @@ def allan(
     Example: `rlgcomp allan static.parquet --per-decade 5 --out noise`
     """
     from rlgcomp.allan.analysis import analyse_noise
-    from rlgcomp.files import require_writable
+    from rlgcomp.files import require_folder
     from rlgcomp.formats.pieces import too_large
 
     taus = None if tau is None else _times(tau)
     if out is not None:
-        require_writable(out)
+        require_folder(out, ours="allan.csv")
     asked = {"estimator": estimator, "confidence": confidence, "per_decade": per_decade}
     path, interval = interval_of(run)
     if in_pieces or (interval is None and too_large(path)):

@@ -33,14 +33,14 @@ def arw(
 
     Example: `rlgcomp arw at60.parquet at30.parquet --out arw`
     """
-    from rlgcomp.files import require_writable
+    from rlgcomp.files import require_folder
     from rlgcomp.rotation.pipeline import angle_random_walk
     from rlgcomp.rotation.results import RotationNoise
 
     if trend not in ("time", "temperature"):
         raise InputError(f"--trend is {trend!r}; it must be time or temperature")
     if out is not None:
-        require_writable(out)
+        require_folder(out, ours="arw.json")
     results = []
     for spec in runs:  # one at a time: a run of five hours fills a gigabyte while it is read
         (recording,) = read_runs([spec], mapping, drop, pulse_arcsec, history=False)

@@ -39,7 +39,7 @@ def sensitivity(
     """
     from rlgcomp.diagnosis.sensitivity import sensitivity as measure
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_writable
+    from rlgcomp.files import require_folder
     from rlgcomp.simulation.simulator import Simulator
 
     try:
@@ -47,7 +47,7 @@ def sensitivity(
     except ValueError:
         raise InputError(f"--strengths is {strengths!r}; write numbers joined by commas, as 0.1,0.2,0.4") from None
     if out is not None:
-        require_writable(out)
+        require_folder(out, ours="sensitivity.json")
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     with progress("diagnosing") as advance:
         found = measure(

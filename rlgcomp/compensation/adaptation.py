@@ -120,7 +120,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     model = getattr(compensator, "model_", None)
     if not isinstance(model, CubicLeastSquares):
         raise InputError(
-            f"only cubic and dynamic models can be adapted, this is a {type(model).__name__}; train one with --model dynamic"
+            f"only cubic and dynamic models can be adapted, not {type(model).__name__}; train one with --model dynamic"
         )
     if not runs:
         raise InputError("no runs to adapt to; give at least one recording")

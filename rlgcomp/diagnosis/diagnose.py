@@ -3,61 +3,33 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
-from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.account import alternatives_of, causes_of, remarks_of, unexplained_of, what_to_run, whiteness
 from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
+from rlgcomp.diagnosis.conclusion import best_noise, concluded, healthy, rivals_of, verdict_of
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
-from rlgcomp.diagnosis.evidence import log_sum_exp
-from rlgcomp.diagnosis.explain import Explanations, explain
-from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
-from rlgcomp.diagnosis.laws import Dictionary
+from rlgcomp.diagnosis.explain import explain
+from rlgcomp.diagnosis.fit import fit, noise_model
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.locate import locate
-from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.proof import prove, whiteness_p_value
-from rlgcomp.diagnosis.result import Alignment, Alternative, Cause, Diagnosis, NextExperiment, Unexplained, Verdict
-from rlgcomp.diagnosis.search import Model, inadequacy
+from rlgcomp.diagnosis.proof import prove
+from rlgcomp.diagnosis.result import Alignment, Diagnosis
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
-from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 from rlgcomp.errors import InputError
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
-LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue acts
-AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
-_MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
-_ALTERNATIVES: Final = 8
-_NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
-_RIVALS: Final = 3  # told apart by the next experiment
-_UNRECORDED: Final = 0.5
-_BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
-_BESIDE: Final = math.log(100.0)  # odds from which a cause is named beside something that wanders unrecorded
-_SAME: Final = 0.98  # correlation from which a law is a mechanism of the catalogue by another name
-_FEW: Final = 2  # mechanisms that a law may be the sum of
-
-
-@dataclasses.dataclass(frozen=True)
-class _Conclusion:
-    """What the evidence says: the set, laws that are needed beyond it and how probable they are, and whether something unrecorded
-    wanders."""
-
-    model: Model
-    laws: tuple[Discovery, ...]
-    lawful: float
-    unrecorded: float
 
 
 @one_blas_thread
@@ -102,9 +74,11 @@ def diagnose(
     Raises
     ------
     InputError
-        Runs are too short, lack a monitor, or belong to another kind than the simulator.
+        Runs are too short, lack a monitor, belong to another kind than the simulator, or are beyond what it can be off by; a
+        mechanism of the user's fails on them.
     """
     told = progress or (lambda fraction: None)
+    require_computable(mechanisms, [*train, *test])
     base, predicted, alignment = _known(simulator, simulated, train, test, gyro)
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
     told(0.05)
@@ -118,9 +92,9 @@ def diagnose(
     rng = stream(seed, "diagnosis")
     detection = detect(explanations.evidence, explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng)
     told(0.6)
-    conclusion = _concluded(windowed, explanations)
+    conclusion = concluded(windowed, explanations)
     told(0.75)
-    noise = _best_noise(windowed, explanations, conclusion)
+    noise = best_noise(windowed, explanations, conclusion)
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
     before = fit(problem, [], explanations.evidence.noises[int(np.argmax(explanations.nothing.noise_log))])
@@ -142,19 +116,19 @@ def diagnose(
         seed=seed,
     )
     told(0.98)
-    rivals = _rivals(explanations, conclusion.model)
-    verdict = _verdict(conclusion, rivals)
+    rivals = rivals_of(explanations, conclusion.model)
+    verdict = verdict_of(conclusion, rivals)
     # a path of jumps or a line is seen by the search alone: the null's own probability then bounds the p-value
-    p_value = min(detection.p_value, _healthy(explanations)) if verdict != "none" else detection.p_value
-    next_up = _what_to_run(windowed, explanations, conclusion.model, noise, after, seed) if verdict == "ambiguous" else None
+    p_value = min(detection.p_value, healthy(explanations)) if verdict != "none" else detection.p_value
+    next_up = what_to_run(windowed, explanations, conclusion.model, noise, after, seed) if verdict == "ambiguous" else None
     model = noise_model(noise, after.white_deg_h, problem.rows.window_s)
     return Diagnosis(
         verdict=verdict,
         p_value=p_value,
         where=where,
-        causes=_causes(explanations, conclusion, after, rivals),
-        alternatives=_alternatives(explanations, conclusion),
-        unexplained=_unexplained(conclusion, _whiteness(problem, after, noise)),
+        causes=causes_of(explanations, conclusion, after, rivals),
+        alternatives=alternatives_of(explanations, conclusion),
+        unexplained=unexplained_of(conclusion, whiteness(problem, after, noise)),
         train=proof.train,
         test=proof.test,
         next_experiment=next_up,
@@ -163,12 +137,9 @@ def diagnose(
         noise=model,
         calibration=before.baseline,
         alignment=alignment,
-        remarks=(*_yours(predicted is not None, after), *_remarks(explanations, conclusion, after, noise, detection.p_value)),
+        remarks=remarks_of(explanations, conclusion, after, noise, detection.p_value, theirs=predicted is not None),
         traces=proof.traces,
     )
-
-
-# --- what is known -------------------------------------------------------------------------------------------------------------
 
 
 def _known(
@@ -200,193 +171,3 @@ def _known(
             "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
         )
     return base, predicted, alignment
-
-
-# --- conclusions ---------------------------------------------------------------------------------------------------------------
-
-
-def _concluded(windowed: Problem, explanations: Explanations) -> _Conclusion:
-    """The best of: a set of causes; a law alone; a set and a law beyond it."""
-    best, nothing = explanations.models[0], explanations.nothing
-    if explanations.unrecorded(best) > _UNRECORDED and best.log_posterior - nothing.log_posterior < _BESIDE:
-        best = nothing  # a wander that is nobody's looks a little like many a cause
-    dictionary = Dictionary(windowed)
-    noises, prior = explanations.evidence.noises, explanations.search.noise_log_prior
-    chosen, highest = None, best.log_posterior
-    for model in (best,) if best is nothing else (best, nothing):
-        law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
-        instead = best if model is nothing else nothing
-        if law is None:
-            continue
-        column = explanations.evidence.problem.columns(law.mechanism)
-        spanned = explanations.evidence.spans(instead.members, column) > _SAME
-        if spanned and 1 < len(instead.members) <= _FEW:
-            continue  # it is these mechanisms together
-        explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
-        score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
-        if model.members and score - model.log_posterior < _BEYOND:
-            continue
-        if explanations.evidence.resembles(column) > _SAME or (spanned and len(instead.members) == 1):
-            # perhaps that mechanism by another name: it must win by what the mechanism's equation may be wrong by
-            rival = explanations.evidence.explained(instead.members, int(np.argmax(instead.noise_log)))
-            score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
-        if score > highest:
-            chosen, highest = model, score
-    if chosen is None:
-        return _Conclusion(best, (), 0.0, explanations.unrecorded(best))
-    laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary)
-    lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
-    return _Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
-
-
-def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
-    rows = len(problem.rows)
-    return np.column_stack([problem.baseline, *(candidate.columns[:rows] for candidate in explanations.candidates(model))])
-
-
-def _best_noise(problem: Problem, explanations: Explanations, conclusion: _Conclusion) -> NoiseShape:
-    """The likeliest noise, given the conclusion."""
-    noises = explanations.evidence.noises
-    logs = conclusion.model.noise_log
-    if conclusion.laws:
-        laws = [problem.columns(law.mechanism) for law in conclusion.laws]
-        design = np.column_stack([_design(problem, explanations, conclusion.model), *laws])
-        logs = Background(problem, design, noises, explanations.search.noise_log_prior).log_evidence
-    return noises[int(np.argmax(logs))]
-
-
-def _rivals(explanations: Explanations, best: Model) -> dict[str, dict[str, float]]:
-    """For each cause of the chosen set, the mechanisms that could stand in its place, with their share of the two together."""
-    found: dict[str, dict[str, float]] = {}
-    for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
-        gone, come = best.labels - model.labels, model.labels - best.labels
-        if len(gone) == 1 and len(come) == 1 and len(model.labels) == len(best.labels):
-            (left, _), (joined, _) = next(iter(gone)), next(iter(come))
-            found.setdefault(left, {})[joined] = float(probability)
-    own = float(explanations.probabilities[explanations.models.index(best)])
-    together = {name: own + sum(others.values()) for name, others in found.items()}
-    return {
-        name: {other: p / together[name] for other, p in others.items() if p > _MENTIONED * together[name]}
-        for name, others in found.items()
-    }
-
-
-def _healthy(explanations: Explanations) -> float:
-    """Probability that nothing is missing and nothing unrecorded wanders."""
-    nothing = explanations.nothing
-    return float(explanations.probabilities[explanations.models.index(nothing)]) * (1.0 - explanations.unrecorded(nothing))
-
-
-def _verdict(conclusion: _Conclusion, rivals: Mapping[str, Mapping[str, float]]) -> Verdict:
-    if conclusion.laws or conclusion.unrecorded > _UNRECORDED:
-        return "unknown"
-    if not any(not known for _, known in conclusion.model.labels):
-        return "none"
-    if any(1.0 - sum(others.values()) < AMBIGUOUS for others in rivals.values()):
-        return "ambiguous"
-    return "explained"
-
-
-def _causes(
-    explanations: Explanations, conclusion: _Conclusion, after: Fitted, rivals: Mapping[str, Mapping[str, float]]
-) -> tuple[Cause, ...]:
-    causes = []
-    for cause in after.causes:
-        if cause.known or cause.mechanism.open_set:
-            continue
-        name = cause.mechanism.name
-        probability = sum(
-            float(p)
-            for model, p in zip(explanations.models, explanations.probabilities, strict=True)
-            if (name, False) in model.labels
-        )
-        if conclusion.laws:
-            within = (name, False) in conclusion.model.labels
-            probability = conclusion.lawful * within + (1.0 - conclusion.lawful) * probability
-        drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
-        others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
-        rms = float(np.sqrt(np.mean((cause.contribution_deg_h - cause.contribution_deg_h.mean()) ** 2)))
-        causes.append(Cause(cause.mechanism.settled(), min(1.0, probability), cause.estimates, rms, others, drivers))
-    return tuple(sorted(causes, key=lambda cause: -cause.probability))
-
-
-def _alternatives(explanations: Explanations, conclusion: _Conclusion) -> tuple[Alternative, ...]:
-    """Other sets of the catalogue; beside a law beyond it, the catalogue's own best as well."""
-    shares: dict[tuple[str, ...], float] = {}
-    own = None if conclusion.laws else tuple(sorted(name for name, known in conclusion.model.labels if not known))
-    for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
-        names = tuple(sorted(name for name, known in model.labels if not known))
-        if names != own:
-            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 - conclusion.lawful)
-    ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
-    return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
-
-
-def _what_to_run(
-    problem: Problem, explanations: Explanations, best: Model, noise: NoiseShape, after: Fitted, seed: int
-) -> NextExperiment | None:
-    """The programme that would tell the chosen set from those that differ from it in one mechanism."""
-    swaps = [
-        (model, float(p))
-        for model, p in zip(explanations.models, explanations.probabilities, strict=True)
-        if len(model.labels) == len(best.labels) and len(model.labels - best.labels) <= 1
-    ]
-    swaps = [(model, p) for model, p in swaps if p > _MENTIONED * swaps[0][1]][:_RIVALS]
-    fits = [fit(problem, explanations.candidates(model), noise) for model, _ in swaps]
-    rivals = [tuple(cause.mechanism for cause in found.causes if not cause.known) for found in fits]
-    return next_experiment(
-        problem, rivals, shape=noise, white_deg_h=after.white_deg_h, probabilities=[p for _, p in swaps], seed=seed
-    )
-
-
-def _whiteness(problem: Problem, after: Fitted, noise: NoiseShape) -> float:
-    """That what all causes leave of the training runs, paths of jumps among them, is noise."""
-    left = whiten(problem.rows, after.residual_deg_h[:, None], (noise,))[0][0][:, 0]
-    return whiteness_p_value([left[part] for part in problem.rows.runs])
-
-
-def _unexplained(conclusion: _Conclusion, left: float) -> Unexplained:
-    if conclusion.laws:
-        first = conclusion.laws[0]
-        drivers = tuple(dict.fromkeys(driver for law in conclusion.laws for driver in law.drivers))
-        return Unexplained(first.p_value, drivers, first.memory, "; ".join(law.equation for law in conclusion.laws))
-    if conclusion.unrecorded > _UNRECORDED:
-        return Unexplained(min(left, 1.0 - conclusion.unrecorded), (), "none", None)
-    return Unexplained(left)
-
-
-def _yours(theirs: bool, after: Fitted) -> tuple[str, ...]:
-    if not theirs or not after.causes:
-        return ()
-    return ("augmented.yaml holds what is to be added to what your simulator says, not your simulator.",)
-
-
-def _remarks(
-    explanations: Explanations, conclusion: _Conclusion, after: Fitted, noise: NoiseShape, p_value: float
-) -> tuple[str, ...]:
-    remarks = []
-    if _verdict(conclusion, {}) == "none" and p_value < _NOTED:
-        remarks.append(
-            f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
-            "programme, would tell."
-        )
-    for cause in after.causes:
-        if cause.known:
-            numbers = ", ".join(f"{name} = {estimate}" for name, estimate in cause.estimates.items())
-            remarks.append(
-                f"{cause.mechanism.name}: the simulator's numbers, said to be known, do not fit; these runs say {numbers}. "
-                "No physics is missing there."
-            )
-    if not conclusion.laws and conclusion.unrecorded > _UNRECORDED:
-        remarks.append(
-            f"Something wanders, with standard deviation {noise.wander * after.white_deg_h:.2g} deg/h and correlation time "
-            f"about {noise.wander_s:g} s that no recorded column follows: record more monitors."
-        )
-    if any(not cause.mechanism.amplitude_parameters() or cause.mechanism.each_run for cause in after.causes):
-        remarks.append(
-            "One of the causes is drawn anew in every run: it cannot be predicted, so no gain is promised on other runs."
-        )
-    if explanations.left_out:
-        wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
-        remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
-    return tuple(remarks)

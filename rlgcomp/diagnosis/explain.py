@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate, candidates
 from rlgcomp.diagnosis.evidence import Evidence, log_sum_exp
-from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, unrecorded_cause
+from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, stated_noise, unrecorded_cause
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Model, Search, posterior
 from rlgcomp.diagnosis.telegraph import best_path
@@ -92,10 +92,11 @@ def explain(
         Frequencies that these were sought among.
     """
     tried, left_out = candidates(problem, catalogue)
-    usual, unusual = ordinary_noise(), unrecorded_cause()
+    stated = stated_noise(problem.simulator.noise, problem.rows.window_s)
+    usual, unusual = ordinary_noise(stated), unrecorded_cause(stated)
     ordinary = np.r_[np.ones(len(usual), bool), np.zeros(len(unusual), bool)]
     noise_log_prior = np.r_[
-        log_prior(usual, problem.simulator.noise, problem.rows.window_s) + math.log(1.0 - UNRECORDED),
+        log_prior(usual, stated) + math.log(1.0 - UNRECORDED),
         np.full(len(unusual), math.log(UNRECORDED / len(unusual))),
     ]
     evidence = Evidence(problem, tried, (*usual, *unusual))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from typing import Final
@@ -19,44 +20,51 @@ FLICKERS: Final = {0.0: 0.31, 0.1: 0.26, 0.25: 0.23, 0.6: 0.15, 1.3: 0.05}
 WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.05, 1.8: 0.02}
 WANDERS: Final = (0.2, 0.5, 1.2, 3.0)
 WANDERS_S: Final = (500.0, 1500.0, 4500.0, 13500.0)
-_TRUSTED: Final = 0.8  # weight of the noise that a simulator file states
+_EXACT: Final = 0.5  # weight of the very noise that a simulator file states
+_NEAR: Final = 0.3  # weight of what is near it
 _DOUBT: Final = 0.7  # standard deviation of the logarithm of a stated strength
 _SMALL: Final = 0.02  # a strength below this, relative to white noise, is as good as none
 
 
-def ordinary_noise() -> tuple[NoiseShape, ...]:
-    """Noise that gyros have: white, flicker and random walk."""
-    return tuple(NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS))
+def stated_noise(stated: NoiseModel | None, window_s: float) -> NoiseShape | None:
+    """The noise that a simulator file states, relative to its white part; None where it states no white part."""
+    if stated is None or stated.angle_random_walk_deg_sqrt_h == 0.0:
+        return None
+    white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, window_s)
+    return NoiseShape(stated.bias_instability_deg_h / white, stated.rate_random_walk_deg_h_sqrt_h / white)
 
 
-def unrecorded_cause() -> tuple[NoiseShape, ...]:
-    """White noise with a wander in it, of something that no recorded column follows."""
-    return tuple(NoiseShape(wander=wander, wander_s=wander_s) for wander, wander_s in itertools.product(WANDERS, WANDERS_S))
+def ordinary_noise(stated: NoiseShape | None = None) -> tuple[NoiseShape, ...]:
+    """Noise that gyros have: white, flicker and random walk; and the noise that is stated."""
+    usual = [NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS)]
+    return tuple(usual if stated is None or stated in usual else [*usual, stated])
 
 
-def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseModel | None, window_s: float) -> Array:
-    """Log probability of noises: the usual one, or most of it about what a simulator file states.
+def unrecorded_cause(stated: NoiseShape | None = None) -> tuple[NoiseShape, ...]:
+    """White noise, or the noise that is stated, with a wander in it of something that no recorded column follows."""
+    own = NoiseShape() if stated is None else stated
+    return tuple(dataclasses.replace(own, wander=wander, wander_s=time) for wander, time in itertools.product(WANDERS, WANDERS_S))
+
+
+def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseShape | None = None) -> Array:
+    """Log probability of ordinary noises: how usual they are, or most of it for what is stated and what is near that.
 
     Parameters
     ----------
     noises : tuple of NoiseShape
-    stated : NoiseModel, optional
-    window_s : float
+        Of :func:`ordinary_noise`, for the same statement.
+    stated : NoiseShape, optional
     """
-    usual = np.array([FLICKERS.get(noise.flicker, 1.0) * WALKS.get(noise.walk, 1.0) for noise in noises])
+    usual = np.array([FLICKERS.get(noise.flicker, 0.0) * WALKS.get(noise.walk, 0.0) for noise in noises])
     usual /= usual.sum()
-    if stated is None or stated.angle_random_walk_deg_sqrt_h == 0.0:
+    if stated is None:
         return np.asarray(np.log(usual))
-    white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, window_s)
-    expected = stated.bias_instability_deg_h / white, stated.rate_random_walk_deg_h_sqrt_h / white
-    distance = np.array(
-        [
-            sum(
-                math.log((found + _SMALL) / (wanted + _SMALL)) ** 2
-                for found, wanted in zip((n.flicker, n.walk), expected, strict=True)
-            )
-            for n in noises
-        ]
-    )
+    distance = np.array([_log_ratio(n.flicker, stated.flicker) ** 2 + _log_ratio(n.walk, stated.walk) ** 2 for n in noises])
     near = np.exp(-0.5 * distance / _DOUBT**2)
-    return np.asarray(np.log(_TRUSTED * near / near.sum() + (1.0 - _TRUSTED) * usual))
+    exact = np.array([noise == stated for noise in noises])
+    return np.asarray(np.log(_EXACT * exact + _NEAR * near / near.sum() + (1.0 - _EXACT - _NEAR) * usual))
+
+
+def _log_ratio(found: float, wanted: float) -> float:
+    """Of two strengths; those that hardly matter are the same."""
+    return math.log((found + _SMALL) / (wanted + _SMALL))

@@ -22,6 +22,7 @@ def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis) -> None:
 
 def render(diagnosis: Diagnosis) -> str:
     """The page as HTML text."""
+    following = diagnosis.next_experiment
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -43,6 +44,7 @@ def render(diagnosis: Diagnosis) -> str:
         bars=pictures.bars(diagnosis.test or diagnosis.train),
         left=pictures.what_is_left(diagnosis) if diagnosis.traces else "",
         programme=pictures.programme(diagnosis),
+        next_aim="" if following is None else wording.next_aim(following),
         places=_places(diagnosis),
         causes=_causes(diagnosis),
         parameters=_parameters(diagnosis),

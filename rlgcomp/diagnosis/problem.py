@@ -21,6 +21,7 @@ from rlgcomp.simulation.simulator import Simulator
 Array = npt.NDArray[np.float64]
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _RELATIVE_STEP: Final = 1e-3
+_LARGEST_DEPARTURE_DEG_H: Final = 1e7  # no gyro measures so high a rate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,6 +91,8 @@ class Problem:
         window_s = default_window_s(runs) if window_s is None else window_s
         windows = tuple(Windows.of(run, window_s) for run in runs)
         unexplained = tuple(_unexplained(simulator, part.full, gyro, predicted) for part in windows)
+        for run, values in zip(runs, unexplained, strict=True):
+            _require_sane(run, values)
         target = np.concatenate([part.means(values) for part, values in zip(windows, unexplained, strict=True)])
         rows = Rows(
             np.concatenate([part.middles_s for part in windows]),
@@ -294,6 +297,15 @@ def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predict
             basis = mechanism.basis(run)
             rate = rate - sum(getattr(mechanism, name) * basis[:, k] for k, name in known)
     return np.asarray(rate)
+
+
+def _require_sane(run: Recording, departure_deg_h: Array) -> None:
+    row = int(np.argmax(np.abs(departure_deg_h)))
+    if not abs(departure_deg_h[row]) <= _LARGEST_DEPARTURE_DEG_H:
+        raise InputError(
+            f"{run.name}: at row {row} the gyro is {departure_deg_h[row]:.3g} deg/h off what the simulator says; up to "
+            f"{_LARGEST_DEPARTURE_DEG_H:.0e} deg/h is taken for physics: mend the unit (--map) or take out the wild samples"
+        )
 
 
 def _free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, ...]:

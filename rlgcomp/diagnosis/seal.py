@@ -120,16 +120,30 @@ def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | Non
             f"{challenge.get('truth_sha256')}; nothing is scored against it"
         )
     known = _content(kept, TRUTH_SCHEMA)
+    answer = _content(diagnosis / "diagnosis.json" if diagnosis.is_dir() else diagnosis, "rlgcomp.diagnosis/1")
+    try:
+        return _scored(folder, challenge, known, answer)
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"{folder / CHALLENGE}, {kept} or the diagnosis {diagnosis} is not as it was written: {type(error).__name__}: {error}; "
+            "give the files that conceal and diagnose wrote, unchanged"
+        ) from None
+
+
+def _scored(folder: Path, challenge: Mapping[str, Any], known: Mapping[str, Any], answer: Mapping[str, Any]) -> Revealed:
     changed = [name for name, digest in known["files"].items() if not (folder / name).is_file() or sha256(folder / name) != digest]
     if changed:
         raise InputError(f"{folder}: {', '.join(changed)} changed or gone since the challenge was sealed; nothing is scored")
-    answer = _content(diagnosis / "diagnosis.json" if diagnosis.is_dir() else diagnosis, "rlgcomp.diagnosis/1")
     _require_same_recordings(challenge, known["files"], answer)
     intervals = {run: [(float(a), float(b)) for a, b in spans] for run, spans in known["intervals"].items()}
-    score = Score.of(Hidden(tuple(known["hidden"]), known["parameters"], intervals), answer)
+    parameters = {name: float(value) for name, value in known["parameters"].items()}
+    score = Score.of(Hidden(tuple(known["hidden"]), parameters, intervals), answer)
+    strengths = {name: float(known["strengths"][name]) for name in known["hidden"]}
     improvement, possible = _improvements(answer, float(known["possible_rms_deg_h"]))
     found = tuple(str(finding["mechanism"]) for finding in answer["findings"])
-    return Revealed(known["hidden"], known["strengths"], found, score, improvement, possible)
+    return Revealed(known["hidden"], strengths, found, score, improvement, possible)
 
 
 def _require_same_recordings(challenge: Mapping[str, Any], sealed: Mapping[str, str], answer: Mapping[str, Any]) -> None:

@@ -154,7 +154,7 @@ class PythonSimulator:
         function = getattr(module, name, None)
         if not callable(function):
             offered = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
-            raise InputError(f"{path} has no function {name!r}; it has {', '.join(offered) or 'none'}")
+            raise InputError(f"{path} has no function {name!r}; it has {', '.join(offered) or 'none'}; name one as {path}:NAME")
         return cls(function, text)
 
     def predict_deg_h(self, recording: Recording) -> Array:
@@ -190,13 +190,15 @@ class PythonSimulator:
         if isinstance(answer, pd.DataFrame):
             column = self._gyro_of(answer)
             unit = column_unit(column) or "deg/h"
-            at_s = None if TIME not in answer else answer[TIME].to_numpy(dtype=np.float64)
+            at_s = None if TIME not in answer or len(answer) == len(recording) else self._times_of(answer, recording)
             answer = answer[column]
         try:
+            if np.iscomplexobj(answer):
+                raise TypeError
             values = convert(np.asarray(answer, dtype=np.float64), unit, "deg/h")
         except (TypeError, ValueError):
             raise InputError(f"{self.name}: returned {type(answer).__name__}; return one number a row, in deg/h") from None
-        if values.ndim == 1 and at_s is not None and len(at_s) == len(values) != len(recording):
+        if at_s is not None:
             values = np.interp(recording.time_s, at_s, values)
         if values.shape != (len(recording),):
             raise InputError(
@@ -207,6 +209,21 @@ class PythonSimulator:
             row = int(np.flatnonzero(~np.isfinite(values))[0])
             raise InputError(f"{self.name}: returned {values[row]} at row {row} of {recording.name}; every value must be finite")
         return values
+
+    def _times_of(self, answer: pd.DataFrame, recording: Recording) -> Array:
+        """Its own times, where a table has other rows than the recording: between them it is interpolated."""
+        time_s, run_s = pd.to_numeric(answer[TIME], errors="coerce").to_numpy(dtype=np.float64), recording.time_s
+        if not (len(time_s) > 1 and (np.diff(time_s) > 0.0).all()):
+            raise InputError(
+                f"{self.name}: {TIME} of what it returned for {recording.name} does not increase; return rows in order"
+            )
+        slack_s = float(np.diff(time_s).max())
+        if time_s[0] > run_s[0] + slack_s or time_s[-1] < run_s[-1] - slack_s:
+            raise InputError(
+                f"{self.name}: returned {time_s[0]:g} to {time_s[-1]:g} s for {recording.name}, which lasts from {run_s[0]:g} to "
+                f"{run_s[-1]:g} s; return the whole run"
+            )
+        return time_s
 
     def _gyro_of(self, answer: pd.DataFrame) -> str:
         others = [str(column) for column in answer.columns if column != TIME]

@@ -20,6 +20,7 @@ FEWEST_WINDOWS: Final = 20
 _FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
 _DEPENDENT: Final = 1e-9
+_SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +37,11 @@ class Windows:
 
     @classmethod
     def of(cls, run: Recording, window_s: float) -> Self:
+        if not window_s >= _SHORTEST * run.period_s:
+            raise InputError(
+                f"{run.name}: cannot average over {window_s:g} s: one sample takes {run.period_s:.6g} s; "
+                "give a larger --averaging-s"
+            )
         scored_s = run.time_s[run.scored]
         if not len(scored_s):
             raise InputError(

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Final
 from rlgcomp.units import SECONDS_PER_HOUR
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, Place, RunFit
+    from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, NextExperiment, Place, RunFit
 
 FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval")
 OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
+DECIDES: Final = 0.8  # expected probability of the true explanation from which an experiment is said to tell
 SHOWN_PLACES: Final = 6
 SHOWN_ALTERNATIVES: Final = 5
 BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
@@ -93,13 +94,21 @@ def as_text(diagnosis: Diagnosis) -> str:
         )
     parts += [f"{shift.run}: {clock_text(shift)}" for shift in diagnosis.alignment]
     if diagnosis.next_experiment is not None:
-        nxt = diagnosis.next_experiment
+        following = diagnosis.next_experiment
         parts.append(
-            f"Next experiment, to tell between {listing(list(nxt.separates), 'and')}: {nxt.profile}\n"
-            f"  expected probability of the true one afterwards: {nxt.expected_probability_after:.3f}"
+            f"Next experiment, {next_aim(following)}: {following.profile}\n"
+            f"  expected probability of the true one afterwards: {following.expected_probability_after:.3f}"
         )
     parts += [f"- {remark}" for remark in diagnosis.remarks]
     return "\n\n".join(parts)
+
+
+def next_aim(following: NextExperiment) -> str:
+    """What the next experiment is for; where no programme would tell the rivals apart, that is said."""
+    rivals = listing(list(following.separates), "and")
+    if following.expected_probability_after >= DECIDES:
+        return f"to tell between {rivals}"
+    return f"though none in the recorded ranges would tell between {rivals} (wider ones might)"
 
 
 def fit_rows(name: str, fit: Fit) -> list[list[str]]:
@@ -146,8 +155,8 @@ def clock_text(shift: Alignment) -> str:
     if not math.isfinite(shift.offset_sd_s):
         return f"the simulation's clock cannot be judged by {shift.compared}; give its own monitors to compare"
     found = (
-        f"the simulation's clock is {quantity(shift.offset_s, shift.offset_sd_s, 's')} late and drifts by "
-        f"{quantity(shift.drift_ppm, shift.drift_ppm_sd, 'ppm')}, judged by {shift.compared} ({p_text(shift.p_value)})"
+        f"the simulation's clock is {shift.offset} late and drifts by "
+        f"{shift.drift}, judged by {shift.compared} ({p_text(shift.p_value)})"
     )
     apart = f", time scales {shift.epoch_s:.10g} s apart (starts put together)" if shift.epoch_s else ""
     return f"{found}{apart}; {'taken out' if shift.taken_out else 'left as it is'}"
@@ -161,20 +170,6 @@ def interval_text(interval: tuple[float, float]) -> str:
 def p_text(p_value: float) -> str:
     """A p-value as it is printed."""
     return f"p < {1e-12:g}" if p_value < 1e-12 else f"p = {p_value:.2g}"
-
-
-def quantity(value: float, sd: float, unit: str) -> str:
-    """A number with its standard deviation, both to two digits of the latter.
-
-    >>> quantity(0.0012345, 0.000056, "deg/h/K"), quantity(1834.2, 41.0, "s"), quantity(3.0, 0.0, "")
-    ('0.001234 ± 0.000056 deg/h/K', '1834 ± 41 s', '3')
-    """
-    if not (math.isfinite(sd) and sd > 0.0):
-        return f"{value:.6g} {unit}".rstrip()
-    digits = max(0, 1 - math.floor(math.log10(sd)))
-    if digits > 8:
-        return f"{value:.4g} ± {sd:.2g} {unit}".rstrip()
-    return f"{value:.{digits}f} ± {sd:.{digits}f} {unit}".rstrip()
 
 
 def listing(items: Sequence[str], joined: str = "and") -> str:

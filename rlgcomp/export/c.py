@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +22,11 @@ from rlgcomp.export.c_source import KINDS, Design, operations, render, state_byt
 from rlgcomp.export.expansion import expansion_of
 from rlgcomp.export.golden import OK, Stream, golden_stream, stream_of
 from rlgcomp.export.reduce import smallest_within
-from rlgcomp.export.target import Options
+from rlgcomp.export.target import REPORT, Options
 from rlgcomp.files import to_json, whole_folder
 
 Array = npt.NDArray[np.float64]
-REPORT: Final = "report.json"
+logger = logging.getLogger(__name__)
 
 
 def export(model: Path, out: Path, options: Options) -> CExport:
@@ -114,6 +115,8 @@ def _verified(
             except tools.ToolchainError as error:
                 skipped.append(str(error))
                 continue
+            samples = sum(len(stream.time_s) for stream in streams)
+            logger.info("%s: comparing %d samples with Python", toolchain.name, samples)  # minutes on an emulated board
             tools.selftest(toolchain, command)
             for stream, allowed in zip(streams, bounds, strict=True):
                 found = tools.check(toolchain, command, stream, allowed)

@@ -24,13 +24,12 @@ from rlgcomp.errors import InputError
 from rlgcomp.export.budget import sized
 from rlgcomp.export.expansion import Expansion, expansion_of
 from rlgcomp.export.golden import golden_stream
-from rlgcomp.export.target import Options
+from rlgcomp.export.target import REPORT, Options
 from rlgcomp.files import to_json, whole_folder
 
 Array = npt.NDArray[np.float64]
 OPSET: Final = 17
 IR_VERSION: Final = 8
-REPORT: Final = "report.json"
 TOLERANCE_OF_SPAN: Final = {"double": 1e-9, "float": 1e-4}  # of the bias in training
 _SERIES: Final = 24
 _WHAT: Final = (

@@ -15,6 +15,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 
 Precision = Literal["double", "float"]
+REPORT: Final = "report.json"  # in every folder that an export wrote
 TARGETS: Final[Mapping[str, str]] = {"c": "rlgcomp.export.c", "onnx": "rlgcomp.export.onnx"}
 
 

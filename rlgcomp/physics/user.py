@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -22,6 +23,7 @@ from rlgcomp.recording import TIME, Recording
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 _KINDS: Final = ("chamber", "turntable", "any")
 _ROWS: Final = 64
+_LARGEST: Final = 1e50  # of a column: its square and sums of it are numbers still
 _EXAMPLE: Final = "see 'Add a mechanism' in CONTRIBUTING.md, and rlgcomp/physics/thermal_lag.py for an example"
 
 
@@ -52,21 +54,51 @@ def user_catalogue(
         if not found:
             raise InputError(f"{path} defines no mechanism: no class derived from rlgcomp.Mechanism; {_EXAMPLE}")
         for mechanism in found:
-            faults = _faults(mechanism, path)
+            faults = _faults(mechanism)
             if faults:
                 listed = "\n".join(f"  - {fault}" for fault in faults)
                 raise InputError(f"{path}: {mechanism.__name__} is not a valid mechanism; {_EXAMPLE}:\n{listed}")
             if mechanism.name in extended:
-                raise InputError(
-                    f"{path}: the name {mechanism.name!r} is taken in the catalogue; give {mechanism.__name__} another"
-                )
+                by = "the catalogue" if mechanism.name in catalogue else "another mechanism that was given"
+                raise InputError(f"{path}: the name {mechanism.name!r} is taken by {by}; give {mechanism.__name__} another")
             extended[mechanism.name] = mechanism
     return MappingProxyType(extended)
 
 
-def _faults(mechanism: type[Mechanism], path: str | Path) -> list[str]:
+def require_computable(mechanisms: Mapping[str, type[Mechanism]], runs: Sequence[Recording]) -> None:
+    """Refuse a mechanism of the user's that fails on the runs themselves, with its usual shapes or with one of them at a bound.
+
+    Mechanisms of the catalogue, and those whose columns a run lacks, are passed over.
+
+    Raises
+    ------
+    InputError
+        A basis raises, or is not a finite real number a row and amplitude.
+    """
+    for mechanism in mechanisms.values():
+        if CATALOGUE.get(mechanism.name) is mechanism:
+            continue
+        usual = mechanism()
+        bounds = [(p.name, bound) for p in usual.parameters() if p.role == "shape" for bound in (p.low, p.high)]
+        forms = {"": usual} | {f" with {name} = {bound:g}": dataclasses.replace(usual, **{name: bound}) for name, bound in bounds}  # type: ignore[type-var]
+        for run in (run for run in runs if _readable(usual, run)):
+            for said, form in forms.items():
+                fault = _fault_on(form, run)
+                if fault is not None:
+                    raise InputError(f"{mechanism.name} cannot be tried{said}: {fault}; correct the mechanism, or its bounds")
+
+
+def _readable(mechanism: Mechanism, run: Recording) -> bool:
+    try:
+        mechanism.driver_columns(run)
+    except InputError:
+        return False
+    return True
+
+
+def _faults(mechanism: type[Mechanism]) -> list[str]:
     """What breaks the contract; what is computed is tried only once what is said is in order."""
-    return _faults_said(mechanism) or _faults_computed(mechanism, path)
+    return _faults_said(mechanism) or _faults_computed(mechanism)
 
 
 def _faults_said(mechanism: type[Mechanism]) -> list[str]:
@@ -96,28 +128,46 @@ def _faults_said(mechanism: type[Mechanism]) -> list[str]:
     return faults
 
 
-def _faults_computed(mechanism: type[Mechanism], path: str | Path) -> list[str]:
+def _faults_computed(mechanism: type[Mechanism]) -> list[str]:
     try:
         usual = mechanism()
         trial = _trial(usual)
-        basis: Any = usual.basis(trial)
-        again: Any = usual.basis(trial.replace(table=trial.table.assign(gyro_deg_h=1.0)))
         without = usual.covariance(np.zeros(1)) is None
     except Exception as error:  # noqa: BLE001 - whatever it raises is the file's fault
-        return [f"it fails on a trial recording{said_line(error, path)}: {type(error).__name__}: {error}"]
-    wanted = (_ROWS, len(usual.amplitude_parameters()))
-    if getattr(basis, "shape", None) != wanted:
-        return [
-            f"basis returns {getattr(basis, 'shape', type(basis).__name__)!s} for {_ROWS} rows and {wanted[1]} amplitudes; it must "
-            f"return an array of shape {wanted}, a column an amplitude"
-        ]
-    if not np.isfinite(basis).all():
-        return ["basis is not finite on a trial recording"]
-    if not np.array_equal(basis, again):
+        return [f"it fails{_line(mechanism, error)}: {type(error).__name__}: {error}"]
+    fault = _fault_on(usual, trial)
+    if fault is not None:
+        return [fault]
+    if not np.array_equal(usual.basis(trial), usual.basis(trial.replace(table=trial.table.assign(gyro_deg_h=1.0)))):
         return ["basis changes with the gyro's output or from call to call; it may read monitors only, and no random numbers"]
-    if not wanted[1] and without:
+    if not usual.amplitude_parameters() and without:
         return ["it has no amplitude and no covariance; give it one parameter made by amplitude(...)"]
     return []
+
+
+def _fault_on(mechanism: Mechanism, run: Recording) -> str | None:
+    """What is wrong with its columns on a run; its own warnings are not shown, since what they warn of is told."""
+    try:
+        with np.errstate(all="ignore"):
+            basis: Any = mechanism.basis(run)
+    except Exception as error:  # noqa: BLE001 - whatever it raises is the file's fault
+        return f"it fails on {run.name}{_line(type(mechanism), error)}: {type(error).__name__}: {error}"
+    wanted = (len(run), len(mechanism.amplitude_parameters()))
+    if getattr(basis, "shape", None) != wanted:
+        return (
+            f"basis returns {getattr(basis, 'shape', type(basis).__name__)!s} for {wanted[0]} rows and {wanted[1]} amplitudes; it "
+            f"must return an array of shape {wanted}, a column an amplitude"
+        )
+    if basis.dtype.kind not in "fiub":
+        return f"basis returns {basis.dtype} values; it must return real numbers"
+    finite = (np.abs(basis) <= _LARGEST).all(axis=1)
+    if not finite.all():
+        return f"basis is not finite on {run.name}, or beyond {_LARGEST:.0e}, first at row {int(np.argmin(finite))}"
+    return None
+
+
+def _line(mechanism: type[Mechanism], error: Exception) -> str:
+    return said_line(error, getattr(sys.modules.get(mechanism.__module__), "__file__", None) or "")
 
 
 def _trial(mechanism: Mechanism) -> Recording:
@@ -128,4 +178,4 @@ def _trial(mechanism: Mechanism) -> Recording:
         column = "temperature_block_degC" if driver == TEMPERATURE else driver
         swing = np.sin(2.0 * np.pi * time_s / (300.0 + 70.0 * k))
         columns[column] = 20.0 + 15.0 * swing if column.endswith("_degC") else 1.0 + 0.2 * swing
-    return Recording(pd.DataFrame(columns), name="trial")
+    return Recording(pd.DataFrame(columns), name="a trial recording")

@@ -7,9 +7,7 @@ measured recordings differ only in `truth`. Files are read and mended by :mod:`r
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping
-from typing import Any, Final, Literal, Self, get_args
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -17,92 +15,18 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.errors import InputError
-from rlgcomp.scan import extents, step_extent
+from rlgcomp.recording.averaging import DEFAULT_AVERAGING_S, LEAST_COVERAGE, FullWindows
+from rlgcomp.recording.columns import GYRO_UNITS, TIME, is_gyro, rate_name
+from rlgcomp.recording.metadata import Finding, Kind, Metadata
+from rlgcomp.recording.validity import FEWEST_ROWS, problems_of
 
+__all__ = [
+    "DEFAULT_AVERAGING_S", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "TIME",
+    "Finding", "Kind", "Metadata", "Recording", "is_gyro", "rate_name",
+]  # fmt: skip
 Array = npt.NDArray[np.float64]
-Kind = Literal["chamber", "turntable", "static"]
 
-TIME: Final = "time_s"
-GYRO_UNITS: Final = ("_deg_h", "_deg_s", "_pulses")
-FEWEST_ROWS: Final = 3
-DEFAULT_AVERAGING_S: Final = 100.0
-LEAST_COVERAGE: Final = 0.8
 GAP_PERIODS: Final = 1.5
-_LARGEST: Final = float(np.finfo(np.float64).max)
-
-
-@dataclasses.dataclass(frozen=True)
-class Metadata:
-    """What a recording's table does not say.
-
-    Parameters
-    ----------
-    kind : {"chamber", "turntable", "static"}
-    unit : str
-        Serial number of the gyro.
-    latitude_deg : float, optional
-    pulse_arcsec : float, optional
-        Angle of one pulse; needed to read gyro columns that end in `_pulses`.
-    lead_in_s : float
-        The first seconds only set the state of everything that remembers (filters, hysteresis): they are neither fitted nor scored.
-    notes : mapping
-        Anything else, kept as it came.
-    """
-
-    kind: Kind = "chamber"
-    unit: str = ""
-    latitude_deg: float | None = None
-    pulse_arcsec: float | None = None
-    lead_in_s: float = 0.0
-    notes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise InputError(f"metadata: kind is {self.kind!r}; it must be one of {', '.join(get_args(Kind))}")
-        if self.latitude_deg is not None and not -90.0 <= self.latitude_deg <= 90.0:
-            raise InputError(f"metadata: latitude_deg is {self.latitude_deg}; it must lie between -90 and 90")
-        if self.pulse_arcsec is not None and not 0.0 < self.pulse_arcsec < math.inf:
-            raise InputError(f"metadata: pulse_arcsec is {self.pulse_arcsec}; it must be positive")
-        if not 0.0 <= self.lead_in_s < math.inf:
-            raise InputError(f"metadata: lead_in_s is {self.lead_in_s}; it must be zero or positive")
-
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
-        """Metadata from a mapping read from a file: numbers may come as text, unknown keys go to `notes`."""
-        known: dict[str, Any] = {}
-        notes: dict[str, Any] = dict(values.get("notes") or {})
-        for key, value in values.items():
-            if key == "notes" or value is None:
-                continue
-            if key in ("latitude_deg", "pulse_arcsec", "lead_in_s"):
-                try:
-                    known[key] = float(value)
-                except (TypeError, ValueError):
-                    raise InputError(f"metadata: {key} is {value!r}; it must be a number") from None
-            elif key in ("kind", "unit"):
-                known[key] = str(value)
-            else:
-                notes[str(key)] = value
-        return cls(**known, notes=notes)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Plain mapping, without what was not given; the inverse of `from_mapping`."""
-        plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {key: value for key, value in plain.items() if value not in (None, "", 0.0) and value != {}}
-
-
-@dataclasses.dataclass(frozen=True)
-class Finding:
-    """One thing found in a file: repaired, merely noted, or a reason to refuse it."""
-
-    severity: Literal["repaired", "noted", "refused"]
-    message: str
-    column: str | None = None
-    row: int | None = None
-
-    def __str__(self) -> str:
-        place = ", ".join(part for part in (self.column, None if self.row is None else f"row {self.row}") if part is not None)
-        return f"{self.severity}: {place + ': ' if place else ''}{self.message}"
 
 
 class Recording:
@@ -143,7 +67,7 @@ class Recording:
         truth: pd.DataFrame | None = None,
         findings: tuple[Finding, ...] = (),
     ) -> None:
-        problems = _problems(table, truth)
+        problems = problems_of(table, truth)
         if problems:
             raise InputError(f"{name} is not a valid recording:\n" + "\n".join(f"  - {problem}" for problem in problems))
         _hold(self, table, metadata, name, truth, findings)
@@ -338,38 +262,16 @@ class Recording:
         InputError
             The window is shorter than a period, or fewer than three windows are full.
         """
-        if not window_s >= self.period_s:
-            raise InputError(f"{self.name}: cannot average over {window_s} s: one sample takes {self.period_s:.6g} s")
-        frame = self.table
-        for column in self.gyro_columns:
-            frame = frame.rename(columns={column: rate_name(column)})
-            frame[rate_name(column)] = self.rate_deg_h(column)
-        extras = {} if extra is None else {f"extra:{column}": extra[column].to_numpy() for column in extra}
-        truths = {} if self._truth is None else {f"truth:{column}": self._truth[column].to_numpy() for column in self._truth}
-        frame = pd.concat([frame, pd.DataFrame(extras | truths, index=frame.index)], axis=1)[self.scored]
-
-        time_s = frame[TIME].to_numpy() if len(frame) else self.time_s[-1:]
-        rounding_s = 1e-6 * self.period_s  # so that a time stamp of 99.999999999 s opens the second window of 100 s
-        window = np.floor((time_s - time_s[0] + rounding_s) / window_s).astype(np.int64)
-        starts = np.flatnonzero(np.r_[True, np.diff(window) > 0])
-        counts = np.diff(np.r_[starts, len(window)])
-        full = counts >= LEAST_COVERAGE * window_s / self.period_s
-        if full.sum() < FEWEST_ROWS:
-            raise InputError(
-                f"{self.name} is too short to average over {window_s:g} s: {self.scored.sum() * self.period_s:g} s of it "
-                f"fill {int(full.sum())} windows; at least {FEWEST_ROWS} are needed"
-            )
-        means = np.add.reduceat(frame.to_numpy(), starts, axis=0) / counts[:, None]
-        averaged = pd.DataFrame(means, columns=frame.columns)[full].reset_index(drop=True)
-        averaged[TIME] = time_s[0] + (window[starts][full] + 0.5) * window_s - 0.5 * self.period_s
-        truth_columns = {column: column.removeprefix("truth:") for column in truths}
-        return Recording(
-            averaged.drop(columns=list(truths)).rename(columns={column: column.removeprefix("extra:") for column in extras}),
-            dataclasses.replace(self.metadata, lead_in_s=0.0),
-            name=self.name,
-            truth=averaged[list(truths)].rename(columns=truth_columns) if truths else None,
-            findings=self.findings,
-        )
+        scored = self.scored
+        windows = FullWindows.of(self.time_s[scored], window_s, self.period_s, name=self.name)
+        in_deg_h = {column: self.rate_deg_h(column) for column in self.gyro_columns}
+        table = self._table.assign(**in_deg_h).rename(columns={column: rate_name(column) for column in in_deg_h})
+        averaged = windows.means(table[scored]).assign(**{TIME: windows.middles_s})
+        if extra is not None:
+            averaged = pd.concat([averaged, windows.means(extra[scored])], axis=1)
+        truth = None if self._truth is None else windows.means(self._truth[scored])
+        metadata = dataclasses.replace(self.metadata, lead_in_s=0.0)
+        return Recording(averaged, metadata, name=self.name, truth=truth, findings=self.findings)
 
     def __repr__(self) -> str:
         gaps = len(self.gaps)
@@ -378,23 +280,6 @@ class Recording:
             f"{len(self)} rows every {self.period_s:.6g} s, {self.duration_s / units.SECONDS_PER_HOUR:.2f} h, "
             f"{gaps} gap{'' if gaps == 1 else 's'}\n  columns: {', '.join(self.columns)}"
         )
-
-
-def is_gyro(column: str) -> bool:
-    """Whether a column is a gyro's output: `gyro_deg_h`, `gyro_x_pulses` and their like."""
-    return column.startswith("gyro_") and column.endswith(GYRO_UNITS)
-
-
-def rate_name(gyro_column: str) -> str:
-    """Name of a gyro column once it is in deg/h.
-
-    >>> rate_name("gyro_x_pulses")
-    'gyro_x_deg_h'
-    """
-    for suffix in GYRO_UNITS:
-        if gyro_column.endswith(suffix):
-            return gyro_column.removesuffix(suffix) + "_deg_h"
-    return gyro_column
 
 
 def _hold(
@@ -415,30 +300,3 @@ def _hold(
 
 def _rebuild(table: pd.DataFrame, metadata: Metadata, name: str, truth: Any, findings: Any) -> Recording:
     return Recording(table, metadata, name=name, truth=truth, findings=findings)
-
-
-def _problems(table: pd.DataFrame, truth: pd.DataFrame | None) -> list[str]:
-    problems = []
-    if len(table) < FEWEST_ROWS:
-        problems.append(f"{len(table)} rows; at least {FEWEST_ROWS} are needed")
-    repeated = sorted({str(column) for column in table.columns[table.columns.duplicated()]})
-    if repeated:
-        problems.append(f"column names appear twice: {', '.join(repeated)}")
-        return problems
-    if TIME not in table:
-        problems.append(f"no column {TIME}; map the time with --map {TIME}=NAME")
-    if not any(is_gyro(str(column)) for column in table.columns):
-        problems.append(
-            "no gyro column (gyro_deg_h, gyro_deg_s, gyro_pulses or one per axis, as gyro_x_deg_h); map it with "
-            f"--map gyro_deg_h='NAME [unit]'; the columns are {', '.join(map(str, table.columns)) or 'none'}"
-        )
-    numeric = [column for column in table.columns if pd.api.types.is_numeric_dtype(table[column])]
-    problems += [f"{column} is not numeric ({table[column].dtype})" for column in table.columns if column not in numeric]
-    values = [table[column].to_numpy(dtype=np.float64, na_value=np.nan) for column in numeric]
-    found = zip(numeric, extents(values), strict=True)
-    problems += [f"{column} has missing or infinite values" for column, extent in found if not extent.within(_LARGEST)]
-    if not problems and not step_extent(table[TIME].to_numpy(dtype=np.float64)).least > 0.0:
-        problems.append(f"{TIME} does not increase")
-    if truth is not None and len(truth) != len(table):
-        problems.append(f"the truth has {len(truth)} rows and the table {len(table)}")
-    return problems

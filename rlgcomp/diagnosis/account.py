@@ -1,0 +1,126 @@
+"""A conclusion told: causes with their numbers, what else it could be, what is left, what to run next, what to bear in mind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, verdict_of
+from rlgcomp.diagnosis.explain import Explanations
+from rlgcomp.diagnosis.fit import Fitted, fit
+from rlgcomp.diagnosis.next_experiment import next_experiment
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.proof import whiteness_p_value
+from rlgcomp.diagnosis.result import Alternative, Cause, NextExperiment, Unexplained
+from rlgcomp.diagnosis.search import Model
+from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+
+_ALTERNATIVES: Final = 8
+_NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
+_RIVALS: Final = 3  # told apart by the next experiment
+
+
+def causes_of(
+    explanations: Explanations, conclusion: Conclusion, after: Fitted, rivals: Mapping[str, Mapping[str, float]]
+) -> tuple[Cause, ...]:
+    """The chosen causes, the most probable first."""
+    causes = []
+    for cause in after.causes:
+        if cause.known or cause.mechanism.open_set:
+            continue
+        name = cause.mechanism.name
+        probability = sum(
+            float(p)
+            for model, p in zip(explanations.models, explanations.probabilities, strict=True)
+            if (name, False) in model.labels
+        )
+        if conclusion.laws:
+            within = (name, False) in conclusion.model.labels
+            probability = conclusion.lawful * within + (1.0 - conclusion.lawful) * probability
+        drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
+        others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
+        rms = float(np.sqrt(np.mean((cause.contribution_deg_h - cause.contribution_deg_h.mean()) ** 2)))
+        causes.append(Cause(cause.mechanism.settled(), min(1.0, probability), cause.estimates, rms, others, drivers))
+    return tuple(sorted(causes, key=lambda cause: -cause.probability))
+
+
+def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple[Alternative, ...]:
+    """Other sets of the catalogue; beside a law beyond it, the catalogue's own best as well."""
+    shares: dict[tuple[str, ...], float] = {}
+    own = None if conclusion.laws else tuple(sorted(name for name, known in conclusion.model.labels if not known))
+    for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
+        names = tuple(sorted(name for name, known in model.labels if not known))
+        if names != own:
+            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 - conclusion.lawful)
+    ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
+    return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
+
+
+def what_to_run(
+    problem: Problem, explanations: Explanations, best: Model, noise: NoiseShape, after: Fitted, seed: int
+) -> NextExperiment | None:
+    """The programme that would tell the chosen set from those that differ from it in one mechanism."""
+    swaps = [
+        (model, float(p))
+        for model, p in zip(explanations.models, explanations.probabilities, strict=True)
+        if len(model.labels) == len(best.labels) and len(model.labels - best.labels) <= 1
+    ]
+    swaps = [(model, p) for model, p in swaps if p > MENTIONED * swaps[0][1]][:_RIVALS]
+    fits = [fit(problem, explanations.candidates(model), noise) for model, _ in swaps]
+    rivals = [tuple(cause.mechanism for cause in found.causes if not cause.known) for found in fits]
+    return next_experiment(
+        problem, rivals, shape=noise, white_deg_h=after.white_deg_h, probabilities=[p for _, p in swaps], seed=seed
+    )
+
+
+def whiteness(problem: Problem, after: Fitted, noise: NoiseShape) -> float:
+    """That what all causes leave of the training runs, paths of jumps among them, is noise."""
+    left = whiten(problem.rows, after.residual_deg_h[:, None], (noise,))[0][0][:, 0]
+    return whiteness_p_value([left[part] for part in problem.rows.runs])
+
+
+def unexplained_of(conclusion: Conclusion, left: float) -> Unexplained:
+    """What the named causes leave; `left` is the probability that it is noise."""
+    if conclusion.laws:
+        first = conclusion.laws[0]
+        drivers = tuple(dict.fromkeys(driver for law in conclusion.laws for driver in law.drivers))
+        return Unexplained(first.p_value, drivers, first.memory, "; ".join(law.equation for law in conclusion.laws))
+    if conclusion.unrecorded > UNRECORDED:
+        return Unexplained(min(left, 1.0 - conclusion.unrecorded), (), "none", None)
+    return Unexplained(left)
+
+
+def remarks_of(
+    explanations: Explanations, conclusion: Conclusion, after: Fitted, noise: NoiseShape, p_value: float, *, theirs: bool
+) -> tuple[str, ...]:
+    """What a careful reader should know; `theirs` where the simulator is the user's own."""
+    remarks = []
+    if theirs and after.causes:
+        remarks.append("augmented.yaml holds what is to be added to what your simulator says, not your simulator.")
+    if verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
+        remarks.append(
+            f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
+            "programme, would tell."
+        )
+    for cause in after.causes:
+        if cause.known:
+            numbers = ", ".join(f"{name} = {estimate}" for name, estimate in cause.estimates.items())
+            remarks.append(
+                f"{cause.mechanism.name}: the simulator's numbers, said to be known, do not fit; these runs say {numbers}. "
+                "No physics is missing there."
+            )
+    if not conclusion.laws and conclusion.unrecorded > UNRECORDED:
+        remarks.append(
+            f"Something wanders, with standard deviation {noise.wander * after.white_deg_h:.2g} deg/h and correlation time "
+            f"about {noise.wander_s:g} s that no recorded column follows: record more monitors."
+        )
+    if any(not cause.mechanism.amplitude_parameters() or cause.mechanism.each_run for cause in after.causes):
+        remarks.append(
+            "One of the causes is drawn anew in every run: it cannot be predicted, so no gain is promised on other runs."
+        )
+    if explanations.left_out:
+        wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
+        remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
+    return tuple(remarks)

@@ -1,0 +1,125 @@
+"""What the evidence says: a set of causes, laws beyond the catalogue, something unrecorded; with which noise and rivals."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
+from rlgcomp.diagnosis.evidence import log_sum_exp
+from rlgcomp.diagnosis.explain import Explanations
+from rlgcomp.diagnosis.laws import Dictionary
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.result import Verdict
+from rlgcomp.diagnosis.search import Model, inadequacy
+from rlgcomp.diagnosis.whitening import NoiseShape
+
+Array = npt.NDArray[np.float64]
+LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue acts
+AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
+MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
+UNRECORDED: Final = 0.5
+_BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
+_BESIDE: Final = math.log(100.0)  # odds from which a cause is named beside something that wanders unrecorded
+_SAME: Final = 0.98  # correlation from which a law is a mechanism of the catalogue by another name
+_FEW: Final = 2  # mechanisms that a law may be the sum of
+
+
+@dataclasses.dataclass(frozen=True)
+class Conclusion:
+    """What the evidence says: the set, laws that are needed beyond it and how probable they are, and whether something unrecorded
+    wanders."""
+
+    model: Model
+    laws: tuple[Discovery, ...]
+    lawful: float
+    unrecorded: float
+
+
+def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
+    """The best of: a set of causes; a law alone; a set and a law beyond it."""
+    best, nothing = explanations.models[0], explanations.nothing
+    if explanations.unrecorded(best) > UNRECORDED and best.log_posterior - nothing.log_posterior < _BESIDE:
+        best = nothing  # a wander that is nobody's looks a little like many a cause
+    dictionary = Dictionary(windowed)
+    noises, prior = explanations.evidence.noises, explanations.search.noise_log_prior
+    chosen, highest = None, best.log_posterior
+    for model in (best,) if best is nothing else (best, nothing):
+        law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
+        instead = best if model is nothing else nothing
+        if law is None:
+            continue
+        column = explanations.evidence.problem.columns(law.mechanism)
+        spanned = explanations.evidence.spans(instead.members, column) > _SAME
+        if spanned and 1 < len(instead.members) <= _FEW:
+            continue  # it is these mechanisms together
+        explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
+        score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
+        if model.members and score - model.log_posterior < _BEYOND:
+            continue
+        if explanations.evidence.resembles(column) > _SAME or (spanned and len(instead.members) == 1):
+            # perhaps that mechanism by another name: it must win by what the mechanism's equation may be wrong by
+            rival = explanations.evidence.explained(instead.members, int(np.argmax(instead.noise_log)))
+            score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
+        if score > highest:
+            chosen, highest = model, score
+    if chosen is None:
+        return Conclusion(best, (), 0.0, explanations.unrecorded(best))
+    laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary)
+    lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
+    return Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
+
+
+def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
+    rows = len(problem.rows)
+    return np.column_stack([problem.baseline, *(candidate.columns[:rows] for candidate in explanations.candidates(model))])
+
+
+def best_noise(problem: Problem, explanations: Explanations, conclusion: Conclusion) -> NoiseShape:
+    """The likeliest noise, given the conclusion."""
+    noises = explanations.evidence.noises
+    logs = conclusion.model.noise_log
+    if conclusion.laws:
+        laws = [problem.columns(law.mechanism) for law in conclusion.laws]
+        design = np.column_stack([_design(problem, explanations, conclusion.model), *laws])
+        logs = Background(problem, design, noises, explanations.search.noise_log_prior).log_evidence
+    return noises[int(np.argmax(logs))]
+
+
+def rivals_of(explanations: Explanations, best: Model) -> dict[str, dict[str, float]]:
+    """For each cause of the chosen set, the mechanisms that could stand in its place, with their share of the two together."""
+    found: dict[str, dict[str, float]] = {}
+    for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
+        gone, come = best.labels - model.labels, model.labels - best.labels
+        if len(gone) == 1 and len(come) == 1 and len(model.labels) == len(best.labels):
+            (left, _), (joined, _) = next(iter(gone)), next(iter(come))
+            found.setdefault(left, {})[joined] = float(probability)
+    own = float(explanations.probabilities[explanations.models.index(best)])
+    together = {name: own + sum(others.values()) for name, others in found.items()}
+    return {
+        name: {other: p / together[name] for other, p in others.items() if p > MENTIONED * together[name]}
+        for name, others in found.items()
+    }
+
+
+def healthy(explanations: Explanations) -> float:
+    """Probability that nothing is missing and nothing unrecorded wanders."""
+    nothing = explanations.nothing
+    return float(explanations.probabilities[explanations.models.index(nothing)]) * (1.0 - explanations.unrecorded(nothing))
+
+
+def verdict_of(conclusion: Conclusion, rivals: Mapping[str, Mapping[str, float]]) -> Verdict:
+    """The verdict in a word."""
+    if conclusion.laws or conclusion.unrecorded > UNRECORDED:
+        return "unknown"
+    if not any(not known for _, known in conclusion.model.labels):
+        return "none"
+    if any(1.0 - sum(others.values()) < AMBIGUOUS for others in rivals.values()):
+        return "ambiguous"
+    return "explained"

@@ -1,0 +1,191 @@
+"""The diagnosis: what was found, where, how sure, what it gains on runs held out, and what to run next.
+
+Its JSON form is a contract (schema rlgcomp.diagnosis/1): scripts and challenges read it, so keys are added and never changed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Literal, Self
+
+import pandas as pd
+
+from rlgcomp.diagnosis import wording
+from rlgcomp.diagnosis.result.findings import Alternative, Cause, Estimate, NextExperiment, Place, Unexplained
+from rlgcomp.diagnosis.result.fits import Alignment, Fit, RunFit, Trace
+from rlgcomp.errors import InputError
+from rlgcomp.files import sha256, to_json, write_json
+from rlgcomp.noise import NoiseModel
+from rlgcomp.simulation.simulator import Simulator
+
+__all__ = [
+    "Alignment", "Alternative", "Cause", "Diagnosis", "Estimate", "Fit",
+    "NextExperiment", "Place", "RunFit", "Trace", "Unexplained", "Verdict",
+]  # fmt: skip
+
+SCHEMA: Final = "rlgcomp.diagnosis/1"
+Verdict = Literal["none", "explained", "ambiguous", "unknown"]
+VERDICTS: Final = ("none", "explained", "ambiguous", "unknown")
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Diagnosis:
+    """What a simulator is missing.
+
+    Parameters
+    ----------
+    verdict : {"none", "explained", "ambiguous", "unknown"}
+    p_value : float
+        That the calibrated simulator lacks nothing, given the noise it has.
+    where : tuple of Place
+    causes : tuple of Cause
+        The chosen set.
+    alternatives : tuple of Alternative
+    unexplained : Unexplained
+    train : Fit
+    test : Fit, optional
+        None without runs held out.
+    next_experiment : NextExperiment, optional
+    calibrated, augmented : Simulator
+        The simulator with its free parameters fitted, without and with the causes (refitted together).
+    noise : NoiseModel
+        As estimated or given.
+    calibration : mapping
+        Fitted baseline parameters by mechanism and name, as :class:`Estimate`.
+    alignment : tuple of Alignment
+        Of the user's own simulation, one entry a run.
+    remarks : tuple of str
+        What a careful reader should know, in sentences.
+    traces : tuple of Trace
+        Window means of every run, for pictures; not part of the JSON.
+    simulator : str
+        What the baseline is called.
+    recordings : mapping of str to mapping of str to str
+        Under "train" and "test": SHA-256 of the files, by name, where runs were read from files.
+
+    Raises
+    ------
+    InputError
+        The verdict is none of the four, or a probability lies outside 0 to 1.
+    """
+
+    verdict: Verdict
+    p_value: float
+    where: tuple[Place, ...]
+    causes: tuple[Cause, ...]
+    alternatives: tuple[Alternative, ...]
+    unexplained: Unexplained
+    train: Fit
+    test: Fit | None
+    next_experiment: NextExperiment | None
+    calibrated: Simulator
+    augmented: Simulator
+    noise: NoiseModel
+    calibration: Mapping[str, Mapping[str, Estimate]] = dataclasses.field(default_factory=dict)
+    alignment: tuple[Alignment, ...] = ()
+    remarks: tuple[str, ...] = ()
+    traces: tuple[Trace, ...] = dataclasses.field(default=(), repr=False, compare=False)
+    simulator: str = "simulator"
+    recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.verdict not in VERDICTS:
+            raise InputError(f"diagnosis: verdict is {self.verdict!r}; it must be one of {', '.join(VERDICTS)}")
+        for probability in [cause.probability for cause in self.causes] + [other.probability for other in self.alternatives]:
+            if not -1e-9 <= probability <= 1.0 + 1e-9:
+                raise InputError(f"diagnosis: a probability is {probability}; it must lie between 0 and 1")
+
+    def of_files(self, train: Sequence[Path], test: Sequence[Path] = ()) -> Self:
+        """The same, with the SHA-256 of the files that the runs were read from."""
+        files = {"train": train, "test": test}
+        return dataclasses.replace(
+            self, recordings={part: {str(path): sha256(path) for path in paths} for part, paths in files.items()}
+        )
+
+    # --- what it says ------------------------------------------------------------------------------------------------------
+
+    @property
+    def findings(self) -> list[dict[str, Any]]:
+        """The chosen set as plain data."""
+        return [cause.to_mapping() for cause in self.causes]
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one sentence."""
+        return wording.verdict_sentence(self)
+
+    @property
+    def citations(self) -> tuple[str, ...]:
+        """Sources of the mechanisms and methods that were used, each once."""
+        physics = [mechanism.reference for mechanism in self.augmented.mechanisms]
+        physics += [cause.mechanism.reference for cause in self.causes]
+        return tuple(dict.fromkeys([*physics, *wording.methods(self)]))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain data as in `diagnosis.json`: what is not a finite number is None."""
+        next_up = self.next_experiment
+        content = {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "mismatch": {"p_value": self.p_value, "where": [dataclasses.asdict(place) for place in self.where]},
+            "findings": self.findings,
+            "alternatives": [dataclasses.asdict(alternative) for alternative in self.alternatives],
+            "unexplained": dataclasses.asdict(self.unexplained),
+            "fit": {
+                "train": dataclasses.asdict(self.train),
+                "test": None if self.test is None else dataclasses.asdict(self.test),
+            },
+            "next_experiment": None if next_up is None else dataclasses.asdict(next_up),
+            "sentence": self.sentence,
+            "simulator": self.simulator,
+            "recordings": {part: dict(files) for part, files in self.recordings.items()},
+            "baseline": {
+                mechanism: {name: dataclasses.asdict(estimate) for name, estimate in parameters.items()}
+                for mechanism, parameters in self.calibration.items()
+            },
+            "noise": dataclasses.asdict(self.noise),
+            "alignment": [dataclasses.asdict(alignment) for alignment in self.alignment],
+            "remarks": list(self.remarks),
+            "citations": list(self.citations),
+        }
+        plain: dict[str, Any] = json.loads(to_json(content))
+        return plain
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a fitted parameter of each cause."""
+        rows = [
+            {
+                "mechanism": cause.name,
+                "probability": cause.probability,
+                "rms_deg_h": cause.rms_deg_h,
+                "parameter": name,
+                "value": estimate.value,
+                "sd": estimate.sd,
+                "unit": estimate.unit,
+                "indistinguishable_from": ", ".join(cause.indistinguishable_from),
+            }
+            for cause in self.causes
+            for name, estimate in (cause.parameters or {"": Estimate(math.nan, math.nan)}).items()
+        ]
+        columns = ["mechanism", "probability", "rms_deg_h", "parameter", "value", "sd", "unit", "indistinguishable_from"]
+        return pd.DataFrame(rows, columns=columns)
+
+    def __repr__(self) -> str:
+        return wording.as_text(self)
+
+    # --- keeping it --------------------------------------------------------------------------------------------------------
+
+    def save(self, folder: str | Path) -> None:
+        """Write `diagnosis.json` and `augmented.yaml` into a folder, which must exist."""
+        write_json(Path(folder) / "diagnosis.json", self.to_mapping())
+        self.augmented.to_yaml(Path(folder) / "augmented.yaml")
+
+    def report(self, path: str | Path) -> None:
+        """Write the page that shows it: one self-contained HTML file."""
+        from rlgcomp.diagnosis.page import write_diagnosis_report
+
+        write_diagnosis_report(path, self)

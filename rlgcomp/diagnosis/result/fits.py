@@ -1,0 +1,163 @@
+"""Runs before and after: how far the simulator is off them, window by window, and how its clock stands against theirs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.diagnosis.result.findings import Estimate
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class RunFit:
+    """One run before and after.
+
+    Parameters
+    ----------
+    run : str
+    baseline_rms, augmented_rms, noise_floor_rms : float
+        Of window means, a constant offset of the run included.
+    baseline_std, augmented_std : float
+        About the run's own mean, which a gyro changes from switch-on to switch-on.
+    improvement : float
+        1 - augmented / baseline, of the rms.
+    improvement_ci95 : tuple of float
+        By circular block bootstrap.
+    compensation_rms : float, optional
+        That the black box leaves.
+    """
+
+    run: str
+    baseline_rms: float
+    augmented_rms: float
+    noise_floor_rms: float
+    baseline_std: float
+    augmented_std: float
+    improvement: float
+    improvement_ci95: tuple[float, float]
+    compensation_rms: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """A set of runs before and after.
+
+    Parameters
+    ----------
+    baseline_rms, augmented_rms : float
+        Of window means of what the calibrated and the augmented simulator leave, a constant offset of each run included.
+    noise_floor_rms : float
+        What the noise model alone would leave in window means, its correlated part included.
+    unit : str
+    averaging_s : float
+    improvement : float
+        1 - augmented / baseline.
+    improvement_ci95 : tuple of float
+        By circular block bootstrap within runs.
+    per_run : tuple of RunFit
+    compensation_rms : float, optional
+        What an LS-SVM leaves that was trained on the same training runs.
+    baseline_std, augmented_std, compensation_std : float, optional
+        The same about each run's own mean: what counts where a gyro's bias changes from switch-on to switch-on.
+    improvement_std, improvement_std_ci95 : optional
+        Improvement about each run's own mean.
+    white_floor_rms : float, optional
+        Of the white part of the noise alone.
+    whiteness_p_value : float, optional
+        That what the augmented simulator leaves is nothing but the noise of its model.
+    """
+
+    baseline_rms: float
+    augmented_rms: float
+    noise_floor_rms: float
+    unit: str
+    averaging_s: float
+    improvement: float
+    improvement_ci95: tuple[float, float]
+    per_run: tuple[RunFit, ...] = ()
+    compensation_rms: float | None = None
+    baseline_std: float | None = None
+    augmented_std: float | None = None
+    compensation_std: float | None = None
+    improvement_std: float | None = None
+    improvement_std_ci95: tuple[float, float] | None = None
+    white_floor_rms: float | None = None
+    whiteness_p_value: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Trace:
+    """Window means of one run, for pictures.
+
+    Parameters
+    ----------
+    run : str
+    held_out : bool
+    time_s : ndarray, shape (n,)
+        Middle of each window.
+    before_deg_h, after_deg_h : ndarray, shape (n,)
+        What the calibrated and the augmented simulator leave.
+    compensation_deg_h : ndarray, shape (n,), optional
+        What the black box leaves.
+    monitors : pandas.DataFrame
+        Window means of the recorded columns that are no gyro.
+    added_deg_h : mapping of str to ndarray, shape (n,)
+        What each mechanism contributes that the augmented simulator has and the calibrated one lacks.
+    channel : str
+        Gyro column.
+    """
+
+    run: str
+    held_out: bool
+    time_s: Array
+    before_deg_h: Array
+    after_deg_h: Array
+    compensation_deg_h: Array | None
+    monitors: pd.DataFrame
+    added_deg_h: Mapping[str, Array]
+    channel: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Alignment:
+    """How the clock of the user's simulation of one run stands against that of the recording.
+
+    Parameters
+    ----------
+    run : str
+    offset_s, offset_sd_s : float
+        The recording shows at time t what the simulation shows at t - epoch - offset - drift · (t - start).
+    drift_ppm, drift_ppm_sd : float
+    p_value : float
+        That there is neither offset nor drift.
+    compared : str
+        The column both were compared in.
+    epoch_s : float
+        What was added to the simulation's time beforehand, because the two did not count from one epoch.
+    taken_out : bool
+        Offset and drift were taken out: they are significant, and nothing else explains them.
+    """
+
+    run: str
+    offset_s: float
+    offset_sd_s: float
+    drift_ppm: float
+    drift_ppm_sd: float
+    p_value: float
+    compared: str
+    epoch_s: float = 0.0
+    taken_out: bool = True
+
+    @property
+    def offset(self) -> Estimate:
+        return Estimate(self.offset_s, self.offset_sd_s, "s")
+
+    @property
+    def drift(self) -> Estimate:
+        return Estimate(self.drift_ppm, self.drift_ppm_sd, "ppm")

@@ -1,0 +1,86 @@
+"""What belongs to a recording beside its table: the metadata, and what was found in its file."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, Self, get_args
+
+from rlgcomp.errors import InputError
+
+Kind = Literal["chamber", "turntable", "static"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Metadata:
+    """What a recording's table does not say.
+
+    Parameters
+    ----------
+    kind : {"chamber", "turntable", "static"}
+    unit : str
+        Serial number of the gyro.
+    latitude_deg : float, optional
+    pulse_arcsec : float, optional
+        Angle of one pulse; needed to read gyro columns that end in `_pulses`.
+    lead_in_s : float
+        The first seconds only set the state of everything that remembers (filters, hysteresis): they are neither fitted nor scored.
+    notes : mapping
+        Anything else, kept as it came.
+    """
+
+    kind: Kind = "chamber"
+    unit: str = ""
+    latitude_deg: float | None = None
+    pulse_arcsec: float | None = None
+    lead_in_s: float = 0.0
+    notes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise InputError(f"metadata: kind is {self.kind!r}; it must be one of {', '.join(get_args(Kind))}")
+        if self.latitude_deg is not None and not -90.0 <= self.latitude_deg <= 90.0:
+            raise InputError(f"metadata: latitude_deg is {self.latitude_deg}; it must lie between -90 and 90")
+        if self.pulse_arcsec is not None and not 0.0 < self.pulse_arcsec < math.inf:
+            raise InputError(f"metadata: pulse_arcsec is {self.pulse_arcsec}; it must be positive")
+        if not 0.0 <= self.lead_in_s < math.inf:
+            raise InputError(f"metadata: lead_in_s is {self.lead_in_s}; it must be zero or positive")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
+        """Metadata from a mapping read from a file: numbers may come as text, unknown keys go to `notes`."""
+        known: dict[str, Any] = {}
+        notes: dict[str, Any] = dict(values.get("notes") or {})
+        for key, value in values.items():
+            if key == "notes" or value is None:
+                continue
+            if key in ("latitude_deg", "pulse_arcsec", "lead_in_s"):
+                try:
+                    known[key] = float(value)
+                except (TypeError, ValueError):
+                    raise InputError(f"metadata: {key} is {value!r}; it must be a number") from None
+            elif key in ("kind", "unit"):
+                known[key] = str(value)
+            else:
+                notes[str(key)] = value
+        return cls(**known, notes=notes)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain mapping, without what was not given; the inverse of `from_mapping`."""
+        plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {key: value for key, value in plain.items() if value not in (None, "", 0.0) and value != {}}
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """One thing found in a file: repaired, merely noted, or a reason to refuse it."""
+
+    severity: Literal["repaired", "noted", "refused"]
+    message: str
+    column: str | None = None
+    row: int | None = None
+
+    def __str__(self) -> str:
+        place = ", ".join(part for part in (self.column, None if self.row is None else f"row {self.row}") if part is not None)
+        return f"{self.severity}: {place + ': ' if place else ''}{self.message}"

@@ -1,0 +1,82 @@
+"""What goes wrong in laboratory files: each fault is repaired and reported, or refused, all of them in one list.
+
+Every check is a function `check(table, context) -> table` that appends what it found to `context.findings`; `CHECKS` is their
+order. To add a check, write the function beside its like and its line in `CHECKS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import pandas as pd
+
+from rlgcomp.errors import InputError
+from rlgcomp.recording import FEWEST_ROWS, Finding, Metadata
+from rlgcomp.repair.channels import constant_columns, encoder_wrap, frozen_thermometers, stuck_gyros
+from rlgcomp.repair.clock import sampling, time_order, time_unit
+from rlgcomp.repair.context import Context
+from rlgcomp.repair.entries import LARGEST_VALUE as LARGEST_VALUE
+from rlgcomp.repair.entries import empty_channels, numbers, structure
+from rlgcomp.repair.gaps import LONGEST_HOLD_S as LONGEST_HOLD_S
+from rlgcomp.repair.gaps import ROUNDING as ROUNDING
+from rlgcomp.repair.gaps import missing_values
+from rlgcomp.repair.wrong_units import units_meant
+
+CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
+    structure,
+    numbers,
+    empty_channels,
+    time_order,
+    empty_channels,  # again, now that rows have gone
+    time_unit,
+    units_meant,
+    stuck_gyros,
+    frozen_thermometers,
+    missing_values,
+    encoder_wrap,
+    sampling,
+    constant_columns,
+)
+# Once one of these has refused, the later checks would only repeat it in other words.
+_DECISIVE: Final = (structure, numbers, empty_channels, time_order, missing_values)
+
+
+def repair(
+    table: pd.DataFrame, metadata: Metadata, *, name: str, vouched: frozenset[str] = frozenset(), computed: bool = False
+) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
+    """Mend a table so that it makes a valid recording.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        As read, columns already under their contract names.
+    metadata : Metadata
+    name : str
+        What messages call the file.
+    vouched : frozenset of str
+        Columns whose unit the user stated; their unit is not doubted.
+    computed : bool
+        The gyro is a simulator's: neither its standing still nor its lack of noise is a fault.
+
+    Returns
+    -------
+    table : pandas.DataFrame
+    findings : tuple of Finding
+
+    Raises
+    ------
+    InputError
+        Something cannot be mended without guessing; the message lists every fault with its place and what to do.
+    """
+    context = Context(metadata, vouched, computed)
+    for check in CHECKS:
+        table = check(table, context)
+        if len(table) < FEWEST_ROWS and not context.refused:
+            context.add("refused", f"only {len(table)} usable rows are left; the run is too short to average")
+        if context.refused and (check in _DECISIVE or len(table) < FEWEST_ROWS):
+            break
+    if context.refused:
+        listed = "\n".join(f"  - {finding}" for finding in context.findings)
+        raise InputError(f"{name} cannot be used:\n{listed}")
+    return table.reset_index(drop=True), tuple(context.findings)

@@ -1,0 +1,107 @@
+"""Channels that stand still though what they measure moves, and encoders that begin again at zero."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.recording import TIME, is_gyro
+from rlgcomp.repair.context import Array, Context, Rows
+from rlgcomp.scan import may_hold
+
+STUCK_SAMPLES: Final = 20
+FROZEN_S: Final = 600.0
+FROZEN_WHILE_OTHERS_MOVE_K: Final = 2.0
+ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
+
+
+def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    spoilt = np.zeros(len(table), dtype=np.bool_)
+    for column in (str(column) for column in table.columns if is_gyro(str(column)) and not context.computed):
+        values = table[column].to_numpy()
+        extent = context.extents(table)[column]
+        if extent.least == extent.greatest or (extent.missing and np.nanmin(values) == np.nanmax(values)):
+            context.add(
+                "refused", f"never changes from {values[0]:.6g}: the channel is dead; choose another with --map or --drop", column
+            )
+            continue
+        turns = context.metadata.kind == "turntable" or any(encoder in table for encoder in ENCODERS)
+        if column.endswith("_pulses") and turns:
+            continue  # a steady rate gives the same count for as long as its fraction of a pulse takes to add up to one
+        if not may_hold(values, STUCK_SAMPLES):
+            continue
+        stuck, first = _stuck(values)
+        if not stuck.any():
+            continue
+        at_rail = np.isin(values[first], (np.nanmin(values), np.nanmax(values)))
+        how = "saturated" if at_rail else "stuck"
+        context.add("repaired", f"{how} at {values[first]:.6g} for {int(stuck.sum())} samples in all, rows left out", column, first)
+        spoilt |= stuck
+    return table[~spoilt] if spoilt.any() else table
+
+
+def _stuck(values: Array) -> tuple[Rows, int]:
+    """Mask of rows in runs far longer than this channel's other runs, and the first such row."""
+    starts, stops = _runs(values)
+    lengths = stops - starts
+    usual = float(np.quantile(lengths[:-1] if len(lengths) > 1 else lengths, 0.99))
+    long = lengths >= max(STUCK_SAMPLES, 10.0 * usual)
+    mask = np.zeros(len(values), dtype=np.bool_)
+    for start, stop in zip(starts[long], stops[long], strict=True):
+        mask[start:stop] = True
+    return mask, int(starts[long][0]) if long.any() else 0
+
+
+def _runs(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Starts and stops of the runs of equal consecutive values."""
+    edges = np.flatnonzero(np.diff(values) != 0) + 1
+    return np.r_[0, edges], np.r_[edges, len(values)]
+
+
+def frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    thermometers = [str(column) for column in table.columns if str(column).endswith("_degC")]
+    if len(thermometers) < 2:
+        return table
+    spoilt = np.zeros(len(table), dtype=np.bool_)
+    time_s = table[TIME].to_numpy()
+    fewest = 1 + int(FROZEN_S / context.steps(table).greatest)
+    for column in (name for name in thermometers if may_hold(table[name].to_numpy(), fewest)):
+        starts, stops = _repeats(table[column].to_numpy())
+        long = time_s[stops - 1] - time_s[starts] >= FROZEN_S
+        for start, stop in zip(starts[long], stops[long], strict=True):
+            others = table[[other for other in thermometers if other != column]].iloc[start:stop]
+            if float((others.max() - others.min()).max()) > FROZEN_WHILE_OTHERS_MOVE_K:
+                lasted = time_s[stop - 1] - time_s[start]
+                context.add("repaired", f"frozen for {lasted:.0f} s while another thermometer moved, rows left out", column, start)
+                spoilt[start:stop] = True
+    return table[~spoilt] if spoilt.any() else table
+
+
+def _repeats(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Starts and stops of the runs of two and more equal consecutive values."""
+    same = np.flatnonzero(values[1:] == values[:-1])
+    apart = np.diff(same) > 1
+    return same[np.r_[True, apart][: len(same)]], same[np.r_[apart, True][: len(same)]] + 2
+
+
+def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    result = table
+    for column in (str(column) for column in table.columns):
+        if column not in ENCODERS:
+            continue
+        angle_deg = table[column].to_numpy()
+        wraps = np.flatnonzero(np.abs(np.diff(angle_deg)) > 180.0)
+        if len(wraps):
+            result = result.assign(**{column: np.unwrap(angle_deg, period=360.0)})
+            context.add("repaired", f"{len(wraps)} wraps of the encoder undone, the angle now runs on", column, wraps[0] + 1)
+    return result
+
+
+def constant_columns(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    for column, extent in context.extents(table).items():
+        if column not in (TIME, *ENCODERS) and not is_gyro(column) and extent.least == extent.greatest:
+            context.add("noted", f"constant at {table[column].iloc[0]:.6g}: it can explain nothing", column)
+    return table

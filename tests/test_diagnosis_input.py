@@ -1,0 +1,94 @@
+"""What a diagnosis refuses before it computes: averaging, gyros and mechanisms that no physics can be read from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.physics.user import require_computable, user_catalogue
+
+OWN = """
+import dataclasses
+import numpy as np
+from rlgcomp.physics.mechanism import Mechanism, amplitude, shape
+
+@dataclasses.dataclass(frozen=True)
+class Own(Mechanism):
+    name = "own"
+    kind = "chamber"
+    equation = "b = k_deg_h * f(T)"
+    reference = "A note of this laboratory."
+    drivers = ("temperature",)
+    k_deg_h: float = amplitude(1e-3, "deg/h")
+    tau_s: float = shape(10.0, "s", 0.0, 100.0)
+
+    def basis(self, recording):
+        (temperature,) = self.read(recording)
+        return BASIS
+"""
+
+
+@pytest.fixture(scope="module")
+def run() -> rlg.Recording:
+    """Down to -20 degC, where the trial recording of a mechanism does not go."""
+    return rlg.simulated_unit(1).simulate("short", seed=1, step_s=5.0, name="cold")
+
+
+@pytest.mark.parametrize(
+    ("basis", "message"),
+    [
+        ("np.sqrt(temperature)[:, None]", "own cannot be tried: basis is not finite on cold, .*first at row"),
+        ("np.exp(1e-5 * temperature * recording.time_s**2)[:, None]", "not finite on cold, or beyond 1e"),
+        ("(temperature if temperature.min() > 0.0 else 1 / 0)[:, None]", "fails on cold, line 18: ZeroDivisionError"),
+        ("temperature[:64, None]", r"returns \(64, 1\) for 2520 rows"),
+        ("(temperature / self.tau_s)[:, None]", "own cannot be tried with tau_s = 0: basis is not finite"),
+    ],
+)
+def test_a_mechanism_that_fails_on_the_runs(run: rlg.Recording, tmp_path: Path, basis: str, message: str) -> None:
+    (tmp_path / "own.py").write_text(OWN.replace("BASIS", basis))
+    catalogue = user_catalogue([tmp_path / "own.py"])
+    with pytest.raises(rlg.InputError, match=message):
+        rlg.diagnose(rlg.Simulator(), [run], mechanisms=catalogue)
+
+
+def test_a_mechanism_whose_column_is_not_recorded_is_passed_over(run: rlg.Recording, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(
+        OWN.replace('("temperature",)', '("vibration_m_s2",)').replace("BASIS", "temperature[:, None]")
+    )
+    require_computable(user_catalogue([tmp_path / "own.py"]), [run])
+
+
+def test_complex_columns_are_no_mechanism(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN.replace("BASIS", "1j * temperature[:, None]"))
+    with pytest.raises(rlg.InputError, match="returns complex128 values; it must return real numbers"):
+        user_catalogue([tmp_path / "own.py"])
+
+
+def wild(run: rlg.Recording, factor: float) -> rlg.Recording:
+    return run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + factor * (run.time_s == 100.0)))
+
+
+@pytest.mark.parametrize(
+    ("factor", "options", "message"),
+    [
+        (0.0, {"window_s": 1.0}, "cold: cannot average over 1 s: one sample takes 5 s"),
+        (0.0, {"window_s": 1e4}, "cold: 12600 s fill 1 windows"),
+        (1e9, {}, r"cold: at row 20 the gyro is 1e\+09 deg/h off .*mend the unit"),
+    ],
+)
+def test_runs_that_cannot_be_diagnosed(run: rlg.Recording, factor: float, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(rlg.InputError, match=message):
+        rlg.diagnose(rlg.Simulator(), [wild(run, factor)], **options)
+
+
+def test_a_simulator_far_off_is_refused(run: rlg.Recording) -> None:
+    class Huge:
+        def predict_deg_h(self, recording: rlg.Recording) -> np.ndarray:
+            return np.full(len(recording), 1e300)
+
+    with pytest.raises(rlg.InputError, match=r"the gyro is -1e\+300 deg/h off what the simulator says"):
+        rlg.diagnose(Huge(), [run])
