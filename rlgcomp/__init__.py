@@ -46,7 +46,7 @@ Modules, each importing only from those before it:
     report                      pages that show them
     diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
     export                      a compensation as code for the box, proved against Python by running it
-    fleet                       many gyros at once, on one machine or a cluster
+    fleet workers               many gyros at once; work on one machine or a cluster, whatever dies meanwhile
     bench sparse                how fast all this is beside its peers; sparse least squares
     cli                         the command line
 """

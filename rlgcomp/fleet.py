@@ -1,36 +1,29 @@
 """Many gyros at once: each unit one task, on one machine or on a cluster; what fails is reported and the rest finished.
 
 A table names the units and their runs. Each unit's result is a folder written whole, with a note of what it was made from, so that
-a fleet that was stopped goes on where it was, and a unit whose files or settings have changed is done again. A task computes with
-one thread, wherever it runs, so that its result does not depend on where that is.
-
-On one machine joblib's processes do the work. With a scheduler's address, Dask's workers do; they must see the same files under the
-same names. A worker that dies takes no unit with it: its unit is given to another.
+a fleet that was stopped goes on where it was, and a unit whose files or settings have changed is done again. Who does the work
+is the affair of :mod:`rlgcomp.workers`.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
 import hashlib
 import json
-import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import joblib
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256, to_json, whole_folder, write_json, write_text
+from rlgcomp.workers import DIED, spread
 
 NOTE: Final = "unit.json"
 SUMMARY: Final = "fleet.json"
-RETRIES: Final = 2  # times that a unit is tried again after its worker died
 Task = Callable[["Unit", Path], Mapping[str, Any]]
 _UNIT, _TRAIN = "unit", "train"
 
@@ -175,7 +168,7 @@ def run_fleet(
             found[unit.name] = kept
     told = progress or (lambda done, total: None)
     told(len(found), len(units))
-    finished = _on_cluster(task, waiting, out, scheduler) if scheduler else _on_this_machine(task, waiting, out, n_jobs)
+    finished = spread(functools.partial(_attempt, task, out), waiting, died=_died, n_jobs=n_jobs, scheduler=scheduler)
     for outcome in finished:
         found[outcome.unit] = outcome
         told(len(found), len(units))
@@ -223,11 +216,11 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
 # --- one unit ------------------------------------------------------------------------------------------------------------------
 
 
-def _attempt(task: Task, unit: Unit, out: Path) -> Outcome:
-    """Do one unit's task with one thread; nothing that happens in it goes further than its outcome."""
+def _attempt(task: Task, out: Path, unit: Unit) -> Outcome:
+    """Do one unit's task; nothing that happens in it goes further than its outcome."""
     began = time.perf_counter()
     try:
-        with _one_thread(), whole_folder(out / unit.name, ours=NOTE) as folder:
+        with whole_folder(out / unit.name, ours=NOTE) as folder:
             result = dict(task(unit, folder))
             note = {"made_from": _fingerprint(task, unit), "seconds": time.perf_counter() - began, "result": result}
             write_text(folder / NOTE, to_json(note) + "\n")
@@ -260,70 +253,8 @@ def _fingerprint(task: Task, unit: Unit) -> str:
     return digest.hexdigest()
 
 
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    before = os.environ.get("NUMBA_NUM_THREADS")
-    os.environ["NUMBA_NUM_THREADS"] = "1"
-    try:
-        with threadpool_limits(1):
-            yield
-    finally:
-        if before is None:
-            del os.environ["NUMBA_NUM_THREADS"]
-        else:
-            os.environ["NUMBA_NUM_THREADS"] = before
-
-
-# --- where they are done -------------------------------------------------------------------------------------------------------
-
-
-def _on_this_machine(task: Task, units: Sequence[Unit], out: Path, n_jobs: int) -> Iterator[Outcome]:
-    """Outcomes as they come. Where a process dies, what it took with it is done again, in the end unit by unit."""
-    if n_jobs == 1:
-        yield from (_attempt(task, unit, out) for unit in units)
-        return
-    left = {unit.name: unit for unit in units}
-    for _ in range(RETRIES):
-        with contextlib.suppress(joblib.externals.loky.process_executor.TerminatedWorkerError):
-            for outcome in _pool(task, list(left.values()), out, n_jobs):
-                del left[outcome.unit]
-                yield outcome
-        if not left:
-            return
-    for unit in left.values():
-        try:
-            yield from _pool(task, [unit], out, n_jobs)
-        except joblib.externals.loky.process_executor.TerminatedWorkerError:
-            yield _died(unit)
-
-
-def _pool(task: Task, units: Sequence[Unit], out: Path, n_jobs: int) -> Iterator[Outcome]:
-    work = (joblib.delayed(_attempt)(task, unit, out) for unit in units)
-    yield from joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", batch_size=1)(work)
-
-
-def _on_cluster(task: Task, units: Sequence[Unit], out: Path, scheduler: str) -> Iterator[Outcome]:
-    """Outcomes as Dask's workers send them."""
-    try:
-        import distributed
-    except ImportError:
-        raise InputError("a scheduler needs Dask: pip install 'rlgcomp[cluster]'") from None
-    try:
-        dask: Any = distributed
-        client = dask.Client(scheduler, timeout=10)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(f"no scheduler answers at {scheduler}: {error}; start one with `dask scheduler`, and workers") from None
-    with client:
-        futures = {client.submit(_attempt, task, unit, out, pure=False, retries=RETRIES): unit for unit in units}
-        for future in dask.as_completed(futures):
-            try:
-                yield future.result()
-            except dask.KilledWorker:
-                yield _died(futures[future])
-
-
 def _died(unit: Unit) -> Outcome:
-    return Outcome(unit.name, "failed", message="its worker process died each time: killed, or out of memory; give it more")
+    return Outcome(unit.name, "failed", message=DIED)
 
 
 def _paths(table: Path, field: str) -> tuple[Path, ...]:

@@ -52,10 +52,13 @@ def solve_lower(lower: Array, right: Array) -> Array:
     return right
 
 
-def tridiagonal(matrix: Array) -> tuple[Array, Array, Array]:
-    """Q^T, whose rows are orthonormal, and the diagonal of T and what is beside it, for a symmetric matrix Q T Q^T."""
+def tridiagonal(matrix: Array, *, keep: bool = True) -> tuple[Array, Array, Array]:
+    """Q^T, whose rows are orthonormal, and the diagonal of T and what is beside it, for a symmetric matrix Q T Q^T.
+
+    Unless it is to be kept, Q^T takes the matrix's place; its rows are contiguous then.
+    """
     n = len(matrix)
-    basis = np.array(matrix, order="F")
+    basis = np.array(matrix, order="F") if keep else matrix.T
     diagonal, beside, scales, work = np.empty(n), np.empty(max(1, n - 1)), np.empty(max(1, n - 1)), np.empty(_BLOCK * n)
     _call(_lapack("dsytrd"), b"L", n, basis, n, diagonal, beside, scales, work, len(work))
     _call(_lapack("dorgtr"), b"L", n, basis, n, scales, work, len(work))

@@ -44,6 +44,7 @@ ROWS = [
     ["report"],
     ["diagnosis"],
     ["export"],
+    ["workers"],
     ["fleet"],
     ["bench"],
     ["cli"],

@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from rlgcomp import bench
-from rlgcomp.bench.measure import Case, Peer, Row, measure
+from rlgcomp.bench.lssvmlab import lssvmlab
+from rlgcomp.bench.measure import Case, Peer, Row, Timed, measure
 from rlgcomp.bench.selection import thermal_rows
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
@@ -65,6 +66,25 @@ def test_a_peer_that_is_not_installed_is_said() -> None:
     assert found.reached is None
 
 
+def test_a_peer_may_measure_itself() -> None:
+    (found,) = measure(row(Peer("elsewhere", lambda: Timed(1.0, 3.0, 2.0), apart, 0.0)), repeats=2)
+    assert (found.peer_s, found.agrees, found.note) == (3.0, True, "")
+    assert found.ratio / found.ratio_cpu == pytest.approx(1.5, rel=1.0)
+
+
+def test_what_takes_long_is_repeated_less_and_says_so() -> None:
+    (found,) = measure(row(Peer("long", lambda: Timed(1.0, 4.0, 4.0), apart, 0.0)), repeats=5)
+    assert found.note == "2 of 5 repeats"
+    (found,) = measure(row(Peer("longer", lambda: Timed(1.0, 40.0, 40.0), apart, 0.0, scale=0.5)), repeats=5)
+    assert found.note == "1 of 5 repeats; peer extrapolated from 0.5 of the work"
+
+
+def test_ls_svmlab_needs_octave_and_its_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("RLGCOMP_LSSVMLAB", str(tmp_path))
+    with pytest.raises(ImportError, match=r"octave-cli|RLGCOMP_LSSVMLAB"):
+        lssvmlab(np.zeros((4, 1)), np.zeros(4), np.ones(1), np.ones(1), 2)
+
+
 def test_work_of_which_the_peer_does_a_part_is_scaled() -> None:
     (whole,) = measure(row(Peer("slow", slow, apart, 0.0)), repeats=3)
     (part,) = measure(row(Peer("slow", slow, apart, 0.0, scale=0.1)), repeats=3)
@@ -76,6 +96,7 @@ def test_names_are_unique_and_chosen_by_their_beginning() -> None:
     names = [one.name for one in bench.ROWS]
     assert len(set(names)) == len(names)
     assert [one.name for one in bench.chosen(["plays"])] == ["plays", "plays-fleet"]
+    assert [one.name for one in bench.chosen(["select-430"])] == ["select-430"]
     with pytest.raises(InputError, match="rows are select-430"):
         bench.chosen(["nothing"])
 

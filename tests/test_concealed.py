@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
+from experiments.concealed import __main__ as program
 from experiments.concealed import tables, turntable
 from experiments.concealed.__main__ import main
 from experiments.concealed.cases import KINDS, STRENGTHS, dump, make_case, means, plan, stream
@@ -21,6 +22,7 @@ from experiments.concealed.effects import INDEPENDENT, OUTSIDE, catalogued
 from experiments.concealed.noise import Noise
 from experiments.concealed.operators import Relays, first_order, slab
 from experiments.concealed.programmes import COLDEST_DEG_C, HOTTEST_DEG_C, random_programme
+from experiments.concealed.score import died
 from rlgcomp.physics import CATALOGUE
 
 
@@ -287,3 +289,53 @@ class TestTables:
         (folder,) = (tmp_path / "made").iterdir()
         assert str(folder) in capsys.readouterr().out
         assert (folder / "sim.yaml").is_file()
+
+
+class TestManyCases:
+    """A run that is stopped goes on where it was, and says what failed."""
+
+    @pytest.fixture
+    def made(self, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+        """Keys of the cases that are diagnosed, which is not done here."""
+        keys: list[str] = []
+
+        def run(arguments: Any) -> dict[str, Any]:
+            keys.append(repr(arguments))
+            return {"key": repr(arguments), "kind": "null", "verdict": "none", "name": "n", "findings": [], "seconds": 1.0}
+
+        monkeypatch.setattr(program, "run_case", run)
+        monkeypatch.setattr(program.tables, "show", len)
+        monkeypatch.setattr(program.tables, "mark", lambda row: row["key"])
+        return keys
+
+    def test_it_goes_on_after_a_kill(self, made: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """Of three lines one tells of a failure and one was cut short: both are made again, and two cases more."""
+        rows = tmp_path / "rows.jsonl"
+        options = ["--only", "null", "--jobs", "1", "--rows", str(rows), "--cases"]
+        main([*options, "3"])
+        first, second, third = rows.read_text().splitlines()
+        failed = json.dumps(json.loads(second) | {"failure": "its worker died"})
+        rows.write_text(f"{first}\n{failed}\n{third[:20]}")
+        before = list(made)
+        made.clear()
+        main([*options, "5", "--resume"])
+        assert made[:2] == before[1:]
+        assert len(made) == 4
+        assert [json.loads(line)["key"] for line in rows.read_text().splitlines()] == [before[0], *made]
+        assert capsys.readouterr().out.startswith("# Concealed physics: `python -m experiments.concealed --only null")
+
+    def test_a_scheduler_that_does_not_answer_ends_with_a_message(
+        self, made: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        arguments = ["--only", "null", "--cases", "1", "--rows", str(tmp_path / "rows"), "--scheduler", "nonsense://here"]
+        with pytest.raises(SystemExit, match="2"):
+            main(arguments)
+        assert capsys.readouterr().err.startswith("error: ")
+        assert not made
+
+    def test_a_case_that_kills_its_worker_is_counted_as_failed(self) -> None:
+        (arguments,) = plan("null", 1, 0)
+        row = died(arguments)
+        assert row["key"] == repr(arguments)
+        assert "died" in row["failure"]
+        assert not tables.right(row)

@@ -228,9 +228,9 @@ def test_the_path_over_c_holds_for_narrow_and_wide_kernels(sigma: float, by: str
 
 
 @pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
-@pytest.mark.parametrize("groups", [np.arange(410) // 41, np.arange(410) % 7, np.arange(410)])
+@pytest.mark.parametrize("groups", [np.arange(410) // 41, np.arange(410) % 7, np.arange(410), np.minimum(np.arange(410) % 8, 4)])
 def test_the_compiled_path_gives_the_folds_of_the_plain_one(groups: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The whole range of c that is searched, for blocks, scattered rows and single ones."""
+    """The whole range of c that is searched, for blocks, scattered rows, single ones and large groups."""
     rng = np.random.default_rng(6)
     X = np.cumsum(rng.normal(size=(410, 12)), axis=0) / 10.0
     y = np.sin(X[:, 0]) + 0.1 * rng.normal(size=410)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from experiments.concealed.cases import Case, make_case, means
 from rlgcomp.diagnosis.score import Hidden, Score
 from rlgcomp.simulation.simulator import Simulator
+from rlgcomp.workers import DIED
 
 Array = npt.NDArray[np.float64]
 Arguments = tuple[Any, tuple[str, ...], float, int, bool]
@@ -19,8 +20,20 @@ Arguments = tuple[Any, tuple[str, ...], float, int, bool]
 
 def run_case(arguments: Arguments) -> dict[str, Any]:
     """Make a case, diagnose it, score it. A failure is an answer too: it is scored as such and the rest goes on."""
+    try:
+        return _asked(arguments) | diagnosed(make_case(*arguments))
+    except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
+        return _asked(arguments) | {"failure": f"{type(error).__name__}: {error}"}
+
+
+def died(arguments: Arguments) -> dict[str, Any]:
+    """The line of a case that takes its worker with it each time."""
+    return _asked(arguments) | {"failure": DIED}
+
+
+def _asked(arguments: Arguments) -> dict[str, Any]:
     kind, effects, strength, seed, independent = arguments
-    row: dict[str, Any] = {
+    return {
         "key": key_of(arguments),
         "kind": kind,
         "hidden": list(effects),
@@ -28,10 +41,6 @@ def run_case(arguments: Arguments) -> dict[str, Any]:
         "seed": seed,
         "independent": independent,
     }
-    try:
-        return row | diagnosed(make_case(*arguments))
-    except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
-        return row | {"failure": f"{type(error).__name__}: {error}"}
 
 
 def key_of(arguments: Arguments) -> str:

@@ -27,7 +27,7 @@ ROWS: Final[tuple[Row, ...]] = (
 
 
 def chosen(names: list[str] | None) -> tuple[Row, ...]:
-    """Rows whose names begin with one of those given; all of them where none is.
+    """Rows whose names begin with one of those given, by whole words between hyphens; all of them where none is.
 
     Raises
     ------
@@ -35,6 +35,10 @@ def chosen(names: list[str] | None) -> tuple[Row, ...]:
         A name is no row's beginning.
     """
     for name in names or []:
-        if not any(row.name.startswith(name) for row in ROWS):
+        if not any(_begins(row, name) for row in ROWS):
             raise InputError(f"no row is called {name!r}; rows are {', '.join(row.name for row in ROWS)}")
-    return tuple(row for row in ROWS if not names or row.name.startswith(tuple(names)))
+    return tuple(row for row in ROWS if not names or any(_begins(row, name) for name in names))
+
+
+def _begins(row: Row, name: str) -> bool:
+    return f"{row.name}-".startswith(f"{name}-")

@@ -18,8 +18,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 REPEATS: Final = 5
-LONG_S: Final = 1.0  # what takes longer is repeated twice only
-VERY_LONG_S: Final = 10.0  # and what takes longer than this is not repeated
+PATIENCE_S: Final = 10.0  # for all repeats of one side; what takes longer is run once
+
+
+@dataclasses.dataclass(frozen=True)
+class Timed:
+    """What a peer returns that measures itself, in another process: its result, wall-clock and processor time."""
+
+    result: Any
+    wall_s: float
+    cpu_s: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +38,7 @@ class Peer:
     ----------
     name : str
     run : callable
-        Does the work and returns its result. An ImportError means that the peer is not installed.
+        Does the work and returns its result, or a `Timed` one. An ImportError means that the peer is not installed.
     disagreement : callable
         (our result, its result) to one number that should be small.
     tolerance : float
@@ -156,19 +164,17 @@ def growth(row: Row, repeats: int = REPEATS) -> dict[str, Any] | None:
 
 def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats: int) -> Measured:
     try:
-        wall, cpu = time.perf_counter(), time.process_time()
-        theirs = peer.run()
-        lasted = (time.perf_counter() - wall, time.process_time() - cpu)
+        theirs, lasted = _once(peer.run)
     except ImportError as error:
         return dataclasses.replace(
             _alone(row, case, _times(case.ours, repeats)), peer=peer.name, note=f"peer not installed: {error.name or error}"
         )
     disagreement = float(peer.disagreement(result, theirs))
     del theirs
-    if lasted[0] > VERY_LONG_S:
-        pairs = [(_once(case.ours), lasted)]
+    if 2.0 * lasted[0] > PATIENCE_S:
+        pairs = [(_once(case.ours)[1], lasted)]
     else:
-        pairs = [(_once(case.ours), _once(peer.run)) for _ in range(min(2, repeats) if lasted[0] > LONG_S else repeats)]
+        pairs = [(_once(case.ours)[1], _once(peer.run)[1]) for _ in range(_fitting(lasted[0], repeats))]
     ours = np.array([one for one, _ in pairs])
     other = np.array([two for _, two in pairs]) / peer.scale
     ratio, ratio_cpu = np.median(other / np.maximum(ours, 1e-9), axis=0)
@@ -181,7 +187,10 @@ def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats
         disagreement=disagreement,
         agrees=bool(disagreement <= peer.tolerance),
         peer_MiB=_peak(peer.run) if case.memory else None,
-        note="" if peer.scale == 1.0 else f"peer extrapolated from {peer.scale:.2g} of the work",
+        note="; ".join(
+            [f"{len(pairs)} of {repeats} repeats"] * (len(pairs) < repeats)
+            + [f"peer extrapolated from {peer.scale:.2g} of the work"] * (peer.scale != 1.0)
+        ),
     )
     return _judged(row, measured, quick, peer.goal)
 
@@ -206,17 +215,23 @@ def _judged(row: Row, measured: Measured, quick: bool, goal: float | None) -> Me
     return dataclasses.replace(measured, goal=", ".join(goals), reached=all(reached) if goals and not quick else None)
 
 
-def _once(work: Callable[[], Any]) -> tuple[float, float]:
+def _once(work: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
+    """What the work returns, and its wall-clock and processor time."""
     gc.collect()
     cpu, wall = time.process_time(), time.perf_counter()
-    work()
-    return time.perf_counter() - wall, time.process_time() - cpu
+    found = work()
+    if isinstance(found, Timed):
+        return found.result, (found.wall_s, found.cpu_s)
+    return found, (time.perf_counter() - wall, time.process_time() - cpu)
+
+
+def _fitting(seconds: float, repeats: int) -> int:
+    return max(1, min(repeats, int(PATIENCE_S / max(seconds, 1e-9))))
 
 
 def _times(work: Callable[[], Any], repeats: int) -> Any:
-    first = _once(work)
-    more = 0 if first[0] > VERY_LONG_S else min(1, repeats - 1) if first[0] > LONG_S else repeats - 1
-    return np.array([first, *(_once(work) for _ in range(more))])
+    first = _once(work)[1]
+    return np.array([first, *(_once(work)[1] for _ in range(_fitting(first[0], repeats) - 1))])
 
 
 def _peak(work: Callable[[], Any]) -> float:

@@ -15,7 +15,7 @@ from rlgcomp.cli.show import show_json, show_table
 def bench(
     only: Annotated[list[str] | None, typer.Option("--only", metavar="ROW...", help="Rows whose names begin so.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small data: what runs and agrees, not how fast it is.")] = False,
-    repeats: Annotated[int, typer.Option(min=1, help="Paired repeats of what is short; what is long has two.")] = 5,
+    repeats: Annotated[int, typer.Option(min=1, help="Paired repeats, as many as 10 s a peer allow.")] = 5,
     grows: Annotated[bool, typer.Option("--growth", help="Instead: how our own time grows from small data to full.")] = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="JSON file to write as well.")] = None,
     as_json: AsJson = False,

@@ -23,6 +23,7 @@ G. C. Cawley, N. L. C. Talbot, Neural Networks 17, 1467 (2004) (leave-one-out in
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 from collections.abc import Callable
@@ -31,7 +32,7 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
-from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from rlgcomp.compensation.fixed_size import fixed_size_rmse
@@ -237,20 +238,19 @@ def cross_validation_path(
     -------
     ndarray, shape (m, n)
     """
-    gram = kernel(estimator.kernel, estimator.get_params(), X, X)
+    gram = kernel(estimator.kernel, vars(estimator), X, X)
     c = np.atleast_1d(np.asarray(c_values, dtype=np.float64))
     members = [np.flatnonzero(groups == label) for label in np.unique(groups)]
     residuals = np.empty((len(c), len(y)))
     if len(members) <= _FEW_GROUPS:  # solving for the rest is cheaper than inverting large blocks
         for out in members:
             rest = np.delete(np.arange(len(y)), out)
-            alpha, intercept, _ = EigenPath(gram[np.ix_(rest, rest)], y[rest], float(c.max())).solve(c)
-            residuals[:, out] = y[out] - alpha @ gram[np.ix_(rest, out)] - intercept[:, None]
+            path = EigenPath(gram[np.ix_(rest, rest)], y[rest], c)
+            residuals[:, out] = y[out] - path.alpha @ gram[np.ix_(rest, out)] - path.intercept[:, None]
         return residuals
-    path = path_over(gram, y, float(c.max()), definite=estimator.kernel == "gaussian")
-    alpha, _, ones = path.solve(c)
+    path_of_all = path_over(gram, y, c, definite=estimator.kernel == "gaussian")
     for out in members:
-        residuals[:, out] = np.linalg.solve(path.inverse_blocks(c, out, ones), alpha[:, out, None])[:, :, 0]
+        residuals[:, out] = path_of_all.left_out(out)
     return residuals
 
 
@@ -308,7 +308,8 @@ def _batches(features: int) -> list[list[dict[str, Any]]]:
 
 
 def _path_rmse(model: LSSVMRegressor, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
-    estimator = clone(model).set_params(sigma=candidates[0]["sigma"])
+    estimator = copy.copy(model)
+    estimator.sigma = candidates[0]["sigma"]
     c = np.array([candidate["c"] for candidate in candidates])
     if model.kernel == "gaussian" and not model.robust and len(y) > MANY_ROWS:
         return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, estimator.sigma, c)

@@ -5,26 +5,30 @@ The system is that of :mod:`rlgcomp.compensation.lssvm`. One decomposition of th
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import available, compiled
-from rlgcomp.lapack import eigh, pivoted_cholesky, tridiagonal, tridiagonal_solutions
+from rlgcomp.lapack import eigh, pivoted_cholesky, tridiagonal
 
 Array = npt.NDArray[np.float64]
 _MIDDLING: Final = 400  # rows from which compiling a loop pays where many selections are made
+_AT_ONCE: Final = 1 << 19  # numbers in work: four megabytes
+_SMALL: Final = 64  # rows left out up to which an elimination of our own is the faster
+_LANES: Final = 16  # weights that are eliminated side by side
 _THIN: Final = 0.7  # rank over rows up to which a factor pays
 _LOST: Final = 1e-8  # pivots of the kernel matrix left out, in units of 1 / c; folds are held to 1e-6
 
 
-def path_over(gram: Array, y: Array, largest_c: float, *, definite: bool) -> EigenPath | TridiagonalPath:
-    """The faster way for a kernel matrix, which is positive definite or not, and outputs y."""
-    beyond_rounding = 1.0 / largest_c > 10.0 * len(y) * np.finfo(np.float64).eps * float(np.diag(gram).max())
+def path_over(gram: Array, y: Array, c: Array, *, definite: bool) -> EigenPath | TridiagonalPath:
+    """The faster way for a kernel matrix, which is positive definite or not, outputs y and all c."""
+    beyond_rounding = 1.0 / c.max() > 10.0 * len(y) * np.finfo(np.float64).eps * float(np.diag(gram).max())
     if definite and beyond_rounding and len(y) >= _MIDDLING and available():
-        return TridiagonalPath(gram, y)
-    return EigenPath(gram, y, largest_c)
+        return TridiagonalPath(gram, y, c)
+    return EigenPath(gram, y, c)
 
 
 class EigenPath:
@@ -34,9 +38,9 @@ class EigenPath:
     Cholesky factor, and H^-1 = c (I - U diag(l / (l + 1/c)) U^T) needs no others.
     """
 
-    def __init__(self, gram: Array, y: Array, largest_c: float) -> None:
+    def __init__(self, gram: Array, y: Array, c: Array) -> None:
         rounding = len(y) * np.finfo(np.float64).eps * float(np.abs(np.diag(gram)).max())
-        factor = _pivoted_factor(gram, max(0.1 * rounding, _LOST / largest_c))
+        factor = _pivoted_factor(gram, max(0.1 * rounding, _LOST / float(c.max())))
         self.thin = factor is not None
         if factor is None:
             self.values, self.vectors = eigh(gram)
@@ -44,80 +48,117 @@ class EigenPath:
             values, vectors = eigh(factor.T @ factor)
             kept = values > rounding
             self.values, self.vectors = values[kept], factor @ (vectors[:, kept] / np.sqrt(values[kept]))
-        self.target, self.y, self.ones = y, self.vectors.T @ y, self.vectors.sum(axis=0)
+        shifted = self.values + 1.0 / c[:, None]
+        self.c, self.gain = c, self.values / shifted if self.thin else 1.0 / shifted  # of H^-1, or of what it lacks of c I
+        self.ones = self._applied(np.ones(len(y)))
+        from_y = self._applied(y)
+        self.intercept = from_y.sum(axis=1) / self.ones.sum(axis=1)
+        self.alpha = from_y - self.intercept[:, None] * self.ones
 
-    def _gain(self, c: Array) -> Array:
-        """Weights of the eigenvectors, shape (m, r): of H^-1, or of what it lacks of c I."""
-        values = self.values + 1.0 / c[:, None]
-        return self.values / values if self.thin else 1.0 / values
+    def _applied(self, vector: Array) -> Array:
+        """H^-1 on a vector, shape (m, n)."""
+        found = (self.gain * (vector @ self.vectors)) @ self.vectors.T
+        return np.asarray(self.c[:, None] * (vector - found)) if self.thin else found
 
-    def _applied(self, c: Array, gain: Array, coefficients: Array, whole: Array | float) -> Array:
-        """H^-1 on vectors, shape (m, n), whose coefficients in the eigenvectors are given."""
-        found = (gain * coefficients) @ self.vectors.T
-        return np.asarray(c[:, None] * (whole - found)) if self.thin else found
-
-    def solve(self, c: Array) -> tuple[Array, Array, Array]:
-        """a, b and H^-1 1 for each c, shapes (m, n), (m,) and (m, n)."""
-        gain = self._gain(c)
-        ones, y = self._applied(c, gain, self.ones, 1.0), self._applied(c, gain, self.y, self.target)
-        intercept = y.sum(axis=1) / ones.sum(axis=1)
-        return y - intercept[:, None] * ones, intercept, ones
-
-    def inverse_blocks(self, c: Array, rows: npt.NDArray[np.intp], ones: Array) -> Array:
-        """C_GG for each c, shape (m, rows, rows), from H^-1 1."""
-        gain = self._gain(c)
-        part = self.vectors[rows]
-        blocks = ((gain[:, None, :] * part).reshape(-1, part.shape[1]) @ part.T).reshape(len(c), len(rows), len(rows))
+    def left_out(self, rows: npt.NDArray[np.intp]) -> Array:
+        """Residuals of rows that are left out together, shape (m, rows): C_GG^-1 a_G."""
+        part, border = self.vectors[rows], self.ones[:, rows]
+        blocks = (self.gain[:, None, :] * part).reshape(-1, part.shape[1]) @ part.T
+        blocks = blocks.reshape(len(self.c), len(rows), len(rows))
         if self.thin:
-            blocks = c[:, None, None] * (np.eye(len(rows)) - blocks)
-        border = ones[:, rows]
-        return np.asarray(blocks - border[:, :, None] * (border / ones.sum(axis=1)[:, None])[:, None, :])
+            blocks = self.c[:, None, None] * (np.eye(len(rows)) - blocks)
+        blocks -= border[:, :, None] * (border / self.ones.sum(axis=1)[:, None])[:, None, :]
+        return np.asarray(np.linalg.solve(blocks, self.alpha[:, rows, None])[:, :, 0])
 
 
 class TridiagonalPath:
     """For a positive definite kernel matrix Q T Q^T, T tridiagonal, which is found sooner than its eigenvectors.
 
-    With T + I/c = L D L^T, Z = D^-1/2 L^-1 Q^T has a row from the row before it, and H^-1 = Z^T Z.
+    With T + I/c = L D L^T, Z = D^-1/2 L^-1 Q^T V has a row from the row before it, and Z^T Z = V^T H^-1 V for columns V. Those are
+    1, the rows that are left out and y: what the bordered system is with all other rows eliminated. The kernel matrix is lost.
     """
 
-    def __init__(self, gram: Array, y: Array) -> None:
-        self.basis, self.diagonal, self.beside = tridiagonal(gram)
-        self.right = np.stack([y, np.ones(len(y))]) @ self.basis.T
+    def __init__(self, gram: Array, y: Array, c: Array) -> None:
+        self.basis, diagonal, beside = tridiagonal(gram, keep=False)
+        self.sides = self.basis @ np.column_stack([np.ones(len(y)), y])
+        self.scales, self.steps, self.work = np.empty((len(c), len(y))), np.zeros((len(c), len(y))), np.empty(0)
+        _factors(diagonal, beside, 1.0 / c, self.scales, self.steps)
+        self.recur, self.eliminate = _recur.fast(), _eliminate.fast()
 
-    def solve(self, c: Array) -> tuple[Array, Array, Array]:
-        """a, b and H^-1 1 for each c, shapes (m, n), (m,) and (m, n)."""
-        found = np.empty((len(c), *self.right.shape))
-        self.scales, self.steps = np.empty((len(c), len(self.basis))), np.zeros((len(c), len(self.basis)))
-        for k, each in enumerate(c):
-            found[k], pivots, factors = tridiagonal_solutions(self.diagonal + 1.0 / each, self.beside, self.right)
-            self.scales[k] = 1.0 / np.sqrt(pivots)
-            self.steps[k, 1:] = -factors * self.scales[k, 1:] / self.scales[k, :-1]
-        y, ones = np.moveaxis((found.reshape(-1, len(self.basis)) @ self.basis).reshape(found.shape), 1, 0)
-        intercept = y.sum(axis=1) / ones.sum(axis=1)
-        return y - intercept[:, None] * ones, intercept, ones
-
-    def inverse_blocks(self, c: Array, rows: npt.NDArray[np.intp], ones: Array) -> Array:
-        """C_GG for each c that was solved for, shape (m, rows, rows), from H^-1 1."""
-        part = np.take(self.basis, rows, axis=1)
-        z, blocks = np.empty(part.shape), np.empty((len(c), len(rows), len(rows)))
-        recur = _recur.fast()
-        for k in range(len(c)):
-            recur(part, self.scales[k], self.steps[k], z)
-            np.matmul(z.T, z, out=blocks[k])
-        border = ones[:, rows]
-        blocks -= border[:, :, None] * (border / ones.sum(axis=1)[:, None])[:, None, :]
-        return blocks
+    def left_out(self, rows: npt.NDArray[np.intp]) -> Array:
+        """Residuals of rows that are left out together, shape (m, rows)."""
+        columns, residuals = np.empty((len(self.basis), len(rows) + 2)), np.empty((len(self.scales), len(rows)))
+        columns[:, 0], columns[:, 1:-1], columns[:, -1] = self.sides[:, 0], self.basis[:, rows], self.sides[:, 1]
+        at_once = min(len(residuals), max(1, _AT_ONCE // columns.size))
+        if self.work.size < at_once * columns.size:  # kept from group to group: new memory costs as much as filling it
+            self.work = np.empty(at_once * columns.size)
+        for first in range(0, len(residuals), at_once):
+            some = slice(first, first + at_once)
+            z = self.work[: len(residuals[some]) * columns.size].reshape(-1, *columns.shape)
+            self.recur(columns, self.scales[some], self.steps[some], z)
+            sums = z.transpose(0, 2, 1) @ z
+            if len(rows) <= _SMALL:
+                self.eliminate(sums, residuals[some])
+            else:
+                sums[:, 1:-1, 1:] -= sums[:, 1:-1, :1] * (sums[:, :1, 1:] / sums[:, :1, :1])
+                residuals[some] = np.linalg.solve(sums[:, 1:-1, 1:-1], sums[:, 1:-1, -1:])[:, :, 0]
+        return residuals
 
 
 @compiled()
-def _recur(basis: Array, scales: Array, steps: Array, z: Array) -> None:
-    """Rows of z: that of the basis, scaled, and a step times the row before."""
-    for j in range(basis.shape[1]):
-        z[0, j] = basis[0, j] * scales[0]
-    for i in range(1, len(basis)):
-        scale, step = scales[i], steps[i]
-        for j in range(basis.shape[1]):
-            z[i, j] = basis[i, j] * scale + step * z[i - 1, j]
+def _factors(diagonal: Array, beside: Array, shifts: Array, scales: Array, steps: Array) -> None:
+    """D^-1/2, and -L times what is beside the diagonal in D^-1/2 L^-1 D^1/2, for T + shift I = L D L^T."""
+    for k in range(len(shifts)):
+        pivot = diagonal[0] + shifts[k]
+        scales[k, 0] = 1.0 / math.sqrt(pivot)
+        for i in range(1, len(diagonal)):
+            factor = beside[i - 1] / pivot
+            pivot = diagonal[i] + shifts[k] - factor * beside[i - 1]
+            scales[k, i] = 1.0 / math.sqrt(pivot)
+            steps[k, i] = -factor * scales[k, i] / scales[k, i - 1]
+
+
+@compiled()
+def _recur(columns: Array, scales: Array, steps: Array, z: Array) -> None:
+    """Rows of each z: that of the columns, scaled, and a step times the row before."""
+    for k in range(len(z)):
+        for j in range(columns.shape[1]):
+            z[k, 0, j] = columns[0, j] * scales[k, 0]
+        for i in range(1, len(columns)):
+            scale, step = scales[k, i], steps[k, i]
+            for j in range(columns.shape[1]):
+                z[k, i, j] = columns[i, j] * scale + step * z[k, i - 1, j]
+
+
+@compiled()
+def _eliminate(sums: Array, residuals: Array) -> None:
+    """Residuals from each Z^T Z: its Cholesky factor, whose last row is not divided, and back; weights side by side."""
+    many, rows = residuals.shape
+    lanes, last = (many + _LANES - 1) // _LANES * _LANES, rows + 1
+    factor = np.empty((last + 1, last, lanes))
+    for i in range(last + 1):
+        for j in range(min(i + 1, last)):
+            entry = factor[i, j]
+            for k in range(lanes):
+                entry[k] = sums[min(k, many - 1), i, j]
+            for before in range(j):
+                left, right = factor[i, before], factor[j, before]
+                for k in range(lanes):
+                    entry[k] -= left[k] * right[k]
+            pivot = factor[j, j]  # kept as one over it
+            for k in range(lanes):
+                entry[k] = 1.0 / math.sqrt(entry[k]) if i == j else entry[k] * pivot[k]
+    found = factor[last]
+    for i in range(last - 1, 0, -1):
+        solved, pivot = found[i], factor[i, i]
+        for k in range(lanes):
+            solved[k] *= pivot[k]
+        for j in range(1, i):
+            entry, right = found[j], factor[i, j]
+            for k in range(lanes):
+                entry[k] -= solved[k] * right[k]
+        for k in range(many):
+            residuals[k, i - 1] = solved[k]
 
 
 def _pivoted_factor(gram: Array, tolerance: float) -> Array | None:

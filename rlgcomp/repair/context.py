@@ -30,14 +30,18 @@ class Context:
     findings: list[Finding] = dataclasses.field(default_factory=list)
     _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
     _steps: tuple[Array, Extent] | None = None
+    _last: tuple[pd.DataFrame, dict[str, Extent]] | None = None
 
     def extents(self, table: pd.DataFrame) -> dict[str, Extent]:
         """Extent of every column; a column that was seen before and still is that very array is not read again."""
+        if self._last is not None and self._last[0] is table:
+            return self._last[1]
         columns = {str(name): table[name].to_numpy() for name in table.columns}
         places = {name: (values.__array_interface__["data"][0], len(values)) for name, values in columns.items()}
         new = {place: columns[name] for name, place in places.items() if place not in self._seen}
         self._seen |= {place: (new[place], extent) for place, extent in zip(new, extents(list(new.values())), strict=True)}
-        return {name: self._seen[place][1] for name, place in places.items()}
+        self._last = table, {name: self._seen[place][1] for name, place in places.items()}
+        return self._last[1]
 
     def steps(self, table: pd.DataFrame) -> Extent:
         """Extent of the steps of time."""

@@ -148,4 +148,4 @@ def earth_turn(earth_rad_s: Array, time_s: npt.ArrayLike) -> Array:
 
 
 def _turned(matrices: Array, vectors: Array) -> Array:
-    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+    return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))

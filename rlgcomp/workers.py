@@ -1,0 +1,117 @@
+"""Pieces of work done by processes of this machine or by the workers of a cluster, whatever dies meanwhile.
+
+A piece computes with one thread, wherever it is done, so that its result does not depend on where that is. On one machine joblib's
+processes do the work. With a scheduler's address, Dask's workers do; they must be able to import what the work is made of, and see
+the same files under the same names. A worker that dies takes no piece with it: the piece is given to another.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, TypeVar
+
+import joblib
+from threadpoolctl import threadpool_limits
+
+from rlgcomp.errors import InputError
+
+RETRIES: Final = 2  # times that a piece is tried again after its worker died
+DIED: Final = "its worker process died each time: killed, or out of memory; give it more"
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def spread(
+    work: Callable[[T], R], pieces: Sequence[T], *, died: Callable[[T], R], n_jobs: int = 1, scheduler: str | None = None
+) -> Iterator[R]:
+    """Results of the pieces as they come.
+
+    Parameters
+    ----------
+    work : callable
+        Picklable; what it raises ends everything.
+    pieces : sequence
+    died : callable
+        What stands for the result of a piece whose worker dies each time; it is given the piece.
+    n_jobs : int
+        Worker processes on this machine; one is this process itself.
+    scheduler : str, optional
+        Address of a Dask scheduler, as tcp://host:8786.
+
+    Raises
+    ------
+    InputError
+        The scheduler cannot be reached.
+    """
+    if scheduler:
+        yield from _on_cluster(work, pieces, died, scheduler)
+    elif n_jobs == 1:
+        yield from (_by_itself(work, piece) for piece in pieces)
+    else:
+        yield from _on_this_machine(work, pieces, died, n_jobs)
+
+
+def _by_itself(work: Callable[[T], R], piece: T) -> R:
+    with _one_thread():
+        return work(piece)
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    before = os.environ.get("NUMBA_NUM_THREADS")
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        if before is None:
+            del os.environ["NUMBA_NUM_THREADS"]
+        else:
+            os.environ["NUMBA_NUM_THREADS"] = before
+
+
+def _on_this_machine(work: Callable[[T], R], pieces: Sequence[T], died: Callable[[T], R], n_jobs: int) -> Iterator[R]:
+    """Where a process dies, what it took with it is done again, in the end piece by piece."""
+    left = dict(enumerate(pieces))
+    for _ in range(RETRIES):
+        with contextlib.suppress(joblib.externals.loky.process_executor.TerminatedWorkerError):
+            for k, result in _pool(work, left, n_jobs):
+                del left[k]
+                yield result
+        if not left:
+            return
+    for k, piece in left.items():
+        try:
+            yield from (result for _, result in _pool(work, {k: piece}, n_jobs))
+        except joblib.externals.loky.process_executor.TerminatedWorkerError:
+            yield died(piece)
+
+
+def _pool(work: Callable[[T], R], pieces: dict[int, T], n_jobs: int) -> Iterator[tuple[int, R]]:
+    numbered = [joblib.delayed(_numbered)(k, work, piece) for k, piece in pieces.items()]
+    yield from joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", batch_size=1)(numbered)
+
+
+def _numbered(k: int, work: Callable[[T], R], piece: T) -> tuple[int, R]:
+    return k, _by_itself(work, piece)
+
+
+def _on_cluster(work: Callable[[T], R], pieces: Sequence[T], died: Callable[[T], R], scheduler: str) -> Iterator[R]:
+    try:
+        import distributed
+    except ImportError:
+        raise InputError("a scheduler needs Dask: pip install 'rlgcomp[cluster]'") from None
+    try:
+        dask: Any = distributed
+        client = dask.Client(scheduler, timeout=10)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(f"no scheduler answers at {scheduler}: {error}; start one with `dask scheduler`, and workers") from None
+    with client:
+        futures = {client.submit(_by_itself, work, piece, pure=False, retries=RETRIES): piece for piece in pieces}
+        for future in dask.as_completed(futures):
+            try:
+                yield future.result()
+            except dask.KilledWorker:
+                yield died(futures[future])

@@ -1,0 +1,56 @@
+"""Spread work: the same results by one process and by two, one thread each, and what becomes of a piece that kills its worker."""
+
+from __future__ import annotations
+
+import functools
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
+
+from rlgcomp.compiled import threads
+from rlgcomp.workers import spread
+
+
+def product(seed: int) -> tuple[int, bytes]:
+    made = np.random.default_rng(seed).normal(size=(60, 60))
+    return seed, (made @ made).tobytes()
+
+
+def numbers_of_threads(piece: list[int]) -> tuple[list[int], int, list[int]]:
+    return piece, threads(), [library["num_threads"] for library in threadpool_info()]
+
+
+def kills(piece: int, *, marks: str, always: bool) -> int:
+    mark = Path(marks) / str(piece)
+    if piece == 1 and (always or not mark.exists()):
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return piece
+
+
+def test_one_process_and_two_give_the_same_bits() -> None:
+    one, two = (dict(spread(product, range(5), died=product, n_jobs=jobs)) for jobs in (1, 2))
+    assert one == two
+    assert sorted(one) == list(range(5))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_piece_has_one_thread(jobs: int) -> None:
+    before = os.environ.get("NUMBA_NUM_THREADS")
+    found = list(spread(numbers_of_threads, [[1], [2]], died=lambda piece: piece, n_jobs=jobs))
+    assert sorted(piece for piece, _, _ in found) == [[1], [2]]
+    for _, loops, libraries in found:
+        assert loops == 1
+        assert set(libraries) <= {1}
+    assert os.environ.get("NUMBA_NUM_THREADS") == before
+
+
+@pytest.mark.filterwarnings("ignore:A worker stopped")
+@pytest.mark.parametrize(("always", "expected"), [(False, [0, 1, 2]), (True, [-1, 0, 2])])
+def test_a_worker_that_is_killed_takes_no_other_piece_with_it(always: bool, expected: list[int], tmp_path: Path) -> None:
+    work = functools.partial(kills, marks=str(tmp_path), always=always)
+    assert sorted(spread(work, range(3), died=lambda piece: -piece, n_jobs=2)) == expected
