@@ -48,6 +48,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rlg.write(unit.simulate("short", seed=seed, step_s=5.0, name=f"run{seed}"), folder / f"run{seed}.parquet")
         rlg.write(unit.predict(rlg.read(folder / f"run{seed}.parquet")), folder / f"sim{seed}.parquet")
     (folder / "sim.yaml").write_text("kind: chamber\nmechanisms:\n  - thermal_polynomial: {degree: 3}\n  - temperature_rate\n")
+    (folder / "gyros.json").write_text(json.dumps([{"gyro": name, "coefficients": {}} for name in "ab"]))
+    (folder / "below.yaml").write_text("bias_instability_deg_h: -1.0\n")
     (folder / "my_sim.py").write_text("def gyro(r):\n    return 0.001 * r.column('temperature_block_degC')\n")
     (folder / "my_physics.py").write_text(OWN_MECHANISM)
     return folder
@@ -161,6 +163,20 @@ def test_mechanisms_of_the_users_own(files: Path, engine: dict, tmp_path: Path) 
     assert run("predict", simulator, made, "--out", tmp_path / "said.parquet", *options).exit_code == 0
 
 
+def test_noise_measured_at_rest(files: Path, engine: dict, tmp_path: Path) -> None:
+    rest = rlg.Simulator.from_mapping({"noise": {"angle_random_walk_deg_sqrt_h": 3e-4, "bias_instability_deg_h": 1e-3}})
+    rlg.write(rest.simulate("start 20, hold 300", seed=1, step_s=5.0), tmp_path / "rest.parquet")
+    assert run("allan", tmp_path / "rest.parquet", "--out", tmp_path / "noise").exit_code == 0
+    (tmp_path / "typed.yaml").write_text("noise: {angle_random_walk_deg_sqrt_h: 0.0003, bias_instability_deg_h: 0.001}\n")
+    (measured,) = json.loads((tmp_path / "noise/coefficients.json").read_text())
+    for name, flicker in (("noise/coefficients.json", measured["coefficients"]["bias_instability_deg_h"]), ("typed.yaml", 0.001)):
+        arguments = ["--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--noise", tmp_path / name]
+        done = run("diagnose", *arguments, "--out", tmp_path / "out")
+        assert done.exit_code == 0, done.output
+        assert engine["noise"].angle_random_walk_deg_sqrt_h == pytest.approx(3e-4, rel=0.05)
+        assert engine["noise"].bias_instability_deg_h == flicker > 0.0
+
+
 def test_runs_of_one_name_are_told_apart(files: Path, engine: dict, tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     other = tmp_path / "other" / "run0.parquet"
@@ -192,6 +208,14 @@ WRONG = {
     "too few simulations": (["--simulated", "{files}/sim0.parquet", "--train", RUN0, RUN1], "1 simulated runs for 2 recordings"),
     "averaging": (["--simulator", SIM, "--train", RUN0, "--averaging-s", "-5"], "must be positive"),
     "averaging without end": (["--simulator", SIM, "--train", RUN0, "--averaging-s", "inf"], "must be positive and finite"),
+    "noise is not there": (["--simulator", SIM, "--train", RUN0, "--noise", "nowhere.yaml"], "nowhere.yaml: not readable"),
+    "noise of no gyro": (
+        ["--simulator", SIM, "--train", RUN0, "--noise", "{files}/gyros.json"],
+        "of a, b; choose one",
+    ),
+    "noise of another kind": (["--simulator", SIM, "--train", RUN0, "--noise", SIM], "unknown 'kind', 'mechanisms'"),
+    "noise below zero": (["--simulator", SIM, "--train", RUN0, "--noise", "{files}/below.yaml"], "it must be a number, zero or"),
+    "noise of nothing": (["--simulator", SIM, "--train", RUN0, "--noise", "{files}/my_sim.py"], "--noise"),
     "mechanisms": (["--simulator", SIM, "--train", RUN0, "--mechanisms", "{files}/my_sim.py"], "defines no mechanism"),
     "no such option": (["--simulator", SIM, "--train", RUN0, "--tests", RUN1], "--tests"),
     "no training runs": (["--simulator", SIM], "--train"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -28,6 +29,7 @@ from rlgcomp.cli.show import show_json
 
 if TYPE_CHECKING:
     from rlgcomp.diagnosis.user_simulator import UserSimulator
+    from rlgcomp.noise import NoiseModel
     from rlgcomp.physics.mechanism import Mechanism
     from rlgcomp.recording import Recording
     from rlgcomp.simulation.simulator import Simulator
@@ -64,6 +66,13 @@ def diagnose(
     averaging_s: Annotated[
         float | None, typer.Option("--averaging-s", help="Averaging time; 100 s, less for short runs.", show_default=False)
     ] = None,
+    noise: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="NOISE",
+            help="The gyro's noise at rest: coefficients.json of `rlgcomp allan --out`, or a .yaml of strengths.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
     mapping: Map = None,
     drop: Drop = None,
@@ -90,6 +99,7 @@ def diagnose(
 
         catalogue = user_catalogue(mechanisms or [])
         chosen = _simulator(simulator, simulated, catalogue)
+        measured = None if noise is None else measured_noise(noise, gyro)
         specs = [*train, *(test or [])]
         runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration))
         require_held_out(runs[: len(train)], runs[len(train) :])
@@ -103,6 +113,7 @@ def diagnose(
                 mechanisms=catalogue,
                 gyro=gyro,
                 window_s=averaging_s,
+                noise=measured,
                 seed=seed,
                 progress=lambda fraction: advance(round(100 * fraction), 100),
                 executor=executor,
@@ -116,6 +127,39 @@ def diagnose(
         return
     typer.echo(str(found))
     say(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
+
+
+def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
+    """Noise from the coefficients of `rlgcomp allan`, or from a YAML file of strengths as under `noise:` in a simulator file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is neither, or has several gyros of which none was chosen.
+    """
+    import yaml
+
+    from rlgcomp.errors import InputError
+    from rlgcomp.noise import NoiseModel
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))  # JSON is YAML
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"--noise {path}: not readable: {error}") from None
+    if isinstance(content, list):
+        found = {str(one.get("gyro")): one.get("coefficients") for one in content if isinstance(one, dict)}
+        chosen = found.get(next(iter(found)) if len(found) == 1 else str(gyro))
+        if not isinstance(chosen, dict):
+            raise InputError(f"--noise {path}: coefficients of {', '.join(found) or 'no gyro'}; choose one of them with --gyro")
+        names = [field.name for field in dataclasses.fields(NoiseModel)]
+        content = {key: value for key, value in chosen.items() if key in names}
+    if not isinstance(content, dict) or not content:
+        raise InputError(f"--noise {path}: expected coefficients.json of rlgcomp allan --out, or 'bias_instability_deg_h: 0.0005'")
+    section = content.get("noise", content)
+    try:
+        return NoiseModel.from_mapping(section)
+    except (InputError, TypeError) as error:
+        raise InputError(f"--noise {path}: {error}") from None
 
 
 def told_apart(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recording]:

@@ -26,7 +26,7 @@ from rlgcomp.diagnosis.result import Alignment, Diagnosis
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.errors import InputError
-from rlgcomp.noise import stream
+from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
@@ -46,6 +46,7 @@ def diagnose(
     mechanisms: Mapping[str, type[Mechanism]] = CATALOGUE,
     gyro: str | None = None,
     window_s: float | None = None,
+    noise: NoiseModel | None = None,
     seed: int = 0,
     black_box: bool = True,
     progress: Callable[[float], None] | None = None,
@@ -69,6 +70,8 @@ def diagnose(
         Gyro column, where recordings have several.
     window_s : float, optional
         Averaging time; 100 s, less for short runs.
+    noise : NoiseModel, optional
+        Of the gyro at rest, instead of what the simulator says. Where it is known, weaker effects are told from it.
     seed : int
         Of the replicates of noise.
     black_box : bool
@@ -87,6 +90,7 @@ def diagnose(
     told = progress or (lambda fraction: None)
     require_computable(mechanisms, [*train, *test])
     base, predicted, alignment = _known(simulator, simulated, train, test, gyro)
+    base = base if noise is None else dataclasses.replace(base, noise=noise)
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
     told(0.05)
     windowed = problem
@@ -106,19 +110,19 @@ def diagnose(
         conclusion = concluded(windowed, explanations)
     detection = detecting.result()
     told(0.75)
-    noise = best_noise(windowed, explanations, conclusion)
+    shape = best_noise(windowed, explanations, conclusion)
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
-    after = fit(problem, [*chosen, *laws], dataclasses.replace(noise, wander=0.0))
-    where = locate(windowed, within, noise, rng)
+    after = fit(problem, [*chosen, *laws], dataclasses.replace(shape, wander=0.0))
+    where = locate(windowed, within, shape, rng)
     told(0.85)
     proof = proved(
         mismatches,
         len(train),
         before.simulator,
         after.simulator,
-        shape=noise,
+        shape=shape,
         white_deg_h=after.white_deg_h,
         box=box,
         seed=seed,
@@ -128,15 +132,15 @@ def diagnose(
     verdict = verdict_of(conclusion, rivals)
     # a path of jumps or a line is seen by the search alone: the null's own probability then bounds the p-value
     p_value = min(detection.p_value, healthy(explanations)) if verdict != "none" else detection.p_value
-    next_up = what_to_run(windowed, explanations, conclusion.model, noise, after, seed) if verdict == "ambiguous" else None
-    model = noise_model(noise, after.white_deg_h, problem.rows.window_s)
+    next_up = what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else None
+    model = noise_model(shape, after.white_deg_h, problem.rows.window_s)
     return Diagnosis(
         verdict=verdict,
         p_value=p_value,
         where=where,
         causes=causes_of(explanations, conclusion, after, rivals),
         alternatives=alternatives_of(explanations, conclusion),
-        unexplained=unexplained_of(conclusion, whiteness(problem, after, noise)),
+        unexplained=unexplained_of(conclusion, whiteness(problem, after, shape)),
         train=proof.train,
         test=proof.test,
         next_experiment=next_up,
@@ -145,7 +149,7 @@ def diagnose(
         noise=model,
         calibration=before.baseline,
         alignment=alignment,
-        remarks=remarks_of(explanations, conclusion, after, noise, detection.p_value, theirs=predicted is not None),
+        remarks=remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
         traces=proof.traces,
     )
 
