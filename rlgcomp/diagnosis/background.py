@@ -28,7 +28,7 @@ from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, Whitener
 
 Array = npt.NDArray[np.float64]
-_COLUMNS_AT_ONCE: Final = 2000
+_NUMBERS_AT_ONCE: Final = 1_000_000  # of columns that are whitened together: so many stay near the processor
 _UNLIKELY: Final = 4.0  # log units behind the best from which a noise is left out
 _FAINT: Final = 0.02  # of a law's unit: a column that varies less is all but unseen in these runs
 _ABSORBED: Final = 0.01  # of a column's variation: a law of which less is left would be all extrapolation
@@ -123,18 +123,20 @@ class Background:
 
     def _products(self, columns: Array) -> tuple[Array, Array, Array]:
         """Squared norms and products with the target, shape (noises, m), and what each column was divided by."""
-        norm = columns.std(axis=0)
-        left = columns - self._orthogonal @ (self._orthogonal.T @ columns)
-        size = np.sqrt((left**2).mean(axis=0))
-        dead = ~(size > _ABSORBED * np.maximum(norm, _FAINT))
-        size = np.where(dead, 1.0, size)
-        squares = np.empty((len(self.noises), columns.shape[1]))
-        crosses = np.empty_like(squares)
-        for first in range(0, columns.shape[1], _COLUMNS_AT_ONCE):
-            part = slice(first, first + _COLUMNS_AT_ONCE)
-            for k, table in enumerate(self._whitener(left[:, part] / size[part])):
-                inside = self._designs[k].T @ table
-                squares[k, part] = np.einsum("nm,nm->m", table, table) - np.einsum("pm,pm->m", inside, inside)
-                crosses[k, part] = self._targets[k] @ table
-        squares[:, dead], crosses[:, dead] = 0.0, 0.0
-        return np.maximum(squares, 0.0), crosses, size
+        squares = np.zeros((len(self.noises), columns.shape[1]))
+        crosses = np.zeros_like(squares)
+        sizes = np.ones(columns.shape[1])
+        at_once = max(1, _NUMBERS_AT_ONCE // len(columns))
+        for first in range(0, columns.shape[1], at_once):
+            part = slice(first, first + at_once)
+            table = columns[:, part]
+            left = table - self._orthogonal @ (self._orthogonal.T @ table)
+            size = np.sqrt((left**2).mean(axis=0))
+            dead = ~(size > _ABSORBED * np.maximum(table.std(axis=0), _FAINT))
+            sizes[part] = np.where(dead, 1.0, size)
+            for k, whitened in enumerate(self._whitener(left / sizes[part])):
+                inside = self._designs[k].T @ whitened
+                found = np.einsum("nm,nm->m", whitened, whitened) - np.einsum("pm,pm->m", inside, inside)
+                squares[k, part] = np.where(dead, 0.0, np.maximum(found, 0.0))
+                crosses[k, part] = np.where(dead, 0.0, self._targets[k] @ whitened)
+        return squares, crosses, sizes

@@ -118,7 +118,6 @@ class Evidence:
             self._whitened_baseline.append(q)
             self._constant[k] = -0.5 * log_determinant[k] - np.log(np.abs(np.diag(r))).sum()
             self._targets[k] = table[:, -1] - q @ (q.T @ table[:, -1])
-        self._columns: list[Array] = []  # whitened, of the candidates that were added together
         self._found: dict[tuple[Member, ...], Extension] = {}
         self.gram = np.einsum("en,en->e", self._targets, self._targets)[:, None, None]
         self.add(candidates)
@@ -138,21 +137,18 @@ class Evidence:
             return
         fresh = np.column_stack(blocks)
         before, after = self._table.shape[1], self._table.shape[1] + fresh.shape[1]
-        self._table = np.column_stack([self._table, fresh])
-        columns = self.whitener(fresh)
         gram = np.empty((len(self.noises), after + 1, after + 1))
         old = np.r_[:before, after]
 
-        def join(k: int) -> None:
-            q = self._whitened_baseline[k]
-            columns[k] -= q @ (q.T @ columns[k])
-            products = [block[k].T @ columns[k] for block in (*self._columns, columns)]
-            table = np.concatenate([*products, self._targets[k : k + 1] @ columns[k]])
+        def join(k: int) -> None:  # whitened anew: to keep every noise's columns would take gigabytes where runs are many
+            columns = self.left(k, self._whitened(fresh, k))
+            known = self._whitened(self._table, k)
+            table = np.concatenate([known.T @ columns, columns.T @ columns, self._targets[k : k + 1] @ columns])
             gram[k, old[:, None], old] = self.gram[k]
             gram[k, :, before:after], gram[k, before:after] = table, table.T
 
         in_threads(join, [(k,) for k in range(len(self.noises))])
-        self._columns.append(columns)
+        self._table = np.column_stack([self._table, fresh])
         self.gram = gram
         widths = np.array([part.stop - part.start for part in self._slices])
         self._groups = [
@@ -182,7 +178,7 @@ class Evidence:
         self.whitener = self.whitener.keep(noises)
         self._whitened_baseline = [self._whitened_baseline[k] for k in noises]
         self._constant, self._targets = self._constant[noises], self._targets[noises]
-        self._columns, self.gram = [block[noises] for block in self._columns], self.gram[noises]
+        self.gram = self.gram[noises]
         self._set_blocks()
 
     def _prepared(self, columns: Array) -> Array:
@@ -261,7 +257,7 @@ class Evidence:
         size, shape (sizes, count, targets)."""
         left = np.einsum("nt,nt->t", targets, targets)
         last = self._slices[count - 1].stop
-        cross = self._whitened(noise)[:, :last].T @ targets
+        cross = self._whitened(self._table[:, :last], noise).T @ targets
         gains = np.empty((len(SIZES), count, targets.shape[1]))
         for width, which, starts in self._groups:
             here = which < count
@@ -358,11 +354,10 @@ class Evidence:
         if not members:
             return target
         inside, amplitudes, _ = self._amplitudes(members, noise)
-        return np.asarray(target - self._whitened(noise)[:, inside] @ amplitudes)
+        return np.asarray(target - self.left(noise, self._whitened(self._table[:, inside], noise)) @ amplitudes)
 
-    def _whitened(self, noise: int) -> Array:
-        """All candidates' columns, for one noise, less what the baseline takes."""
-        return np.concatenate([block[noise] for block in self._columns], axis=1)
+    def _whitened(self, columns: Array, noise: int) -> Array:
+        return np.asarray(self.whitener.keep(np.array([noise]))(columns)[0])
 
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:
