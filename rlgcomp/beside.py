@@ -6,6 +6,7 @@ For commands, which live only once: a program that diagnoses again and again has
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import os
 import pickle
@@ -83,6 +84,7 @@ def beside(*modules: str) -> Iterator[Beside | None]:
 def serve(modules: Sequence[str]) -> None:
     """Answer until there are no more questions: what the process does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process is interrupted, and ends this one
+    gc.disable()  # it does not live long enough to need it
     answers: IO[bytes] = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # nothing that is printed gets between the answers
     for module in modules:
