@@ -22,7 +22,7 @@ from experiments.concealed.effects import INDEPENDENT, OUTSIDE, catalogued
 from experiments.concealed.noise import Noise
 from experiments.concealed.operators import Relays, first_order, slab
 from experiments.concealed.programmes import COLDEST_DEG_C, HOTTEST_DEG_C, random_programme
-from experiments.concealed.score import died
+from experiments.concealed.score import died, key_of
 from rlgcomp.physics import CATALOGUE
 
 
@@ -299,9 +299,9 @@ class TestManyCases:
         """Keys of the cases that are diagnosed, which is not done here."""
         keys: list[str] = []
 
-        def run(arguments: Any) -> dict[str, Any]:
-            keys.append(repr(arguments))
-            return {"key": repr(arguments), "kind": "null", "verdict": "none", "name": "n", "findings": [], "seconds": 1.0}
+        def run(arguments: Any, stated: bool) -> dict[str, Any]:
+            keys.append(key_of(arguments, stated))
+            return {"key": keys[-1], "kind": "null", "verdict": "none", "name": "n", "findings": [], "seconds": 1.0}
 
         monkeypatch.setattr(program, "run_case", run)
         monkeypatch.setattr(program.tables, "show", len)
@@ -323,6 +323,13 @@ class TestManyCases:
         assert len(made) == 4
         assert [json.loads(line)["key"] for line in rows.read_text().splitlines()] == [before[0], *made]
         assert capsys.readouterr().out.startswith("# Concealed physics: `python -m experiments.concealed --only null")
+
+    def test_cases_with_their_noise_stated_are_others(self, made: list[str], tmp_path: Path) -> None:
+        options = ["--only", "null", "--cases", "2", "--jobs", "1", "--resume", "--rows", str(tmp_path / "rows.jsonl")]
+        main(options)
+        main([*options, "--noise-stated"])
+        main([*options, "--noise-stated"])
+        assert len(made) == len(set(made)) == 4
 
     def test_a_scheduler_that_does_not_answer_ends_with_a_message(
         self, made: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import json
 import shlex
 import sys
@@ -28,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--cases", type=int, help="cases of each kind, instead of the usual numbers")
     parser.add_argument("--first", type=int, default=0, help="number of the first case: others than those tuned on")
     parser.add_argument("--only", choices=KINDS, action="append", help="only this kind; may be given again")
+    parser.add_argument("--noise-stated", action="store_true", help="tell the diagnosis each unit's true noise")
     parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work instead")
     parser.add_argument("--rows", type=Path, default=Path("build/concealed.jsonl"), help="where each case is kept as it finishes")
@@ -47,8 +49,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     kept = _kept(options.rows) if options.resume else {}
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     options.rows.write_text("".join(to_json(row, indent=None) + "\n" for row in kept.values()), encoding="utf-8")
-    missing = [arguments for arguments in wanted if key_of(arguments) not in kept]
-    work = spread(run_case, missing, died=died, n_jobs=options.jobs, scheduler=options.scheduler)
+    keys = {arguments: key_of(arguments, options.noise_stated) for arguments in wanted}
+    missing = [arguments for arguments in wanted if keys[arguments] not in kept]
+    run, lost = (functools.partial(function, stated=options.noise_stated) for function in (run_case, died))
+    work = spread(run, missing, died=lost, n_jobs=options.jobs, scheduler=options.scheduler)
     try:
         for done, row in enumerate(work, start=1):
             kept[row["key"]] = row
@@ -58,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     except InputError as error:
         parser.exit(2, f"error: {error}\n")
     print(f"# Concealed physics: `python -m experiments.concealed {shlex.join(sys.argv[1:] if argv is None else argv)}`\n")
-    tables.show([kept[key_of(arguments)] for arguments in wanted])
+    tables.show([kept[key] for key in keys.values()])
 
 
 def _kept(path: Path) -> dict[str, dict[str, object]]:

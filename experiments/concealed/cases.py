@@ -61,8 +61,8 @@ class Case:
         Prediction of the held-out runs by least squares on the training runs with the true law's columns.
     white_100_s_deg_h : float
         Standard deviation of the white noise of a 100 s mean.
-    white_noise : bool
-        Whether the noise is angle random walk alone, without flicker and rate random walk.
+    noise : mapping
+        The unit's, as under `noise:` in a simulator file.
     repeats : bool
         Whether held-out runs repeat the hidden effects.
     information_nats : float
@@ -86,7 +86,7 @@ class Case:
     truth_held_out: tuple[Array, ...]
     oracle: tuple[Array, ...]
     white_100_s_deg_h: float
-    white_noise: bool
+    noise: dict[str, float]
     repeats: bool
     information_nats: float
 
@@ -181,7 +181,7 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
         truth_held_out=tuple(truth[len(TRAINING) :]),
         oracle=_oracle(fitted, recordings, [scale[e.name] * units[e.name][k] for e in hidden if not e.repeats for k in range(2)]),
         white_100_s_deg_h=noise.white_100_s_deg_h,
-        white_noise=noise.flicker == noise.walk == 0.0,
+        noise=noise.to_mapping(),
         repeats=all(effect.repeats for effect in hidden),
         information_nats=_information(noise, known, [[scale[name] * values for values in units[name]] for name in units]),
     )
@@ -236,7 +236,7 @@ def _on_a_table(effects: Sequence[str], strength: float, seed: int) -> Case:
         truth_held_out=tuple(truth[len(TRAINING) :]),
         oracle=_oracle(fitted, recordings, []),
         white_100_s_deg_h=noise.white_100_s_deg_h,
-        white_noise=noise.flicker == noise.walk == 0.0,
+        noise=noise.to_mapping(),
         repeats=True,
         information_nats=0.5 * strength**2 * sum(map(len, rates[: len(TRAINING)])) / MEAN_S if effects else 0.0,
     )

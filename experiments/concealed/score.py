@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from experiments.concealed.cases import Case, make_case, means
 from rlgcomp.diagnosis.score import Hidden, Score
+from rlgcomp.noise import NoiseModel
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.workers import DIED
 
@@ -18,23 +19,23 @@ Array = npt.NDArray[np.float64]
 Arguments = tuple[Any, tuple[str, ...], float, int, bool]
 
 
-def run_case(arguments: Arguments) -> dict[str, Any]:
+def run_case(arguments: Arguments, stated: bool = False) -> dict[str, Any]:
     """Make a case, diagnose it, score it. A failure is an answer too: it is scored as such and the rest goes on."""
     try:
-        return _asked(arguments) | diagnosed(make_case(*arguments))
+        return _asked(arguments, stated) | diagnosed(make_case(*arguments), stated)
     except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
-        return _asked(arguments) | {"failure": f"{type(error).__name__}: {error}"}
+        return _asked(arguments, stated) | {"failure": f"{type(error).__name__}: {error}"}
 
 
-def died(arguments: Arguments) -> dict[str, Any]:
+def died(arguments: Arguments, stated: bool = False) -> dict[str, Any]:
     """The line of a case that takes its worker with it each time."""
-    return _asked(arguments) | {"failure": DIED}
+    return _asked(arguments, stated) | {"failure": DIED}
 
 
-def _asked(arguments: Arguments) -> dict[str, Any]:
+def _asked(arguments: Arguments, stated: bool) -> dict[str, Any]:
     kind, effects, strength, seed, independent = arguments
     return {
-        "key": key_of(arguments),
+        "key": key_of(arguments, stated),
         "kind": kind,
         "hidden": list(effects),
         "strength": strength,
@@ -43,18 +44,19 @@ def _asked(arguments: Arguments) -> dict[str, Any]:
     }
 
 
-def key_of(arguments: Arguments) -> str:
+def key_of(arguments: Arguments, stated: bool = False) -> str:
     """What a case is known by among the lines of a file."""
-    return repr(arguments)
+    return repr(arguments) + " with its noise stated" * stated
 
 
-def diagnosed(case: Case) -> dict[str, Any]:
-    """Score of one case."""
+def diagnosed(case: Case, stated: bool = False) -> dict[str, Any]:
+    """Score of one case; `stated` tells the diagnosis the unit's true noise."""
     from rlgcomp.diagnosis.diagnose import diagnose
 
     simulator = Simulator.from_mapping(case.simulator_mapping)
     begun, begun_cpu = time.perf_counter(), time.process_time()
-    diagnosis = diagnose(simulator, train=case.train, test=case.test)
+    noise = NoiseModel.from_mapping(case.noise) if stated else None
+    diagnosis = diagnose(simulator, train=case.train, test=case.test, noise=noise)
     seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - begun_cpu
     content = diagnosis.to_mapping()
     named = case.hidden if case.kind in ("single", "pair", "triple", "table") else ()
@@ -79,7 +81,7 @@ def diagnosed(case: Case) -> dict[str, Any]:
         "true_drivers": sorted(case.drivers),
         "true_memory": case.memory,
         "repeats": case.repeats,
-        "white_noise": case.white_noise,
+        "white_noise": not (case.noise["bias_instability_deg_h"] or case.noise["rate_random_walk_deg_h_sqrt_h"]),
         "information_nats": case.information_nats,
         "promised": None if diagnosis.test is None else diagnosis.test.improvement,
         "error_to_oracle": error / oracle,
