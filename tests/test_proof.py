@@ -104,6 +104,15 @@ def test_the_black_box_learns_and_says_nothing_without_monitors(runs: list[rlg.R
     assert nothing.traces[0].compensation_deg_h is None
 
 
+def test_the_black_box_gives_no_advice(runs: list[rlg.Recording], caplog: pytest.LogCaptureFixture) -> None:
+    rlg.Compensator(rlg.LSSVMRegressor(), averaging_s=300.0).fit(runs[:1])
+    assert "one run only" in caplog.text
+    caplog.clear()
+    (mismatch,) = [Mismatch.of(BASE, run, None, None, 100.0) for run in runs[:1]]
+    learned([mismatch], 1)()
+    assert not caplog.text
+
+
 def test_a_run_too_short_is_named(runs: list[rlg.Recording]) -> None:
     brief = runs[2].between(0.0, 900.0, name="brief")
     with pytest.raises(rlg.InputError, match="brief"):

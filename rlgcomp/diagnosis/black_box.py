@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from typing import Final
 
@@ -101,7 +103,20 @@ def learned(mismatches: Sequence[Mismatch], training: int, executor: Executor | 
     return means
 
 
+@contextlib.contextmanager
+def _without_advice() -> Iterator[None]:
+    """What training says to those who train is not for those who diagnose."""
+    logger = logging.getLogger("rlgcomp.compensation")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
 @one_blas_thread
+@_without_advice()
 def _trained(fine: Sequence[Recording], training: int, averaging_s: float) -> list[Array] | None:
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.compensation.lssvm import LSSVMRegressor
