@@ -45,6 +45,7 @@ Modules, each importing only from those before it:
     collection                  a folder of models: listed, verified, compared
     report                      pages that show them
     diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
+    challenge                   effects concealed, sealed and scored; the smallest that recordings would show
     export                      a compensation as code for the box, proved against Python by running it
     fleet workers               many gyros at once; work on one machine or a cluster, whatever dies meanwhile
     bench sparse                how fast all this is beside its peers; sparse least squares

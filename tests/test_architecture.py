@@ -43,6 +43,7 @@ ROWS = [
     ["collection"],
     ["report"],
     ["diagnosis"],
+    ["challenge"],
     ["export"],
     ["workers"],
     ["fleet"],

@@ -18,13 +18,13 @@ from pyarrow import parquet
 from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
+from rlgcomp.challenge.conceal import PROGRAMMES, RUNS, Challenge, conceal
+from rlgcomp.challenge.injection import busiest, drawn, injected, scaled, unabsorbed, white_deg_h
+from rlgcomp.challenge.score import Hidden, Score
+from rlgcomp.challenge.seal import reveal, seal
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.conceal import PROGRAMMES, RUNS, Challenge, conceal
-from rlgcomp.diagnosis.injection import busiest, drawn, injected, scaled, unabsorbed, white_deg_h
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.score import Hidden, Score
-from rlgcomp.diagnosis.seal import reveal, seal
 from rlgcomp.files import sha256
 from rlgcomp.physics import CATALOGUE
 

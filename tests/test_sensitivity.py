@@ -12,11 +12,11 @@ import yaml
 from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
+from rlgcomp.challenge.injection import unabsorbed
+from rlgcomp.challenge.sensitivity import Curve, Sensitivity, _beyond, _errors, _injection, sensitivity
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.injection import unabsorbed
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.sensitivity import Curve, Sensitivity, _beyond, _errors, _injection, sensitivity
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
 

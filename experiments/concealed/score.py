@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.concealed.cases import Case, make_case, means
-from rlgcomp.diagnosis.score import Hidden, Score
+from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.noise import NoiseModel
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.workers import DIED

@@ -50,7 +50,7 @@ def _prediction(quick: bool) -> Case:
 
 
 def _diagnosis(quick: bool) -> Case:
-    from rlgcomp.diagnosis.conceal import lacking
+    from rlgcomp.challenge.conceal import lacking
     from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.simulation.fleet import simulated_unit
 

@@ -38,8 +38,8 @@ def conceal(
 
     Example: `rlgcomp conceal gyro.yaml --hide random --seed 7 --out challenge`
     """
-    from rlgcomp.diagnosis.conceal import conceal as make
-    from rlgcomp.diagnosis.seal import CHALLENGE, SIMULATOR, TRUTH, seal
+    from rlgcomp.challenge.conceal import conceal as make
+    from rlgcomp.challenge.seal import CHALLENGE, SIMULATOR, TRUTH, seal
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_folder, sha256
     from rlgcomp.simulation.simulator import Simulator
@@ -69,7 +69,7 @@ def reveal(
 
     Example: `rlgcomp reveal challenge diagnosis`
     """
-    from rlgcomp.diagnosis.seal import reveal as opened
+    from rlgcomp.challenge.seal import reveal as opened
 
     revealed = opened(challenge, diagnosis, truth=truth)
     if as_json:

@@ -31,8 +31,8 @@ def demo(
 
     Example: `rlgcomp demo --out demo`
     """
+    from rlgcomp.challenge.conceal import lacking
     from rlgcomp.compensation.compensator import Compensator
-    from rlgcomp.diagnosis.conceal import lacking
     from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.evaluation import evaluate
     from rlgcomp.files import require_folder, whole_folder

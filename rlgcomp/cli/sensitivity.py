@@ -12,7 +12,7 @@ from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.sensitivity import Sensitivity
+    from rlgcomp.challenge.sensitivity import Sensitivity
 
 
 @command("sensitivity")
@@ -37,7 +37,7 @@ def sensitivity(
 
     Example: `rlgcomp sensitivity gyro.yaml cold.parquet hot.parquet --mechanism supply_voltage --jobs 2`
     """
-    from rlgcomp.diagnosis.sensitivity import sensitivity as measure
+    from rlgcomp.challenge.sensitivity import sensitivity as measure
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_folder
     from rlgcomp.simulation.simulator import Simulator

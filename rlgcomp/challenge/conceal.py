@@ -1,4 +1,4 @@
-"""Challenges: recordings of a gyro that has something its simulator file lacks. :mod:`rlgcomp.diagnosis.seal` writes them."""
+"""Challenges: recordings of a gyro that has something its simulator file lacks. :mod:`rlgcomp.challenge.seal` writes them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any, Final, Self
 import numpy as np
 import pandas as pd
 
-from rlgcomp.diagnosis.injection import Array, busiest, drawn, scaled, unabsorbed
+from rlgcomp.challenge.injection import Array, busiest, drawn, scaled, unabsorbed
+from rlgcomp.challenge.score import Hidden
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.score import Hidden
 from rlgcomp.errors import InputError
 from rlgcomp.noise import NOISES, stream
 from rlgcomp.physics import CATALOGUE

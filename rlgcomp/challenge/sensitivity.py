@@ -1,7 +1,7 @@
 r"""The smallest effect that a laboratory would find: a mechanism put into its own recordings at growing strengths, and sought.
 
 Each trial draws shapes, signs and relative sizes anew. The chance of finding an effect of strength s (see
-:mod:`rlgcomp.diagnosis.injection`) is taken as logistic in its logarithm,
+:mod:`rlgcomp.challenge.injection`) is taken as logistic in its logarithm,
 
 .. math:: P(s) = \frac{1}{1 + \exp\!\big(-(\ln s - \ln s_{50})/w\big)}, \qquad \ln s_{90} = \ln s_{50} + w \ln 9,
 
@@ -21,8 +21,8 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
+from rlgcomp.challenge.injection import Array, drawn, injected, scaled, unabsorbed, white_deg_h
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.injection import Array, drawn, injected, scaled, unabsorbed, white_deg_h
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.errors import InputError
 from rlgcomp.noise import stream

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from rlgcomp.diagnosis.conceal import RUNS, TRAINING, Challenge
-from rlgcomp.diagnosis.score import Hidden, Score
+from rlgcomp.challenge.conceal import RUNS, TRAINING, Challenge
+from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256, whole_folder, write_json
 from rlgcomp.formats import write
