@@ -117,7 +117,7 @@ def test_an_interval(static: Path) -> None:
         (("--estimator", "modified"), "known are overlapping"),
         (("--confidence", "68"), "between 0 and 1"),
         (("--gyro", "gyro_z_deg_h"), "not among them"),
-        (("--out", "nowhere/at/all"), "does not exist"),
+        (("--out", f"{__file__}/noise"), "is no folder"),
     ],
 )
 def test_bad_options_are_refused(static: Path, options: tuple[str, ...], message: str) -> None:
