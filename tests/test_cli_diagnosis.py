@@ -49,6 +49,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rlg.write(unit.predict(rlg.read(folder / f"run{seed}.parquet")), folder / f"sim{seed}.parquet")
     (folder / "sim.yaml").write_text("kind: chamber\nmechanisms:\n  - thermal_polynomial: {degree: 3}\n  - temperature_rate\n")
     (folder / "gyros.json").write_text(json.dumps([{"gyro": name, "coefficients": {}} for name in "ab"]))
+    (folder / "flicker.yaml").write_text("bias_instability_deg_h: 0.001\n")
     (folder / "below.yaml").write_text("bias_instability_deg_h: -1.0\n")
     (folder / "my_sim.py").write_text("def gyro(r):\n    return 0.001 * r.column('temperature_block_degC')\n")
     (folder / "my_physics.py").write_text(OWN_MECHANISM)
@@ -215,6 +216,10 @@ WRONG = {
     ),
     "noise of another kind": (["--simulator", SIM, "--train", RUN0, "--noise", SIM], "unknown 'kind', 'mechanisms'"),
     "noise below zero": (["--simulator", SIM, "--train", RUN0, "--noise", "{files}/below.yaml"], "it must be a number, zero or"),
+    "noise without its white part": (
+        ["--simulator", SIM, "--train", RUN0, "--noise", "{files}/flicker.yaml"],
+        "angle_random_walk_deg_sqrt_h is missing or zero",
+    ),
     "noise of nothing": (["--simulator", SIM, "--train", RUN0, "--noise", "{files}/my_sim.py"], "--noise"),
     "mechanisms": (["--simulator", SIM, "--train", RUN0, "--mechanisms", "{files}/my_sim.py"], "defines no mechanism"),
     "no such option": (["--simulator", SIM, "--train", RUN0, "--tests", RUN1], "--tests"),

@@ -154,12 +154,17 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
         names = [field.name for field in dataclasses.fields(NoiseModel)]
         content = {key: value for key, value in chosen.items() if key in names}
     if not isinstance(content, dict) or not content:
-        raise InputError(f"--noise {path}: expected coefficients.json of rlgcomp allan --out, or 'bias_instability_deg_h: 0.0005'")
+        raise InputError(
+            f"--noise {path}: expected coefficients.json of rlgcomp allan --out, or 'angle_random_walk_deg_sqrt_h: 0.0003'"
+        )
     section = content.get("noise", content)
     try:
-        return NoiseModel.from_mapping(section)
+        strengths = NoiseModel.from_mapping(section)
     except (InputError, TypeError) as error:
         raise InputError(f"--noise {path}: {error}") from None
+    if strengths.angle_random_walk_deg_sqrt_h == 0.0:
+        raise InputError(f"--noise {path}: angle_random_walk_deg_sqrt_h is missing or zero; the other noises are judged beside it")
+    return strengths
 
 
 def told_apart(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recording]:
