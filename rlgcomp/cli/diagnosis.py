@@ -154,9 +154,7 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
         names = [field.name for field in dataclasses.fields(NoiseModel)]
         content = {key: value for key, value in chosen.items() if key in names}
     if not isinstance(content, dict) or not content:
-        raise InputError(
-            f"--noise {path}: expected coefficients.json of rlgcomp allan --out, or 'angle_random_walk_deg_sqrt_h: 0.0003'"
-        )
+        raise InputError(f"--noise {path}: expected coefficients.json of rlgcomp allan, or 'angle_random_walk_deg_sqrt_h: 0.0003'")
     section = content.get("noise", content)
     try:
         strengths = NoiseModel.from_mapping(section)
