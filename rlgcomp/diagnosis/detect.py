@@ -172,7 +172,6 @@ def _statistics(
     """The statistic of every column of targets, and its log likelihood with nothing missing, by ordinary noise."""
     weights = np.array([candidate.log_weight for candidate in evidence.candidates[:count]])
     per_name = -math.log(len({candidate.name for candidate in evidence.candidates[:count]}))
-
     whitened = evidence.whitener(targets)
     points, something = np.empty((2, len(whitened), targets.shape[1]))
 
