@@ -5,10 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 import rlgcomp as rlg
 
 ROOT = Path(__file__).resolve().parent.parent
+
+# The same examples at every run, so that a change is judged by what it changed; --hypothesis-profile=search looks for new ones.
+settings.register_profile("same", derandomize=True)
+settings.register_profile("search", derandomize=False)
+settings.load_profile("same")
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -208,6 +208,10 @@ ANYTHING = st.one_of(st.none(), st.text(max_size=5), st.floats(), LISTS, FRAMES)
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(answer=ANYTHING)
+@example(answer=pd.DataFrame({"time_s": [-1e308, 1e308], "gyro_deg_h": [0.0, 0.0]}))
+@example(answer=pd.DataFrame({"time_s": [1.7e308, -1e292], "gyro_deg_h": [0.0, 0.0]}))
+@example(answer=pd.DataFrame({"gyro_deg_s": [1e308, -1e308]}))
+@example(answer=pd.DataFrame({"time_s": [0.0, 1e9], "gyro_deg_h": [1e308, -1e308]}))
 def test_any_answer_is_taken_or_refused(run: rlg.Recording, answer: object) -> None:
     try:
         rate = PythonSimulator(lambda _: answer, "any.py:gyro").predict_deg_h(run)

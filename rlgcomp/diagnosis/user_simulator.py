@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol, Self
@@ -195,7 +196,8 @@ class PythonSimulator:
         try:
             if np.iscomplexobj(answer):
                 raise TypeError
-            values = convert(np.asarray(answer, dtype=np.float64), unit, "deg/h")
+            with np.errstate(over="ignore"):  # what overflows is refused below, as infinite
+                values = convert(np.asarray(answer, dtype=np.float64), unit, "deg/h")
         except (TypeError, ValueError):
             raise InputError(f"{self.name}: returned {type(answer).__name__}; return one number a row, in deg/h") from None
         if at_s is not None:
@@ -213,7 +215,7 @@ class PythonSimulator:
     def _times_of(self, answer: pd.DataFrame, recording: Recording) -> Array:
         """Its own times, where a table has other rows than the recording: between them it is interpolated."""
         time_s, run_s = pd.to_numeric(answer[TIME], errors="coerce").to_numpy(dtype=np.float64), recording.time_s
-        if not (len(time_s) > 1 and (np.diff(time_s) > 0.0).all()):
+        if not (len(time_s) > 1 and (time_s[1:] > time_s[:-1]).all() and math.isfinite(float(time_s[-1]) - float(time_s[0]))):
             raise InputError(
                 f"{self.name}: {TIME} of what it returned for {recording.name} does not increase; return rows in order"
             )
