@@ -21,6 +21,7 @@ WEIGHTS = np.random.default_rng(1).normal(size=7)
 def _few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hysteresis_loops, "MANY", 50)
     monkeypatch.setattr(hysteresis_loops, "_TOGETHER", 3)
+    monkeypatch.setattr(hysteresis_loops, "_PLAYS", 3)
 
 
 def inputs(n: int = 301, gyros: int = 7) -> np.ndarray:
