@@ -1,6 +1,6 @@
 r"""The loops of hysteresis operators: one input or a fleet's, many operators at once, compiled where that pays.
 
-`play_states` and `bouc_wen` give the same bits compiled and plain; so does a gyro of a fleet alone. Sums of play operators are
+`play_states` and `bouc_wen`, with `bouc_wen_linear`, give the same bits compiled and plain; so does a gyro of a fleet alone. Sums of play operators are
 taken in another order where they are compiled, and agree to rounding.
 """
 
@@ -20,6 +20,7 @@ Array = npt.NDArray[np.float64]
 MANY: Final = 100_000  # updates of an operator from which compiling pays
 _LOADED: Final = 10_000  # the same once Numba is there
 BOUC_WEN: Final = 10  # a step of Bouc–Wen in updates of a play operator
+_STEPS: Final = 256  # of one gyro, whose gains are found at once
 _TOGETHER: Final = 256  # gyros of one piece of work
 _PLAYS: Final = 512  # the same of play operators
 
@@ -224,21 +225,63 @@ def _linear_steps(
         moved[g] = at * (1.0 + q * factor) + slope * h * factor
 
 
+def _moved(z: float, move: float, slope: float, along: float, against: float, n: float, longest: float) -> float:
+    """z after a step of the input, in substeps that are not too long."""
+    if abs(move) <= longest:
+        return _runge_kutta(z, move, slope, along, against, n)
+    pieces = math.ceil(abs(move) / longest)
+    for _ in range(pieces):
+        z = _runge_kutta(z, move / pieces, slope, along, against, n)
+    return z
+
+
 @compiled()
 def bouc_wen(
     z: float, before: float, u: Array, slope: float, along: float, against: float, n: float, longest: float, output: Array
 ) -> tuple[float, float]:
     """z after each input, into `output`, and the last (z, u)."""
     for k in range(len(u)):
-        move = u[k] - before
-        if abs(move) <= longest:
-            z = _runge_kutta(z, move, slope, along, against, n)
-        else:
-            pieces = math.ceil(abs(move) / longest)
-            for _ in range(pieces):
-                z = _runge_kutta(z, move / pieces, slope, along, against, n)
+        z = _moved(z, u[k] - before, slope, along, against, n, longest)
         before = u[k]
         output[k] = z
+    return z, before
+
+
+@compiled()
+def bouc_wen_linear(
+    z: float, before: float, u: Array, slope: float, along: float, against: float, longest: float, output: Array
+) -> tuple[float, float]:
+    """The same with n = 1. What a step multiplies z by, and adds, is found for many steps at once, before z goes through them."""
+    steepest = 2.0 * max(abs(along), abs(against))
+    moves, gain_up, gain_down, drive_up, drive_down = np.empty((5, _STEPS))
+    for first in range(0, len(u), _STEPS):
+        some = u[first : first + _STEPS]
+        moves[0] = some[0] - before
+        for k in range(1, len(some)):
+            moves[k] = some[k] - some[k - 1]
+        for k in range(len(some)):
+            h = moves[k]
+            above, below = (along, against) if h > 0.0 else (against, along)
+            up, down = -above * h, below * h
+            rise, fall = _factor(up), _factor(down)
+            gain_up[k], gain_down[k], drive_up[k], drive_down[k] = (
+                1.0 + up * rise,
+                1.0 + down * fall,
+                slope * h * rise,
+                slope * h * fall,
+            )
+        k = 0
+        while k < len(some):
+            gain, drive = (gain_up, drive_up) if z > 0.0 else (gain_down, drive_down)
+            while k < len(some) and abs(moves[k]) <= longest and abs(z) - abs(moves[k]) * (slope + steepest * abs(z)) > 0.0:
+                z = z * gain[k] + drive[k]  # keeps its sign
+                output[first + k] = z
+                k += 1
+            if k < len(some):
+                z = _moved(z, moves[k], slope, along, against, 1.0, longest)
+                output[first + k] = z
+                k += 1
+        before = some[-1]
     return z, before
 
 
