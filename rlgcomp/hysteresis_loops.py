@@ -1,7 +1,7 @@
 r"""The loops of hysteresis operators: one input or a fleet's, many operators at once, compiled where that pays.
 
-`play_states` and `bouc_wen`, with `bouc_wen_linear`, give the same bits compiled and plain; so does a gyro of a fleet alone. Sums of play operators are
-taken in another order where they are compiled, and agree to rounding.
+`play_states`, `bouc_wen` and `bouc_wen_linear` give the same bits compiled and plain; so does a gyro of a fleet alone. Sums of play
+operators are taken in another order where they are compiled, and agree to rounding.
 """
 
 from __future__ import annotations
