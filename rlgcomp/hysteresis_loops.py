@@ -68,8 +68,8 @@ def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int
             sums[k] = weights @ states
     else:
         # operators of no weight, so that vector registers, or pairs of operators, are full
-        rest = (0, -len(radii) % (4 if u.ndim == 1 else 2))
-        radii, weights, states = np.pad(radii, rest), np.pad(weights, rest), np.pad(states, (rest, *[(0, 0)] * (u.ndim - 1)))
+        rest = -len(radii) % (4 if u.ndim == 1 else 2)
+        radii, weights, states = (np.concatenate([given, np.zeros((rest, *given.shape[1:]))]) for given in (radii, weights, states))
         if u.ndim == 1:
             _sums_of_one(u, radii, weights, states, sums)
         else:
