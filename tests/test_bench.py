@@ -103,7 +103,18 @@ def test_names_are_unique_and_chosen_by_their_beginning() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["plays", "bouc-wen", "bouc-wen-fleet", "laws-61", "laws-built", "predict", "start-import", "allan-octave-1", "read-parquet"],
+    [
+        "plays",
+        "bouc-wen",
+        "bouc-wen-fleet",
+        "laws-61",
+        "laws-built",
+        "predict",
+        "start-import",
+        "allan-octave-1",
+        "read-parquet",
+        "exact-torch",
+    ],
 )
 def test_rows_agree_with_their_peers(name: str) -> None:
     (one,) = (one for one in bench.ROWS if one.name == name)
