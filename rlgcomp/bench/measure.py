@@ -97,6 +97,8 @@ class Row:
         Our time at full size.
     goal_extra_s : float, optional
         What we may take longer than the peer.
+    grown : callable, optional
+        (small) to Case, for growth, where quick data are of another kind than full ones.
     """
 
     name: str
@@ -105,6 +107,7 @@ class Row:
     threads: int = 1
     goal_s: float | None = None
     goal_extra_s: float | None = None
+    grown: Callable[[bool], Case] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,7 +144,7 @@ def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Me
     """Measure a row against each of its peers."""
     case = row.prepare(quick)
     with threadpool_limits(1, user_api="blas"):
-        result = case.ours()  # compiles and warms what is compiled and warmed once
+        result, _ = _once(case.ours)  # compiles and warms what is compiled and warmed once
         if not case.peers:
             ours = _times(case.ours, repeats)
             return [_judged(row, _alone(row, case, ours), quick, None)]
@@ -150,7 +153,8 @@ def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Me
 
 def growth(row: Row, repeats: int = REPEATS) -> dict[str, Any] | None:
     """How our processor time grows from small data to full, as an exponent of n; None for a row without a size."""
-    small, full = row.prepare(True), row.prepare(False)
+    prepare = row.grown or row.prepare
+    small, full = prepare(True), prepare(False)
     if not small.n:
         return None
     seconds = []
