@@ -68,6 +68,15 @@ def test_it_is_the_plain_path(
         close(there.leave_groups_out(groups), plain.leave_groups_out(groups))
 
 
+def test_integers_and_what_is_read_only_or_reversed_are_taken(data: tuple[np.ndarray, np.ndarray]) -> None:
+    X, y = np.round(4.0 * data[0]).astype(int), np.round(9.0 * data[1]).astype(int)
+    expected = rlg.LSSVMRegressor(device="cpu").fit(X.astype(float), y.astype(float)).predict(X.astype(float))
+    reverse = X[::-1][::-1], y[::-1][::-1]
+    for values in reverse:
+        values.setflags(write=False)
+    assert np.array_equal(rlg.LSSVMRegressor(device="cpu").fit(*reverse).predict(reverse[0]), expected)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000), st.integers(2, 60), st.integers(1, 70), st.floats(0.1, 1e3))
 def test_it_solves_the_bordered_system_whatever_the_panels(seed: int, n: int, width: int, c: float) -> None:

@@ -98,16 +98,14 @@ class DeviceSystem:
         self._n = len(X)
         self._width = _WIDTH_GPU if self._device.type == "cuda" else _WIDTH_CPU
         with self._room():
-            self._X = torch.as_tensor(X, device=self._device)
-            self._panels = self._factored(1.0 / torch.as_tensor(c, device=self._device))
+            self._X = _tensor(X, self._device)
+            self._panels = self._factored(1.0 / _tensor(c, self._device))
             self._ones = self._forward(torch.ones((self._n, 1), dtype=torch.float64, device=self._device))
 
     def solve(self, y: Array) -> tuple[Array, float]:
         """a, shape (n,), and b for the output y, shape (n,)."""
-        import torch
-
         with self._room():
-            z = self._forward(torch.as_tensor(y, device=self._device).clone()[:, None])
+            z = self._forward(_tensor(y, self._device)[:, None].clone())
             u = self._ones
             intercept = float((u * z).sum() / (u * u).sum())
             return _numpy(self._backward(z - intercept * u)[:, 0]), intercept
@@ -144,17 +142,15 @@ class DeviceSystem:
                     whole = torch.zeros((self._n, columns.shape[1]), dtype=torch.float64, device=self._device)
                     whole[start:] = self._forward(columns, start)
                     block[:, part] += self._backward(whole)[out]
-                right = torch.as_tensor(alpha[rows], device=self._device)
+                right = _tensor(alpha[rows], self._device)
                 residuals[rows] = _numpy(torch.linalg.solve(block, right))
         return residuals
 
     def explained(self, X: Array) -> Array:
         """k^T H⁻¹ k - (1 - 1^T H⁻¹ k)² / 1^T H⁻¹ 1 for each row of X, shape (m, features)."""
-        import torch
-
         found = np.empty(len(X))
         with self._room():
-            at = torch.as_tensor(X, device=self._device)
+            at = _tensor(X, self._device)
             for k in range(0, len(X), self._width):
                 part = slice(k, k + self._width)
                 v = self._forward(_gram(self._kernel, self._parameters, self._X, at[part]))
@@ -233,7 +229,7 @@ def predictions(kernel: str, parameters: Mapping[str, Any], X: Array, centres: A
     import torch
 
     place = device_named(device)
-    at, rows, weights = (torch.as_tensor(values, device=place) for values in (X, centres, alpha))
+    at, rows, weights = (_tensor(values, place) for values in (X, centres, alpha))
     found = np.empty(len(X))
     block = max(1, _AT_ONCE // len(centres))
     for k in range(0, len(X), block):
@@ -260,6 +256,12 @@ def _gram(kernel: str, parameters: Mapping[str, Any], x: Tensor, z: Tensor) -> T
     if kernel == "sigmoid":
         return products.mul_(parameters["slope"]).add_(parameters["offset"]).tanh_()
     return products
+
+
+def _tensor(values: npt.ArrayLike, device: Any) -> Tensor:
+    import torch
+
+    return torch.as_tensor(np.require(values, np.float64, ["C", "W"]), device=device)  # read-only ones torch warns of
 
 
 def _numpy(tensor: Tensor) -> Array:
