@@ -158,3 +158,28 @@ def test_growth_is_the_exponent_of_the_work() -> None:
     found = bench.growth(Row("product", "a product of matrices", prepare), 5)
     assert found["exponent"] == pytest.approx(3.0, abs=1.0)
     assert bench.growth(Row("toy", "a toy", lambda quick: Case(lambda: 1.0)), 1) is None
+
+
+def test_parts_of_the_work_are_said() -> None:
+    parts: dict[str, float] = {}
+    toy = Row("toy", "a toy", lambda quick: Case(lambda: parts.update(first=0.25, second=1.0), parts=parts))
+    (found,) = measure(toy, repeats=1)
+    assert found.note == "first 0.25 s, second 1 s"
+
+
+def test_growth_may_be_of_data_of_their_own() -> None:
+    """Where quick data are of another kind; and a piece that measures itself is believed."""
+
+    def grown(small: bool) -> Case:
+        n = 2 if small else 8
+        return Case(lambda: Timed(None, 1.0, float(n) ** 1.5), n=n)
+
+    found = bench.growth(Row("toy", "a toy", lambda quick: Case(lambda: None), grown=grown), 1)
+    assert found["exponent"] == pytest.approx(1.5)
+
+
+def test_a_fleet_by_two_workers_is_that_of_one() -> None:
+    (row,) = (one for one in bench.ROWS if one.name == "fleet-10")
+    (found,) = measure(row, quick=True, repeats=1)
+    assert found.agrees
+    assert found.size == "10 units"

@@ -71,6 +71,8 @@ class Case:
         Whether the most memory that arrays take is measured as well.
     n : int
         How much there is to work on, in whatever grows; 0 where nothing does.
+    parts : dict
+        Seconds by part, which the work itself writes as it goes; those of the last time are said where there is no peer.
     """
 
     ours: Callable[[], Any]
@@ -78,6 +80,7 @@ class Case:
     size: str = ""
     memory: bool = False
     n: int = 0
+    parts: dict[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,7 +205,8 @@ def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats
 def _alone(row: Row, case: Case, ours: Any) -> Measured:
     wall, cpu = np.median(ours, axis=0)
     peak = _peak(case.ours) if case.memory else None
-    return Measured(row.name, row.work, case.size, row.threads, "", float(wall), float(cpu), ours_MiB=peak)
+    parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in case.parts.items())
+    return Measured(row.name, row.work, case.size, row.threads, "", float(wall), float(cpu), ours_MiB=peak, note=parts)
 
 
 def _judged(row: Row, measured: Measured, quick: bool, goal: float | None) -> Measured:
