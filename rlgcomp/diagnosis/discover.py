@@ -197,7 +197,7 @@ def _together(
 def _tangents(problem: Problem, law: EmpiricalLaw) -> Array:
     """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
     columns = [problem.columns(law)]
-    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width")}
+    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width", "lead_s")}
     steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
     for name, step in steps.items():
         change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]
