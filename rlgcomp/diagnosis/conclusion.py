@@ -49,7 +49,7 @@ def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
         best = nothing  # a wander that is nobody's looks a little like many a cause
     dictionary = Dictionary(windowed)
     noises, prior, _ = considered(windowed)  # all of them: what is unlikely without a law may be what a law leaves
-    chosen, highest = None, best.log_posterior
+    chosen, first, highest = None, None, best.log_posterior
     for model in (best,) if best is nothing else (best, nothing):
         law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
         instead = best if model is nothing else nothing
@@ -68,10 +68,10 @@ def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
             rival = explanations.evidence.explained(instead.members, int(np.argmax(instead.noise_log)))
             score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
         if score > highest:
-            chosen, highest = model, score
+            chosen, first, highest = model, law, score
     if chosen is None:
         return Conclusion(best, (), 0.0, explanations.unrecorded(best))
-    laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary)
+    laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary, first=first)
     lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
     return Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
 

@@ -155,6 +155,7 @@ def discover_laws(
     dictionary: Dictionary | None = None,
     largest: int = 2,
     least: float = SURE,
+    first: Discovery | None = None,
 ) -> tuple[Discovery, ...]:
     """Laws one after the other, each on top of those before it; their amplitudes estimated together.
 
@@ -164,9 +165,11 @@ def discover_laws(
         As in :func:`discover`.
     largest : int
         At most so many.
+    first : Discovery, optional
+        The first of them, where it was found before.
     """
     dictionary = Dictionary(problem) if dictionary is None else dictionary
-    found: list[Discovery] = []
+    found = [] if first is None else [first]
     while len(found) < largest:
         held = np.column_stack([design, *(_tangents(problem, one.mechanism) for one in found)])
         toll = inadequacy(2.0 * sum(one.log_bayes_factor for one in found))

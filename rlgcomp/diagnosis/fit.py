@@ -91,6 +91,9 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
         problem = _without_constant(problem)
     columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
     mechanisms = [candidate.mechanism for candidate in chosen]
+    for _ in range(_STEPS if columns else 0):  # the simulator's own shapes were calibrated without the causes
+        weights, _, _ = _solve(problem, np.column_stack([problem.baseline, *columns]), noise)
+        problem = problem.moved(weights[: problem.baseline.shape[1]])
     for step in range(_STEPS + 1):
         plain = np.column_stack([problem.baseline, *columns])
         weights, _, lowest = _solve(problem, plain, noise)

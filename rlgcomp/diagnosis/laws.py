@@ -37,7 +37,7 @@ MEMORY_CLASS: Final = {
 _SHORTEST_LAG_WINDOWS: Final = 2.0
 _SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
-_RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
+_RADII: Final = (0.06, 0.9)  # of half the range: from what is static but for a thread to what hardly moves
 _LATE_S: Final = (2.0, 60.0)  # what a thermometer may be behind its body by
 _OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
 
@@ -270,7 +270,7 @@ class Dictionary:
         longest_s = max(float(np.ptp(rows.time_s[part])) for part in rows.runs)
         lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.25 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
         radius = Axis("radius", *_RADII, 8, ratio=True)
-        wide = Axis("width", 0.2, 0.8, 2, ratio=True)
+        wide = Axis("width", 0.2, 1.6, 2, ratio=True)  # up to what is straight: no loop grows for ever
         single = math.log(ONE_DRIVER / max(1, len(self.drivers)))
         found: list[Family] = []
         for driver in self.drivers:
@@ -283,7 +283,6 @@ class Dictionary:
             ]
             slipping = [
                 Family(driver, "", "play", "power", 1, (radius,)),
-                Family(driver, "", "plays", "power", 1, (radius,)),
                 Family(driver, "", "plays", "saturation", 1, (radius, Axis("at", 0.0, 1.0, 3), wide)),
                 Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
             ]

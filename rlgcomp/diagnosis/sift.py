@@ -1,7 +1,7 @@
 """The dictionary of laws sifted: every family over its grid, the best refined, and each family's evidence.
 
-Shapes are refined by ever smaller steps and by Gauss–Newton, all families in one batch; a family's evidence about its best point is by Laplace's
-approximation in the shapes (R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 773 (1995)).
+Shapes are refined by ever smaller steps and by Gauss–Newton, all families in one batch; a family's evidence about its best point
+is by Laplace's approximation in the shapes (R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 773 (1995)).
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from rlgcomp.diagnosis.laws import Dictionary, Family
 
 Array = npt.NDArray[np.float64]
 _REFINED: Final = 20  # families
-_BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining, or two thirds of them where that is more
+_BEHIND: Final = (
+    30.0  # log units behind the best from which a family is not worth refining, or two thirds of them where that is more
+)
 _SHARE: Final = 1.0 / 3.0
 _STEPS: Final = 9
 _LENGTHS: Final = np.array([1.0, 0.5, 0.2])[:, None]  # of a Gauss–Newton step
