@@ -38,7 +38,6 @@ _SHORTEST_LAG_WINDOWS: Final = 2.0
 _SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
 _RADII: Final = (0.06, 0.9)  # of half the range: from what is static but for a thread to what hardly moves
-_BESIDE: Final = 0.1  # of the range: how far outside of it a peak may lie whose flank is seen
 _LATE_S: Final = (2.0, 60.0)  # what a thermometer may be behind its body by
 _OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
 
@@ -324,12 +323,11 @@ class Dictionary:
             Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 0.12, 1.0, 8, ratio=True))),
         ]
         for form in ("bump", "resonance", "dispersion"):
-            place = at[1] if form == "dispersion" else Axis("at", -_BESIDE, 1.0 + _BESIDE, 1)
             width = Axis("width", finest, 0.25, steps, ratio=True)
-            families.append(Family(driver, "", "static", form, 1, (place, width), screened=form == "bump"))
+            families.append(Family(driver, "", "static", form, 1, (at[1], width), screened=form == "bump"))
             if driver.startswith("temperature_"):
                 late = Axis("lead", *_LATE_S, 1, ratio=True)
-                families.append(Family(driver, "", "static", form, 1, (place, width, late), screened=False))
+                families.append(Family(driver, "", "static", form, 1, (at[1], width, late), screened=False))
         return families
 
 

@@ -19,7 +19,6 @@ SMOOTHING_S: Final = 20.0  # a law answers to the quantity, not to the noise of 
 MEMORIES: Final = ("static", "lag", "rate", "play", "plays")
 FORMS: Final = ("power", "above", "below", "step", "saturation", "bump", "resonance", "dispersion", "periodic")
 NARROW: Final = ("saturation", "bump", "resonance", "dispersion", "periodic")  # forms that have a width
-HELD: Final = ("bump", "resonance", "dispersion", "periodic")  # forms that stay beyond the range as at its edge
 RATE_INDEPENDENT: Final = ("play", "plays")
 _SHARES: Final = -np.log1p(-(np.arange(8) + 0.5) / 8)  # radii at equal steps of an exponential distribution of mean one
 _LARGEST: Final = 1e9
@@ -43,10 +42,10 @@ class EmpiricalLaw(Mechanism):
     above, below   max(0, x), max(0, -x)       a threshold from which on it acts
     step           1 where m > at, else 0      a threshold that switches; with play, a relay
     saturation     tanh z
-    bump           exp(-z²/2)                  beyond the range it stays as at the edge
+    bump           exp(-z²/2)                  0 far from `at`
     resonance      1 / (1 + z²)                likewise
     dispersion     2 z / (1 + z²)              likewise
-    periodic       cos(2 pi z)                 likewise
+    periodic       cos(2 pi z)                 beyond the range it stays as at the edge
     =============  ==========================  ================================================
 
     Nothing is known of a law outside the range in which it was found, so nothing grows there faster than straight: a straight
@@ -206,8 +205,7 @@ def form_of(m: Array, form: str, exponent: int, span: tuple[float, float], at: f
         In the unit of m.
     """
     low, high = span
-    held = np.clip(m, low, high)
-    z = ((held if form in HELD else m) - at) / (width if form in NARROW else 0.5 * (high - low))
+    z = (m - at) / (width if form in NARROW else 0.5 * (high - low))
     match form:
         case "above":
             return np.maximum(z, 0.0)
@@ -224,9 +222,10 @@ def form_of(m: Array, form: str, exponent: int, span: tuple[float, float], at: f
         case "dispersion":
             return np.asarray(2.0 * z / (1.0 + z**2))
         case "periodic":
-            return np.cos(2.0 * math.pi * z)
+            return np.cos(2.0 * math.pi * (np.clip(m, low, high) - at) / width)
     if exponent == 1:
         return np.asarray(z)
+    held = np.clip(m, low, high)
     beyond = (m - held) / (0.5 * (high - low))
     inside = z - beyond
     return np.asarray(inside**exponent + exponent * inside ** (exponent - 1) * beyond)
