@@ -204,7 +204,7 @@ class Problem:
                 simulator = simulator.with_mechanism(_shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
         if not amplitudes:
             return self
-        return self._linearised(simulator, lambda mechanism: amplitudes.get(mechanism.name, self._amplitudes(simulator, mechanism)))
+        return self._linearised(simulator, lambda m: amplitudes[m.name] if m.name in amplitudes else self._amplitudes(simulator, m))
 
     def _linearised(self, simulator: Simulator, amplitudes_of: Callable[[Mechanism], Array]) -> Self:
         """With the free parameters of a simulator as columns: amplitudes, and derivatives by shapes where they stand."""
