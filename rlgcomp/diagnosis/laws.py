@@ -38,7 +38,8 @@ _SHORTEST_LAG_WINDOWS: Final = 2.0
 _SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
 _RADII: Final = (0.06, 0.9)  # of half the range: from what is static but for a thread to what hardly moves
-_LATE_S: Final = (2.0, 60.0)  # what a thermometer may be behind its body by
+_LATE: Final = 0.3  # before the data are seen: that a thermometer is so late that a narrow law sees it
+_LATE_S: Final = (2.0, 60.0)  # by so much
 _OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
 
 
@@ -288,7 +289,7 @@ class Dictionary:
             ]
             for members in (static, dynamic, slipping):
                 weight = single - math.log(3 * len(members))
-                found += [dataclasses.replace(family, log_prior=weight) for family in members]
+                found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
         pairs = list(itertools.permutations(self.drivers, 2))
         for one, two in pairs:
             ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))
@@ -323,11 +324,13 @@ class Dictionary:
             Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 0.12, 1.0, 8, ratio=True))),
         ]
         for form in ("bump", "resonance", "dispersion"):
-            width = Axis("width", finest, 0.25, steps, ratio=True)
-            families.append(Family(driver, "", "static", form, 1, (at[1], width), screened=form == "bump"))
-            if driver.startswith("temperature_"):
-                late = Axis("lead", *_LATE_S, 1, ratio=True)
-                families.append(Family(driver, "", "static", form, 1, (at[1], width, late), screened=False))
+            place = at[1], Axis("width", finest, 0.25, steps, ratio=True)
+            if not driver.startswith("temperature_"):
+                families.append(Family(driver, "", "static", form, 1, place, form == "bump"))
+                continue
+            late = Axis("lead", *_LATE_S, 1, ratio=True)  # the two share what each would have alone
+            families.append(Family(driver, "", "static", form, 1, place, form == "bump", math.log(2.0 * (1.0 - _LATE))))
+            families.append(Family(driver, "", "static", form, 1, (*place, late), False, math.log(2.0 * _LATE)))
         return families
 
 

@@ -24,7 +24,7 @@ _BEHIND: Final = (
     30.0  # log units behind the best from which a family is not worth refining, or two thirds of them where that is more
 )
 _SHARE: Final = 1.0 / 3.0
-_STEPS: Final = 9
+_STEPS: Final = 7
 _LENGTHS: Final = np.array([1.0, 0.5, 0.2])[:, None]  # of a Gauss–Newton step
 _LONGEST: Final = 0.2  # of a Gauss–Newton step
 _TRIED: Final = 3  # steps before families are given up
