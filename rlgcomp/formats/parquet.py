@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
 
+from rlgcomp.compiled import in_threads
 from rlgcomp.errors import InputError
-from rlgcomp.files import to_json
+from rlgcomp.files import from_json, to_json
 
 SUFFIXES: Final = (".parquet", ".pq")
 _KEY: Final = b"rlgcomp.recording"
@@ -26,10 +26,19 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         raise InputError(f"{path} is no Parquet file: it begins with {magic!r} instead of b'PAR1'; if it is text, name it .csv")
     try:
         table = parquet.read_table(path)
-        metadata = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
-        return table.to_pandas(split_blocks=True), metadata
+        metadata = from_json((table.schema.metadata or {}).get(_KEY, b"{}"))
+        return _joined(table).to_pandas(split_blocks=True), metadata
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
+
+
+def _joined(table: Any) -> Any:
+    """The table with each column in one piece, which pandas takes as it is; it would join one after the other, in new memory."""
+    import pyarrow
+
+    columns: dict[int, Any] = {}
+    in_threads(lambda k: columns.update({k: table.column(k).combine_chunks()}), [(k,) for k in range(table.num_columns)])
+    return pyarrow.Table.from_arrays([columns[k] for k in range(table.num_columns)], schema=table.schema)
 
 
 def header(path: Path) -> tuple[list[str], dict[str, Any]]:
@@ -38,7 +47,7 @@ def header(path: Path) -> tuple[list[str], dict[str, Any]]:
 
     try:
         schema = parquet.read_schema(path)
-        return list(schema.names), json.loads((schema.metadata or {}).get(_KEY, b"{}"))
+        return list(schema.names), from_json((schema.metadata or {}).get(_KEY, b"{}"))
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is no Parquet file, or a damaged one: {str(error).splitlines()[0]}") from None
 
