@@ -91,6 +91,7 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
         problem = _without_constant(problem)
     columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
     mechanisms = [candidate.mechanism for candidate in chosen]
+    problem = _beside_causes(problem, columns, noise)
     for step in range(_STEPS + 1):
         plain = np.column_stack([problem.baseline, *columns])
         weights, _, lowest = _solve(problem, plain, noise)
@@ -134,6 +135,20 @@ def noise_model(noise: NoiseShape, white_deg_h: float, window_s: float) -> Noise
         bias_instability_deg_h=noise.flicker * white_deg_h,
         rate_random_walk_deg_h_sqrt_h=noise.walk * white_deg_h,
     )
+
+
+def _beside_causes(problem: Problem, columns: Sequence[Array], noise: NoiseShape) -> Problem:
+    """The problem linearised about where the simulator's own shapes lie beside the causes: they were calibrated without them."""
+    weights, _, lowest = _solve(problem, np.column_stack([problem.baseline, *columns]), noise)
+    for _ in range(_STEPS if columns else 0):
+        moved = problem.moved(weights[: problem.baseline.shape[1]])
+        if moved is problem:
+            break
+        weights, _, square = _solve(moved, np.column_stack([moved.baseline, *columns]), noise)
+        if square > lowest:
+            break
+        problem, lowest = moved, square
+    return problem
 
 
 def _without_constant(problem: Problem) -> Problem:

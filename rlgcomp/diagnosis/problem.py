@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -21,6 +21,7 @@ from rlgcomp.simulation.simulator import Simulator
 Array = npt.NDArray[np.float64]
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _RELATIVE_STEP: Final = 1e-3
+_FARTHEST: Final = 0.3  # that a shape is moved at once, as the logarithm of a ratio
 _LARGEST_DEPARTURE_DEG_H: Final = 1e7  # no gyro measures so high a rate
 
 
@@ -192,6 +193,28 @@ class Problem:
             shapes = _free(simulator, mechanism, "shape")
             if shapes and mechanism.amplitude_parameters():
                 simulator = simulator.with_mechanism(self._calibrated(simulator, mechanism, shapes))
+        return self._linearised(simulator, lambda mechanism: self._amplitudes(simulator, mechanism))
+
+    def moved(self, weights: Array) -> Self:
+        """The problem linearised about where weights of its baseline put the simulator's free shapes: by a third at most.
+
+        Shapes of mechanisms some of whose amplitudes are known stay: the target has their contribution taken off.
+        """
+        found = dict(zip(self.baseline_names, weights.tolist(), strict=True))
+        simulator = self.simulator
+        amplitudes = {}
+        for mechanism in simulator.mechanisms:
+            in_use = [(mechanism.name, parameter.name) for parameter in mechanism.amplitude_parameters()]
+            shapes = _free(simulator, mechanism, "shape")
+            if shapes and in_use and all(name in found for name in in_use):
+                amplitudes[mechanism.name] = np.array([found[name] for name in in_use])
+                simulator = simulator.with_mechanism(_shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
+        if not amplitudes:
+            return self
+        return self._linearised(simulator, lambda m: amplitudes[m.name] if m.name in amplitudes else self._amplitudes(simulator, m))
+
+    def _linearised(self, simulator: Simulator, amplitudes_of: Callable[[Mechanism], Array]) -> Self:
+        """With the free parameters of a simulator as columns: amplitudes, and derivatives by shapes where they stand."""
         columns, names = [], []
         for mechanism in simulator.mechanisms:
             free = _free(simulator, mechanism, "amplitude")
@@ -201,8 +224,9 @@ class Problem:
                     names.append((mechanism.name, parameter.name))
             if not mechanism.amplitude_parameters():
                 continue
-            amplitudes = self._amplitudes(simulator, mechanism)
-            for name in _free(simulator, mechanism, "shape"):
+            shapes = _free(simulator, mechanism, "shape")
+            amplitudes = amplitudes_of(mechanism) if shapes else np.empty(0)
+            for name in shapes:
                 columns.append(self._derivative(mechanism, name, amplitudes))
                 names.append((mechanism.name, name))
         if not columns or not _spans(np.column_stack(columns), self.ones):
@@ -291,6 +315,15 @@ def neighbours(mechanism: Mechanism, name: str, relative: float) -> tuple[Mechan
         values = (value - width, value + width)
     low, high = (min(max(v, parameter.low), parameter.high) for v in values)
     return dataclasses.replace(mechanism, **{name: low}), dataclasses.replace(mechanism, **{name: high})  # type: ignore[type-var]
+
+
+def _shifted(mechanism: Mechanism, shifts: Mapping[str, float]) -> Mechanism:
+    """A mechanism with its shapes moved, none by more than a third."""
+    changes = {}
+    for name, shift in shifts.items():
+        low, high = neighbours(mechanism, name, _FARTHEST)
+        changes[name] = float(np.clip(getattr(mechanism, name) + shift, getattr(low, name), getattr(high, name)))
+    return dataclasses.replace(mechanism, **changes)  # type: ignore[type-var]
 
 
 def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None) -> Array:

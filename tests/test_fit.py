@@ -1,0 +1,50 @@
+"""Fits: what a simulator says of the runs that it was fitted to is the fit itself, its own shapes moved beside a law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import signal
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.fit import fit
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.physics.empirical_law import EmpiricalLaw
+
+STEP_S = 20.0
+TAU_S = 900.0
+WHITE_DEG_H = 0.0003  # standard deviation of a 100 s mean
+SIZE_DEG_H = 0.04
+LAW = EmpiricalLaw(amplitude_deg_h=1.0, driver="supply_voltage_V", form="above", low=14.94, high=15.06, at=15.01)
+
+
+def run(seed: int) -> rlg.Recording:
+    """Eight hours of ramps; the supply follows the lagged temperature, so that what is left out bends the time constant."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-30.0, 50.0, 7)
+    temperature = np.interp(np.arange(1440.0), np.linspace(0.0, 1440.0, 7), corners)
+    keep = np.exp(-STEP_S / TAU_S)
+    lagged = temperature[0] + signal.lfilter([1.0 - keep], [1.0, -keep], temperature - temperature[0])
+    wander = signal.lfilter([0.1], [1.0, -0.995], rng.standard_normal(1440))
+    voltage = 15.0 + 0.002 * (lagged - temperature) + 0.01 * wander
+    table = pd.DataFrame({"time_s": STEP_S * np.arange(1440.0), "temperature_block_degC": temperature, "supply_voltage_V": voltage})
+    law = LAW.basis(rlg.Recording(table.assign(gyro_deg_h=0.0)))[:, 0]
+    noise = WHITE_DEG_H * np.sqrt(100.0 / STEP_S) * rng.standard_normal(1440)
+    gyro = 0.003 + 8e-4 * (lagged - temperature) + SIZE_DEG_H * law + noise
+    return rlg.Recording(table.assign(gyro_deg_h=gyro), name=f"run{seed}")
+
+
+def test_the_simulators_own_shapes_are_found_beside_a_law() -> None:
+    problem = Problem.of(rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_lag"]}), [run(1), run(2)])
+    calibrated = problem.simulator.mechanisms[0].time_constant_s
+    fitted = fit(problem, [Candidate(LAW, problem.columns(LAW), 0.0)], NoiseShape())
+    time_constant, factor = (fitted.baseline["thermal_lag"][name] for name in ("time_constant_s", "k_deg_h_K"))
+    amplitude = fitted.causes[0].estimates["amplitude_deg_h"]
+    assert abs(calibrated - TAU_S) > 10.0 * time_constant.sd  # without the law it cannot be right
+    for estimate, true in ((time_constant, TAU_S), (factor, 8e-4), (amplitude, SIZE_DEG_H)):
+        assert abs(estimate.value - true) < 4.0 * estimate.sd
+    said = np.concatenate([part.means(fitted.simulator.predict(part.full).rate_deg_h()) for part in problem.windows])
+    assert said == pytest.approx(problem.target_deg_h - fitted.residual_deg_h, abs=0.02 * WHITE_DEG_H)
