@@ -173,7 +173,9 @@ def test_stated_noise_is_believed_but_not_blindly() -> None:
     usual = np.exp(log_prior(ordinary_noise()))
     assert (prior[: len(usual)] > 0.19 * usual).all()  # what the file says is wrong one time in five
     assert stated_noise(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4), 100.0) is None  # it does not say that noise is white
-    assert {(noise.flicker, noise.walk) for noise in unrecorded_cause(stated)} == {(stated.flicker, stated.walk)}
+    wandering, log_share = unrecorded_cause(stated)
+    assert {(noise.flicker, noise.walk) for noise in wandering} == {(stated.flicker, stated.walk)}
+    assert np.exp(log_share).sum() == pytest.approx(1.0)
 
 
 # --- jumps -----------------------------------------------------------------------------------------------------------------
