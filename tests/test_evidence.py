@@ -173,6 +173,10 @@ def test_stated_noise_is_believed_but_not_blindly() -> None:
     usual = np.exp(log_prior(ordinary_noise()))
     assert (prior[: len(usual)] > 0.19 * usual).all()  # what the file says is wrong one time in five
     assert stated_noise(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4), 100.0) is None  # it does not say that noise is white
+    zeros = {"bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}
+    white = NoiseModel.from_mapping({"angle_random_walk_deg_sqrt_h": 3e-4} | zeros)
+    assert stated_noise(white, 100.0) == NoiseShape()
+    assert np.exp(log_prior(ordinary_noise(NoiseShape()), NoiseShape()))[0] > 0.5  # the first is white
     wandering, log_share = unrecorded_cause(stated)
     assert {(noise.flicker, noise.walk) for noise in wandering} == {(stated.flicker, stated.walk)}
     assert np.exp(log_share).sum() == pytest.approx(1.0)

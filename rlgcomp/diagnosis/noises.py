@@ -33,13 +33,13 @@ _SMALL: Final = 0.02  # a strength below this, relative to white noise, is as go
 
 
 def stated_noise(stated: NoiseModel | None, window_s: float) -> NoiseShape | None:
-    """The noise that a simulator file states, relative to its white part; None where it states no slow noise.
+    """The noise that a simulator file states, relative to its white part; None where it says nothing of slow noise.
 
-    Angle random walk alone says how large the noise is, not that it is white.
+    Angle random walk alone says how large the noise is, not that it is white; that it is, zeros say.
     """
     if stated is None or stated.angle_random_walk_deg_sqrt_h == 0.0:
         return None
-    if stated.bias_instability_deg_h == stated.rate_random_walk_deg_h_sqrt_h == 0.0:
+    if stated.bias_instability_deg_h == stated.rate_random_walk_deg_h_sqrt_h == 0.0 and not stated.white:
         return None
     white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, window_s)
     return NoiseShape(stated.bias_instability_deg_h / white, stated.rate_random_walk_deg_h_sqrt_h / white)
