@@ -284,6 +284,24 @@ def test_an_unrecorded_wander_is_unknown_without_a_name() -> None:
     assert any("no recorded column follows" in remark for remark in diagnosis.remarks)
 
 
+@pytest.mark.parametrize(("wander", "periods_h", "named"), [(2.0, (1.65, 1.85), []), (0.0, (1.7, 1.7), ["periodic_interference"])])
+def test_what_swings_at_another_period_in_each_run_is_no_line(
+    wander: float, periods_h: tuple[float, float], named: list[str]
+) -> None:
+    recordings = [
+        run.replace(
+            table=run.table.assign(
+                gyro_deg_h=run.column("gyro_deg_h") + 0.003 * np.sin(2.0 * np.pi * run.time_s / (3600.0 * period_h))
+            )
+        )
+        for run, period_h in zip(runs(NoiseShape(wander=wander, wander_s=13500.0), seed=1, hours=10.0), periods_h, strict=True)
+    ]
+    explanations = explain(Problem.of(SIMULATOR, recordings, window_s=100.0), CATALOGUE)
+    best = explanations.models[0]
+    assert sorted(name for name, _ in best.labels) == named
+    assert (explanations.unrecorded(best) > 0.9) == (not named)
+
+
 def test_explanations_hold_probabilities_and_reasons() -> None:
     problem = Problem.of(SIMULATOR, with_effect(runs(seed=6), CATALOGUE["ambient_pressure"](k_deg_h_hPa=0.004)), window_s=100.0)
     explanations = explain(problem, CATALOGUE)
