@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +15,7 @@ from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.keeping import load
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation import evaluate
+from rlgcomp.files import from_json
 from rlgcomp.recording import Recording
 
 REPORT: Final = "report.json"
@@ -156,9 +156,9 @@ def _code(report: Path, sha256: str) -> str:
     try:
         if report.is_symlink() or report.stat().st_size > _LARGEST_REPORT_BYTES:
             raise InputError(f"{report} is no report of rlgcomp export")
-        content = json.loads(report.read_text(encoding="utf-8"))
+        content = from_json(report.read_text(encoding="utf-8"))
         made_of, target = content["sha256"], printable(str(content["target"]))[:20]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{report} is no report of rlgcomp export: {type(error).__name__}") from None
     return target if made_of == sha256 else f"{target} of another model ({printable(str(made_of))[:12]})"
 

@@ -1,20 +1,23 @@
-"""Writing that never leaves half a result: a file or a folder appears whole under its name, or not at all."""
+"""Plain data read, and written so that no half result is left: a file or a folder appears whole under its name, or not at all."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
 import json
+import math
 import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from rlgcomp.errors import InputError
+
+_MOST_DIGITS: Final = 300  # of a whole number that a float can hold
 
 
 @contextlib.contextmanager
@@ -88,6 +91,56 @@ def write_text(path: str | Path, text: str) -> None:
 def to_json(value: Any, *, indent: int | None = 2) -> str:
     """JSON text of plain data and numpy values. What is not a finite number becomes null: JSON has no NaN."""
     return json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
+
+
+def from_json(text: str | bytes, **hooks: Any) -> Any:
+    """Plain data of JSON text, a whole number too large for a float as infinite, so that every bound refuses it.
+
+    Parameters
+    ----------
+    text : str or bytes
+        Bytes are UTF-8.
+    **hooks
+        Of `json.loads`.
+
+    Raises
+    ------
+    ValueError
+        The text is no JSON, or is nested too deep.
+    """
+    try:
+        return json.loads(text.decode("utf-8") if isinstance(text, bytes) else text, parse_int=_whole_number, **hooks)
+    except RecursionError:
+        raise ValueError("it is nested deeper than can be read") from None
+
+
+def from_yaml(text: str) -> Any:
+    """Plain data of YAML text, of which JSON is a part; as :func:`from_json`.
+
+    Raises
+    ------
+    ValueError
+        The text is no YAML, holds what is no plain data, or is nested too deep.
+    """
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """Of plain data."""
+
+    def whole_number(loader: Loader, node: yaml.ScalarNode) -> int | float:
+        return _whole_number(node.value) if len(node.value) > _MOST_DIGITS else loader.construct_yaml_int(node)
+
+    Loader.add_constructor("tag:yaml.org,2002:int", whole_number)
+    try:
+        return yaml.load(text, Loader)  # noqa: S506  a safe loader
+    except RecursionError:
+        raise ValueError("it is nested deeper than can be read") from None
+    except yaml.YAMLError as error:
+        raise ValueError(str(error)) from None
+
+
+def _whole_number(text: str) -> int | float:
+    return int(text) if len(text) <= _MOST_DIGITS else math.copysign(math.inf, -1.0 if text.startswith("-") else 1.0)
 
 
 def write_json(path: str | Path, value: Any) -> None:

@@ -260,6 +260,15 @@ class TestTables:
         (line,) = tables.by_noise([self.row("pair", "ageing"), *noisy])
         assert [line[key].split(";")[0] for key in list(line)[2:]] == ["100 % (1/1", "100 % (1/1", "0 % (0/2", "50 % (1/2"]
 
+    def test_named_causes_are_counted_by_the_probability_they_were_given(self) -> None:
+        sure = [self.row("single", "ageing", findings=["ageing"], probabilities=[p]) for p in (0.992, 1.0)]
+        wrong = self.row("null", "", findings=["warm_up", "ageing"], probabilities=[0.65, 0.55])
+        half = self.row("single", "warm_up", findings=["warm_up"], probabilities=[0.6])
+        lines = tables.by_probability([*sure, wrong, half])
+        assert [line["named"] for line in lines] == ["3", "2"]
+        assert [line["said, mean"] for line in lines] == ["60.0 %", "99.6 %"]
+        assert [line["so"].split(";")[0] for line in lines] == ["33.3 % (1", "100.0 % (2"]
+
     def test_what_counts_as_right(self) -> None:
         assert tables.right(self.row("null", "", verdict="none"))
         assert not tables.right(self.row("null", "", verdict="unknown"))

@@ -1,14 +1,19 @@
-"""Writing whole or not at all, wherever a user points it."""
+"""Writing whole or not at all, wherever a user points it; reading what a float cannot hold, and what is no plain data."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import require_folder, whole_file, whole_folder
+from rlgcomp.files import from_json, from_yaml, require_folder, to_json, whole_file, whole_folder
 
 
 def everything(folder: Path) -> set[str]:
@@ -81,3 +86,43 @@ def test_a_place_for_a_file_is_refused(tmp_path: Path, name: str, message: str) 
     with pytest.raises(InputError, match=message), whole_file(tmp_path / name):
         pass
     assert not everything(tmp_path)
+
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers(-(10**298), 10**298) | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(PLAIN)
+def test_json_comes_back_as_it_was(value: object) -> None:
+    assert from_json(to_json(value)) == value
+    assert from_json(to_json(value).encode()) == value
+
+
+@given(PLAIN)
+def test_yaml_is_read_as_pyyaml_reads_it(value: object) -> None:
+    text = yaml.safe_dump(value)
+    assert from_yaml(text) == yaml.safe_load(text)
+
+
+@pytest.mark.parametrize("digits", [301, 400, 5000])
+def test_a_number_too_large_for_a_float_is_infinite(digits: int) -> None:
+    text = "9" * digits
+    assert from_json(f'{{"a": {text}}}') == from_yaml(f"a: {text}") == {"a": math.inf}
+    assert from_json(f"[-{text}]") == from_yaml(f"- -{text}") == [-math.inf]
+
+
+@pytest.mark.parametrize("text", ["a: [", "2026-99-99", "!!python/object:os.system {}", "a: &x [*x", "[" * 3000, "\x00"])
+def test_text_that_is_no_plain_data_is_a_value_error(text: str) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        from_yaml(text)
+
+
+@pytest.mark.parametrize("text", ["{", "[" * 100_000, "nil", ""])
+def test_text_that_is_no_json_is_a_value_error(text: str) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        from_json(text)
+    with pytest.raises(json.JSONDecodeError):
+        from_json("{'a': 1}")

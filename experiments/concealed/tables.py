@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -15,6 +16,7 @@ from experiments.tables import show_list, show_table
 
 Row = Mapping[str, Any]
 ENOUGH_NATS = 8.0
+PROBABILITIES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.01)
 NAMED = ("single", "pair", "triple", "table")
 
 
@@ -39,6 +41,8 @@ def show(rows: Sequence[Row]) -> None:
         show_table("Outside the catalogue", by_law(outside))
     if driverless := [row for row in rows if row["kind"] == "driverless"]:
         show_table("Driver not recorded", without_driver(driverless))
+    if said := by_probability([row for row in done if row["kind"] in (*NAMED, "null")]):
+        show_table("Probabilities: how often a cause that is named is there", said)
     if parameters := by_parameter([row for row in done if row["kind"] in NAMED]):
         show_table("Parameters: (estimate - truth) / sd, where the mechanism was named", parameters)
     if misses := [miss(row) for row in rows if not right(row)]:
@@ -249,6 +253,26 @@ def without_driver(rows: Sequence[Row]) -> list[dict[str, str]]:
         for name in dict.fromkeys(row["hidden"][0] for row in rows)
         if (chosen := [row for row in rows if row["hidden"] == [name]])
     ]
+
+
+def by_probability(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Causes that were named, by the probability they were given: their mean and the share of true ones agree, if it is honest."""
+    pairs = [(p, name in row["hidden"]) for row in rows for name, p in zip(row["findings"], row["probabilities"], strict=True)]
+    lines = []
+    for low, high in itertools.pairwise(PROBABILITIES):
+        told = [(p, true) for p, true in pairs if low <= p < high]
+        if told:
+            right, (least, most) = sum(true for _, true in told), (min(p for p, _ in told), max(p for p, _ in told))
+            interval = stats.binomtest(right, len(told)).proportion_ci(0.95)
+            lines.append(
+                {
+                    "probability": f"{least:.3f} to {most:.3f}",
+                    "named": str(len(told)),
+                    "said, mean": f"{100 * np.mean([p for p, _ in told]):.1f} %",
+                    "so": f"{100 * right / len(told):.1f} % ({right}; {100 * interval.low:.0f}–{100 * interval.high:.0f})",
+                }
+            )
+    return lines
 
 
 def by_parameter(rows: Sequence[Row]) -> list[dict[str, str]]:

@@ -9,7 +9,6 @@ knows where it points, a gyro does not.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +21,7 @@ from rlgcomp import frames, units
 from rlgcomp.calibration.triad.estimate import TriadCalibration
 from rlgcomp.calibration.triad.run import AXES
 from rlgcomp.errors import InputError
-from rlgcomp.files import sha256, write_json
+from rlgcomp.files import from_json, sha256, write_json
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.triad import GYRO, TriadErrors
 
@@ -101,10 +100,10 @@ class Calibration:
         """
         path = Path(path)
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = from_json(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             raise InputError(f"calibration file {path} does not exist") from None
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        except (OSError, ValueError) as error:
             raise InputError(f"calibration file {path}: not readable as JSON: {error}") from None
         try:
             return cls.from_mapping(content, sha256(path))

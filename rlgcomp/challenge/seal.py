@@ -8,7 +8,6 @@ afterwards, nor found by hashing every answer that the catalogue allows.
 from __future__ import annotations
 
 import dataclasses
-import json
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any, Final
 from rlgcomp.challenge.conceal import RUNS, TRAINING, Challenge
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.errors import InputError
-from rlgcomp.files import sha256, whole_folder, write_json
+from rlgcomp.files import from_json, sha256, whole_folder, write_json
 from rlgcomp.formats import write
 
 CHALLENGE: Final = "challenge.json"
@@ -171,7 +170,7 @@ def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple
 
 def _content(path: Path, schema: str) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = from_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(
             f"{path} does not exist; a challenge is what `rlgcomp conceal` wrote, a diagnosis what diagnose wrote"

@@ -136,14 +136,13 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
     InputError
         The file cannot be read, is neither, or has several gyros of which none was chosen.
     """
-    import yaml
-
     from rlgcomp.errors import InputError
+    from rlgcomp.files import from_yaml
     from rlgcomp.noise import NoiseModel
 
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))  # JSON is YAML
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = from_yaml(path.read_text(encoding="utf-8"))  # JSON is YAML
+    except (OSError, ValueError) as error:
         raise InputError(f"--noise {path}: not readable: {error}") from None
     if isinstance(content, list):
         found = {str(one.get("gyro")): one.get("coefficients") for one in content if isinstance(one, dict)}

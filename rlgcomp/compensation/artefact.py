@@ -20,7 +20,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import io
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -33,7 +32,7 @@ import pandas as pd
 
 from rlgcomp.compensation.card import card
 from rlgcomp.errors import InputError
-from rlgcomp.files import sha256, to_json, whole_folder
+from rlgcomp.files import from_json, sha256, to_json, whole_folder
 
 Array = npt.NDArray[np.float64]
 SCHEMA: Final = "rlgcomp.model/2"
@@ -147,9 +146,7 @@ def plain_json(content: bytes) -> dict[str, Any]:
         return dict(pairs)
 
     try:
-        value = json.loads(content.decode("utf-8"), object_pairs_hook=unique)
-    except RecursionError:
-        raise InputError(f"{MANIFEST} is nested deeper than {_DEEPEST} levels") from None
+        value = from_json(content, object_pairs_hook=unique)
     except InputError:
         raise
     except ValueError as error:

@@ -96,7 +96,7 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
         weights, _, lowest = _solve(problem, plain, noise)
         parts = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
         slopes = [
-            _slopes(problem, mechanism, part) if _steady(candidate) else []
+            _slopes(problem, mechanism, part) if _steady(candidate) and not mechanism.open_set else []  # a law's are at their best
             for candidate, mechanism, part in zip(chosen, mechanisms, parts, strict=True)
         ]
         design = np.column_stack([plain, *(column for found in slopes for _, column in found)])
@@ -119,7 +119,9 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     covariance *= np.outer(wider, wider)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
-    causes = _causes(problem, chosen, mechanisms, columns, slopes, final, covariance)
+    causes = _causes(problem, chosen, mechanisms, columns, slopes, final, sd)
+    if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
+        causes = _settled(problem, chosen, causes, columns, noise)
     for cause in causes:
         simulator = _joined(simulator, cause)
     return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), problem.target_deg_h - plain @ final)
@@ -161,10 +163,8 @@ def _solve(problem: Problem, design: Array, noise: NoiseShape) -> tuple[Array, A
 
 
 def _slopes(problem: Problem, mechanism: Mechanism, weights: Array) -> list[tuple[str, Array]]:
-    """Derivatives of a cause by its shapes, with the amplitudes found; a law's are at their best already."""
+    """Derivatives of a cause by its shapes, with the amplitudes found."""
     found: list[tuple[str, Array]] = []
-    if mechanism.open_set:
-        return found
     for parameter in mechanism.parameters():
         if parameter.role != "shape":
             continue
@@ -267,17 +267,15 @@ def _causes(
     columns: Sequence[Array],
     slopes: Sequence[list[tuple[str, Array]]],
     weights: Array,
-    covariance: Array,
+    sd: Array,
 ) -> list[FittedCause]:
     causes = []
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     place = problem.baseline.shape[1]
     slope_place = place + sum(block.shape[1] for block in columns)
     for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, slopes, strict=True):
         part = slice(place, place + block.shape[1])
         place = part.stop
         estimates = _estimates(problem, candidate, mechanism, weights[part], sd[part])
-        places = [*range(part.start, part.stop), *range(slope_place, slope_place + len(found))]
         for name, _ in found:
             unit = next(p.unit for p in mechanism.parameters() if p.name == name)
             estimates[name] = Estimate(float(getattr(mechanism, name)), float(sd[slope_place]), unit)
@@ -285,26 +283,54 @@ def _causes(
         values = {name: estimate.value for name, estimate in estimates.items()}
         limits = {p.name: (p.low, p.high) for p in mechanism.parameters()}
         filled = dataclasses.replace(mechanism, **{k: float(np.clip(v, *limits[k])) for k, v in values.items()})  # type: ignore[type-var]
-        if filled.settled() != filled and len(places) == len(estimates):
-            estimates = _settled(filled, estimates, covariance[np.ix_(places, places)])
-        causes.append(FittedCause(filled.settled(), estimates, block @ weights[part], candidate.known))
+        causes.append(FittedCause(filled, estimates, block @ weights[part], candidate.known))
     return causes
 
 
-def _settled(mechanism: Mechanism, estimates: dict[str, Estimate], covariance: Array) -> dict[str, Estimate]:
-    """Estimates of the parameters that people use, from those that were fitted and trade against each other."""
-    settled = mechanism.settled()
-    slopes = np.zeros((len(estimates), len(estimates)))
-    for j, (name, estimate) in enumerate(estimates.items()):
-        step = 1e-4 * max(abs(estimate.value), 1e-6)
-        low, high = (dataclasses.replace(mechanism, **{name: estimate.value + sign * step}).settled() for sign in (-1, 1))  # type: ignore[type-var]
-        slopes[:, j] = [(getattr(high, other) - getattr(low, other)) / (2.0 * step) for other in estimates]
-    variance = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
-    return {
-        name: Estimate(float(getattr(settled, name)), math.sqrt(max(spread, 0.0)), estimate.unit)
-        for (name, estimate), spread, row in zip(estimates.items(), variance, slopes, strict=True)
-        if row.any()
-    }
+def _settled(
+    problem: Problem, chosen: Sequence[Candidate], causes: Sequence[FittedCause], columns: Sequence[Array], noise: NoiseShape
+) -> list[FittedCause]:
+    """Causes in the numbers that people use: where those that were fitted trade against each other, the shapes are fitted alone."""
+    slopes = [
+        _slopes(problem, cause.mechanism, _amplitudes(cause.mechanism)) if _steady(candidate) else []
+        for candidate, cause in zip(chosen, causes, strict=True)
+    ]
+    settled = []
+    for k, (candidate, cause) in enumerate(zip(chosen, causes, strict=True)):
+        around = [*columns[:k], *columns[k + 1 :], *(slope for j, found in enumerate(slopes) for _, slope in found if j != k)]
+        alone = cause.mechanism.settled() == cause.mechanism
+        settled.append(cause if alone else _settle(problem, candidate, cause, np.column_stack([problem.baseline, *around]), noise))
+    return settled
+
+
+def _settle(problem: Problem, candidate: Candidate, cause: FittedCause, others: Array, noise: NoiseShape) -> FittedCause:
+    """One of them, by Gauss–Newton, beside the columns of all else; what its law leaves open widens the standard deviation."""
+    mechanism, estimates = cause.mechanism.settled(), cause.estimates
+    taken = _whole(problem, candidate.mechanism) if cause.known and not _free(problem, candidate) else 0.0
+    for _ in range(_STEPS):
+        left = dataclasses.replace(problem, target_deg_h=problem.target_deg_h + taken - _whole(problem, mechanism))
+        slopes = _slopes(problem, mechanism, _amplitudes(mechanism))
+        design = np.column_stack([others, *(slope for _, slope in slopes)])
+        weights, covariance, square = _solve(left, design, noise)
+        variance = np.diag(covariance) * square / (len(problem.rows) - design.shape[1])
+        for disturbance in problem.scatter(mechanism).T:
+            variance += _solve(dataclasses.replace(problem, target_deg_h=disturbance), design, noise)[0] ** 2
+        steps, sd = weights[others.shape[1] :], np.sqrt(np.maximum(variance, 0.0))[others.shape[1] :]
+        mechanism = _moved(problem, [mechanism], [slopes], steps)[0]
+        estimates = {
+            name: dataclasses.replace(cause.estimates[name], value=float(getattr(mechanism, name)), sd=float(each))
+            for (name, _), each in zip(slopes, sd, strict=True)
+        }
+    return dataclasses.replace(cause, mechanism=mechanism, estimates=estimates)
+
+
+def _amplitudes(mechanism: Mechanism) -> Array:
+    return np.array([getattr(mechanism, parameter.name) for parameter in mechanism.amplitude_parameters()])
+
+
+def _whole(problem: Problem, mechanism: Mechanism) -> Array:
+    """What a mechanism makes, with its own amplitudes, in the training rows."""
+    return np.asarray(problem.columns(mechanism) @ _amplitudes(mechanism))
 
 
 def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, weights: Array, sd: Array) -> dict[str, Estimate]:
@@ -318,11 +344,16 @@ def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, wei
         size = float(np.sqrt((table**2).sum(axis=1).mean() / width))
         return {p.name: Estimate(size, float(np.sqrt((sd**2).mean() / len(table))), p.unit) for p in parameters}
     known = {p.name: getattr(candidate.mechanism, p.name) for p in parameters} if candidate.known else {}
-    free = problem.simulator.free.get(mechanism.name, frozenset()) if candidate.known else frozenset()
+    free = _free(problem, candidate) if candidate.known else frozenset()
     return {
         p.name: Estimate(float(w + (known.get(p.name, 0.0) if p.name not in free else 0.0)), float(s), p.unit)
         for p, w, s in zip(parameters, weights, sd, strict=True)
     }
+
+
+def _free(problem: Problem, candidate: Candidate) -> frozenset[str]:
+    """Parameters that the simulator leaves to be found: the target still holds what they make."""
+    return problem.simulator.free.get(candidate.name, frozenset())
 
 
 def _of_jumps(problem: Problem, candidate: Candidate, mechanism: Mechanism, half_step: float, sd: float) -> dict[str, Estimate]:

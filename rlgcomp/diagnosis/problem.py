@@ -106,16 +106,7 @@ class Problem:
     def columns(self, mechanism: Mechanism) -> Array:
         """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
         if self.contrasts is not None and mechanism.fast:
-            bases = [mechanism.basis(part.full) for part in self.windows]
-            if not mechanism.each_run:
-                means = [part.means(basis) for part, basis in zip(self.windows, bases, strict=True)]
-                return np.concatenate([*means, self.contrasts.of(bases)])
-            alone = [[basis * (k == j) for j, basis in enumerate(bases)] for k in range(len(bases))]
-            own = [
-                np.concatenate([*(p.means(b) for p, b in zip(self.windows, one, strict=True)), self.contrasts.of(one)])
-                for one in alone
-            ]
-            return np.column_stack(own)
+            return self._fast_columns([mechanism.basis(part.full) for part in self.windows], each_run=mechanism.each_run)
         blocks = [self.run_columns(mechanism, part) for part in self.windows]
         width = blocks[0].shape[1]
         if not mechanism.each_run:
@@ -124,6 +115,22 @@ class Problem:
         for k, (rows, block) in enumerate(zip(self.rows.runs, blocks, strict=True)):
             table[rows, k * width : (k + 1) * width] = block
         return table
+
+    def scatter(self, mechanism: Mechanism) -> Array:
+        """What a mechanism's law leaves open in the training rows: independent disturbances, shape (n, k)."""
+        found = [mechanism.scatter(part.full) for part in self.windows]
+        bases = [basis for basis in found if basis is not None]
+        if len(bases) < len(found):
+            return np.zeros((len(self.rows), 0))
+        return self._fast_columns(bases, each_run=True)
+
+    def _fast_columns(self, bases: Sequence[Array], *, each_run: bool) -> Array:
+        """Window means, and contrasts where there are any, of columns at the full rate."""
+        if each_run:
+            alone = [[basis * (k == j) for j, basis in enumerate(bases)] for k in range(len(bases))]
+            return np.column_stack([self._fast_columns(one, each_run=False) for one in alone])
+        means = [part.means(basis) for part, basis in zip(self.windows, bases, strict=True)]
+        return np.concatenate([*means, *([] if self.contrasts is None else [self.contrasts.of(bases)])])
 
     @property
     def ones(self) -> Array:

@@ -18,7 +18,7 @@ import pandas as pd
 import yaml
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import whole_file, write_text
+from rlgcomp.files import from_yaml, whole_file, write_text
 from rlgcomp.formats import csv, hdf5, matlab, parquet
 from rlgcomp.formats.mapping import apply_mapping
 from rlgcomp.recording import TIME, Metadata, Recording
@@ -169,8 +169,8 @@ def read_sidecar(path: Path) -> dict[str, Any]:
     if not sidecar.is_file():
         return {}
     try:
-        content = yaml.safe_load(sidecar.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = from_yaml(sidecar.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
         raise InputError(f"{sidecar}: not readable as YAML: {error}") from None
     if content is None:
         return {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import to_json
+from rlgcomp.files import from_json, to_json
 
 SUFFIXES: Final = (".h5", ".hdf5")
 _ATTRIBUTE: Final = "rlgcomp.recording"
@@ -33,7 +32,7 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
             file.visititems(visit)
             for key, value in file.attrs.items():
                 plain = value.decode() if isinstance(value, bytes) else getattr(value, "item", lambda v=value: v)()
-                metadata.update(json.loads(plain) if key == _ATTRIBUTE else {key: plain})
+                metadata.update(from_json(plain) if key == _ATTRIBUTE else {key: plain})
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is not readable as HDF5: {(str(error).splitlines() or ['damaged'])[0]}") from None
     order = metadata.pop(_COLUMNS, [])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import to_json
+from rlgcomp.files import from_json, to_json
 from rlgcomp.formats import hdf5
 
 SUFFIXES: Final = (".mat",)
@@ -36,7 +35,7 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     stored = variables.pop(_METADATA, None)
     if isinstance(stored, str):
         try:
-            metadata = json.loads(stored)
+            metadata = from_json(stored)
         except ValueError:
             raise InputError(f"{path}: {_METADATA} is no JSON text") from None
     columns: dict[str, np.ndarray] = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +9,7 @@ from typing import Any, Final
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import to_json
+from rlgcomp.files import from_json, to_json
 
 SUFFIXES: Final = (".parquet", ".pq")
 _KEY: Final = b"rlgcomp.recording"
@@ -26,7 +25,7 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         raise InputError(f"{path} is no Parquet file: it begins with {magic!r} instead of b'PAR1'; if it is text, name it .csv")
     try:
         table = parquet.read_table(path)
-        metadata = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
+        metadata = from_json((table.schema.metadata or {}).get(_KEY, b"{}"))
         return table.to_pandas(split_blocks=True), metadata
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
@@ -38,7 +37,7 @@ def header(path: Path) -> tuple[list[str], dict[str, Any]]:
 
     try:
         schema = parquet.read_schema(path)
-        return list(schema.names), json.loads((schema.metadata or {}).get(_KEY, b"{}"))
+        return list(schema.names), from_json((schema.metadata or {}).get(_KEY, b"{}"))
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is no Parquet file, or a damaged one: {str(error).splitlines()[0]}") from None
 

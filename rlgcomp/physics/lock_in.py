@@ -12,13 +12,16 @@ import numpy as np
 from rlgcomp.motion import rate_deg_s, reference_rate_deg_s
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
-from rlgcomp.units import SECONDS_PER_HOUR
+from rlgcomp.units import ARCSEC_PER_DEG, SECONDS_PER_HOUR
 
 _RATIO: Final = 1.6  # between the lock-in rates that diagnosis tries
 _LOWEST_DEG_S: Final = 1e-4
 _SLOW: Final = 0.05  # of the highest rate: below, a table is near enough to rest for its gyro to lock
 _OFTEN: Final = 0.01  # of the rows
+_RUNNING: Final = 1e-3  # of the rate: less within a sample makes no difference
 _WRONG: Final = 2.0  # standard deviations on the wrong side of zero: no lock-in
+_PULSE_ARCSEC: Final = 1.0
+_PASSAGES: Final = 32
 _MOST_ROWS: Final = 200_000  # that the best lock-in rate is sought in
 
 
@@ -30,7 +33,7 @@ class LockIn(Mechanism):
 
     and the error b the difference from W, for fast rotation :math:`-W_L^2 / 2W`. W is all that turns the light: with `acts_on`
     "total" the simulator adds bias, Earth and what else the light feels to the table's rate; where that is not known, or with
-    "table", `offset_deg_h` alone.
+    "table", `offset_deg_h` alone. Of a table that sweeps it is the mean over each sample.
 
     Far above lock-in the error holds W_L² only, so that fitting finds `fraction` times `lock_in_deg_s` squared; :meth:`settled`
     gives the lock-in rate itself.
@@ -51,6 +54,24 @@ class LockIn(Mechanism):
     fraction: float = amplitude(1.0, "1", limit=1e12, positive=True)
     acts_on: str = setting("total", choices=("total", "table"))
     offset_deg_h: float = setting(0.0, "deg/h")
+
+    def scatter(self, recording: Recording) -> Array:
+        r"""Each passage through zero leaves a step of the angle, by the phase :math:`\psi_0` in which it finds the beams:
+
+        .. math:: \frac{W_L}{\sqrt{S |\dot W|}} \sin(\psi_0 \pm \pi/4),
+
+        the first order of the phase equation at a stationary phase, with all phases alike likely: what dither makes random walk of
+        (Aronowitz, section on dither). Where an instrument's pulse is not known it is taken for one second of arc.
+        """
+        rate, spans_s = self._rate_deg_s(recording), np.diff(recording.time_s, prepend=recording.time_s[0] - recording.period_s)
+        run = _run_of(rate)
+        through = np.flatnonzero((np.abs(rate) <= 0.5 * np.abs(run)) & (run != 0.0))
+        pulses_per_deg = ARCSEC_PER_DEG / (recording.metadata.pulse_arcsec or _PULSE_ARCSEC)
+        step_deg = self.lock_in_deg_s / np.sqrt(2.0 * pulses_per_deg * np.abs(run[through]) / spans_s[through])
+        turn, column = np.divmod(np.arange(len(through)), _PASSAGES)  # beyond so many, several share a column
+        columns = np.zeros((len(rate), _PASSAGES))
+        columns[through, column] = (-1.0) ** turn * SECONDS_PER_HOUR * step_deg / spans_s[through]
+        return columns
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
@@ -82,11 +103,29 @@ class LockIn(Mechanism):
         return dataclasses.replace(self, lock_in_deg_s=min(max(rate, 1e-5), 10.0), fraction=1.0)
 
     def basis(self, recording: Recording) -> Array:
+        return _mean_error_deg_h(self._rate_deg_s(recording), self.lock_in_deg_s)[:, None]
+
+    def _rate_deg_s(self, recording: Recording) -> Array:
+        """Of all that is known to turn the light."""
         if self.acts_on == "total" and FELT_RATE_DEG_S in recording:
-            rate = recording.column(FELT_RATE_DEG_S)
-        else:
-            rate = rate_deg_s(recording) + self.offset_deg_h / SECONDS_PER_HOUR
-        return _error_deg_h(rate, self.lock_in_deg_s)[:, None]
+            return recording.column(FELT_RATE_DEG_S)
+        return rate_deg_s(recording) + self.offset_deg_h / SECONDS_PER_HOUR
+
+
+def _mean_error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
+    """The error's mean over each sample: a sweep is through zero in a sample or two."""
+    run, mean = _run_of(rate), _error_deg_h(rate, lock_in_deg_s)
+    fast = np.abs(run) > _RUNNING * np.maximum(np.abs(rate), _LOWEST_DEG_S)
+    ends = (_integral(rate[fast] + sign * run[fast], lock_in_deg_s) for sign in (0.5, -0.5))
+    mean[fast] = SECONDS_PER_HOUR * np.subtract(*ends) / run[fast]
+    return mean
+
+
+def _run_of(rate: Array) -> Array:
+    """How far a rate runs within each sample: as far as to the nearer neighbour, if both lie on one way; else it stands."""
+    step = np.diff(rate)
+    before, after = np.r_[0.0, step], np.r_[step, 0.0]
+    return np.asarray(np.where(before * after > 0.0, np.sign(before) * np.minimum(np.abs(before), np.abs(after)), 0.0))
 
 
 def _error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
@@ -94,6 +133,14 @@ def _error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
     square = rate**2
     both = np.sqrt(np.maximum(square - lock_in_deg_s**2, 0.0)) + np.abs(rate)
     return np.asarray(-SECONDS_PER_HOUR * np.sign(rate) * np.minimum(square, lock_in_deg_s**2) / np.maximum(both, 1e-300))
+
+
+def _integral(rate: Array, lock_in_deg_s: float) -> Array:
+    """The error's integral over the rate from zero, but for a constant, in (deg/s)²; it is even."""
+    size = np.maximum(np.abs(rate), lock_in_deg_s)
+    root = np.sqrt(size**2 - lock_in_deg_s**2)
+    running = -0.5 * lock_in_deg_s**2 * (size / (root + size) + np.log((root + size) / lock_in_deg_s))
+    return np.asarray(np.where(np.abs(rate) < lock_in_deg_s, -0.5 * rate**2, running))
 
 
 def _shown(recordings: Sequence[Recording]) -> tuple[Array, Array] | None:

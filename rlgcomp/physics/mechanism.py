@@ -205,6 +205,14 @@ class Mechanism(abc.ABC):
         """The same error in the numbers that people use, where two parameters trade against each other when fitted."""
         return self
 
+    def scatter(self, recording: Recording) -> Array | None:
+        """What the law leaves open: independent disturbances in deg/h, of unit variance each, shape (n, k); None where nothing.
+
+        Every recording of a mechanism has the same number of them.
+        """
+        del recording
+        return None
+
     # --- what follows from it ----------------------------------------------------------------------------------------------
 
     def contribution(self, recording: Recording, rng: np.random.Generator) -> Array:

@@ -58,7 +58,7 @@ class Metadata:
             if key in ("latitude_deg", "pulse_arcsec", "lead_in_s"):
                 try:
                     known[key] = float(value)
-                except (TypeError, ValueError):
+                except (TypeError, ValueError, OverflowError):
                     raise InputError(f"metadata: {key} is {value!r}; it must be a number") from None
             elif key in ("kind", "unit"):
                 known[key] = str(value)

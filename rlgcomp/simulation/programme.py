@@ -14,9 +14,9 @@ from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from rlgcomp.errors import InputError
+from rlgcomp.files import from_yaml
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
@@ -189,8 +189,8 @@ def _text_of_file(path: Path, example: str) -> str:
         It cannot be read, or holds none.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = from_yaml(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
         raise InputError(f"programme {path}: not readable: {error}") from None
     text = content.get("programme") if isinstance(content, dict) else content
     if not isinstance(text, str):

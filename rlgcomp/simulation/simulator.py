@@ -17,7 +17,7 @@ import pandas as pd
 import yaml
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import write_text
+from rlgcomp.files import from_yaml, write_text
 from rlgcomp.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
@@ -232,10 +232,10 @@ class Simulator:
         """
         path = Path(path)
         try:
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
+            content = from_yaml(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             raise InputError(f"simulator file {path} does not exist") from None
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        except (OSError, ValueError) as error:
             raise InputError(f"simulator file {path}: not readable as YAML: {error}") from None
         if not isinstance(content, dict):
             raise InputError(f"simulator file {path}: expected 'kind: chamber' (or turntable) and a list of 'mechanisms:'")
