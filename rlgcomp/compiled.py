@@ -9,10 +9,12 @@ from __future__ import annotations
 import functools
 import importlib.util
 import os
+import sys
 import threading
 import types
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -96,17 +98,29 @@ def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], 
         done.result()
 
 
+def blas_threads(limit: int) -> AbstractContextManager[Any]:
+    """Linear algebra has so many threads in this context."""
+    return _libraries(len(sys.modules)).limit(limits=limit, user_api="blas")
+
+
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Decorator: linear algebra has one thread while the function runs. Small matrices take longer with two."""
 
     @functools.wraps(function)
     def limited(*arguments: P.args, **named: P.kwargs) -> R:
-        from threadpoolctl import threadpool_limits
-
-        with threadpool_limits(1, user_api="blas"):
+        with blas_threads(1):
             return function(*arguments, **named)
 
     return limited
+
+
+@functools.lru_cache(maxsize=1)
+def _libraries(modules: int) -> Any:
+    """Libraries with threads of their own, looked for anew, which takes 4 ms, only when modules were imported since."""
+    from threadpoolctl import ThreadpoolController
+
+    del modules
+    return ThreadpoolController()
 
 
 @functools.cache

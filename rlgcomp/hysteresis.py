@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.hysteresis_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, pays, play_states
+from rlgcomp.hysteresis_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, bouc_wen_linear, pays, play_states
 
 Array = npt.NDArray[np.float64]
 _TOGETHER: Final = 5  # radii from which one array a sample is faster than one number a sample and radius
@@ -195,6 +195,12 @@ class BoucWen:
         """z after each input, shape (n,), and the last state."""
         constants = bouc_wen_constants(self.slope, self.saturation, self.shape, self.exponent)
         output = np.empty(len(u))
-        inputs, loop = (np.ascontiguousarray(u), bouc_wen) if pays(BOUC_WEN * len(u)) else (u.tolist(), bouc_wen.plain)
-        z, before = loop(float(state[0]), float(state[1]), inputs, *constants, output)
+        at, compiled = (float(state[0]), float(state[1])), pays(BOUC_WEN * len(u))
+        if compiled and self.exponent == 1.0:
+            slope, along, against, _, longest = constants
+            z, before = bouc_wen_linear(*at, np.ascontiguousarray(u), slope, along, against, longest, output)
+        elif compiled:
+            z, before = bouc_wen(*at, np.ascontiguousarray(u), *constants, output)
+        else:
+            z, before = bouc_wen.plain(*at, u.tolist(), *constants, output)
         return output, np.array([z, before])

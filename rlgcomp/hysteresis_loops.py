@@ -1,7 +1,7 @@
 r"""The loops of hysteresis operators: one input or a fleet's, many operators at once, compiled where that pays.
 
-`play_states` and `bouc_wen` give the same bits compiled and plain; so does a gyro of a fleet alone. Sums of play operators are
-taken in another order where they are compiled, and agree to rounding.
+`play_states`, `bouc_wen` and `bouc_wen_linear` give the same bits compiled and plain; so does a gyro of a fleet alone. Sums of play
+operators are taken in another order where they are compiled, and agree to rounding.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import available, compiled, in_threads
+from rlgcomp.compiled import available, compiled, in_threads, threads
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
 MANY: Final = 100_000  # updates of an operator from which compiling pays
 _LOADED: Final = 10_000  # the same once Numba is there
 BOUC_WEN: Final = 10  # a step of Bouc–Wen in updates of a play operator
+_STEPS: Final = 256  # of one gyro, whose gains are found at once
 _TOGETHER: Final = 256  # gyros of one piece of work
+_PLAYS: Final = 512  # the same of play operators
 
 
 def pays(updates: int) -> bool:
@@ -64,14 +66,15 @@ def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int
             reach = radii if u.ndim == 1 else radii[:, None]
             states = np.maximum(u[k] - reach, np.minimum(u[k] + reach, states))
             sums[k] = weights @ states
-    elif u.ndim == 1:
-        rest = (0, -len(radii) % 4)  # operators of no weight, so that vector registers are full
-        _sums_of_one(u, np.pad(radii, rest), np.pad(weights, rest), np.pad(states, rest), sums)
     else:
-        pieces = _pieces(u.shape[1])
-        in_threads(
-            _sums_of_many, [(u, radii, weights, np.ascontiguousarray(states[:, a:b]), a, b, sums) for a, b in pieces], workers
-        )
+        # operators of no weight, so that vector registers, or pairs of operators, are full
+        rest = -len(radii) % (4 if u.ndim == 1 else 2)
+        radii, weights, states = (np.concatenate([given, np.zeros((rest, *given.shape[1:]))]) for given in (radii, weights, states))
+        if u.ndim == 1:
+            _sums_of_one(u, radii, weights, states, sums)
+        else:
+            parts = [(a, b, np.ascontiguousarray(states[:, a:b])) for a, b in _pieces(u.shape[1], workers, _PLAYS)]
+            in_threads(_sums_of_many, [(u, radii, weights, start, a, b, sums) for a, b, start in parts], workers)
     return sums
 
 
@@ -80,7 +83,7 @@ def bouc_wen_fleet(u: Array, slope: float, saturation: float, shape: float, expo
     constants = bouc_wen_constants(slope, saturation, shape, exponent)
     output = np.empty(u.shape)
     if pays(BOUC_WEN * u.size):
-        in_threads(_bouc_wen_of_many, [(u, *constants, a, b, output) for a, b in _pieces(u.shape[1])], workers)
+        in_threads(_bouc_wen_of_many, [(u, *constants, a, b, output) for a, b in _pieces(u.shape[1], workers, _TOGETHER)], workers)
         return output
     for g in range(u.shape[1]):
         bouc_wen.plain(0.0, float(u[0, g]), u[:, g].tolist(), *constants, output[:, g])
@@ -94,8 +97,10 @@ def bouc_wen_constants(slope: float, saturation: float, shape: float, exponent: 
     return slope, gamma + beta, gamma - beta, exponent, 0.02 * saturation / slope
 
 
-def _pieces(gyros: int) -> list[tuple[int, int]]:
-    return [(a, min(a + _TOGETHER, gyros)) for a in range(0, gyros, _TOGETHER)]
+def _pieces(gyros: int, workers: int | None, most: int) -> list[tuple[int, int]]:
+    """First and last of the gyros of each piece of work: an even share of them, at most so many."""
+    share = min(most, -(-gyros // (workers or threads())))
+    return [(a, min(a + share, gyros)) for a in range(0, gyros, share)]
 
 
 @compiled()
@@ -137,37 +142,40 @@ def _sums_of_one(u: Array, radii: Array, weights: Array, states: Array, sums: Ar
 
 @compiled(reassociate=True)
 def _sums_of_many(u: Array, radii: Array, weights: Array, states: Array, first: int, last: int, sums: Array) -> None:
-    gyros = last - first
-    whole = len(u) - len(u) % 2
-    for k in range(0, whole, 2):
-        one, two = u[k, first:last], u[k + 1, first:last]
-        sum_1, sum_2 = sums[k, first:last], sums[k + 1, first:last]
-        for g in range(gyros):
-            sum_1[g] = 0.0
-            sum_2[g] = 0.0
-        j = 0
-        while j + 2 <= len(radii):  # two inputs and two operators at once: sums and states are read and written less often
-            r, c, state = radii[j], weights[j], states[j]
-            r_, c_, state_ = radii[j + 1], weights[j + 1], states[j + 1]
-            for g in range(gyros):
-                w = max(one[g] - r, min(one[g] + r, state[g]))
-                w_ = max(one[g] - r_, min(one[g] + r_, state_[g]))
-                sum_1[g] += c * w + c_ * w_
-                w = max(two[g] - r, min(two[g] + r, w))
-                w_ = max(two[g] - r_, min(two[g] + r_, w_))
-                sum_2[g] += c * w + c_ * w_
+    whole = len(u) - len(u) % 4
+    room = np.empty((8, last - first))  # inputs and sums of four steps stay in the first-level cache
+    a, b, c, d = room[0], room[1], room[2], room[3]
+    sum_a, sum_b, sum_c, sum_d = room[4], room[5], room[6], room[7]
+    for k in range(0, whole, 4):
+        for step in range(4):
+            given, kept, total = u[k + step, first:last], room[step], room[4 + step]
+            for g in range(last - first):
+                kept[g] = given[g]
+                total[g] = 0.0
+        for j in range(0, len(radii), 2):  # four inputs and two operators at once: states and sums are read and written less often
+            r, weight, state = radii[j], weights[j], states[j]
+            r_, weight_, state_ = radii[j + 1], weights[j + 1], states[j + 1]
+            for g in range(last - first):
+                w = max(a[g] - r, min(a[g] + r, state[g]))
+                w_ = max(a[g] - r_, min(a[g] + r_, state_[g]))
+                sum_a[g] += weight * w + weight_ * w_
+                w = max(b[g] - r, min(b[g] + r, w))
+                w_ = max(b[g] - r_, min(b[g] + r_, w_))
+                sum_b[g] += weight * w + weight_ * w_
+                w = max(c[g] - r, min(c[g] + r, w))
+                w_ = max(c[g] - r_, min(c[g] + r_, w_))
+                sum_c[g] += weight * w + weight_ * w_
+                w = max(d[g] - r, min(d[g] + r, w))
+                w_ = max(d[g] - r_, min(d[g] + r_, w_))
+                sum_d[g] += weight * w + weight_ * w_
                 state[g] = w
                 state_[g] = w_
-            j += 2
-        if j < len(radii):
-            for g in range(gyros):
-                w = max(one[g] - radii[j], min(one[g] + radii[j], states[j, g]))
-                sum_1[g] += weights[j] * w
-                w = max(two[g] - radii[j], min(two[g] + radii[j], w))
-                sum_2[g] += weights[j] * w
-                states[j, g] = w
+        for step in range(4):
+            found, total = sums[k + step, first:last], room[4 + step]
+            for g in range(last - first):
+                found[g] = total[g]
     for k in range(whole, len(u)):
-        for g in range(gyros):
+        for g in range(last - first):
             total = 0.0
             for j in range(len(radii)):
                 x = u[k, first + g]
@@ -217,21 +225,63 @@ def _linear_steps(
         moved[g] = at * (1.0 + q * factor) + slope * h * factor
 
 
+def _moved(z: float, move: float, slope: float, along: float, against: float, n: float, longest: float) -> float:
+    """z after a step of the input, in substeps that are not too long."""
+    if abs(move) <= longest:
+        return _runge_kutta(z, move, slope, along, against, n)
+    pieces = math.ceil(abs(move) / longest)
+    for _ in range(pieces):
+        z = _runge_kutta(z, move / pieces, slope, along, against, n)
+    return z
+
+
 @compiled()
 def bouc_wen(
     z: float, before: float, u: Array, slope: float, along: float, against: float, n: float, longest: float, output: Array
 ) -> tuple[float, float]:
     """z after each input, into `output`, and the last (z, u)."""
     for k in range(len(u)):
-        move = u[k] - before
-        if abs(move) <= longest:
-            z = _runge_kutta(z, move, slope, along, against, n)
-        else:
-            pieces = math.ceil(abs(move) / longest)
-            for _ in range(pieces):
-                z = _runge_kutta(z, move / pieces, slope, along, against, n)
+        z = _moved(z, u[k] - before, slope, along, against, n, longest)
         before = u[k]
         output[k] = z
+    return z, before
+
+
+@compiled()
+def bouc_wen_linear(
+    z: float, before: float, u: Array, slope: float, along: float, against: float, longest: float, output: Array
+) -> tuple[float, float]:
+    """The same with n = 1. What a step multiplies z by, and adds, is found for many steps at once, before z goes through them."""
+    steepest = 2.0 * max(abs(along), abs(against))
+    moves, gain_up, gain_down, drive_up, drive_down = np.empty((5, _STEPS))
+    for first in range(0, len(u), _STEPS):
+        some = u[first : first + _STEPS]
+        moves[0] = some[0] - before
+        for k in range(1, len(some)):
+            moves[k] = some[k] - some[k - 1]
+        for k in range(len(some)):
+            h = moves[k]
+            above, below = (along, against) if h > 0.0 else (against, along)
+            up, down = -above * h, below * h
+            rise, fall = _factor(up), _factor(down)
+            gain_up[k], gain_down[k], drive_up[k], drive_down[k] = (
+                1.0 + up * rise,
+                1.0 + down * fall,
+                slope * h * rise,
+                slope * h * fall,
+            )
+        k = 0
+        while k < len(some):
+            gain, drive = (gain_up, drive_up) if z > 0.0 else (gain_down, drive_down)
+            while k < len(some) and abs(moves[k]) <= longest and abs(z) - abs(moves[k]) * (slope + steepest * abs(z)) > 0.0:
+                z = z * gain[k] + drive[k]  # keeps its sign
+                output[first + k] = z
+                k += 1
+            if k < len(some):
+                z = _moved(z, moves[k], slope, along, against, 1.0, longest)
+                output[first + k] = z
+                k += 1
+        before = some[-1]
     return z, before
 
 

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,6 +15,7 @@ from hypothesis import settings
 
 import rlgcomp as rlg
 
+Cluster = tuple[str, list[subprocess.Popen[bytes]]]  # a scheduler's address; its process and those of two workers
 ROOT = Path(__file__).resolve().parent.parent
 
 # The same examples at every run, so that a change is judged by what it changed; --hypothesis-profile=search looks for new ones.
@@ -41,3 +48,32 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip("no shared recordings beside the project (../shared/data)")
     return folder
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """A real scheduler and two worker processes."""
+    pytest.importorskip("distributed")
+    place = tmp_path / "scheduler.json"
+    log = (tmp_path / "log").open("wb")
+    paths = os.pathsep.join([str(Path(rlg.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    settings = {**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
+
+    def start(*arguments: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen([sys.executable, "-m", *arguments], stdout=log, stderr=log, env=settings, cwd=tmp_path)
+
+    options = ["--scheduler-file", str(place), "--no-dashboard"]
+    processes = [start("distributed.cli.dask_scheduler", *options, "--host", "127.0.0.1", "--port", "0")]
+    try:
+        for _ in range(200):
+            if place.exists():
+                break
+            time.sleep(0.1)
+        worker = ["distributed.cli.dask_worker", *options, "--nthreads", "1", "--no-nanny"]
+        processes += [start(*worker), start(*worker)]
+        yield json.loads(place.read_text())["address"], processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+        log.close()

@@ -127,8 +127,8 @@ def test_what_cannot_be_adapted_is_refused(
         rlg.adapt(fleet, [])
 
 
-def test_the_experiment_prints_its_tables(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--quick", "--jobs", "1"])
+def test_the_experiment_prints_its_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--quick", "--jobs", "1", "--rows", str(tmp_path / "rows")])
     said = capsys.readouterr().out
     assert said.count("| adapted |") == 4
     assert "Noise floor" in said

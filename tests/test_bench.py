@@ -66,10 +66,12 @@ def test_a_peer_that_is_not_installed_is_said() -> None:
     assert found.reached is None
 
 
-def test_a_peer_may_measure_itself() -> None:
-    (found,) = measure(row(Peer("elsewhere", lambda: Timed(1.0, 3.0, 2.0), apart, 0.0)), repeats=2)
+def test_either_side_may_measure_itself() -> None:
+    peer = Peer("elsewhere", lambda: Timed(1.0, 3.0, 2.0), apart, 0.0)
+    elsewhere = Row("toy", "a toy", lambda quick: Case(lambda: Timed(1.0, 0.5, 0.5), [peer]))
+    (found,) = measure(elsewhere, repeats=2)
     assert (found.peer_s, found.agrees, found.note) == (3.0, True, "")
-    assert found.ratio / found.ratio_cpu == pytest.approx(1.5, rel=1.0)
+    assert (found.ratio, found.ratio_cpu) == (6.0, 4.0)
 
 
 def test_what_takes_long_is_repeated_less_and_says_so() -> None:
@@ -103,7 +105,18 @@ def test_names_are_unique_and_chosen_by_their_beginning() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["plays", "bouc-wen", "bouc-wen-fleet", "laws-61", "laws-built", "predict", "start-import", "allan-octave-1", "read-parquet"],
+    [
+        "plays",
+        "bouc-wen",
+        "bouc-wen-fleet",
+        "laws-61",
+        "laws-built",
+        "predict",
+        "start-import",
+        "allan-octave-1",
+        "read-parquet",
+        "exact-torch",
+    ],
 )
 def test_rows_agree_with_their_peers(name: str) -> None:
     (one,) = (one for one in bench.ROWS if one.name == name)
@@ -147,3 +160,28 @@ def test_growth_is_the_exponent_of_the_work() -> None:
     found = bench.growth(Row("product", "a product of matrices", prepare), 5)
     assert found["exponent"] == pytest.approx(3.0, abs=1.0)
     assert bench.growth(Row("toy", "a toy", lambda quick: Case(lambda: 1.0)), 1) is None
+
+
+def test_parts_of_the_work_are_said() -> None:
+    parts: dict[str, float] = {}
+    toy = Row("toy", "a toy", lambda quick: Case(lambda: parts.update(first=0.25, second=1.0), parts=parts))
+    (found,) = measure(toy, repeats=1)
+    assert found.note == "first 0.25 s, second 1 s"
+
+
+def test_growth_may_be_of_data_of_their_own() -> None:
+    """Where quick data are of another kind; and a piece that measures itself is believed."""
+
+    def grown(small: bool) -> Case:
+        n = 2 if small else 8
+        return Case(lambda: Timed(None, 1.0, float(n) ** 1.5), n=n)
+
+    found = bench.growth(Row("toy", "a toy", lambda quick: Case(lambda: None), grown=grown), 1)
+    assert found["exponent"] == pytest.approx(1.5)
+
+
+def test_a_fleet_by_two_workers_is_that_of_one() -> None:
+    (row,) = (one for one in bench.ROWS if one.name == "fleet-10")
+    (found,) = measure(row, quick=True, repeats=1)
+    assert found.agrees
+    assert found.size == "10 units"

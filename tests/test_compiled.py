@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from rlgcomp import compiled, filters, hysteresis_loops
 from rlgcomp.errors import InputError
@@ -21,6 +22,7 @@ WEIGHTS = np.random.default_rng(1).normal(size=7)
 def _few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hysteresis_loops, "MANY", 50)
     monkeypatch.setattr(hysteresis_loops, "_TOGETHER", 3)
+    monkeypatch.setattr(hysteresis_loops, "_PLAYS", 3)
 
 
 def inputs(n: int = 301, gyros: int = 7) -> np.ndarray:
@@ -123,3 +125,20 @@ def test_the_low_pass_has_the_same_bits_in_a_stream_and_compiled(monkeypatch: py
     assert end == last
     first, middle = filters.low_pass(1.0, values[:200], step_s[:200], 7.0)
     assert np.array_equal(np.r_[first, filters.low_pass(middle, values[200:], step_s[200:], 7.0)[0]], plain)
+
+
+def test_linear_algebra_has_the_threads_it_is_given_and_gets_its_own_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    def now() -> list[int]:
+        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+    before = now()
+    with compiled.blas_threads(2):
+        assert set(now()) == {2}
+        with compiled.blas_threads(1):
+            assert set(now()) == {1}
+        assert set(now()) == {2}
+    assert now() == before
+    known = compiled._libraries(len(sys.modules))
+    assert compiled._libraries(len(sys.modules)) is known
+    monkeypatch.setitem(sys.modules, "a_library_that_came_later", sys)
+    assert compiled._libraries(len(sys.modules)) is not known

@@ -6,14 +6,12 @@ import functools
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cluster
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
@@ -103,35 +101,6 @@ def test_a_unit_that_kills_its_process_each_time_fails_alone(tmp_path: Path) -> 
     assert "process died" in outcomes[1].message
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A real scheduler and two worker processes."""
-    pytest.importorskip("distributed")
-    place = tmp_path / "scheduler.json"
-    log = (tmp_path / "log").open("wb")
-    paths = os.pathsep.join([str(Path(rlg.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    settings = {**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
-
-    def start(*arguments: str) -> subprocess.Popen[bytes]:
-        return subprocess.Popen([sys.executable, "-m", *arguments], stdout=log, stderr=log, env=settings, cwd=tmp_path)
-
-    options = ["--scheduler-file", str(place), "--no-dashboard"]
-    processes = [start("distributed.cli.dask_scheduler", *options, "--host", "127.0.0.1", "--port", "0")]
-    try:
-        for _ in range(200):
-            if place.exists():
-                break
-            time.sleep(0.1)
-        worker = ["distributed.cli.dask_worker", *options, "--nthreads", "1", "--no-nanny"]
-        processes += [start(*worker), start(*worker)]
-        yield json.loads(place.read_text())["address"], processes
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
-        log.close()
-
-
 def slow(unit: Unit, folder: Path) -> dict[str, object]:
     time.sleep(0.5)
     (folder / "value").write_text(repr(np.random.default_rng(int(unit.name[-1])).normal(size=50).tolist()))
@@ -139,9 +108,7 @@ def slow(unit: Unit, folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::ResourceWarning")
-def test_a_cluster_gives_the_same_bits_though_a_worker_is_killed(
-    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
-) -> None:
+def test_a_cluster_gives_the_same_bits_though_a_worker_is_killed(cluster: Cluster, tmp_path: Path) -> None:
     address, processes = cluster
     fleet = [Unit(f"gyro-{k}", ()) for k in range(8)]
     expected = run_fleet(slow, fleet, tmp_path / "here")

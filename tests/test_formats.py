@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 import rlgcomp as rlg
-from rlgcomp.formats import FORMATS
+from rlgcomp.formats import FORMATS, parquet
 
 SUFFIXES = [suffix for form in FORMATS for suffix in form.SUFFIXES]
 
@@ -152,6 +152,23 @@ def test_no_bytes_make_a_traceback(tmp_path: Path, recording: rlg.Recording, con
     (tmp_path / "bad.yaml").unlink(missing_ok=True)
     with contextlib.suppress(rlg.InputError):
         assert len(rlg.read(path)) >= 3
+
+
+def test_parquet_in_several_row_groups_is_what_pandas_reads(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    table = pd.DataFrame({"time_s": 0.1 * np.arange(1000), "gyro_x_pulses": rng.integers(-5, 6, 1000), "supply_voltage_V": 5.0})
+    table["note"] = "steady"
+    table.loc[::7, "supply_voltage_V"] = np.nan
+    for name, written in {
+        "numbers": table.drop(columns="note"),
+        "mixed": table,
+        "indexed": table.set_index("gyro_x_pulses"),
+    }.items():
+        path = tmp_path / f"{name}.parquet"
+        written.to_parquet(path, row_group_size=300)
+        found, metadata = parquet.load(path)
+        pd.testing.assert_frame_equal(found, pd.read_parquet(path))
+        assert metadata == {}
 
 
 def test_a_text_file_named_parquet(tmp_path: Path) -> None:

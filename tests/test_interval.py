@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -109,8 +111,8 @@ def test_a_wrong_interval_is_refused(change: dict[str, object]) -> None:
         Interval.from_mapping(good | change)
 
 
-def test_the_experiment_prints_its_table(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--quick", "--jobs", "1"])
+def test_the_experiment_prints_its_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--quick", "--jobs", "1", "--rows", str(tmp_path / "rows")])
     said = capsys.readouterr().out
     assert "windows beyond it" in said
     assert said.count("| dynamic | play |") == 2

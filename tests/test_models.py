@@ -40,7 +40,7 @@ def estimators() -> list[object]:
         import torch  # noqa: F401
     except ImportError:
         return found
-    return [*found, rlg.SequenceRegressor(epochs=60)]
+    return [*found, rlg.LSSVMRegressor(device="cpu"), rlg.SequenceRegressor(epochs=60)]
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rlgcomp.allan import sums
+from rlgcomp.allan import octaves, sums
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.compiled import available
 
@@ -18,8 +18,10 @@ MANY = np.unique(np.geomspace(1, 4000, 60).astype(np.int64))
 def blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled from 1000 samples on, in small blocks and pieces, so that short records cross many edges."""
     monkeypatch.setattr(sums, "MANY", 1000)
-    monkeypatch.setattr(sums, "_BLOCK", 48)
+    monkeypatch.setattr(sums, "BLOCK", 48)
     monkeypatch.setattr(sums, "_PIECE", 1024)
+    for name, value in {"MANY": 1000, "BLOCK": 48, "_CELL": 16, "_STRIDE": 64, "_STRETCH": 512, "_LONG": 5000}.items():
+        monkeypatch.setattr(octaves, name, value)
 
 
 def both(rate: np.ndarray, ends: np.ndarray, counts: np.ndarray, order: int, monkeypatch: pytest.MonkeyPatch) -> tuple:
@@ -47,8 +49,33 @@ def test_compiled_sums_are_those_of_numpy(order: int, counts: np.ndarray, ends: 
 @pytest.mark.usefixtures("blocks")
 def test_the_number_of_threads_changes_no_bit() -> None:
     rate = np.random.default_rng(4).normal(size=20_000)
-    one, two = (sums.overlapping_deviation(rate, OCTAVES, workers) for workers in (1, 2))
+    one, two = (octaves.overlapping_deviation(rate, OCTAVES, workers) for workers in (1, 2))
     assert (one == two).all()
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize("samples", [1000, 1023, 1024, 1025, 4096, 12_345])
+@pytest.mark.parametrize(
+    "counts", [2 ** np.arange(0, 13), np.array([3, 5, 7, 32, 64, 192, 448]), np.array([64, 128]), np.array([1])], ids=str
+)
+def test_columns_of_the_record_give_the_deviations_of_the_angle(
+    samples: int, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rate = 10.0 + np.random.default_rng(samples).normal(size=samples)
+    counts = counts[2 * counts <= samples]
+    fast = octaves.overlapping_deviation(rate, counts)
+    monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+    np.testing.assert_allclose(fast, octaves.overlapping_deviation(rate, counts), rtol=1e-11)
+
+
+@pytest.mark.usefixtures("blocks")
+def test_columns_are_taken_only_where_they_hold_every_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    rate = np.random.default_rng(8).normal(size=3000)
+    taken: list[int] = []
+    monkeypatch.setattr(octaves, "_sums", lambda rate, counts, workers: taken.append(len(counts)) or np.ones(len(counts)))
+    for counts in ([1, 32, 64, 128], [1, 33], [1, 65]):
+        octaves.overlapping_deviation(rate, np.array(counts))
+    assert taken == [4]
 
 
 @pytest.mark.usefixtures("blocks")
@@ -67,8 +94,8 @@ def test_the_deviation_with_its_intervals_does_not_change(estimator: str, monkey
 
 def test_a_steady_rate_and_the_shortest_records() -> None:
     counts = np.array([1, 2])
-    assert sums.overlapping_deviation(np.full(4, 7.0), counts).tolist() == [0.0, 0.0]
-    assert sums.overlapping_deviation(np.array([1.0, -1.0, 1.0, -1.0]), counts) == pytest.approx([np.sqrt(2.0), 0.0])
+    assert octaves.overlapping_deviation(np.full(4, 7.0), counts).tolist() == [0.0, 0.0]
+    assert octaves.overlapping_deviation(np.array([1.0, -1.0, 1.0, -1.0]), counts) == pytest.approx([np.sqrt(2.0), 0.0])
 
 
 def test_long_records_agree_with_allantools() -> None:
@@ -76,4 +103,4 @@ def test_long_records_agree_with_allantools() -> None:
     rate = np.random.default_rng(6).normal(size=2 * sums.MANY)
     counts = 2 ** np.arange(0, 17)
     _, expected, _, _ = allantools.oadev(rate, rate=1.0, data_type="freq", taus=counts.astype(float))
-    np.testing.assert_allclose(sums.overlapping_deviation(rate, counts), expected, rtol=1e-10)
+    np.testing.assert_allclose(octaves.overlapping_deviation(rate, counts), expected, rtol=1e-10)

@@ -6,13 +6,13 @@ import argparse
 import logging
 from collections.abc import Sequence
 
-import joblib
 import numpy as np
 import pandas as pd
 
 import rlgcomp as rlg
 from experiments.mems_thermal_chamber import __main__ as mems
 from experiments.tables import FOLDER, show_table
+from experiments.work import Work
 from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.interval import COVERAGE, excess
 from rlgcomp.compensation.rows import rows
@@ -37,7 +37,7 @@ def programme(rng: np.random.Generator) -> str:
     return ", ".join([f"start 20, hold {rng.integers(30, 90)}", *steps])
 
 
-def covered(seed: int, model: str, law: str, training: int) -> pd.DataFrame:
+def covered(seed: int, model: str, law: str, training: int) -> list[dict[str, float]]:
     """Shares of windows held by their intervals, one row for each run held out of a unit."""
     logging.disable(logging.WARNING)
     unit, rng = rlg.simulated_unit(seed, hysteresis=law), stream(seed, "programmes")
@@ -58,7 +58,7 @@ def covered(seed: int, model: str, law: str, training: int) -> pd.DataFrame:
                 "width": compensator.interval_.inside_deg_h / (NORMAL * np.std(windows.noise_deg_h)),
             }
         )
-    return pd.DataFrame(found)
+    return found
 
 
 def legs() -> list[dict[str, object]]:
@@ -88,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two units, two cases")
     parser.add_argument("--units", type=int, default=20, help="simulated gyro units (default 20)")
-    parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
+    Work.add_options(parser, "coverage")
     parser.add_argument("--legs", action="store_true", help="the legs of a MEMS IMU's thermal cycle (../shared/data/real)")
     options = parser.parse_args(argv)
     if options.legs:
@@ -96,10 +96,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         return
     units, cases = (2, CASES[1:3]) if options.quick else (options.units, CASES)
     print(f"# Coverage of {100 * COVERAGE:.0f} % intervals, {units} units, {HELD_OUT} runs held out of each\n")
+    made = Work.of(options).results("coverage", covered, [(seed, *case) for case in cases for seed in range(units)])
     table = []
-    for model, law, training in cases:
-        work = (joblib.delayed(covered)(seed, model, law, training) for seed in range(units))
-        found = pd.concat(joblib.Parallel(n_jobs=options.jobs)(work))
+    for k, (model, law, training) in enumerate(cases):
+        found = pd.DataFrame([row for rows in made[k * units : (k + 1) * units] for row in rows], dtype=float)
         by_unit = found.groupby("unit").mean()
         mean, error = by_unit.mean(), by_unit["covered"].std() / np.sqrt(units)
         table.append(

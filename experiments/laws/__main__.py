@@ -6,8 +6,8 @@ import argparse
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
-import joblib
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +15,7 @@ import rlgcomp as rlg
 from experiments.concealed.cases import Case, make_case, plan
 from experiments.laws.stlsq import drivers_of, library, stlsq
 from experiments.tables import show_table
+from experiments.work import Work
 from rlgcomp.diagnosis.discover import discover
 from rlgcomp.diagnosis.laws import MEMORY_CLASS, Dictionary, recorded_drivers
 from rlgcomp.diagnosis.noises import ordinary_noise, unrecorded_cause
@@ -39,7 +40,7 @@ class Score:
     ratio: float
 
 
-def judge(arguments: tuple) -> list[Score]:
+def judge(*arguments: Any) -> list[dict[str, Any]]:
     """All methods on one case."""
     case = make_case(*arguments)
     problem = Problem.of(rlg.Simulator.from_mapping(case.simulator_mapping), list(case.train))
@@ -49,7 +50,7 @@ def judge(arguments: tuple) -> list[Score]:
         for series in (case.truth_held_out, case.oracle)
     )
     least = float(np.sqrt(np.mean((oracle - truth) ** 2)))
-    return [_score(method, case, problem, held_out, truth, least) for method in METHODS]
+    return [dataclasses.asdict(_score(method, case, problem, held_out, truth, least)) for method in METHODS]
 
 
 def _score(method: str, case: Case, problem: Problem, held_out: list[Windows], truth: Array, least: float) -> Score:
@@ -105,16 +106,16 @@ def _held_out_error(problem: Problem, held_out: list[Windows], known: Array, uns
     return float(np.sqrt(np.mean((table(held_out, unseen) @ weights - truth) ** 2)))
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Command line of the experiment."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=30, help="cases with a law outside the catalogue (default 30)")
     parser.add_argument("--nulls", type=int, default=40, help="healthy gyros (default 40)")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
-    parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
-    options = parser.parse_args()
+    Work.add_options(parser, "laws")
+    options = parser.parse_args(argv)
     wanted = [*plan("open", options.cases, options.first), *plan("null", options.nulls, options.first)]
-    scores = [score for case in joblib.Parallel(options.jobs)(joblib.delayed(judge)(each) for each in wanted) for score in case]
+    scores = [Score(**score) for case in Work.of(options).results("laws", judge, wanted) for score in case]
     print(f"# Laws outside the catalogue: `python -m experiments.laws --cases {options.cases} --nulls {options.nulls}`\n")
     rows = []
     for effect in dict.fromkeys(score.effect for score in scores):

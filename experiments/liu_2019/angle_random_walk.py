@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-import joblib
 import numpy as np
 import pandas as pd
 
 from experiments.liu_2019.harmonic_failures import failure_row
 from experiments.tables import published, show_frame
+from experiments.work import Work
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.noise import NoiseModel
 from rlgcomp.recording import Recording
@@ -29,7 +29,6 @@ from rlgcomp.simulation.rotation import (
 
 STEADY = RotationTable(jitter_deg_s=0.0)
 WANDERING = RotationTable(wander_deg_s=3e-4)
-JOBS = 2
 
 
 def gyro(noise_deg_sqrt_h: float, seed: int) -> RotatingGyro:
@@ -45,7 +44,9 @@ def recording(
     return simulate_rotation({"z": gyro(noise_deg_sqrt_h, seed)}, legs, seed=seed, pulse_arcsec=pulse_arcsec, table=table)
 
 
-def accuracy(noise: float, rate: float, hours: float, pulse: float | None, table: RotationTable, seeds: int) -> dict[str, object]:
+def accuracy(
+    work: Work, noise: float, rate: float, hours: float, pulse: float | None, table: RotationTable, seeds: int
+) -> dict[str, object]:
     """Estimates over the seeds relative to the truth: mean, spread, and the errors against their stated standard deviations."""
 
     def one(seed: int) -> list[float]:
@@ -54,7 +55,8 @@ def accuracy(noise: float, rate: float, hours: float, pulse: float | None, table
         values = [(part.angle_random_walk_deg_sqrt_h / noise, part.angle_random_walk_deg_sqrt_h_sd / noise) for part in parts]
         return [*np.ravel(values).tolist(), found.agreement_p_value]
 
-    made = np.array(joblib.Parallel(n_jobs=JOBS)(joblib.delayed(one)(seed) for seed in range(seeds)))
+    name = f"N at {(noise, rate, hours, pulse, table)}, "
+    made = np.array(work.results(name, one, [(seed,) for seed in range(seeds)]), dtype=float)
     row: dict[str, object] = {}
     for k, name in enumerate(("spectrum", "whole revolutions", "five terms")):
         value, sd = made[:, 2 * k], made[:, 2 * k + 1]
@@ -67,7 +69,7 @@ def accuracy(noise: float, rate: float, hours: float, pulse: float | None, table
     return row
 
 
-def accuracies(hours: float, seeds: int) -> pd.DataFrame:
+def accuracies(hours: float, seeds: int, work: Work) -> pd.DataFrame:
     """N over truth at both rates and in both modes, and with what spoils it: pulses, a wandering table."""
     cases = [
         (f"{mode}, {rate:.0f} deg/s", (noise, rate, hours, None, STEADY, seeds))
@@ -82,10 +84,10 @@ def accuracies(hours: float, seeds: int) -> pd.DataFrame:
         ("speed wanders 0.0003 deg/s over 100 s, .0004", (4e-4, 60.0, hours, None, WANDERING, seeds)),
         ("speed wanders 0.0003 deg/s over 100 s, .0013", (1.3e-3, 60.0, hours, None, WANDERING, seeds)),
     ]
-    return pd.DataFrame({name: accuracy(*arguments) for name, arguments in cases}).T
+    return pd.DataFrame({name: accuracy(work, *arguments) for name, arguments in cases}).T
 
 
-def published_tables(hours: float, runs: int) -> pd.DataFrame:
+def published_tables(hours: float, runs: int, work: Work) -> pd.DataFrame:
     """Tables 5 and 6 run by run: published, and ours from gyros whose true N is the published mean."""
 
     def one(table: str, truth: dict[str, float], rate: int, run: int) -> list[dict[str, object]]:
@@ -105,22 +107,22 @@ def published_tables(hours: float, runs: int) -> pd.DataFrame:
             for axis, found in zip(truth, angle_random_walk(made).gyros, strict=True)
         ]
 
-    jobs, printed = [], {}
+    pieces, printed = [], {}
     for name in ("liu_table5", "liu_table6"):
         table = published(name).set_index("run")
         single = table.loc[[str(run) for run in range(1, 4)]].astype(float)
         truth = {axis: float(single[[f"g{axis}_30dps", f"g{axis}_60dps"]].to_numpy().mean()) for axis in "xyz"}
         for run in range(1, runs + 1):
             for rate in (30, 60):
-                jobs.append(joblib.delayed(one)(name, truth, rate, run))
+                pieces.append((name, truth, rate, run))
                 printed |= {(name, run, f"g{axis}", rate): float(single.loc[str(run), f"g{axis}_{rate}dps"]) for axis in "xyz"}
-    rows = [row for part in joblib.Parallel(n_jobs=JOBS)(jobs) for row in part]
+    rows = [row for part in work.results(f"published, {hours} h, ", one, pieces) for row in part]
     frame = pd.DataFrame(rows)
     frame.insert(4, "published", [printed[row["table"], row["run"], row["gyro"], row["rate"]] for row in rows])
     return frame
 
 
-def baselines(hours: float, seeds: int) -> pd.DataFrame:
+def baselines(hours: float, seeds: int, work: Work) -> pd.DataFrame:
     """N over truth on a jittering table: ours, fast orthogonal search on differences of three gyros, classic variance."""
     truth = {"x": 4e-4, "y": 3.6e-4, "z": 4.2e-4}
 
@@ -149,11 +151,11 @@ def baselines(hours: float, seeds: int) -> pd.DataFrame:
             "classic variance, third order": classic / truth["x"],
         }
 
-    table = pd.DataFrame(joblib.Parallel(n_jobs=JOBS)(joblib.delayed(one)(seed) for seed in range(seeds)))
+    table = pd.DataFrame(work.results(f"baselines, {hours} h, ", one, [(seed,) for seed in range(seeds)]))
     return pd.DataFrame({"mean": table.mean(), "spread": table.std()})
 
 
-def delays(seeds: int) -> pd.DataFrame:
+def delays(seeds: int, work: Work) -> pd.DataFrame:
     """Encoder delay from a start-up, from two rates in one run, and from the phases at two rates in two runs, in ms."""
 
     def one(seed: int) -> dict[str, tuple[float, float]]:
@@ -167,7 +169,7 @@ def delays(seeds: int) -> pd.DataFrame:
         }
         return {name: (result.delay.delay_s, result.delay.sd_s) for name, result in found.items() if result.delay is not None}
 
-    every = joblib.Parallel(n_jobs=JOBS)(joblib.delayed(one)(seed) for seed in range(seeds))
+    every = work.results("delay", one, [(seed,) for seed in range(seeds)])
     rows = {}
     for name in every[0]:
         value, sd = 1e3 * np.array([found[name] for found in every]).T
@@ -187,7 +189,7 @@ def _means(made: Recording, column: str, rows: int) -> np.ndarray:
     return means - np.polynomial.legendre.Legendre.fit(x, means, 5)(x)
 
 
-def failures(hours: float, seeds: int) -> pd.DataFrame:
+def failures(hours: float, seeds: int, work: Work) -> pd.DataFrame:
     """The table of failure modes of seed-mathematics.md, section 2: N over truth by treatment and by fit."""
     cases: list[tuple[str, dict[str, object]]] = [
         ("global fit, 60 deg/s", {}),
@@ -213,7 +215,7 @@ def failures(hours: float, seeds: int) -> pd.DataFrame:
 
     rows = {}
     for name, choice in cases:
-        made = pd.DataFrame(joblib.Parallel(n_jobs=JOBS)(joblib.delayed(one)(seed, choice) for seed in range(seeds)))
+        made = pd.DataFrame(work.results(f"failures, {hours} h, ", one, [(seed, choice) for seed in range(seeds)]))
         rows[name] = {column: f"{made[column].mean():.3f} ± {made[column].std():.3f}" for column in made}
     return pd.DataFrame(rows).T
 
@@ -284,24 +286,27 @@ def equations() -> None:
     print()
 
 
-def show(quick: bool) -> None:
+def show(quick: bool, work: Work | None = None) -> None:
     """Print everything; `quick` takes half an hour instead of five hours, and fewer seeds."""
+    work = work or Work()
     hours, seeds, few = (0.5, 3, 2) if quick else (5.0, 8, 4)
     print(f"## Section 5: angle random walk under rotation, {hours:g} h a run\n")
     equations()
     figures(hours)
-    table = published_tables(hours, 1 if quick else 3)
+    table = published_tables(hours, 1 if quick else 3, work)
     show_frame(
         "Tables 5 and 6: published, and ours on gyros whose true N is the published mean",
         table.drop(columns=["table", "run"]).set_index(table["table"] + ", run " + table["run"].astype(str)),
     )
-    show_frame(f"N over truth, {seeds} seeds (Cramér–Rao of 5 h of 1 s means: 0.0053)", accuracies(hours, seeds))
-    show_frame(f"Encoder delay, {seeds} seeds", delays(seeds))
-    show_frame(f"Baselines, N over truth, {few} seeds", baselines(min(hours, 1.0), few))
-    show_frame(f"What goes wrong, N over truth, {few} seeds", failures(hours, few))
+    show_frame(f"N over truth, {seeds} seeds (Cramér–Rao of 5 h of 1 s means: 0.0053)", accuracies(hours, seeds, work))
+    show_frame(f"Encoder delay, {seeds} seeds", delays(seeds, work))
+    show_frame(f"Baselines, N over truth, {few} seeds", baselines(min(hours, 1.0), few, work))
+    show_frame(f"What goes wrong, N over truth, {few} seeds", failures(hours, few, work))
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="half an hour a run, fewer seeds")
-    show(parser.parse_args().quick)
+    Work.add_options(parser, "liu_2019_angle_random_walk")
+    options = parser.parse_args()
+    show(options.quick, Work.of(options))

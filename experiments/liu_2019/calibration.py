@@ -7,6 +7,7 @@ import pandas as pd
 
 from experiments.liu_2019.monte_carlo import STEPS, study, summary
 from experiments.tables import published, show_list, show_table
+from experiments.work import Work
 from rlgcomp.calibration.triad.calibrate import predicted
 from rlgcomp.calibration.triad.estimate import calibrate_triad
 from rlgcomp.calibration.triad.information import Noise
@@ -33,14 +34,14 @@ COLUMNS = {
 STEP_ONE = ("scale_z_ppm", "bias_z_deg_h", "beta_gx_arcsec", "beta_gy_arcsec")
 
 
-def show(quick: bool) -> None:
+def show(quick: bool, work: Work | None = None) -> None:
     """Print table 4, the first step by the paper's recursion, figures 6 and 7, and the third steps compared."""
     table = published("liu_table4").rename(columns=COLUMNS).set_index("run").astype(float)
     runs, printed = table.drop(index="mean_printed"), table.loc["mean_printed"]
     truth = TriadErrors({parameter.name: float(runs[parameter.name].mean()) for parameter in GYRO})
     seeds = 4 if quick else 40
-    drawn, held = study(seeds, truth), study(seeds, truth, same_residuals=True)
-    kicked = study(seeds, truth, same_residuals=True, lock_in_deg_s=LOCK_IN_DEG_S)
+    drawn, held = study(seeds, truth, work=work), study(seeds, truth, same_residuals=True, work=work)
+    kicked = study(seeds, truth, same_residuals=True, lock_in_deg_s=LOCK_IN_DEG_S, work=work)
     _table_4(runs, printed, drawn, held, truth, seeds)
     _first_step(truth, drawn, seeds)
     triad = next(drawn_triads(1, truth, seed=500))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
-import joblib
 import numpy as np
 import pandas as pd
 
+from experiments.work import Work
 from rlgcomp.calibration.triad.estimate import calibrate_triad
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.rate_table import Triad, drawn_triads
@@ -38,7 +38,7 @@ def study(
     same_residuals: bool = False,
     lock_in_deg_s: float = 0.0,
     whole_pulses: bool = True,
-    jobs: int = 2,
+    work: Work | None = None,
 ) -> pd.DataFrame:
     """One row a seed: errors in the parameters' units, stated standard deviations, the noise found.
 
@@ -55,8 +55,12 @@ def study(
     )
     if same_residuals:
         triads = [dataclasses.replace(triads[0]) for _ in triads]
-    rows = joblib.Parallel(n_jobs=jobs)(joblib.delayed(one)(triad, seed, steps) for seed, triad in enumerate(triads))
-    return pd.DataFrame(rows)
+
+    def calibrated(seed: int) -> dict[str, float]:
+        return one(triads[seed], seed, steps)
+
+    made_from = (seeds, truth.values, angle_random_walk_deg_sqrt_h, steps, same_residuals, lock_in_deg_s, whole_pulses)
+    return pd.DataFrame((work or Work()).results(f"triad of {made_from}, ", calibrated, [(seed,) for seed in range(seeds)]))
 
 
 def summary(found: pd.DataFrame) -> pd.DataFrame:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 import copy
 import dataclasses
+import functools
 import logging
 from collections.abc import Sequence
 
-import joblib
 import pandas as pd
 
 import rlgcomp as rlg
 from experiments.tables import show_table
+from experiments.work import Work
 from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.compensator import Compensator
 
@@ -33,7 +34,7 @@ def fleet(units: int) -> Compensator:
     return Compensator(MODELS["dynamic"].make()).fit(runs)
 
 
-def learning(seed: int, known: Compensator, hours: Sequence[float], kernels: bool) -> pd.DataFrame:
+def learning(seed: int, known: Compensator, hours: Sequence[float], kernels: bool) -> list[dict[str, object]]:
     """What is left on a run held out of one new unit, by method and hours."""
     logging.disable(logging.WARNING)
     unit = rlg.simulated_unit(seed)
@@ -47,7 +48,7 @@ def learning(seed: int, known: Compensator, hours: Sequence[float], kernels: boo
         found.append(_scored("dynamic from scratch", hour, Compensator(MODELS["dynamic"].make()).fit([part]), test))
         if kernels:
             found.append(_scored("LS-SVM from scratch", hour, Compensator().fit([part]), test))
-    return pd.DataFrame(found)
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -56,12 +57,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="a fleet of four, two new units, two points, no LS-SVM")
     parser.add_argument("--fleet", type=int, default=12, help="units known (default 12)")
     parser.add_argument("--units", type=int, default=12, help="new units (default 12)")
-    parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
+    Work.add_options(parser, "new_unit")
     options = parser.parse_args(argv)
     size, units, hours = (4, 2, (2.0, 8.0)) if options.quick else (options.fleet, options.units, HOURS)
     known = fleet(size)
-    work = (joblib.delayed(learning)(seed, known, hours, not options.quick) for seed in range(units))
-    found = pd.concat(joblib.Parallel(n_jobs=options.jobs)(work))
+    learn = functools.partial(learning, known=known, hours=hours, kernels=not options.quick)
+    made = Work.of(options).results(f"new unit, fleet of {size}, hours {hours}", learn, [(seed,) for seed in range(units)])
+    found = pd.DataFrame([row for rows in made for row in rows])
     print(f"# Hours of chamber time for a new unit: fleet of {size}, {units} new units, held out on '{HELD_OUT}'\n")
     print(
         f"Noise floor {found['floor'].median():.5f}, raw bias stability {found['raw'].median():.4f} deg/h (medians over units).\n"

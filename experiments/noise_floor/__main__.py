@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from collections.abc import Sequence
 
-import joblib
 import numpy as np
 
 import rlgcomp as rlg
+from experiments.work import Work
 
 LAWS = ("play", "preisach", "bouc_wen")
 TRAINING = {"paper twice": ("paper", "paper"), "paper and minor-loops": ("paper", "minor-loops")}
@@ -23,18 +24,20 @@ def ratio(seed: int, law: str, programmes: tuple[str, ...]) -> tuple[float, floa
     return evaluation.residual_std_deg_h / evaluation.noise_floor_deg_h, evaluation.raw_std_deg_h
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Command line of the experiment."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--units", type=int, default=10, help="simulated gyro units (default 10)")
-    parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
-    options = parser.parse_args()
+    Work.add_options(parser, "noise_floor")
+    options = parser.parse_args(argv)
     print(f"# LS-SVM on all features, held out on the programme '{HELD_OUT}', {options.units} units\n")
     print("| hysteresis | trained on | raw, deg/h, mean | residual / noise floor, mean | min | max |\n|---|---|---|---|---|---|")
-    for law, (name, programmes) in itertools.product(LAWS, TRAINING.items()):
-        work = (joblib.delayed(ratio)(seed, law, programmes) for seed in range(options.units))
-        ratios, raw = np.array(joblib.Parallel(n_jobs=options.jobs)(work)).T
-        print(f"| {law} | {name} | {raw.mean():.4f} | {ratios.mean():.3f} | {ratios.min():.3f} | {ratios.max():.3f} |", flush=True)
+    cases = list(itertools.product(LAWS, TRAINING))
+    pieces = [(seed, law, TRAINING[name]) for law, name in cases for seed in range(options.units)]
+    made = np.array(Work.of(options).results("noise floor", ratio, pieces)).reshape(len(cases), options.units, 2)
+    for (law, name), of_units in zip(cases, made, strict=True):
+        ratios, raw = of_units.T
+        print(f"| {law} | {name} | {raw.mean():.4f} | {ratios.mean():.3f} | {ratios.min():.3f} | {ratios.max():.3f} |")
 
 
 if __name__ == "__main__":

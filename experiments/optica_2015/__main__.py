@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
-import joblib
 import pandas as pd
 
 from experiments.optica_2015.figures import draw
 from experiments.optica_2015.study import INPUTS, correlations, ratios, study_unit, summary, verdicts
+from experiments.work import Work
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Command line of the experiment."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--units", type=int, default=10, help="simulated gyro units (default 10)")
-    parser.add_argument("--jobs", type=int, default=2, help="worker processes (default 2)")
+    Work.add_options(parser, "optica_2015")
     parser.add_argument("--out", type=Path, default=None, help="folder for figures 6 to 10 (PNG) and the tables (CSV)")
-    options = parser.parse_args()
-    units = joblib.Parallel(n_jobs=options.jobs)(joblib.delayed(study_unit)(seed) for seed in range(options.units))
+    options = parser.parse_args(argv)
+    units = Work.of(options).results("optica", study_unit, [(seed,) for seed in range(options.units)])
 
     stability = summary(units)
     print(f"# Opt. Express 23, 13320 (2015) on {len(units)} simulated units, bias stability of 100 s means held out, deg/h\n")

@@ -16,6 +16,8 @@ from rlgcomp.report.figures import FIT, RAW, STYLE
 
 def draw(unit: dict[str, object], folder: Path) -> list[Path]:
     """Write figures 6 to 10 as PNG files."""
+    series = {name: {key: np.array(values) for key, values in unit[name].items()} for name in ("inputs", "fits")}
+    unit = series | {"raw_deg_h": np.array(unit["raw_deg_h"])}
     drawn = []
     with rc_context(STYLE):
         for number, make in ((6, _figure_6), (7, _figure_7), (8, _figure_8), (9, _figure_9), (10, _figure_10)):
@@ -46,7 +48,7 @@ def _figure_7(unit: dict[str, object]) -> Figure:
     figure = Figure(figsize=(9, 6.4), layout="constrained")
     for axes, name in zip(figure.subplots(4, 1, sharex=True), INPUTS, strict=True):
         axes.plot(_points(unit), _scaled(unit["raw_deg_h"]), color=RAW, lw=1)
-        axes.plot(_points(unit), _scaled(unit["inputs"][name].to_numpy()), color=FIT, lw=1.4)
+        axes.plot(_points(unit), _scaled(unit["inputs"][name]), color=FIT, lw=1.4)
         axes.set_title(name.replace("_", " "), fontsize=9)
         axes.set_yticks([])
     axes.set_xlabel("100 s means")

@@ -60,7 +60,7 @@ def study_unit(seed: int) -> dict[str, object]:
         "outside": outside,
         "time_s": held_out.time_s,
         "raw_deg_h": held_out.y_deg_h,
-        "inputs": pd.DataFrame(rows(test, inputs, 100.0).X, columns=list(INPUTS)),
+        "inputs": dict(zip(INPUTS, rows(test, inputs, 100.0).X.T, strict=True)),
         "fits": fits,
     }
 

@@ -16,14 +16,14 @@ from rlgcomp.compiled import available, compiled, in_threads, threads
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 MANY: Final = 300_000  # samples from which compiling pays
-_BLOCK: Final = 2048  # samples: those of one averaging time stay in the first-level cache
+BLOCK: Final = 2048  # samples: those of one averaging time stay in the first-level cache
 _AT_ONCE: Final = 1 << 20  # samples that NumPy takes, where nothing is compiled
 _PIECE: Final = 1 << 17  # samples a piece of work; fixed, so that the sums do not depend on the number of threads
 
 
 def angle_of(rate: Array, workers: int | None = None) -> Array:
     """Cumulative sums of a rate less its mean, from zero: n + 1 values, in periods of the rate's unit."""
-    angle = np.empty(len(rate) + 1)
+    angle = aligned(len(rate) + 1)
     angle[0] = 0.0
     if len(rate) < MANY or not available():
         np.cumsum(rate - rate.mean(), out=angle[1:])
@@ -69,28 +69,20 @@ def sums_of_squares(angle: Array, ends: Whole, counts: Whole, order: int, worker
     starts = np.arange(0, len(angle), _PIECE)
     sums = np.zeros((len(starts), len(counts)))
     begins = np.r_[0, ends[:-1]]
-    loop = _squares_2 if order == 2 else _squares_3
+    loop = squares_2 if order == 2 else _squares_3
     in_threads(
         loop,
-        [(angle, begins, ends, counts, int(start), int(start) + _PIECE, _BLOCK, sums[k]) for k, start in enumerate(starts)],
+        [(angle, begins, ends, counts, int(start), int(start) + _PIECE, BLOCK, sums[k]) for k, start in enumerate(starts)],
         threads() if workers is None else workers,
     )
     return sums.sum(axis=0), taken
 
 
-def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None) -> Array:
-    """Overlapping Allan deviations alone, of a record without gaps: no intervals, no noise identified.
-
-    Parameters
-    ----------
-    rate : ndarray, shape (n,)
-    counts : ndarray of int, shape (m,)
-        Averaging times in samples, at most n / 2.
-    workers : int, optional
-        Threads.
-    """
-    sums, taken = sums_of_squares(angle_of(rate, workers), np.array([len(rate)]), counts, 2, workers)
-    return np.sqrt(sums / (2.0 * taken)) / counts
+def aligned(values: int) -> Array:
+    """Memory that begins at a cache line: a vector that straddles two takes longer to load."""
+    memory = np.empty(values + 8)
+    first = -memory.ctypes.data // 8 % 8
+    return memory[first : first + values]
 
 
 def _one_sum(angle: Array, part: npt.NDArray[np.int32] | None, m: int, order: int) -> float:
@@ -131,7 +123,7 @@ def _total(rate: Array, first: int, last: int, out: Array) -> None:
 
 
 @compiled(reassociate=True)
-def _squares_2(angle: Array, begins: Whole, ends: Whole, counts: Whole, low: int, high: int, block: int, sums: Array) -> None:
+def squares_2(angle: Array, begins: Whole, ends: Whole, counts: Whole, low: int, high: int, block: int, sums: Array) -> None:
     for p in range(len(ends)):
         first = max(low, begins[p])
         while first < min(high, ends[p]):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from rlgcomp.bench import allan, hysteresis, laws, reading, selection, start, whole
+from rlgcomp.bench import allan, commands, exact, hysteresis, laws, reading, selection, start, whole
 from rlgcomp.bench.measure import Measured as Measured
 from rlgcomp.bench.measure import Row
 from rlgcomp.bench.measure import growth as growth
@@ -17,10 +17,12 @@ from rlgcomp.errors import InputError
 
 ROWS: Final[tuple[Row, ...]] = (
     *selection.ROWS,
+    *exact.ROWS,
     *allan.ROWS,
     *hysteresis.ROWS,
     *laws.ROWS,
     *whole.ROWS,
+    *commands.ROWS,
     *start.ROWS,
     *reading.ROWS,
 )

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.allan.deviation import allan_deviation
-from rlgcomp.allan.sums import overlapping_deviation
+from rlgcomp.allan.octaves import overlapping_deviation
 from rlgcomp.bench.measure import Case, Peer, Row
 
 Array = npt.NDArray[np.float64]

@@ -71,6 +71,8 @@ class Case:
         Whether the most memory that arrays take is measured as well.
     n : int
         How much there is to work on, in whatever grows; 0 where nothing does.
+    parts : dict
+        Seconds by part, which the work itself writes as it goes; those of the last time are said where there is no peer.
     """
 
     ours: Callable[[], Any]
@@ -78,6 +80,7 @@ class Case:
     size: str = ""
     memory: bool = False
     n: int = 0
+    parts: dict[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,6 +100,8 @@ class Row:
         Our time at full size.
     goal_extra_s : float, optional
         What we may take longer than the peer.
+    grown : callable, optional
+        (small) to Case, for growth, where quick data are of another kind than full ones.
     """
 
     name: str
@@ -105,6 +110,7 @@ class Row:
     threads: int = 1
     goal_s: float | None = None
     goal_extra_s: float | None = None
+    grown: Callable[[bool], Case] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,7 +147,7 @@ def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Me
     """Measure a row against each of its peers."""
     case = row.prepare(quick)
     with threadpool_limits(1, user_api="blas"):
-        result = case.ours()  # compiles and warms what is compiled and warmed once
+        result, _ = _once(case.ours)  # compiles and warms what is compiled and warmed once
         if not case.peers:
             ours = _times(case.ours, repeats)
             return [_judged(row, _alone(row, case, ours), quick, None)]
@@ -150,7 +156,8 @@ def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Me
 
 def growth(row: Row, repeats: int = REPEATS) -> dict[str, Any] | None:
     """How our processor time grows from small data to full, as an exponent of n; None for a row without a size."""
-    small, full = row.prepare(True), row.prepare(False)
+    prepare = row.grown or row.prepare
+    small, full = prepare(True), prepare(False)
     if not small.n:
         return None
     seconds = []
@@ -198,7 +205,8 @@ def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats
 def _alone(row: Row, case: Case, ours: Any) -> Measured:
     wall, cpu = np.median(ours, axis=0)
     peak = _peak(case.ours) if case.memory else None
-    return Measured(row.name, row.work, case.size, row.threads, "", float(wall), float(cpu), ours_MiB=peak)
+    parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in case.parts.items())
+    return Measured(row.name, row.work, case.size, row.threads, "", float(wall), float(cpu), ours_MiB=peak, note=parts)
 
 
 def _judged(row: Row, measured: Measured, quick: bool, goal: float | None) -> Measured:

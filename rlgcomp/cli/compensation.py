@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -69,6 +69,10 @@ def train(
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
     calibration: CalibrationFile = None,
+    device: Annotated[
+        str | None,
+        typer.Option(help="Of lssvm: compute by torch on auto, cpu, cuda or cuda:0, for tens of thousands of averaged rows."),
+    ] = None,
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -82,6 +86,8 @@ def train(
     Example: `rlgcomp train two-hours.parquet --adapt models/fleet --out models/unit-18`
 
     Example: `rlgcomp train cold.parquet hot.parquet --out models/unit-17 --export unit-17-c`
+
+    Example: `rlgcomp train cold.parquet hot.parquet --averaging-s 1 --device cuda --out models/unit-17`
     """
     from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.artefact import MANIFEST, identity
@@ -98,6 +104,7 @@ def train(
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     if export is not None and sequential(MODELS[model].make()):
         raise InputError(f"--export: a {model} model has no sample-by-sample form; train another model to export one")
+    estimator = _estimator(model, device, adapted=adapt is not None)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
     if adapt is not None:
@@ -110,7 +117,7 @@ def train(
         model = fleet.form_.name if fleet.form_ is not None else model
     else:
         compensator = Compensator(
-            MODELS[model].make(), features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
+            estimator, features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
         )
         with progress("selecting") as advance:
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
@@ -152,6 +159,22 @@ def train(
         for title, rows in () if exported is None else exported.tables:
             show_table(title, rows)
         say(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
+
+
+def _estimator(model: str, device: str | None, *, adapted: bool) -> Any:
+    """An unfitted estimator of this kind, to be computed on this device."""
+    from rlgcomp.compensation import MODELS
+    from rlgcomp.compensation.device import device_named
+    from rlgcomp.errors import InputError
+
+    estimator = MODELS[model].make()
+    if device is not None:
+        other = "--adapt" if adapted else model
+        if adapted or "device" not in estimator.get_params():
+            raise InputError(f"--device is for --model lssvm alone, not for {other}; leave it out")
+        estimator.set_params(device=device).check_parameters()
+        device_named(device)
+    return estimator
 
 
 @command("evaluate")

@@ -55,6 +55,11 @@ def sequential(model: Any) -> bool:
     return bool(getattr(model, "reads_sequences", False))
 
 
+def parameters_of(model: Any) -> dict[str, Any]:
+    """What was set of a model, but for the device it is computed on, which another machine may not have."""
+    return {name: value for name, value in model.get_params().items() if name != "device"}
+
+
 @dataclasses.dataclass(frozen=True)
 class ModelForm:
     """A model that can be selected, saved and loaded.
@@ -100,7 +105,7 @@ class ModelForm:
 
     def pack(self, model: Any) -> tuple[dict[str, Any], dict[str, Array]]:
         """A fitted model as plain settings and arrays."""
-        settings = {"parameters": model.get_params(), "numbers": {name: float(getattr(model, name)) for name in self.numbers}}
+        settings = {"parameters": parameters_of(model), "numbers": {name: float(getattr(model, name)) for name in self.numbers}}
         arrays: dict[str, Array] = {}
         for name in self.arrays:
             value = getattr(model, name)

@@ -35,6 +35,8 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from rlgcomp.compensation.bordered import PlainSystem
+from rlgcomp.compensation.device import DeviceSystem, predictions, require_device
 from rlgcomp.compensation.fixed_size import fixed_size_rmse
 from rlgcomp.compensation.form import Candidates, ModelForm, require_shape, rms
 from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
@@ -72,6 +74,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Of the sigmoid kernel tanh(slope x·z + offset).
     robust : bool, default False
         Weigh outliers down by Suykens' rule: full weight within 2.5 robust standard deviations, next to none beyond 3.
+    device : {None, "auto", "cpu", "cuda", "cuda:0"}, default None
+        Where it is computed: by NumPy and SciPy, or by torch in a device's memory for n²/2 numbers, which is for tens of thousands
+        of rows; "auto" is a graphics card where there is one. Fits and predictions agree to rounding. It is not saved with a model.
 
     Attributes
     ----------
@@ -107,6 +112,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         offset: float = 1.0,
         slope: float = 0.01,
         robust: bool = False,
+        device: str | None = None,
     ) -> None:
         self.kernel = kernel
         self.c = c
@@ -115,6 +121,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.offset = offset
         self.slope = slope
         self.robust = robust
+        self.device = device
 
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
         """Solve the bordered system.
@@ -128,18 +135,22 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         ------
         ValueError
             Shapes or values are unfit, or a parameter is out of bounds.
+        InputError
+            The device is not there or its memory too small, or on it H is not positive definite.
         """
         self.check_parameters()
         inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True)
-        gram = kernel(self.kernel, self.get_params(), inputs, inputs)
+        system = self._system_of(inputs)
         weights = np.ones(len(target))
         for _ in range(_ROBUST_PASSES if self.robust else 0):
-            alpha, _, _ = _solve(gram, target, self.c * weights)
+            alpha, _ = system(self.c * weights).solve(target)
             weights = _suykens_weights(alpha / (self.c * weights))
         self.X_fit_ = inputs
         self.weights_ = weights
-        self.alpha_, self.intercept_, self._inverse = _solve(gram, target, self.c * weights)
-        leverage = np.diag(self._inverse)
+        solved = system(self.c * weights)
+        self.alpha_, self.intercept_ = solved.solve(target)
+        leverage = solved.leverage()
+        self._solved = solved if self.device is None else None  # a device's memory is given back
         self.loo_residuals_ = self.alpha_ / leverage
         self.scale_ = float(
             np.sqrt(max(0.0, float(np.mean(self.alpha_**2 / leverage))))
@@ -164,9 +175,12 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
-        # the sum of a is zero: a constant may be taken off the Gaussian, and much rounding with it
-        name = "gaussian_less_one" if self.kernel == "gaussian" else self.kernel
-        prediction = kernel_sum(name, self.get_params(), inputs, self.X_fit_, self.alpha_) + self.intercept_
+        if self.device is not None:
+            sums = predictions(self.kernel, self.get_params(), inputs, self.X_fit_, self.alpha_, self.device)
+        else:  # the sum of a is zero: a constant may be taken off the Gaussian, and much rounding with it
+            name = "gaussian_less_one" if self.kernel == "gaussian" else self.kernel
+            sums = kernel_sum(name, self.get_params(), inputs, self.X_fit_, self.alpha_)
+        prediction = sums + self.intercept_
         return (prediction, self._std(inputs)) if return_std else prediction
 
     def one(self) -> Callable[[Array], float]:
@@ -193,10 +207,11 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             Label of each training row's group.
         """
         check_is_fitted(self)
-        if not hasattr(self, "_inverse"):  # a model that was read from a file
-            gram = kernel(self.kernel, self.get_params(), self.X_fit_, self.X_fit_)
-            self._inverse = _solve(gram, np.zeros(len(gram)), self.c * self.weights_)[2]
-        return _group_residuals(self._inverse, self.alpha_, np.asarray(groups))
+        solved = getattr(self, "_solved", None)  # a model that was read from a file has none
+        if solved is None:
+            solved = self._system_of(self.X_fit_)(self.c * self.weights_)
+            self._solved = solved if self.device is None else None
+        return solved.left_out(self.alpha_, np.asarray(groups))
 
     def check_parameters(self) -> None:
         """Raise `InputError` unless every parameter is allowed."""
@@ -207,17 +222,31 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         require_number(self, "degree", low=1, high=9, whole=True)
         require_number(self, "offset")
         require_number(self, "slope", low=0.0, open_low=True)
+        require_device(self)
+
+    def _system_of(self, X: Array) -> Callable[[Array], PlainSystem | DeviceSystem]:
+        """From c v, row by row, to the bordered system of the rows X."""
+        if self.device is not None:
+            return functools.partial(DeviceSystem, self.kernel, self.get_params(), X, self.device)
+        return functools.partial(PlainSystem, kernel(self.kernel, self.get_params(), X, X))
 
     def _std(self, X: Array) -> Array:
+        explained = self._explained(X)
+        variance = 1.0 / self.c + kernel_diagonal(self.kernel, self.get_params(), X) - explained
+        return np.asarray(self.scale_ * np.sqrt(np.maximum(variance, 0.0)))
+
+    def _explained(self, X: Array) -> Array:
+        """What the rows of training take off the variance of each row of X."""
+        if self.device is not None:
+            system = DeviceSystem(self.kernel, self.get_params(), self.X_fit_, self.device, self.c * self.weights_)
+            return system.explained(X)
         across = kernel(self.kernel, self.get_params(), X, self.X_fit_)
         gram = kernel(self.kernel, self.get_params(), self.X_fit_, self.X_fit_)
         solved = linalg.solve(
             gram + np.diag(1.0 / (self.c * self.weights_)), np.column_stack([np.ones(len(gram)), across.T]), assume_a="sym"
         )
         ones, each = solved[:, 0], solved[:, 1:]
-        explained = np.einsum("ij,ji->i", across, each) - (1.0 - across @ ones) ** 2 / ones.sum()
-        variance = 1.0 / self.c + kernel_diagonal(self.kernel, self.get_params(), X) - explained
-        return np.asarray(self.scale_ * np.sqrt(np.maximum(variance, 0.0)))
+        return np.asarray(np.einsum("ij,ji->i", across, each) - (1.0 - across @ ones) ** 2 / ones.sum())
 
 
 def cross_validation_path(
@@ -265,32 +294,6 @@ def _one(centres: Array, alpha: Array, factor: float, intercept: float, exponent
     for i in range(len(alpha)):
         total += alpha[i] * math.expm1(factor * exponent[i])
     return total
-
-
-def _solve(gram: Array, y: Array, c: Array) -> tuple[Array, float, Array]:
-    """a, b and C of the bordered system, c given row by row."""
-    h = gram + np.diag(1.0 / c)
-    try:
-        inverse = linalg.cho_solve(linalg.cho_factor(h, lower=True, check_finite=False), np.eye(len(y)), check_finite=False)
-    except linalg.LinAlgError:
-        # H is not positive definite: beyond rounding only if the kernel is indefinite (sigmoid); what rounding made is undone
-        values, vectors = linalg.eigh(h, check_finite=False)
-        rounding = len(y) * np.finfo(np.float64).eps * np.abs(values).max()
-        values = np.where(np.abs(values) <= rounding, max(rounding, float(np.min(1.0 / c))), values)
-        inverse = (vectors / values) @ vectors.T
-    border = inverse.sum(axis=0)
-    total = border.sum()
-    intercept = float(border @ y / total)
-    inverse -= np.outer(border, border) / total
-    return inverse @ y, intercept, inverse
-
-
-def _group_residuals(inverse: Array, alpha: Array, groups: npt.NDArray[Any]) -> Array:
-    residuals = np.empty(len(alpha))
-    for label in np.unique(groups):
-        rows = np.flatnonzero(groups == label)
-        residuals[rows] = linalg.solve(inverse[np.ix_(rows, rows)], alpha[rows], assume_a="sym")
-    return residuals
 
 
 def _suykens_weights(residuals: Array) -> Array:

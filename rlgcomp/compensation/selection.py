@@ -24,6 +24,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from rlgcomp.compensation.form import Candidates, Labels, ModelForm
+from rlgcomp.compiled import blas_threads
 from rlgcomp.files import to_json
 
 Array = npt.NDArray[np.float64]
@@ -97,7 +98,7 @@ def select(
     if progress:
         progress(len(scores), len(batches))
     side_by_side = _in_threads if form.threads else _in_processes
-    with _appending(journal, fingerprint, scores) as append, threadpool_limits(1, user_api="blas"):
+    with _appending(journal, fingerprint, scores) as append, blas_threads(1):
         work = [functools.partial(_score, k, form, model, batches[k], X, y, groups) for k in waiting]
         for k, score in side_by_side(work, max(1, min(joblib.effective_n_jobs(n_jobs), len(waiting)))):
             scores[k] = score

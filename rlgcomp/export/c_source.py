@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.form import parameters_of
 from rlgcomp.errors import InputError
 from rlgcomp.export.accuracy import Bounds
 from rlgcomp.export.c_features import feature_code, identifiers
@@ -293,7 +294,7 @@ def _nested(powers: int) -> str:
 
 def _kind(design: Design) -> str:
     model = design.compensator.model_
-    parameters = ", ".join(f"{key} = {value}" for key, value in sorted(model.get_params().items()))
+    parameters = ", ".join(f"{key} = {value}" for key, value in sorted(parameters_of(model).items()))
     return f"{type(model).__name__}({parameters}), as {KINDS[design.expansion.form]}"
 
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import pandas as pd
 
+from rlgcomp.compiled import in_threads
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
 
@@ -26,9 +27,18 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     try:
         table = parquet.read_table(path)
         metadata = from_json((table.schema.metadata or {}).get(_KEY, b"{}"))
-        return table.to_pandas(split_blocks=True), metadata
+        return _joined(table).to_pandas(split_blocks=True), metadata
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
+
+
+def _joined(table: Any) -> Any:
+    """The table with each column in one piece, which pandas takes as it is; it would join one after the other, in new memory."""
+    import pyarrow
+
+    columns: dict[int, Any] = {}
+    in_threads(lambda k: columns.update({k: table.column(k).combine_chunks()}), [(k,) for k in range(table.num_columns)])
+    return pyarrow.Table.from_arrays([columns[k] for k in range(table.num_columns)], schema=table.schema)
 
 
 def header(path: Path) -> tuple[list[str], dict[str, Any]]:

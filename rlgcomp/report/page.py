@@ -11,6 +11,7 @@ import pandas as pd
 
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.form import parameters_of
 from rlgcomp.evaluation import Evaluation
 from rlgcomp.files import write_json, write_text
 from rlgcomp.recording import Recording
@@ -55,7 +56,7 @@ def render(
         version=rlgcomp.__version__,
         evaluation=evaluation,
         model=type(compensator.model_).__name__,
-        parameters=compensator.model_.get_params(),
+        parameters=parameters_of(compensator.model_),
         recipe=compensator.recipe_,
         provenance=compensator.provenance_,
         scaling=compensator.scaling_,

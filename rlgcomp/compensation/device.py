@@ -1,0 +1,268 @@
+r"""The bordered system of the LS-SVM on a torch device: exact float64 for as many rows as half a matrix fits into its memory.
+
+The lower triangle of :math:`H = K + \mathrm{diag}(1 / c v_i)` is kept in panels of columns, each from its diagonal block down, and
+factored in place, :math:`H = L L^T`: n²/2 numbers and a few panels besides, 40 GB at n = 100 000 where a matrix takes 80 GB and a
+library's factor of it as much again. Nearly all of the work, n³/3 multiplications and additions, is products of panels. No
+operation touches 2³¹ numbers or has a leading dimension beyond a panel's, whatever n is.
+
+With u = L⁻¹1 and z = L⁻¹y the solution is :math:`b = u \cdot z / u \cdot u`, :math:`a = L^{-T}(z - b u)`. The diagonal of
+:math:`C = H^{-1} - H^{-1}11^TH^{-1} / 1^TH^{-1}1`, which leaving one out needs, comes from the columns of L⁻¹, a panel at a time:
+n³/3 again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Tensor = Any
+_DEVICES: Final = re.compile(r"auto|cpu|cuda(:[0-9]{1,3})?")
+_NO_MEMORY: Final = re.compile("out of memory|allocate memory")
+_WIDTH_CPU, _WIDTH_GPU = 384, 2048  # columns of a panel: small blocks waste less, large ones keep a card busy
+_AT_ONCE: Final = 1 << 24  # kernel values in work while predicting
+
+
+def require_device(owner: object, name: str = "device") -> None:
+    """Raise unless the owner's parameter names a device, there or not.
+
+    Raises
+    ------
+    InputError
+        It is neither None, "auto", "cpu", "cuda" nor "cuda:" and a number.
+    """
+    value = getattr(owner, name)
+    if value is not None and not (isinstance(value, str) and _DEVICES.fullmatch(value)):
+        raise InputError(
+            f"The {name!r} parameter of {type(owner).__name__} must be None, 'auto', 'cpu', 'cuda' or 'cuda:0'. "
+            f"Got {value!r} instead."
+        )
+
+
+def device_named(name: str) -> Any:
+    """The torch device of this name; "auto" is a graphics card where there is one.
+
+    Raises
+    ------
+    InputError
+        torch is not installed, or the device is not there.
+    """
+    try:
+        import torch
+    except ImportError:
+        raise InputError(
+            f'device={name!r} needs torch, which is not installed; pip install "rlgcomp[torch]", or leave it out'
+        ) from None
+    wanted = ("cuda" if torch.cuda.is_available() else "cpu") if name == "auto" else name
+    try:
+        torch.empty(1, dtype=torch.float64, device=wanted)
+    except (RuntimeError, AssertionError) as error:
+        said = str(error).splitlines()[0]
+        raise InputError(
+            f"device={name!r} is not there for torch {torch.__version__}: {said}; give 'cpu', or leave it out"
+        ) from None
+    return torch.device(wanted)
+
+
+class DeviceSystem:
+    """H factored on a device.
+
+    Parameters
+    ----------
+    kernel : {"gaussian", "linear", "polynomial", "sigmoid"}
+    parameters : mapping
+        Those that the kernel takes.
+    X : ndarray, shape (n, features)
+    device : str
+    c : ndarray, shape (n,)
+        c v, row by row.
+
+    Raises
+    ------
+    InputError
+        The device is not there or too small, or H is not positive definite.
+    """
+
+    def __init__(self, kernel: str, parameters: Mapping[str, Any], X: Array, device: str, c: Array) -> None:
+        self._device = device_named(device)
+        import torch
+
+        self._kernel, self._parameters = kernel, parameters
+        self._n = len(X)
+        self._width = _WIDTH_GPU if self._device.type == "cuda" else _WIDTH_CPU
+        with self._room():
+            self._X = _tensor(X, self._device)
+            self._panels = self._factored(1.0 / _tensor(c, self._device))
+            self._ones = self._forward(torch.ones((self._n, 1), dtype=torch.float64, device=self._device))
+
+    def solve(self, y: Array) -> tuple[Array, float]:
+        """a, shape (n,), and b for the output y, shape (n,)."""
+        with self._room():
+            z = self._forward(_tensor(y, self._device)[:, None].clone())
+            u = self._ones
+            intercept = float((u * z).sum() / (u * u).sum())
+            return _numpy(self._backward(z - intercept * u)[:, 0]), intercept
+
+    def leverage(self) -> Array:
+        """Diagonal of C, shape (n,)."""
+        import torch
+
+        with self._room():
+            border = self._backward(self._ones.clone())[:, 0]
+            diagonal = -(border**2) / border.sum()
+            for start, stop in self._spans():
+                columns = torch.zeros((self._n - start, stop - start), dtype=torch.float64, device=self._device)
+                columns.fill_diagonal_(1.0)
+                diagonal[start:stop] += self._forward(columns, start).square_().sum(dim=0)
+            return _numpy(diagonal)
+
+    def left_out(self, alpha: Array, groups: npt.NDArray[Any]) -> Array:
+        """Residual of each row when its whole group is left out: C_GG⁻¹ a_G, in memory of the largest group's square."""
+        import torch
+
+        residuals = np.empty(self._n)
+        with self._room():
+            border = self._backward(self._ones.clone())[:, 0]
+            for label in np.unique(groups):
+                rows = np.flatnonzero(groups == label)
+                out = torch.as_tensor(rows, device=self._device)
+                block = torch.outer(border[out], -border[out] / border.sum())
+                for k in range(0, len(rows), self._width):
+                    part = slice(k, k + self._width)
+                    start = int(rows[k]) // self._width * self._width  # columns of the identity are zero above
+                    columns = torch.zeros((self._n - start, len(rows[part])), dtype=torch.float64, device=self._device)
+                    columns[out[part] - start, torch.arange(columns.shape[1], device=self._device)] = 1.0
+                    whole = torch.zeros((self._n, columns.shape[1]), dtype=torch.float64, device=self._device)
+                    whole[start:] = self._forward(columns, start)
+                    block[:, part] += self._backward(whole)[out]
+                right = _tensor(alpha[rows], self._device)
+                residuals[rows] = _numpy(torch.linalg.solve(block, right))
+        return residuals
+
+    def explained(self, X: Array) -> Array:
+        """k^T H⁻¹ k - (1 - 1^T H⁻¹ k)² / 1^T H⁻¹ 1 for each row of X, shape (m, features)."""
+        found = np.empty(len(X))
+        with self._room():
+            at = _tensor(X, self._device)
+            for k in range(0, len(X), self._width):
+                part = slice(k, k + self._width)
+                v = self._forward(_gram(self._kernel, self._parameters, self._X, at[part]))
+                rest = 1.0 - (self._ones * v).sum(dim=0)
+                found[part] = _numpy((v * v).sum(dim=0) - rest**2 / (self._ones**2).sum())
+        return found
+
+    # --- panels --------------------------------------------------------------------------------------------------------------
+
+    def _spans(self) -> Iterator[tuple[int, int]]:
+        for start in range(0, self._n, self._width):
+            yield start, min(start + self._width, self._n)
+
+    def _factored(self, ridge: Tensor) -> list[Tensor]:
+        """L, panel by panel: each made, reduced by those before it, and factored in its place."""
+        import torch
+
+        panels: list[Tensor] = []
+        for start, stop in self._spans():
+            panel = _gram(self._kernel, self._parameters, self._X[start:], self._X[start:stop])
+            panel.diagonal().add_(ridge[start:stop])
+            for k, before in enumerate(panels):
+                lower = before[start - k * self._width :]
+                panel.addmm_(lower, lower[: stop - start].T, alpha=-1.0)
+            corner, failed = torch.linalg.cholesky_ex(panel[: stop - start])
+            if int(failed):
+                raise InputError(
+                    f"the {self._kernel} kernel's matrix is not positive definite beyond rounding, as device={self._device.type!r} "
+                    "needs it; give a smaller c, the gaussian kernel, or device=None for up to some 10 000 rows"
+                )
+            panel[: stop - start] = corner
+            if stop < self._n:
+                below = panel[stop - start :]
+                below.copy_(torch.linalg.solve_triangular(corner.T, below, upper=True, left=False))
+            panels.append(panel)
+        return panels
+
+    def _forward(self, right: Tensor, first: int = 0) -> Tensor:
+        """L⁻¹ right in place; of right only the rows from `first`, a panel's beginning, are given, those before are zero."""
+        import torch
+
+        for panel, (start, stop) in zip(self._panels, self._spans(), strict=True):
+            if start < first:
+                continue
+            here = right[start - first : stop - first]
+            here.copy_(torch.linalg.solve_triangular(panel[: stop - start], here, upper=False))
+            right[stop - first :].addmm_(panel[stop - start :], here, alpha=-1.0)
+        return right
+
+    def _backward(self, right: Tensor) -> Tensor:
+        """L^-T right in place."""
+        import torch
+
+        for panel, (start, stop) in reversed(list(zip(self._panels, self._spans(), strict=True))):
+            here = right[start:stop]
+            here.addmm_(panel[stop - start :].T, right[stop:], alpha=-1.0)
+            here.copy_(torch.linalg.solve_triangular(panel[: stop - start].T, here, upper=True))
+        return right
+
+    @contextlib.contextmanager
+    def _room(self) -> Iterator[None]:
+        """Say what is to be done where memory does not suffice."""
+        try:
+            yield
+        except RuntimeError as error:
+            if not _NO_MEMORY.search(str(error)):
+                raise
+            raise InputError(
+                f"{self._n} rows do not fit into the memory of {self._device}: they need {self._n**2 * 4 / 1e9:.1f} GB and some "
+                "panels; average over a longer time, or train a fixed-size model"
+            ) from None
+
+
+def predictions(kernel: str, parameters: Mapping[str, Any], X: Array, centres: Array, alpha: Array, device: str) -> Array:
+    """sum_i a_i k(x_i, x) for each row of X, shape (m,), the sum of a being zero; last bits depend on the rows beside it."""
+    import torch
+
+    place = device_named(device)
+    at, rows, weights = (_tensor(values, place) for values in (X, centres, alpha))
+    found = np.empty(len(X))
+    block = max(1, _AT_ONCE // len(centres))
+    for k in range(0, len(X), block):
+        part = at[k : k + block]
+        if kernel == "gaussian":  # differences, not products, and less one: without cancellation
+            values = torch.zeros((len(part), len(centres)), dtype=torch.float64, device=place)
+            for j in range(X.shape[1]):
+                values += (part[:, j, None] - rows[:, j]).square_()
+            values.mul_(-0.5 / parameters["sigma"] ** 2).expm1_()
+        else:
+            values = _gram(kernel, parameters, part, rows)
+        found[k : k + block] = _numpy(values @ weights)
+    return found
+
+
+def _gram(kernel: str, parameters: Mapping[str, Any], x: Tensor, z: Tensor) -> Tensor:
+    """The kernel of :mod:`rlgcomp.compensation.kernels` on the device, shape (n, m)."""
+    products = x @ z.T
+    if kernel == "gaussian":
+        products.mul_(-2.0).add_((x * x).sum(dim=1)[:, None]).add_((z * z).sum(dim=1)).clamp_(min=0.0)
+        return products.mul_(-0.5 / parameters["sigma"] ** 2).exp_()
+    if kernel == "polynomial":
+        return products.add_(parameters["offset"]).pow_(parameters["degree"])
+    if kernel == "sigmoid":
+        return products.mul_(parameters["slope"]).add_(parameters["offset"]).tanh_()
+    return products
+
+
+def _tensor(values: npt.ArrayLike, device: Any) -> Tensor:
+    import torch
+
+    return torch.as_tensor(np.require(values, np.float64, ["C", "W"]), device=device)  # read-only ones torch warns of
+
+
+def _numpy(tensor: Tensor) -> Array:
+    return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
