@@ -34,6 +34,7 @@ from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
 NOISES: Final = ("angle_random_walk", "bias_instability", "rate_random_walk", "quantization", "dither_residual")
+_SLOW: Final = ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h")
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
@@ -53,11 +54,13 @@ class NoiseModel:
         Amplitude of what the dither leaves in the sampled angle.
     dither_residual_frequency_hz : float
         Frequency it appears at after sampling.
+    white : bool
+        B and K are zero because there is no slow noise, not because nothing is known of it. A file says so by giving both as zero.
 
     Raises
     ------
     InputError
-        A strength is negative or not finite.
+        A strength is negative or not finite; or noise is called white that has B or K.
     """
 
     angle_random_walk_deg_sqrt_h: float = 0.0
@@ -66,21 +69,31 @@ class NoiseModel:
     quantization_arcsec: float = 0.0
     dither_residual_arcsec: float = 0.0
     dither_residual_frequency_hz: float = 0.1
+    white: bool = dataclasses.field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
+        for name, value in self.strengths().items():
             if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
-                raise InputError(f"noise: {field.name} is {value!r}; it must be a number, zero or positive")
+                raise InputError(f"noise: {name} is {value!r}; it must be a number, zero or positive")
+        if self.white and any(getattr(self, name) for name in _SLOW):
+            raise InputError(f"noise: white noise has neither {' nor '.join(_SLOW)}; leave them at zero, or do not call it white")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
         """Noise model from the `noise:` section of a simulator file."""
-        allowed = [field.name for field in dataclasses.fields(cls)]
+        allowed = list(cls().strengths())
         unknown = [key for key in values if key not in allowed]
         if unknown:
             raise InputError(f"noise: unknown {', '.join(map(repr, unknown))}; allowed are {', '.join(allowed)}")
-        return cls(**values)
+        return cls(**values, white=all(values.get(name) == 0.0 for name in _SLOW))
+
+    def to_mapping(self) -> dict[str, float]:
+        """The `noise:` section that gives this model back: B and K of zero are left out where they say nothing."""
+        return {name: value for name, value in self.strengths().items() if value or self.white or name not in _SLOW}
+
+    def strengths(self) -> dict[str, float]:
+        """The numbers by name."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "white"}
 
     def simulate(self, samples: int, step_s: float, seed: int) -> dict[str, Array]:
         """Rate noise in deg/h by process, for the processes that are present.

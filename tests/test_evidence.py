@@ -173,7 +173,13 @@ def test_stated_noise_is_believed_but_not_blindly() -> None:
     usual = np.exp(log_prior(ordinary_noise()))
     assert (prior[: len(usual)] > 0.19 * usual).all()  # what the file says is wrong one time in five
     assert stated_noise(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4), 100.0) is None  # it does not say that noise is white
-    assert {(noise.flicker, noise.walk) for noise in unrecorded_cause(stated)} == {(stated.flicker, stated.walk)}
+    zeros = {"bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}
+    white = NoiseModel.from_mapping({"angle_random_walk_deg_sqrt_h": 3e-4} | zeros)
+    assert stated_noise(white, 100.0) == NoiseShape()
+    assert np.exp(log_prior(ordinary_noise(NoiseShape()), NoiseShape()))[0] > 0.5  # the first is white
+    wandering, log_share = unrecorded_cause(stated)
+    assert {(noise.flicker, noise.walk) for noise in wandering} == {(stated.flicker, stated.walk)}
+    assert np.exp(log_share).sum() == pytest.approx(1.0)
 
 
 # --- jumps -----------------------------------------------------------------------------------------------------------------
@@ -276,6 +282,24 @@ def test_an_unrecorded_wander_is_unknown_without_a_name() -> None:
     assert not diagnosis.causes
     assert diagnosis.unexplained.drivers == ()
     assert any("no recorded column follows" in remark for remark in diagnosis.remarks)
+
+
+@pytest.mark.parametrize(("wander", "periods_h", "named"), [(2.0, (1.65, 1.85), []), (0.0, (1.7, 1.7), ["periodic_interference"])])
+def test_what_swings_at_another_period_in_each_run_is_no_line(
+    wander: float, periods_h: tuple[float, float], named: list[str]
+) -> None:
+    recordings = [
+        run.replace(
+            table=run.table.assign(
+                gyro_deg_h=run.column("gyro_deg_h") + 0.003 * np.sin(2.0 * np.pi * run.time_s / (3600.0 * period_h))
+            )
+        )
+        for run, period_h in zip(runs(NoiseShape(wander=wander, wander_s=13500.0), seed=1, hours=10.0), periods_h, strict=True)
+    ]
+    explanations = explain(Problem.of(SIMULATOR, recordings, window_s=100.0), CATALOGUE)
+    best = explanations.models[0]
+    assert sorted(name for name, _ in best.labels) == named
+    assert (explanations.unrecorded(best) > 0.9) == (not named)
 
 
 def test_explanations_hold_probabilities_and_reasons() -> None:

@@ -56,6 +56,21 @@ def test_quantization_does_not_accumulate() -> None:
     assert np.abs(np.cumsum(rate)).max() <= 2 * np.sqrt(3) * 0.3
 
 
+@pytest.mark.parametrize("said", [{}, {"bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}])
+def test_zeros_that_are_written_are_kept_apart_from_what_is_not_said(said: dict[str, float]) -> None:
+    model = rlg.NoiseModel.from_mapping({"angle_random_walk_deg_sqrt_h": 3e-4} | said)
+    assert model.white == bool(said)
+    written = model.to_mapping()
+    assert all((name in written) == bool(said) for name in ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h"))
+    assert rlg.NoiseModel.from_mapping(written) == model
+    assert rlg.Simulator.from_mapping(rlg.Simulator(noise=model).to_mapping()).noise == model
+
+
+def test_noise_with_flicker_is_not_white() -> None:
+    with pytest.raises(rlg.InputError, match="white"):
+        rlg.NoiseModel(3e-4, 1e-3, white=True)
+
+
 @pytest.mark.parametrize("values", [{"bias_instability_deg_h": -1.0}, {"quantization_arcsec": float("nan")}, {"drift": 1.0}])
 def test_impossible_noise_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(rlg.InputError, match="noise"):

@@ -14,6 +14,7 @@ SHAPES = (
     NoiseShape(walk=0.3),
     NoiseShape(0.2, 0.1),
     NoiseShape(wander=0.8, wander_s=900.0),
+    NoiseShape(walk=0.2, wander=1.2, wander_s=2000.0, swing_s=1500.0),
 )
 
 
@@ -32,8 +33,8 @@ def dense(rows: Rows, shape: NoiseShape) -> np.ndarray:
         time_s = rows.time_s[part]
         lag = np.abs(time_s[:, None] - time_s)
         since = np.minimum(time_s[:, None], time_s) - time_s[0] + rows.window_s
-        for time_constant, stationary, diffusion in zip(*shape.processes(rows.window_s), strict=True):
-            covariance[part, part] += diffusion * since if np.isinf(time_constant) else stationary * np.exp(-lag / time_constant)
+        for time_constant, stationary, diffusion, rate in zip(*shape.processes(rows.window_s), strict=True):
+            covariance[part, part] += diffusion * since + stationary * np.exp(-lag / time_constant) * np.cos(rate * lag)
     return covariance
 
 

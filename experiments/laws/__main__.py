@@ -68,9 +68,9 @@ def _score(method: str, case: Case, problem: Problem, held_out: list[Windows], t
         dictionary = Dictionary(problem)
         if method == "laws, static alone":
             dictionary.families = tuple(family for family in dictionary.families if MEMORY_CLASS[family.memory] == "static")
-        usual, unusual = ordinary_noise(), unrecorded_cause()
+        usual, (unusual, log_share) = ordinary_noise(), unrecorded_cause()
         noises: tuple[NoiseShape, ...] = (*usual, *unusual)
-        weights = [(1.0 - WANDERING) / len(usual)] * len(usual) + [WANDERING / len(unusual)] * len(unusual)
+        weights = [(1.0 - WANDERING) / len(usual)] * len(usual) + (WANDERING * np.exp(log_share)).tolist()
         if method == "laws, white noise alone":
             noises, weights = (NoiseShape(),), [1.0]
         law = discover(problem, problem.baseline, noises, np.log(weights), dictionary=dictionary)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -150,8 +149,8 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
         chosen = found.get(next(iter(found)) if len(found) == 1 else str(gyro))
         if not isinstance(chosen, dict):
             raise InputError(f"--noise {path}: coefficients of {', '.join(found) or 'no gyro'}; choose one of them with --gyro")
-        names = [field.name for field in dataclasses.fields(NoiseModel)]
-        content = {key: value for key, value in chosen.items() if key in names}
+        # a fit that found no flicker does not say that there is none
+        content = {key: value for key, value in chosen.items() if key in NoiseModel().strengths() and value}
     if not isinstance(content, dict) or not content:
         raise InputError(f"--noise {path}: expected coefficients.json of rlgcomp allan, or 'angle_random_walk_deg_sqrt_h: 0.0003'")
     section = content.get("noise", content)

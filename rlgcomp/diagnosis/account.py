@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -112,9 +113,10 @@ def remarks_of(
                 "No physics is missing there."
             )
     if not conclusion.laws and conclusion.unrecorded > UNRECORDED:
+        swing = f", part of it to and fro in about {noise.swing_s:g} s," if math.isfinite(noise.swing_s) else ""
         remarks.append(
             f"Something wanders, with standard deviation {noise.wander * after.white_deg_h:.2g} deg/h and correlation time "
-            f"about {noise.wander_s:g} s that no recorded column follows: record more monitors."
+            f"about {noise.wander_s:g} s{swing} that no recorded column follows: record more monitors."
         )
     if any(not cause.mechanism.amplitude_parameters() or cause.mechanism.each_run for cause in after.causes):
         remarks.append(

@@ -22,6 +22,7 @@ from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 UNRECORDED: Final = 0.15  # before the data are seen: that something wanders which no recorded column follows
+UNTRIED: Final = 0.20  # the same, where a mechanism of the catalogue cannot be tried for want of a column: it may be that one
 _ZOOMS: Final = 3
 _ZOOM: Final = 3  # a spacing becomes so many
 _LIKELY: Final = 0.02  # models less probable are not refined
@@ -93,7 +94,7 @@ def explain(
         Frequencies that these were sought among.
     """
     tried, left_out = candidates(problem, catalogue)
-    noises, noise_log_prior, ordinary = considered(problem)
+    noises, noise_log_prior, ordinary = considered(problem, UNTRIED if left_out else UNRECORDED)
     evidence = Evidence(problem, tried, noises)
     coarse = len(evidence.candidates)
     kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
@@ -125,14 +126,18 @@ def explain(
     return Explanations(tuple(models), posterior(models), search, ordinary, coarse, left_out)
 
 
-def considered(problem: Problem) -> tuple[tuple[NoiseShape, ...], Array, npt.NDArray[np.bool_]]:
-    """Noises, the logarithm of how likely each is before the data are seen, and which of them gyros have."""
+def considered(problem: Problem, unrecorded: float = UNRECORDED) -> tuple[tuple[NoiseShape, ...], Array, npt.NDArray[np.bool_]]:
+    """Noises, the logarithm of how likely each is before the data are seen, and which of them gyros have.
+
+    Parameters
+    ----------
+    problem : Problem
+    unrecorded : float
+        Probability, before the data are seen, that something wanders unrecorded.
+    """
     stated = stated_noise(problem.simulator.noise, problem.rows.window_s)
-    usual, unusual = ordinary_noise(stated), unrecorded_cause(stated)
-    noise_log_prior = np.r_[
-        log_prior(usual, stated) + math.log(1.0 - UNRECORDED),
-        np.full(len(unusual), math.log(UNRECORDED / len(unusual))),
-    ]
+    usual, (unusual, unusual_log_prior) = ordinary_noise(stated), unrecorded_cause(stated)
+    noise_log_prior = np.r_[log_prior(usual, stated) + math.log(1.0 - unrecorded), unusual_log_prior + math.log(unrecorded)]
     return (*usual, *unusual), noise_log_prior, np.arange(len(noise_log_prior)) < len(usual)
 
 

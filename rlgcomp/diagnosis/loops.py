@@ -17,8 +17,9 @@ IntArray = npt.NDArray[np.intp]
 
 
 @compiled()
-def kalman_gains(white: Array, decay: Array, growth: Array, gains: Array, scale: Array) -> None:
-    """Kalman gains and innovation standard deviations of sums of independent first-order processes observed in white noise.
+def kalman_gains(white: Array, decay: Array, turn: Array, growth: Array, gains: Array, scale: Array) -> None:
+    """Kalman gains and innovation standard deviations of sums of first-order processes observed in white noise, independent but
+    for the last two where these turn into each other.
 
     Parameters
     ----------
@@ -26,6 +27,8 @@ def kalman_gains(white: Array, decay: Array, growth: Array, gains: Array, scale:
         Variance of each row's white noise.
     decay, growth : ndarray, shape (shapes, n, states)
         Of each process from the row before, and the variance that it gains.
+    turn : ndarray, shape (shapes, n, 2) or (shapes, 0, 2)
+        Cosine and sine of the angle by which the last two turn from the row before; empty where they do not.
     gains, scale : ndarray, shape (shapes, n, states) and (shapes, n)
         To be filled.
     """
@@ -38,6 +41,17 @@ def kalman_gains(white: Array, decay: Array, growth: Array, gains: Array, scale:
             for i in range(states):
                 for j in range(states):
                     covariance[i, j] *= decay[e, k, i] * decay[e, k, j]
+            if turn.shape[1] > 0:
+                cosine, sine = turn[e, k, 0], turn[e, k, 1]
+                for j in range(states):
+                    one, other = covariance[states - 2, j], covariance[states - 1, j]
+                    covariance[states - 2, j] = cosine * one - sine * other
+                    covariance[states - 1, j] = sine * one + cosine * other
+                for i in range(states):
+                    one, other = covariance[i, states - 2], covariance[i, states - 1]
+                    covariance[i, states - 2] = cosine * one - sine * other
+                    covariance[i, states - 1] = sine * one + cosine * other
+            for i in range(states):
                 covariance[i, i] += growth[e, k, i]
             variance = white[k]
             for i in range(states):
@@ -55,14 +69,24 @@ def kalman_gains(white: Array, decay: Array, growth: Array, gains: Array, scale:
 
 @compiled()
 def innovations(
-    columns: Array, gains: Array, scale: Array, decay: Array, which: IntArray, begin: int, first: int, last: int, whitened: Array
+    columns: Array,
+    gains: Array,
+    scale: Array,
+    decay: Array,
+    turn: Array,
+    which: IntArray,
+    begin: int,
+    first: int,
+    last: int,
+    whitened: Array,
 ) -> None:
     """What each row adds to the rows before it, over its standard deviation.
 
     Parameters
     ----------
     columns : ndarray, shape (n, m)
-    gains, scale, decay : ndarray, shape (shapes, n, states), (shapes, n) and (shapes, n, states)
+    gains, scale, decay, turn : ndarray
+        Of shapes (shapes, n, states), (shapes, n), (shapes, n, states) and (shapes, n, 2), the last as in :func:`kalman_gains`.
     which : ndarray of int, shape (shapes,)
         Place of each shape in `whitened`.
     begin : int
@@ -85,6 +109,14 @@ def innovations(
                 keep = decay[e, k, i]
                 for j in range(width):
                     state[i, j] *= keep
+            if turn.shape[1] > 0:
+                cosine, sine = turn[e, k, 0], turn[e, k, 1]
+                for j in range(width):
+                    one, other = state[states - 2, j], state[states - 1, j]
+                    state[states - 2, j] = cosine * one - sine * other
+                    state[states - 1, j] = sine * one + cosine * other
+            for i in range(states):
+                for j in range(width):
                     left[j] -= state[i, j]
             for i in range(states):
                 gain = gains[e, k, i]

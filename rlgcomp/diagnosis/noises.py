@@ -17,9 +17,15 @@ from rlgcomp.units import arw_rate_sd_deg_h
 Array = npt.NDArray[np.float64]
 # Strengths that are tried, and how likely each is before the data are seen: at 100 s a ring laser gyro is mostly white.
 FLICKERS: Final = {0.0: 0.31, 0.1: 0.26, 0.25: 0.23, 0.6: 0.15, 1.3: 0.05}
-WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.05, 1.8: 0.02}
-WANDERS: Final = (0.2, 0.5, 1.2, 3.0)
-WANDERS_S: Final = (500.0, 1500.0, 4500.0, 13500.0)
+WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.04, 1.3: 0.02, 1.8: 0.01}
+# Of what wanders unrecorded: a weaker one cannot be told from flicker, and would be said of every healthy gyro that is a little so.
+WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.3, 8.0: 0.1}
+WANDERS_S: Final = {500.0: 0.14, 1500.0: 0.28, 4500.0: 0.29, 13500.0: 0.29}
+# Of those that swing as well; what swings faster is a line's business.
+SWINGING: Final = 0.2
+SWINGING_WANDERS: Final = {1.2: 0.4, 3.0: 0.4, 8.0: 0.2}
+SWINGING_WANDERS_S: Final = 13500.0
+SWINGS_S: Final = (4320.0, 7200.0, 12600.0)
 _EXACT: Final = 0.5  # weight of the very noise that a simulator file states
 _NEAR: Final = 0.3  # weight of what is near it
 _DOUBT: Final = 0.7  # standard deviation of the logarithm of a stated strength
@@ -27,13 +33,13 @@ _SMALL: Final = 0.02  # a strength below this, relative to white noise, is as go
 
 
 def stated_noise(stated: NoiseModel | None, window_s: float) -> NoiseShape | None:
-    """The noise that a simulator file states, relative to its white part; None where it states no slow noise.
+    """The noise that a simulator file states, relative to its white part; None where it says nothing of slow noise.
 
-    Angle random walk alone says how large the noise is, not that it is white.
+    Angle random walk alone says how large the noise is, not that it is white; that it is, zeros say.
     """
     if stated is None or stated.angle_random_walk_deg_sqrt_h == 0.0:
         return None
-    if stated.bias_instability_deg_h == stated.rate_random_walk_deg_h_sqrt_h == 0.0:
+    if stated.bias_instability_deg_h == stated.rate_random_walk_deg_h_sqrt_h == 0.0 and not stated.white:
         return None
     white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, window_s)
     return NoiseShape(stated.bias_instability_deg_h / white, stated.rate_random_walk_deg_h_sqrt_h / white)
@@ -45,10 +51,20 @@ def ordinary_noise(stated: NoiseShape | None = None) -> tuple[NoiseShape, ...]:
     return tuple(usual if stated is None or stated in usual else [*usual, stated])
 
 
-def unrecorded_cause(stated: NoiseShape | None = None) -> tuple[NoiseShape, ...]:
-    """White noise, or the noise that is stated, with a wander in it of something that no recorded column follows."""
+def unrecorded_cause(stated: NoiseShape | None = None) -> tuple[tuple[NoiseShape, ...], Array]:
+    """White noise, or the noise that is stated, with a wander in it of something that no recorded column follows; and the logarithm
+    of how likely each is before the data are seen."""
     own = NoiseShape() if stated is None else stated
-    return tuple(dataclasses.replace(own, wander=wander, wander_s=time) for wander, time in itertools.product(WANDERS, WANDERS_S))
+    steady = {
+        dataclasses.replace(own, wander=wander, wander_s=time): (1.0 - SWINGING) * share * part
+        for (wander, share), (time, part) in itertools.product(WANDERS.items(), WANDERS_S.items())
+    }
+    swinging = {
+        dataclasses.replace(own, wander=wander, wander_s=SWINGING_WANDERS_S, swing_s=period): SWINGING * share / len(SWINGS_S)
+        for (wander, share), period in itertools.product(SWINGING_WANDERS.items(), SWINGS_S)
+    }
+    found = steady | swinging
+    return tuple(found), np.log(list(found.values()))
 
 
 def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseShape | None = None) -> Array:

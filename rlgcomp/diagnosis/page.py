@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.resources
 from concurrent.futures import Executor
 from pathlib import Path
@@ -119,7 +118,7 @@ def _baseline(diagnosis: Diagnosis) -> pd.DataFrame:
 
 
 def _noise(diagnosis: Diagnosis) -> pd.DataFrame:
-    strengths = dataclasses.asdict(diagnosis.noise)
+    strengths = diagnosis.noise.strengths()
     if not diagnosis.noise.dither_residual_arcsec:
         del strengths["dither_residual_frequency_hz"]
     return pd.DataFrame([{"noise": name, "strength": f"{value:.3g}"} for name, value in strengths.items() if value])

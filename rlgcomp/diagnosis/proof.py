@@ -156,8 +156,8 @@ def noise_floor(rows: Rows, shape: NoiseShape) -> float:
     n = len(rows)
     lag_s = rows.window_s * np.arange(1, n)
     differing = np.zeros(n - 1)
-    for time_constant_s, stationary, diffusion in zip(*shape.processes(rows.window_s), strict=True):
-        differing += 2.0 * stationary * -np.expm1(-lag_s / time_constant_s) + diffusion * lag_s
+    for time_constant_s, stationary, diffusion, rate in zip(*shape.processes(rows.window_s), strict=True):
+        differing += 2.0 * stationary * (1.0 - np.exp(-lag_s / time_constant_s) * np.cos(rate * lag_s)) + diffusion * lag_s
     correlated = ((n - np.arange(1, n)) * differing).sum() / (n * (n - 1))
     return math.sqrt(float(rows.white.mean()) + correlated)
 

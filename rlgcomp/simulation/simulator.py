@@ -283,7 +283,7 @@ class Simulator:
             listed.append({mechanism.name: values})
         content: dict[str, Any] = {"kind": self.kind, "unit": self.unit, "mechanisms": listed}
         if self.noise is not None:
-            content["noise"] = dataclasses.asdict(self.noise)
+            content["noise"] = self.noise.to_mapping()
         for section, made in (("plant", self.monitors.plant), ("beams", self.monitors.beams), ("table", self.table)):
             if made != type(made)():
                 content[section] = dataclasses.asdict(made)

@@ -148,7 +148,7 @@ class Diagnosis:
                 mechanism: {name: dataclasses.asdict(estimate) for name, estimate in parameters.items()}
                 for mechanism, parameters in self.calibration.items()
             },
-            "noise": dataclasses.asdict(self.noise),
+            "noise": self.noise.strengths(),
             "alignment": [dataclasses.asdict(alignment) for alignment in self.alignment],
             "remarks": list(self.remarks),
             "citations": list(self.citations),
