@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, verdict_of
+from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, healthy, verdict_of
 from rlgcomp.diagnosis.explain import Explanations
 from rlgcomp.diagnosis.fit import Fitted, fit
 from rlgcomp.diagnosis.next_experiment import next_experiment
@@ -17,8 +17,10 @@ from rlgcomp.diagnosis.proof import whiteness_p_value
 from rlgcomp.diagnosis.result import Alternative, Cause, NextExperiment, Unexplained
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+from rlgcomp.diagnosis.wording import listing
 
 _ALTERNATIVES: Final = 8
+_SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _RIVALS: Final = 3  # told apart by the next experiment
 
@@ -100,7 +102,16 @@ def remarks_of(
     remarks = []
     if theirs and after.causes:
         remarks.append("augmented.yaml holds what is to be added to what your simulator says, not your simulator.")
-    if verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
+    missing = 1.0 - healthy(explanations)
+    if verdict_of(conclusion, {}) == "none" and missing > _SUSPECTED:
+        first = next((model.labels for model in explanations.models if any(not known for _, known in model.labels)), ())
+        names = listing(sorted(name for name, known in first if not known))
+        remarks.append(
+            f"Something may be missing all the same (probability {missing:.2f}"
+            + (f", {names} before others" if names else "")
+            + "); two to one is asked for before anything is named. A longer run, or one of another programme, would tell."
+        )
+    elif verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
         remarks.append(
             f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
             "programme, would tell."

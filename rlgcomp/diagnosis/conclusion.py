@@ -25,6 +25,7 @@ LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue 
 AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
 MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
 UNRECORDED: Final = 0.5
+_ACQUITTED: Final = 1.0 / 3.0  # probability of a healthy gyro from which nothing is claimed: who accuses must be twice as sure
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
 _BESIDE: Final = math.log(100.0)  # odds from which a cause is named beside something that wanders unrecorded
 _SAME: Final = 0.98  # correlation from which a law is a mechanism of the catalogue by another name
@@ -45,6 +46,8 @@ class Conclusion:
 def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
     """The best of: a set of causes; a law alone; a set and a law beyond it."""
     best, nothing = explanations.models[0], explanations.nothing
+    if healthy(explanations) > _ACQUITTED:
+        best = nothing
     if explanations.unrecorded(best) > UNRECORDED and best.log_posterior - nothing.log_posterior < _BESIDE:
         best = nothing  # a wander that is nobody's looks a little like many a cause
     dictionary = Dictionary(windowed)
