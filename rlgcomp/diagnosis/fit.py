@@ -14,26 +14,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.problem import Problem, neighbours
+from rlgcomp.diagnosis.linearised import STEPS, amplitudes, moved, slopes, solve, whole, wider
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Estimate
-from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.noise import NoiseModel
-from rlgcomp.physics.mechanism import Mechanism, Parameter
+from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
-_STEPS: Final = 3  # of Gauss–Newton
-_DERIVATIVE: Final = 0.02  # relative step: wide enough for a threshold to pass over rows
-_DEPENDENT: Final = 1e-9
-_DOUBLINGS: Final = 8  # of half a standard deviation, along a shape
-_IMPOSSIBLE: Final = 8.0  # log units below the best from which a shape is out of the question
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,35 +87,35 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
     mechanisms = [candidate.mechanism for candidate in chosen]
     problem = _beside_causes(problem, columns, noise)
-    for step in range(_STEPS + 1):
+    for step in range(STEPS + 1):
         plain = np.column_stack([problem.baseline, *columns])
-        weights, _, lowest = _solve(problem, plain, noise)
+        weights, _, lowest = solve(problem, plain, noise)
         parts = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
-        slopes = [
-            _slopes(problem, mechanism, part) if _steady(candidate) and not mechanism.open_set else []  # a law's are at their best
+        derived = [
+            slopes(problem, mechanism, part) if _steady(candidate) and not mechanism.open_set else []  # a law's are at their best
             for candidate, mechanism, part in zip(chosen, mechanisms, parts, strict=True)
         ]
-        design = np.column_stack([plain, *(column for found in slopes for _, column in found)])
-        weights, covariance, _ = _solve(problem, design, noise)
-        if step == _STEPS:
+        design = np.column_stack([plain, *(column for found in derived for _, column in found)])
+        weights, covariance, _ = solve(problem, design, noise)
+        if step == STEPS:
             break
-        moved = _moved(problem, mechanisms, slopes, weights[plain.shape[1] :])
-        trial = [problem.columns(m) if _steady(c) else block for c, m, block in zip(chosen, moved, columns, strict=True)]
-        if moved == mechanisms or _solve(problem, np.column_stack([problem.baseline, *trial]), noise)[2] >= lowest:
+        shifted = moved(problem, mechanisms, derived, weights[plain.shape[1] :])
+        trial = [problem.columns(m) if _steady(c) else block for c, m, block in zip(chosen, shifted, columns, strict=True)]
+        if shifted == mechanisms or solve(problem, np.column_stack([problem.baseline, *trial]), noise)[2] >= lowest:
             break
-        mechanisms, columns = moved, trial
-    final, _, square = _solve(problem, plain, noise)
+        mechanisms, columns = shifted, trial
+    final, _, square = solve(problem, plain, noise)
     freedom = len(problem.rows) - design.shape[1]
     covariance = covariance * square / freedom
-    wider = [1.0] * plain.shape[1]
-    for k, found in enumerate(slopes):
+    widened = [1.0] * plain.shape[1]
+    for k, found in enumerate(derived):
         for name, slope in found:
             others = [problem.baseline, *columns[:k], *columns[k + 1 :]]
-            wider.append(_wider(problem, mechanisms[k], name, np.column_stack([plain, slope]), others, noise, square))
-    covariance *= np.outer(wider, wider)
+            widened.append(wider(problem, mechanisms[k], name, np.column_stack([plain, slope]), others, noise, square))
+    covariance *= np.outer(widened, widened)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
-    causes = _causes(problem, chosen, mechanisms, columns, slopes, final, sd)
+    causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
         causes = _settled(problem, chosen, causes, columns, noise)
     for cause in causes:
@@ -139,15 +134,15 @@ def noise_model(noise: NoiseShape, white_deg_h: float, window_s: float) -> Noise
 
 def _beside_causes(problem: Problem, columns: Sequence[Array], noise: NoiseShape) -> Problem:
     """The problem linearised about where the simulator's own shapes lie beside the causes: they were calibrated without them."""
-    weights, _, lowest = _solve(problem, np.column_stack([problem.baseline, *columns]), noise)
-    for _ in range(_STEPS if columns else 0):
-        moved = problem.moved(weights[: problem.baseline.shape[1]])
-        if moved is problem:
+    weights, _, lowest = solve(problem, np.column_stack([problem.baseline, *columns]), noise)
+    for _ in range(STEPS if columns else 0):
+        shifted = problem.moved(weights[: problem.baseline.shape[1]])
+        if shifted is problem:
             break
-        weights, _, square = _solve(moved, np.column_stack([moved.baseline, *columns]), noise)
+        weights, _, square = solve(shifted, np.column_stack([shifted.baseline, *columns]), noise)
         if square > lowest:
             break
-        problem, lowest = moved, square
+        problem, lowest = shifted, square
     return problem
 
 
@@ -162,96 +157,6 @@ def _without_constant(problem: Problem) -> Problem:
 def _steady(candidate: Candidate) -> bool:
     """Whether its columns follow from the monitors; a path of jumps does not."""
     return bool(candidate.mechanism.amplitude_parameters())
-
-
-def _solve(problem: Problem, design: Array, noise: NoiseShape) -> tuple[Array, Array, float]:
-    """Weights, their covariance for unit noise, and the whitened residual's square."""
-    scale = np.sqrt((design**2).mean(axis=0))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    whitened = whiten(problem.rows, np.column_stack([design / scale, problem.target_deg_h]), (noise,))[0][0]
-    u, w, vt = np.linalg.svd(whitened[:, :-1], full_matrices=False)
-    inverse = np.where(w > _DEPENDENT * w[0], 1.0 / np.maximum(w, 1e-300), 0.0)
-    weights = vt.T @ (inverse * (u.T @ whitened[:, -1]))
-    left = whitened[:, -1] - whitened[:, :-1] @ weights
-    covariance = (vt.T * inverse**2) @ vt
-    return weights / scale, covariance / np.outer(scale, scale), float(left @ left)
-
-
-def _slopes(problem: Problem, mechanism: Mechanism, weights: Array) -> list[tuple[str, Array]]:
-    """Derivatives of a cause by its shapes, with the amplitudes found."""
-    found: list[tuple[str, Array]] = []
-    for parameter in mechanism.parameters():
-        if parameter.role != "shape":
-            continue
-        low, high = _beside(problem, mechanism, parameter, _DERIVATIVE)
-        step = getattr(high, parameter.name) - getattr(low, parameter.name)
-        if step > 0.0:
-            column = (problem.columns(high) - problem.columns(low)) @ weights / step
-            if np.ptp(column) > 0.0:
-                found.append((parameter.name, column))
-    return found
-
-
-def _beside(problem: Problem, mechanism: Mechanism, parameter: Parameter, relative: float) -> tuple[Mechanism, Mechanism]:
-    """The mechanism with a shape a little smaller and larger; a frequency by a small part of what the longest run resolves."""
-    if parameter.unit != "Hz":
-        return neighbours(mechanism, parameter.name, relative)
-    step = 5.0 * relative / max(run.duration_s for run in problem.runs)
-    value = getattr(mechanism, parameter.name)
-    low, high = (float(np.clip(value + sign * step, parameter.low, parameter.high)) for sign in (-1.0, 1.0))
-    return dataclasses.replace(mechanism, **{parameter.name: low}), dataclasses.replace(mechanism, **{parameter.name: high})  # type: ignore[type-var]
-
-
-def _moved(
-    problem: Problem, mechanisms: Sequence[Mechanism], slopes: Sequence[list[tuple[str, Array]]], steps: Array
-) -> list[Mechanism]:
-    """The mechanisms with shapes moved, by no more than a tenth of their size or bounds."""
-    moved = []
-    k = 0
-    for mechanism, found in zip(mechanisms, slopes, strict=True):
-        changes = {}
-        for name, _ in found:
-            parameter = next(parameter for parameter in mechanism.parameters() if parameter.name == name)
-            low, high = _beside(problem, mechanism, parameter, 5.0 * _DERIVATIVE)
-            changes[name] = float(np.clip(getattr(mechanism, name) + steps[k], getattr(low, name), getattr(high, name)))
-            k += 1
-        moved.append(dataclasses.replace(mechanism, **changes))  # type: ignore[type-var]
-    return moved
-
-
-def _wider(
-    problem: Problem, mechanism: Mechanism, name: str, linear: Array, others: Sequence[Array], noise: NoiseShape, best: float
-) -> float:
-    """How much wider the likelihood along a shape is than linearised, all amplitudes fitted again; at least 1.
-
-    Parameters
-    ----------
-    linear : ndarray, shape (n, p)
-        Everything that is in the model, and last the derivative by the shape.
-    others : sequence of ndarray
-        Everything but the mechanism's columns.
-    best : float
-        Whitened residual's square at the shape found.
-    """
-    _, covariance, square = _solve(problem, linear, noise)
-    variance = square / (len(problem.rows) - linear.shape[1])
-    expected = math.sqrt(variance * max(covariance[-1, -1], 0.0))
-    parameter = next(parameter for parameter in mechanism.parameters() if parameter.name == name)
-    value = getattr(mechanism, name)
-    found = {0.0: 0.0}  # log likelihood by offset
-    for sign in (-1.0, 1.0):
-        for doubling in range(_DOUBLINGS):
-            moved = float(np.clip(value + sign * expected * 2.0 ** (doubling - 1), parameter.low, parameter.high))
-            if moved - value in found:
-                break
-            columns = problem.columns(dataclasses.replace(mechanism, **{name: moved}))  # type: ignore[type-var]
-            found[moved - value] = 0.5 * (best - _solve(problem, np.column_stack([*others, columns]), noise)[2]) / variance
-            if found[moved - value] < -_IMPOSSIBLE:
-                break
-    offsets = np.array(sorted(found))
-    likelihood = np.exp(np.array([found[offset] for offset in offsets]) - max(found.values()))
-    spread = np.trapezoid(likelihood * offsets**2, offsets) / max(np.trapezoid(likelihood, offsets), 1e-300)
-    return max(1.0, math.sqrt(spread) / expected) if expected > 0.0 else 1.0
 
 
 def _baseline(problem: Problem, weights: Array, sd: Array) -> tuple[dict[str, dict[str, Estimate]], Simulator]:
@@ -280,14 +185,14 @@ def _causes(
     chosen: Sequence[Candidate],
     mechanisms: Sequence[Mechanism],
     columns: Sequence[Array],
-    slopes: Sequence[list[tuple[str, Array]]],
+    derived: Sequence[list[tuple[str, Array]]],
     weights: Array,
     sd: Array,
 ) -> list[FittedCause]:
     causes = []
     place = problem.baseline.shape[1]
     slope_place = place + sum(block.shape[1] for block in columns)
-    for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, slopes, strict=True):
+    for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, derived, strict=True):
         part = slice(place, place + block.shape[1])
         place = part.stop
         estimates = _estimates(problem, candidate, mechanism, weights[part], sd[part])
@@ -305,47 +210,55 @@ def _causes(
 def _settled(
     problem: Problem, chosen: Sequence[Candidate], causes: Sequence[FittedCause], columns: Sequence[Array], noise: NoiseShape
 ) -> list[FittedCause]:
-    """Causes in the numbers that people use: where those that were fitted trade against each other, the shapes are fitted alone."""
-    slopes = [
-        _slopes(problem, cause.mechanism, _amplitudes(cause.mechanism)) if _steady(candidate) else []
+    """The causes, those settled whose parameters trade against each other."""
+    derived = [
+        slopes(problem, cause.mechanism, amplitudes(cause.mechanism)) if _steady(candidate) else []
         for candidate, cause in zip(chosen, causes, strict=True)
     ]
-    settled = []
+    found = list(causes)
     for k, (candidate, cause) in enumerate(zip(chosen, causes, strict=True)):
-        around = [*columns[:k], *columns[k + 1 :], *(slope for j, found in enumerate(slopes) for _, slope in found if j != k)]
-        alone = cause.mechanism.settled() == cause.mechanism
-        settled.append(cause if alone else _settle(problem, candidate, cause, np.column_stack([problem.baseline, *around]), noise))
-    return settled
+        if cause.mechanism.settled() != cause.mechanism:
+            around = [slope for j, shapes in enumerate(derived) for _, slope in shapes if j != k]
+            others = np.column_stack([problem.baseline, *columns[:k], *columns[k + 1 :], *around])
+            has = cause.known and not _free(problem, candidate)
+            taken = whole(problem, candidate.mechanism) if has else np.zeros(len(problem.rows))
+            found[k] = settle(problem, cause, taken, others, noise)
+    return found
 
 
-def _settle(problem: Problem, candidate: Candidate, cause: FittedCause, others: Array, noise: NoiseShape) -> FittedCause:
-    """One of them, by Gauss–Newton, beside the columns of all else; what its law leaves open widens the standard deviation."""
+def settle(problem: Problem, cause: FittedCause, taken: Array, others: Array, noise: NoiseShape) -> FittedCause:
+    """A cause whose fitted parameters trade against each other, in the numbers that people use: its shapes fitted alone.
+
+    Parameters
+    ----------
+    problem : Problem
+    cause : FittedCause
+    taken : ndarray, shape (n,)
+        What the target lacks of it already, because the simulator has it.
+    others : ndarray, shape (n, p)
+        Columns of all else, derivatives by shapes among them.
+    noise : NoiseShape
+
+    Notes
+    -----
+    Gauss–Newton. What the law leaves open (:meth:`Mechanism.scatter`) widens the standard deviations.
+    """
     mechanism, estimates = cause.mechanism.settled(), cause.estimates
-    taken = _whole(problem, candidate.mechanism) if cause.known and not _free(problem, candidate) else 0.0
-    for _ in range(_STEPS):
-        left = dataclasses.replace(problem, target_deg_h=problem.target_deg_h + taken - _whole(problem, mechanism))
-        slopes = _slopes(problem, mechanism, _amplitudes(mechanism))
-        design = np.column_stack([others, *(slope for _, slope in slopes)])
-        weights, covariance, square = _solve(left, design, noise)
+    for _ in range(STEPS):
+        left = dataclasses.replace(problem, target_deg_h=problem.target_deg_h + taken - whole(problem, mechanism))
+        derived = slopes(problem, mechanism, amplitudes(mechanism))
+        design = np.column_stack([others, *(slope for _, slope in derived)])
+        weights, covariance, square = solve(left, design, noise)
         variance = np.diag(covariance) * square / (len(problem.rows) - design.shape[1])
         for disturbance in problem.scatter(mechanism).T:
-            variance += _solve(dataclasses.replace(problem, target_deg_h=disturbance), design, noise)[0] ** 2
+            variance += solve(dataclasses.replace(problem, target_deg_h=disturbance), design, noise)[0] ** 2
         steps, sd = weights[others.shape[1] :], np.sqrt(np.maximum(variance, 0.0))[others.shape[1] :]
-        mechanism = _moved(problem, [mechanism], [slopes], steps)[0]
+        mechanism = moved(problem, [mechanism], [derived], steps)[0]
         estimates = {
             name: dataclasses.replace(cause.estimates[name], value=float(getattr(mechanism, name)), sd=float(each))
-            for (name, _), each in zip(slopes, sd, strict=True)
+            for (name, _), each in zip(derived, sd, strict=True)
         }
     return dataclasses.replace(cause, mechanism=mechanism, estimates=estimates)
-
-
-def _amplitudes(mechanism: Mechanism) -> Array:
-    return np.array([getattr(mechanism, parameter.name) for parameter in mechanism.amplitude_parameters()])
-
-
-def _whole(problem: Problem, mechanism: Mechanism) -> Array:
-    """What a mechanism makes, with its own amplitudes, in the training rows."""
-    return np.asarray(problem.columns(mechanism) @ _amplitudes(mechanism))
 
 
 def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, weights: Array, sd: Array) -> dict[str, Estimate]:
