@@ -193,9 +193,10 @@ def _proposed(search: Search, models: Sequence[Model], kinds: Sequence[type[Mech
     evidence = search.evidence
     rows = evidence.problem.rows
     known = {candidate.mechanism for candidate in evidence.candidates}
+    calm = np.array([noise.wander == 0.0 for noise in evidence.noises])  # what wanders may be the very thing to be proposed
     found: list[Candidate] = []
     for model in models:
-        left = evidence.residual(model.members, int(np.argmax(model.noise_log)))
+        left = evidence.residual(model.members, int(np.argmax(np.where(calm, model.noise_log, -np.inf))))
         times = [rows.time_s[part] - run.time_s[0] for part, run in zip(rows.runs, evidence.problem.runs, strict=True)]
         for kind in kinds:
             proposed, among = kind.proposals(times, [left[part] for part in rows.runs])
