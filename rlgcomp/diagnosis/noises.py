@@ -19,11 +19,11 @@ Array = npt.NDArray[np.float64]
 FLICKERS: Final = {0.0: 0.31, 0.1: 0.26, 0.25: 0.23, 0.6: 0.15, 1.3: 0.05}
 WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.04, 1.3: 0.02, 1.8: 0.01}
 # Of what wanders unrecorded: a weaker one cannot be told from flicker, and would be said of every healthy gyro that is a little so.
-WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.3, 8.0: 0.1}
+WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.4}
 WANDERS_S: Final = {500.0: 0.14, 1500.0: 0.28, 4500.0: 0.29, 13500.0: 0.29}
 # Of those that swing as well; what swings faster is a line's business.
 SWINGING: Final = 0.2
-SWINGING_WANDERS: Final = {1.2: 0.4, 3.0: 0.4, 8.0: 0.2}
+SWINGING_WANDERS: Final = {1.2: 0.5, 3.0: 0.5}
 SWINGING_WANDERS_S: Final = 13500.0
 SWINGS_S: Final = (4320.0, 7200.0, 12600.0)
 _EXACT: Final = 0.5  # weight of the very noise that a simulator file states
