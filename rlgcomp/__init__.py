@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from rlgcomp.allan.coefficients import fit_coefficients as fit_coefficients
     from rlgcomp.allan.deviation import AllanDeviation as AllanDeviation
     from rlgcomp.allan.deviation import allan_deviation as allan_deviation
+    from rlgcomp.allan.octaves import overlapping_deviation as overlapping_deviation
     from rlgcomp.calibration.file import Calibration as Calibration
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor as calibrate_scale_factor
     from rlgcomp.calibration.triad.calibrate import calibrate_recordings as calibrate_recordings
@@ -132,6 +133,7 @@ _HOMES = {
     "evaluate": "evaluation",
     "fit_coefficients": "allan.coefficients",
     "load": "compensation.keeping",
+    "overlapping_deviation": "allan.octaves",
     "read": "formats",
     "simulated_unit": "simulation.fleet",
     "write": "formats",

@@ -8,6 +8,7 @@ import pytest
 from rlgcomp.allan import octaves, sums
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.compiled import available
+from rlgcomp.errors import InputError
 
 pytestmark = pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
 OCTAVES = 2 ** np.arange(0, 13)
@@ -96,6 +97,12 @@ def test_a_steady_rate_and_the_shortest_records() -> None:
     counts = np.array([1, 2])
     assert octaves.overlapping_deviation(np.full(4, 7.0), counts).tolist() == [0.0, 0.0]
     assert octaves.overlapping_deviation(np.array([1.0, -1.0, 1.0, -1.0]), counts) == pytest.approx([np.sqrt(2.0), 0.0])
+
+
+@pytest.mark.parametrize("counts", [[0], [-1], [5], [1.5], [], 3, [[1]]], ids=str)
+def test_averaging_times_that_the_record_cannot_hold_are_refused(counts: object) -> None:
+    with pytest.raises(InputError, match="whole numbers from 1 to half its length"):
+        octaves.overlapping_deviation(np.zeros(8), np.array(counts))
 
 
 def test_long_records_agree_with_allantools() -> None:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from rlgcomp.allan.sums import BLOCK, MANY, aligned, angle_of, squares_2, sums_of_squares
 from rlgcomp.compiled import available, compiled, in_threads, threads
+from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -27,6 +28,8 @@ _LONG: Final = 1 << 23  # samples that two threads add up sooner than one
 def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None) -> Array:
     """Overlapping Allan deviations alone, of a record without gaps: no intervals, no noise identified.
 
+    For many records, or one that is very long; :func:`rlgcomp.allan_deviation` says how sure they are.
+
     Parameters
     ----------
     rate : ndarray, shape (n,)
@@ -34,7 +37,24 @@ def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None
         Averaging times in samples, at most n / 2.
     workers : int, optional
         Threads; by default the cores that this process has.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        In the unit of the rate.
+
+    Raises
+    ------
+    InputError
+        An averaging time is no whole number of samples, or longer than half the record.
     """
+    rate, counts = np.ascontiguousarray(rate, dtype=np.float64), np.asarray(counts)
+    whole = rate.ndim == counts.ndim == 1 and counts.dtype.kind in "iu" and counts.size
+    if not whole or counts.min() < 1 or 2 * int(counts.max()) > len(rate):
+        raise InputError(
+            f"a rate of shape {rate.shape} and averaging times of {counts.tolist()[:8] if counts.ndim else counts} samples; give "
+            "one column, and whole numbers from 1 to half its length"
+        )
     taken = len(rate) - 2 * counts + 1
     fits = bool(((2 * counts <= _STRIDE) | (counts % _STRIDE == 0)).all())
     if fits and len(rate) >= MANY and available():

@@ -243,21 +243,22 @@ def settle(problem: Problem, cause: FittedCause, taken: Array, others: Array, no
     -----
     Gauss–Newton. What the law leaves open (:meth:`Mechanism.scatter`) widens the standard deviations.
     """
-    mechanism, estimates = cause.mechanism.settled(), cause.estimates
+    mechanism = cause.mechanism.settled()
     for _ in range(STEPS):
+        reached = mechanism
         left = dataclasses.replace(problem, target_deg_h=problem.target_deg_h + taken - whole(problem, mechanism))
         derived = slopes(problem, mechanism, amplitudes(mechanism))
         design = np.column_stack([others, *(slope for _, slope in derived)])
         weights, covariance, square = solve(left, design, noise)
-        variance = np.diag(covariance) * square / (len(problem.rows) - design.shape[1])
-        for disturbance in problem.scatter(mechanism).T:
-            variance += solve(dataclasses.replace(problem, target_deg_h=disturbance), design, noise)[0] ** 2
-        steps, sd = weights[others.shape[1] :], np.sqrt(np.maximum(variance, 0.0))[others.shape[1] :]
-        mechanism = moved(problem, [mechanism], [derived], steps)[0]
-        estimates = {
-            name: dataclasses.replace(cause.estimates[name], value=float(getattr(mechanism, name)), sd=float(each))
-            for (name, _), each in zip(derived, sd, strict=True)
-        }
+        mechanism = moved(problem, [mechanism], [derived], weights[others.shape[1] :])[0]
+    variance = np.diag(covariance) * square / (len(problem.rows) - design.shape[1])
+    for disturbance in problem.scatter(reached).T:
+        variance += solve(dataclasses.replace(problem, target_deg_h=disturbance), design, noise)[0] ** 2
+    sd = np.sqrt(np.maximum(variance, 0.0))[others.shape[1] :]
+    estimates = {
+        name: dataclasses.replace(cause.estimates[name], value=float(getattr(mechanism, name)), sd=float(each))
+        for (name, _), each in zip(derived, sd, strict=True)
+    }
     return dataclasses.replace(cause, mechanism=mechanism, estimates=estimates)
 
 

@@ -123,7 +123,8 @@ class Problem:
         bases = [basis for basis in found if basis is not None]
         if len(bases) < len(found):
             return np.zeros((len(self.rows), 0))
-        return self._fast_columns(bases, each_run=True)
+        columns = self._fast_columns(bases, each_run=True)
+        return np.asarray(columns[:, columns.any(axis=0)])
 
     def _fast_columns(self, bases: Sequence[Array], *, each_run: bool) -> Array:
         """Window means, and contrasts where there are any, of columns at the full rate."""
