@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import pandas as pd
 
-from rlgcomp.compiled import in_threads
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
 
@@ -25,20 +24,12 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     if magic != b"PAR1":
         raise InputError(f"{path} is no Parquet file: it begins with {magic!r} instead of b'PAR1'; if it is text, name it .csv")
     try:
-        table = parquet.read_table(path)
+        with parquet.ParquetFile(path) as file:  # gives each column in one piece, which pandas takes as it is
+            table = file.read()
         metadata = from_json((table.schema.metadata or {}).get(_KEY, b"{}"))
-        return _joined(table).to_pandas(split_blocks=True), metadata
+        return table.to_pandas(split_blocks=True), metadata
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
-
-
-def _joined(table: Any) -> Any:
-    """The table with each column in one piece, which pandas takes as it is; it would join one after the other, in new memory."""
-    import pyarrow
-
-    columns: dict[int, Any] = {}
-    in_threads(lambda k: columns.update({k: table.column(k).combine_chunks()}), [(k,) for k in range(table.num_columns)])
-    return pyarrow.Table.from_arrays([columns[k] for k in range(table.num_columns)], schema=table.schema)
 
 
 def header(path: Path) -> tuple[list[str], dict[str, Any]]:
