@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.linalg import cython_blas, cython_lapack
 
 Array = npt.NDArray[np.float64]
+_NARROW = 16  # columns that a reduction to tridiagonal form takes at once
 _BLOCK = 64  # columns that LAPACK takes at once; its workspace is so many vectors
 
 
@@ -60,7 +61,7 @@ def tridiagonal(matrix: Array, *, keep: bool = True) -> tuple[Array, Array, Arra
     n = len(matrix)
     basis = np.array(matrix, order="F") if keep else matrix.T
     diagonal, beside, scales, work = np.empty(n), np.empty(max(1, n - 1)), np.empty(max(1, n - 1)), np.empty(_BLOCK * n)
-    _call(_lapack("dsytrd"), b"L", n, basis, n, diagonal, beside, scales, work, len(work))
+    _call(_lapack("dsytrd"), b"L", n, basis, n, diagonal, beside, scales, work, _NARROW * n)
     _call(_lapack("dorgtr"), b"L", n, basis, n, scales, work, len(work))
     return basis.T, diagonal, beside
 

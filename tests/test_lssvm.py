@@ -14,6 +14,7 @@ from sklearn.linear_model import Ridge
 import rlgcomp as rlg
 from rlgcomp.compensation import path
 from rlgcomp.compensation.form import rms
+from rlgcomp.compensation.kernels import kernel
 from rlgcomp.compensation.lssvm import cross_validation_path
 from rlgcomp.compiled import available
 
@@ -228,6 +229,29 @@ def test_the_path_over_c_holds_for_narrow_and_wide_kernels(sigma: float, by: str
 
 
 @pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
+def test_a_wide_kernel_is_solved_on_fewer_rows_and_leaves_the_same_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(8)
+    X = np.cumsum(rng.normal(size=(410, 12)), axis=0) / 10.0
+    y, c, out = np.sin(X[:, 0]), 10.0 ** np.arange(-1.0, 7.0), np.arange(40, 81)
+    ranks = []
+    for sigma in (1.0, 200.0):
+        thin = path.TridiagonalPath(kernel("gaussian", {"sigma": sigma}, X, X), y, c)
+        ranks.append(len(thin.basis))
+        with monkeypatch.context() as patched:
+            patched.setattr(path, "_THIN", 0.0)
+            full = path.TridiagonalPath(kernel("gaussian", {"sigma": sigma}, X, X), y, c)
+        assert np.abs(thin.left_out(out) - full.left_out(out)).max() <= 1e-6 * np.abs(full.left_out(out)).max()
+    assert 0.7 * ranks[0] == 0.7 * 410 > ranks[1]
+
+
+def test_half_of_a_kernel_matrix_is_computed_and_the_other_half_copied() -> None:
+    X = np.random.default_rng(9).normal(size=(101, 3))
+    gram = kernel("gaussian", {"sigma": 2.0}, X, X)
+    assert gram == pytest.approx(gram.T, rel=1e-13)
+    assert gram == pytest.approx(kernel("gaussian", {"sigma": 2.0}, X, X.copy()), rel=1e-13)
+
+
+@pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
 @pytest.mark.parametrize("groups", [np.arange(410) // 41, np.arange(410) % 7, np.arange(410), np.minimum(np.arange(410) % 8, 4)])
 def test_the_compiled_path_gives_the_folds_of_the_plain_one(groups: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole range of c that is searched, for blocks, scattered rows, single ones and large groups."""
@@ -235,7 +259,7 @@ def test_the_compiled_path_gives_the_folds_of_the_plain_one(groups: np.ndarray, 
     X = np.cumsum(rng.normal(size=(410, 12)), axis=0) / 10.0
     y = np.sin(X[:, 0]) + 0.1 * rng.normal(size=410)
     c = 10.0 ** np.arange(-1.0, 9.0)
-    for sigma in (1.0, 4.0, 50.0):
+    for sigma in (1.0, 4.0, 50.0, 200.0):
         monkeypatch.setenv("RLGCOMP_NUMBA", "1")
         fast = cross_validation_path(rlg.LSSVMRegressor(sigma=sigma), X, y, groups, c)
         monkeypatch.setenv("RLGCOMP_NUMBA", "0")

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+_ROWS: Final = 48  # of a symmetric kernel matrix that are done at once
 _AT_ONCE: Final = 1 << 16  # kernel values in work: half a megabyte, which stays in cache
 
 
@@ -25,7 +26,13 @@ def gaussian(x: Array, z: Array, *, sigma: float) -> Array:
     r""":math:`\exp(-\|x - z\|^2 / 2\sigma^2)`."""
     exponent = squared_distances(x, z)
     exponent *= -0.5 / sigma**2
-    return np.exp(exponent, out=exponent)
+    if x is not z:
+        return np.exp(exponent, out=exponent)
+    for first in range(0, len(x), _ROWS):  # of a symmetric matrix one half; the other is copied
+        some = exponent[first : first + _ROWS, first:]
+        np.exp(some, out=some)
+        exponent[first + _ROWS :, first : first + _ROWS] = some[:, _ROWS:].T
+    return exponent
 
 
 def linear(x: Array, z: Array) -> Array:

@@ -74,21 +74,31 @@ class EigenPath:
 class TridiagonalPath:
     """For a positive definite kernel matrix Q T Q^T, T tridiagonal, which is found sooner than its eigenvectors.
 
-    With T + I/c = L D L^T, Z = D^-1/2 L^-1 Q^T V has a row from the row before it, and Z^T Z = V^T H^-1 V for columns V. Those are
-    1, the rows that are left out and y: what the bordered system is with all other rows eliminated. The kernel matrix is lost.
+    With T + I/c = L D L^T, Z = D^-1/2 L^-1 Q^T V has a row from the row before it, and Z^T Z = V^T H^-1 V for columns V, the rows
+    that are left out and y. The border does not notice what is added to whole rows and columns of K alike. So K has its means
+    taken off, the vector of ones becomes an eigenvector, and the border takes the same off every entry of H^-1. K is lost.
+
+    A wide kernel's K has a thin factor F. F^T F = Q T Q^T is smaller, and with Q^T F^T for Q^T, V^T H^-1 V = c (V^T V - Z^T Z).
     """
 
     def __init__(self, gram: Array, y: Array, c: Array) -> None:
-        self.basis, diagonal, beside = tridiagonal(gram, keep=False)
-        self.sides = self.basis @ np.column_stack([np.ones(len(y)), y])
-        self.scales, self.steps, self.work = np.empty((len(c), len(y))), np.zeros((len(c), len(y))), np.empty(0)
+        level, means = float(np.diag(gram).mean()), gram.mean(axis=0)
+        gram -= means
+        gram += (means.mean() + level / len(y) - means)[:, None]
+        factor = _thin_factor(gram, max(0.4 * len(y) * np.finfo(np.float64).eps * level, _LOST / float(c.max())))
+        self.basis, diagonal, beside = tridiagonal(gram if factor is None else factor.T @ factor, keep=False)
+        if factor is not None:
+            self.basis = self.basis @ factor.T
+        self.c, self.y, self.thin = c, y - y.mean(), factor is not None
+        self.turned, self.border = self.basis @ self.y, 1.0 / (len(y) * (level + 1.0 / c))
+        self.scales, self.steps, self.work = np.empty((len(c), len(diagonal))), np.zeros((len(c), len(diagonal))), np.empty(0)
         _factors(diagonal, beside, 1.0 / c, self.scales, self.steps)
         self.recur, self.eliminate = _recur.fast(), _eliminate.fast()
 
     def left_out(self, rows: npt.NDArray[np.intp]) -> Array:
         """Residuals of rows that are left out together, shape (m, rows)."""
-        columns, residuals = np.empty((len(self.basis), len(rows) + 2)), np.empty((len(self.scales), len(rows)))
-        columns[:, 0], columns[:, 1:-1], columns[:, -1] = self.sides[:, 0], self.basis[:, rows], self.sides[:, 1]
+        columns, residuals = np.empty((len(self.basis), len(rows) + 1)), np.empty((len(self.scales), len(rows)))
+        columns[:, :-1], columns[:, -1] = self.basis[:, rows], self.turned
         at_once = min(len(residuals), max(1, _AT_ONCE // columns.size))
         if self.work.size < at_once * columns.size:  # kept from group to group: new memory costs as much as filling it
             self.work = np.empty(at_once * columns.size)
@@ -96,12 +106,15 @@ class TridiagonalPath:
             some = slice(first, first + at_once)
             z = self.work[: len(residuals[some]) * columns.size].reshape(-1, *columns.shape)
             self.recur(columns, self.scales[some], self.steps[some], z)
-            sums = z.transpose(0, 2, 1) @ z
+            sums, border = z.transpose(0, 2, 1) @ z, self.border[some]
+            if self.thin:
+                own = np.eye(len(rows) + 1)
+                own[-1, :-1] = self.y[rows]
+                sums = self.c[some, None, None] * (own - sums)
             if len(rows) <= _SMALL:
-                self.eliminate(sums, residuals[some])
+                self.eliminate(sums, border, residuals[some])
             else:
-                sums[:, 1:-1, 1:] -= sums[:, 1:-1, :1] * (sums[:, :1, 1:] / sums[:, :1, :1])
-                residuals[some] = np.linalg.solve(sums[:, 1:-1, 1:-1], sums[:, 1:-1, -1:])[:, :, 0]
+                residuals[some] = np.linalg.solve(sums[:, :-1, :-1] - border[:, None, None], sums[:, -1, :-1, None])[:, :, 0]
         return residuals
 
 
@@ -131,16 +144,17 @@ def _recur(columns: Array, scales: Array, steps: Array, z: Array) -> None:
 
 
 @compiled()
-def _eliminate(sums: Array, residuals: Array) -> None:
-    """Residuals from each Z^T Z: its Cholesky factor, whose last row is not divided, and back; weights side by side."""
+def _eliminate(sums: Array, border: Array, residuals: Array) -> None:
+    """Residuals from each Z^T Z: its Cholesky factor, the border taken off, and back; weights side by side."""
     many, rows = residuals.shape
-    lanes, last = (many + _LANES - 1) // _LANES * _LANES, rows + 1
-    factor = np.empty((last + 1, last, lanes))
-    for i in range(last + 1):
-        for j in range(min(i + 1, last)):
+    lanes = (many + _LANES - 1) // _LANES * _LANES
+    factor = np.empty((rows + 1, rows, lanes))
+    for i in range(rows + 1):
+        for j in range(min(i + 1, rows)):
             entry = factor[i, j]
             for k in range(lanes):
-                entry[k] = sums[min(k, many - 1), i, j]
+                weight = min(k, many - 1)
+                entry[k] = sums[weight, i, j] - (border[weight] if i < rows else 0.0)
             for before in range(j):
                 left, right = factor[i, before], factor[j, before]
                 for k in range(lanes):
@@ -148,17 +162,23 @@ def _eliminate(sums: Array, residuals: Array) -> None:
             pivot = factor[j, j]  # kept as one over it
             for k in range(lanes):
                 entry[k] = 1.0 / math.sqrt(entry[k]) if i == j else entry[k] * pivot[k]
-    found = factor[last]
-    for i in range(last - 1, 0, -1):
+    found = factor[rows]
+    for i in range(rows - 1, -1, -1):
         solved, pivot = found[i], factor[i, i]
         for k in range(lanes):
             solved[k] *= pivot[k]
-        for j in range(1, i):
+        for j in range(i):
             entry, right = found[j], factor[i, j]
             for k in range(lanes):
                 entry[k] -= solved[k] * right[k]
         for k in range(many):
-            residuals[k, i - 1] = solved[k]
+            residuals[k, i] = solved[k]
+
+
+def _thin_factor(gram: Array, tolerance: float) -> Array | None:
+    """The same, looked for only where one row in four, whose pivots are larger, loses one of them."""
+    some = gram[::4, ::4]
+    return None if pivoted_cholesky(some, 16.0 * tolerance)[0].shape[1] == len(some) else _pivoted_factor(gram, tolerance)
 
 
 def _pivoted_factor(gram: Array, tolerance: float) -> Array | None:
