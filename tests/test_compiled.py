@@ -23,6 +23,7 @@ def _few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hysteresis_loops, "MANY", 50)
     monkeypatch.setattr(hysteresis_loops, "_TOGETHER", 3)
     monkeypatch.setattr(hysteresis_loops, "_PLAYS", 3)
+    monkeypatch.setattr(hysteresis_loops, "_LARGE", 50)
 
 
 def inputs(n: int = 301, gyros: int = 7) -> np.ndarray:

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from threadpoolctl import threadpool_limits
 
 from rlgcomp.bench.measure import Case, Peer, Row
+from rlgcomp.compiled import blas_threads
 from rlgcomp.sparse import thresholded_least_squares
 
 Array = npt.NDArray[np.float64]
@@ -28,13 +28,13 @@ def _case(terms: int, targets: int, goal: float, threads: int) -> Callable[[bool
         y = theta @ truth + 0.1 * rng.normal(size=(samples, targets))
 
         def ours() -> Array:
-            with threadpool_limits(threads, user_api="blas"):
+            with blas_threads(threads):
                 return thresholded_least_squares(theta, y, THRESHOLD)
 
         def pysindy() -> Array:
             from pysindy import STLSQ
 
-            with threadpool_limits(threads, user_api="blas"):
+            with blas_threads(threads):
                 return np.asarray(STLSQ(threshold=THRESHOLD, alpha=0.0).fit(theta, y).coef_).T
 
         return Case(
@@ -70,13 +70,13 @@ def _built(quick: bool) -> Case:
     y = (quadratic_terms(x) @ truth + 0.1 * rng.normal(size=samples))[:, None]
 
     def ours() -> Array:
-        with threadpool_limits(2, user_api="blas"):
+        with blas_threads(2):
             return thresholded_least_squares(quadratic_terms(x), y, THRESHOLD)
 
     def pysindy() -> Array:
         from pysindy import STLSQ, PolynomialLibrary
 
-        with threadpool_limits(2, user_api="blas"):
+        with blas_threads(2):
             theta = np.asarray(PolynomialLibrary(degree=2).fit_transform(x))
             return np.asarray(STLSQ(threshold=THRESHOLD, alpha=0.0).fit(theta, y).coef_).T
 
