@@ -24,7 +24,7 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     if magic != b"PAR1":
         raise InputError(f"{path} is no Parquet file: it begins with {magic!r} instead of b'PAR1'; if it is text, name it .csv")
     try:
-        with parquet.ParquetFile(path) as file:  # gives each column in one piece, which pandas takes as it is
+        with parquet.ParquetFile(path, memory_map=True) as file:  # gives each column in one piece, which pandas takes as it is
             table = file.read()
         metadata = from_json((table.schema.metadata or {}).get(_KEY, b"{}"))
         return table.to_pandas(split_blocks=True), metadata
