@@ -6,7 +6,8 @@ Generalised least squares of baseline and causes together, shapes linearised abo
     \qquad \mathrm{cov} = \hat\sigma^2 (J^T \Sigma^{-1} J)^{-1}
 
 A weak step's place is far less certain than its slope says: where the likelihood along a shape is wider than that, the standard
-deviation is the likelihood's.
+deviation is the likelihood's. A thermometer that is late by some seconds moves a threshold and makes a loop look narrower: what it
+would do to each parameter adds to the standard deviations.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.linearised import STEPS, amplitudes, moved, slopes, solve, whole, wider
+from rlgcomp.diagnosis.linearised import STEPS, amplitudes, late, moved, slopes, solve, whole, wider
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.whitening import NoiseShape
@@ -109,11 +110,15 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     covariance = covariance * square / freedom
     widened = [1.0] * plain.shape[1]
     for k, found in enumerate(derived):
-        for name, slope in found:
+        if found:
+            names, directions = zip(*found, strict=True)
             others = [problem.baseline, *columns[:k], *columns[k + 1 :]]
-            widened.append(wider(problem, mechanisms[k], name, np.column_stack([plain, slope]), others, noise, square))
+            widened += wider(problem, mechanisms[k], names, np.column_stack([plain, *directions]), others, noise, square)
     covariance *= np.outer(widened, widened)
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    steady = [k for k, candidate in enumerate(chosen) if _steady(candidate)]
+    lateness = late(problem, [mechanisms[k] for k in steady], [parts[k] for k in steady])
+    answer = solve(dataclasses.replace(problem, target_deg_h=lateness), design, noise)[0]
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0) + answer**2)
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
     causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
