@@ -199,7 +199,7 @@ class Dictionary:
             which = np.flatnonzero(memory == value)
             series, low, high = self._series(family.driver, family.memory, float(value))
             at, width = _at_and_width({name: values[which] for name, values in shapes.items()}, low, high)
-            factor = ()
+            factor: tuple[Array, ...] = ()
             if family.driver_2:
                 second, low_2, high_2 = self._series(family.driver_2, "static", 0.0)
                 half_2 = 0.5 * (high_2 - low_2)

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import available, in_threads, threads
-from rlgcomp.diagnosis.loops import innovations, kalman_gains
+from rlgcomp.diagnosis.loops import innovations, kalman_gains, remember
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -264,8 +264,11 @@ def simulate(rows: Rows, shape: NoiseShape, draws: int, rng: np.random.Generator
             kicks[0] *= math.sqrt(stationary + diffusion * rows.window_s)
             kicks[1:] *= np.sqrt(stationary * (1.0 - keep**2) + diffusion * steps)[:, None]
             turned = keep * np.exp(1j * rate * steps) if rate else keep
-            for k in range(1, len(kicks)):
-                kicks[k] += turned[k - 1] * kicks[k - 1]
+            if available() and not rate:
+                remember(kicks, keep)
+            else:
+                for k in range(1, len(kicks)):
+                    kicks[k] += turned[k - 1] * kicks[k - 1]
             noise[part] += kicks.real
     return noise
 
