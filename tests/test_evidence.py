@@ -351,6 +351,16 @@ def test_a_replicate_is_ranked_among_those_of_the_noise_it_is_credited_with() ->
         np.testing.assert_allclose(np.sort(apart[members]), np.arange(1, 21) / 20.0)
 
 
+def test_evidence_averaged_over_candidates_is_the_same_compiled(small: Evidence, monkeypatch: pytest.MonkeyPatch) -> None:
+    targets = np.random.default_rng(0).normal(size=(len(small.problem.rows), 9))
+    targets[:, 0] = 3.0 * small.candidates[0].columns[:, 0] / np.std(small.candidates[0].columns[:, 0])  # all but certain
+    left, weights = small.left(1, targets), np.linspace(-3.0, 0.0, len(small.candidates) - 2)
+    compiled = small.averaged(1, left, weights)
+    monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+    np.testing.assert_allclose(compiled, small.averaged(1, left, weights), rtol=1e-10, atol=1e-10)
+    assert compiled[0] > 50.0 > compiled[1:].max()
+
+
 def test_sums_of_lines_by_a_table_are_the_sums_of_each() -> None:
     rng = np.random.default_rng(1)
     for rows, amplitudes in ((80, 2), (700, 4), (50_000, 12)):

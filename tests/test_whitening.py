@@ -59,6 +59,13 @@ def test_many_shapes_at_once_are_each_alone() -> None:
     np.testing.assert_allclose(some.log_determinant, together.log_determinant[[4, 1]])
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_simulated_noise_is_the_same_compiled(shape: NoiseShape, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = simulate(rows(60, 45), shape, 5, np.random.default_rng(3))
+    monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+    np.testing.assert_allclose(compiled, simulate(rows(60, 45), shape, 5, np.random.default_rng(3)), rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("shape", SHAPES[1:])
 def test_simulated_noise_is_white_once_whitened(shape: NoiseShape) -> None:
     where = rows(60, 50)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.resources
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Final
 
 import pandas as pd
 
@@ -13,32 +14,39 @@ from rlgcomp.diagnosis import wording
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.files import write_text
 
+PICTURES: Final = ("timeline", "left", "driver_map", "loop", "channels", "probabilities", "held_out", "bars", "programme")
+
 
 def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis, executor: Executor | None = None) -> None:
     """Write the page, whole or not at all."""
     write_text(path, render(diagnosis, executor))
 
 
-def drawn(diagnosis: Diagnosis) -> dict[str, str]:
-    """All pictures, as SVG text; empty where there is nothing to show."""
+def picture(name: str, diagnosis: Diagnosis) -> str:
+    """One picture, as SVG text; empty where there is nothing to show."""
     from rlgcomp.diagnosis import pictures
 
-    return {
-        "timeline": pictures.timeline(diagnosis) if diagnosis.traces else "",
-        "loop": pictures.loop(diagnosis),
-        "driver_map": pictures.driver_map(diagnosis),
-        "channels": pictures.channels(diagnosis),
-        "probabilities": pictures.probabilities(diagnosis),
-        "held_out": pictures.held_out(diagnosis),
-        "bars": pictures.bars(diagnosis.test or diagnosis.train),
-        "left": pictures.what_is_left(diagnosis) if diagnosis.traces else "",
-        "programme": pictures.programme(diagnosis),
-    }
+    match name:
+        case "timeline":
+            return pictures.timeline(diagnosis) if diagnosis.traces else ""
+        case "bars":
+            return pictures.bars(diagnosis.test or diagnosis.train)
+        case "left":
+            return pictures.what_is_left(diagnosis) if diagnosis.traces else ""
+    return str(getattr(pictures, name)(diagnosis))
+
+
+def drawn(diagnosis: Diagnosis, executor: Executor | None = None) -> dict[str, str]:
+    """All pictures; an executor, where given, draws from the first of them on while this process draws from the last."""
+    if executor is None:
+        return {name: picture(name, diagnosis) for name in PICTURES}
+    drawing = {name: executor.submit(picture, name, diagnosis) for name in PICTURES}
+    ours = {name: picture(name, diagnosis) for name, future in reversed(drawing.items()) if future.cancel()}
+    return {name: ours[name] if name in ours else future.result() for name, future in drawing.items()}
 
 
 def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     """The page as HTML text; an executor, where given, draws the pictures."""
-    drawing = None if executor is None else executor.submit(drawn, diagnosis)
     import jinja2
 
     environment = jinja2.Environment(
@@ -68,7 +76,7 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         "clocks": [(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
     }
     template = environment.get_template("diagnosis.html")
-    return template.render(**page, **(drawn(diagnosis) if drawing is None else drawing.result()))
+    return template.render(**page, **drawn(diagnosis, executor))
 
 
 def _places(diagnosis: Diagnosis) -> pd.DataFrame:
