@@ -36,17 +36,9 @@ def picture(name: str, diagnosis: Diagnosis) -> str:
     return str(getattr(pictures, name)(diagnosis))
 
 
-def drawn(diagnosis: Diagnosis, executor: Executor | None = None) -> dict[str, str]:
-    """All pictures; an executor, where given, draws from the first of them on while this process draws from the last."""
-    if executor is None:
-        return {name: picture(name, diagnosis) for name in PICTURES}
-    drawing = {name: executor.submit(picture, name, diagnosis) for name in PICTURES}
-    ours = {name: picture(name, diagnosis) for name, future in reversed(drawing.items()) if future.cancel()}
-    return {name: ours[name] if name in ours else future.result() for name, future in drawing.items()}
-
-
 def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     """The page as HTML text; an executor, where given, draws the pictures."""
+    drawing = {} if executor is None else {name: executor.submit(picture, name, diagnosis) for name in PICTURES}
     import jinja2
 
     environment = jinja2.Environment(
@@ -76,7 +68,8 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         "clocks": [(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
     }
     template = environment.get_template("diagnosis.html")
-    return template.render(**page, **drawn(diagnosis, executor))
+    drawn = {name: drawing[name].result() if drawing else picture(name, diagnosis) for name in PICTURES}
+    return template.render(**page, **drawn)
 
 
 def _places(diagnosis: Diagnosis) -> pd.DataFrame:
