@@ -141,8 +141,8 @@ class Evidence:
         old = np.r_[:before, after]
 
         def join(k: int) -> None:  # whitened anew: to keep every noise's columns would take gigabytes where runs are many
-            columns = self.left(k, self._whitened(fresh, k))
-            known = self._whitened(self._table, k)
+            columns = self.left(k, self.whitener.of(k, fresh))
+            known = self.whitener.of(k, self._table)
             table = np.concatenate([known.T @ columns, columns.T @ columns, self._targets[k : k + 1] @ columns])
             gram[k, old[:, None], old] = self.gram[k]
             gram[k, :, before:after], gram[k, before:after] = table, table.T
@@ -257,7 +257,7 @@ class Evidence:
         over sizes and summed with weights, one a candidate; shape (targets,)."""
         left = np.einsum("nt,nt->t", targets, targets)
         last = self._slices[len(log_weights) - 1].stop
-        cross = self._whitened(self._table[:, :last], noise).T @ targets
+        cross = self.whitener.of(noise, self._table[:, :last]).T @ targets
         found = np.full(len(left), -np.inf)
         for width, which, starts in self._groups:
             here = which < len(log_weights)
@@ -349,10 +349,7 @@ class Evidence:
         if not members:
             return target
         inside, amplitudes, _ = self._amplitudes(members, noise)
-        return np.asarray(target - self.left(noise, self._whitened(self._table[:, inside], noise)) @ amplitudes)
-
-    def _whitened(self, columns: Array, noise: int) -> Array:
-        return np.asarray(self.whitener.keep(np.array([noise]))(columns)[0])
+        return np.asarray(target - self.left(noise, self.whitener.of(noise, self._table[:, inside])) @ amplitudes)
 
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:
