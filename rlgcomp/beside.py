@@ -8,8 +8,10 @@ from __future__ import annotations
 import contextlib
 import gc
 import importlib
+import itertools
 import os
 import pickle
+import queue
 import signal
 import subprocess
 import sys
@@ -24,7 +26,9 @@ R = TypeVar("R")
 
 
 class Beside(Executor):
-    """One process that calls functions of importable modules, one after the other; what cannot be done there is done here.
+    """A process that calls functions of importable modules, and its twin; what cannot be done there is done here.
+
+    The twin is forked once everything is imported, so that it costs next to nothing; where nothing can be forked there is none.
 
     Parameters
     ----------
@@ -33,10 +37,23 @@ class Beside(Executor):
     """
 
     def __init__(self, *modules: str) -> None:
-        script = f"import sys; sys.path[:] = {sys.path!r}; from rlgcomp.beside import serve; serve({modules!r})"
-        command = [sys.executable, "-c", script]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
-        self._asking = ThreadPoolExecutor(1)
+        pipes = [(os.pipe(), os.pipe()) for _ in range(2 if hasattr(os, "fork") else 1)]
+        theirs = [(questions[0], answers[1]) for questions, answers in pipes]
+        script = f"import sys; sys.path[:] = {sys.path!r}; from rlgcomp.beside import serve; serve({modules!r}, {theirs!r})"
+        self._process = subprocess.Popen(  # noqa: S603
+            [sys.executable, "-c", script],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            pass_fds=list(itertools.chain(*theirs)),
+            start_new_session=True,
+        )
+        for end in itertools.chain(*theirs):
+            os.close(end)
+        self._pipes = [(os.fdopen(questions[1], "wb"), os.fdopen(answers[0], "rb")) for questions, answers in pipes]
+        self._free: queue.SimpleQueue[tuple[IO[bytes], IO[bytes]]] = queue.SimpleQueue()
+        for pair in self._pipes:
+            self._free.put(pair)
+        self._asking = ThreadPoolExecutor(len(pipes))
         self._ended = False
 
     def submit(self, function: Callable[P, R], /, *arguments: P.args, **named: P.kwargs) -> Future[R]:
@@ -44,28 +61,32 @@ class Beside(Executor):
         return self._asking.submit(self._called, function, arguments, named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the process; without `wait`, in the middle of what it does."""
+        """End the processes; without `wait`, in the middle of what they do."""
         if wait:
             self._asking.shutdown(wait=True, cancel_futures=cancel_futures)
         self._ended = True
-        self._process.kill()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
         self._asking.shutdown(wait=True, cancel_futures=True)
-        with self._process:
-            pass
+        self._process.wait()
+        for pipe in itertools.chain(*self._pipes):
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.shutdown(wait=error is None)
 
     def _called(self, function: Callable[..., Any], arguments: Sequence[Any], named: dict[str, Any]) -> Any:
-        if self._process.stdin is None or self._process.stdout is None:  # both are pipes
-            raise RuntimeError("the process has no pipes")
+        questions, answers = pair = self._free.get()
         try:
-            question = pickle.dumps((function, arguments, named))
-            self._process.stdin.write(question)
-            self._process.stdin.flush()
-            done, answer = pickle.load(self._process.stdout)  # noqa: S301
+            question = pickle.dumps((function, arguments, named))  # whole, or nothing is sent
+            questions.write(question)
+            questions.flush()
+            done, answer = pickle.load(answers)  # noqa: S301
         except Exception:  # noqa: BLE001
             done, answer = False, None
+        finally:
+            self._free.put(pair)
         if done or self._ended:
             return answer
         return function(*arguments, **named)  # what is wrong with it is raised here
@@ -73,7 +94,7 @@ class Beside(Executor):
 
 @contextlib.contextmanager
 def beside(*modules: str) -> Iterator[Beside | None]:
-    """A second process; none where this one has but one core."""
+    """A second process and its twin; none where this one has but one core."""
     if threads() < 2:
         yield None
         return
@@ -81,17 +102,20 @@ def beside(*modules: str) -> Iterator[Beside | None]:
         yield executor
 
 
-def serve(modules: Sequence[str]) -> None:
-    """Answer until there are no more questions: what the process does."""
+def serve(modules: Sequence[str], pipes: Sequence[tuple[int, int]]) -> None:
+    """Answer until there are no more questions: what the process and its twin do, each with its ends of two pipes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process is interrupted, and ends this one
     gc.disable()  # it does not live long enough to need it
-    answers: IO[bytes] = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # nothing that is printed gets between the answers
+    os.dup2(2, 1)  # what is printed is said aside
     for module in modules:
         importlib.import_module(module)
+    own = 1 if len(pipes) > 1 and os.fork() == 0 else 0
+    for end in itertools.chain(*(pair for k, pair in enumerate(pipes) if k != own)):
+        os.close(end)  # or the other's death would not be seen
+    questions, answers = os.fdopen(pipes[own][0], "rb"), os.fdopen(pipes[own][1], "wb")
     while True:
         try:
-            function, arguments, named = pickle.load(sys.stdin.buffer)  # noqa: S301
+            function, arguments, named = pickle.load(questions)  # noqa: S301
             answer = pickle.dumps((True, function(*arguments, **named)))
         except EOFError:
             return

@@ -91,11 +91,20 @@ def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], 
                 return
             function(*piece)
 
-    with ThreadPoolExecutor(workers - 1) as pool:  # this thread is one of them
-        waiting = [pool.submit(work) for _ in range(workers - 1)]
+    waiting = [_helpers(os.getpid()).submit(work) for _ in range(workers - 1)]  # this thread is one of them
+    try:
         work()
-    for done in waiting:
-        done.result()
+    finally:
+        for helper in waiting:
+            if not helper.cancel():  # one that has not begun is not needed any more: threads may wait for threads
+                helper.result()
+
+
+@functools.lru_cache(maxsize=1)
+def _helpers(process: int) -> ThreadPoolExecutor:
+    """Threads that are kept: a diagnosis asks for them 700 times. A process that was forked has none of its parent's."""
+    del process
+    return ThreadPoolExecutor(threads(), thread_name_prefix="in_threads")
 
 
 def blas_threads(limit: int) -> AbstractContextManager[Any]:

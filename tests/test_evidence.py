@@ -14,7 +14,7 @@ from scipy import stats
 import rlgcomp as rlg
 from rlgcomp.diagnosis import telegraph
 from rlgcomp.diagnosis.candidates import Candidate, candidates
-from rlgcomp.diagnosis.detect import _line_factors, _of_each, _of_many, _own_p_values, detect, tail_probability
+from rlgcomp.diagnosis.detect import _of_each, _of_many, _own_p_values, detect, tail_probability
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import fit
@@ -351,16 +351,14 @@ def test_a_replicate_is_ranked_among_those_of_the_noise_it_is_credited_with() ->
         np.testing.assert_allclose(np.sort(apart[members]), np.arange(1, 21) / 20.0)
 
 
-@pytest.mark.parametrize("width", [1, 3, 60])
-def test_the_evidence_of_sizes_is_the_same_compiled(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(width)
-    evidence = Evidence.__new__(Evidence)
-    evidence.freedom = 800
-    values = rng.exponential(500.0, size=(12, 1, width))
-    squares, left = rng.exponential(40.0, size=(12, 5, width)), rng.uniform(5000.0, 9000.0, size=5)
-    compiled = evidence._gains(values, squares, left)
+def test_evidence_averaged_over_candidates_is_the_same_compiled(small: Evidence, monkeypatch: pytest.MonkeyPatch) -> None:
+    targets = np.random.default_rng(0).normal(size=(len(small.problem.rows), 9))
+    targets[:, 0] = 3.0 * small.candidates[0].columns[:, 0] / np.std(small.candidates[0].columns[:, 0])  # all but certain
+    left, weights = small.left(1, targets), np.linspace(-3.0, 0.0, len(small.candidates) - 2)
+    compiled = small.averaged(1, left, weights)
     monkeypatch.setenv("RLGCOMP_NUMBA", "0")
-    np.testing.assert_allclose(compiled, evidence._gains(values, squares, left), rtol=1e-12)
+    np.testing.assert_allclose(compiled, small.averaged(1, left, weights), rtol=1e-10, atol=1e-10)
+    assert compiled[0] > 50.0 > compiled[1:].max()
 
 
 def test_sums_of_lines_by_a_table_are_the_sums_of_each() -> None:
@@ -368,6 +366,5 @@ def test_sums_of_lines_by_a_table_are_the_sums_of_each() -> None:
     for rows, amplitudes in ((80, 2), (700, 4), (50_000, 12)):
         shares = np.minimum(rng.exponential(amplitudes / rows, (300, 40)), 0.9)
         shares[7, :4] = 0.3, 0.99, 1.0 - 1e-9, 1.0  # lines beyond the table, and all there is
-        factors = _line_factors(rows, amplitudes)
-        one, other = (function(shares, factors, rows - 4) for function in (_of_many, _of_each))
+        one, other = (function(shares, rows, amplitudes, rows - 4) for function in (_of_many, _of_each))
         np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10)

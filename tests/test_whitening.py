@@ -59,6 +59,24 @@ def test_many_shapes_at_once_are_each_alone() -> None:
     np.testing.assert_allclose(some.log_determinant, together.log_determinant[[4, 1]])
 
 
+def test_one_shape_alone_is_as_among_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    where = rows(50, 41, contrasts=3)
+    columns = np.random.default_rng(0).normal(size=(len(where), 4))
+    whitener = Whitener(where, SHAPES)
+    together = whitener(columns)
+    for flag in ("1", "0"):
+        monkeypatch.setenv("RLGCOMP_NUMBA", flag)
+        for k in range(len(SHAPES)):
+            np.testing.assert_allclose(whitener.of(k, columns), together[k], rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_simulated_noise_is_the_same_compiled(shape: NoiseShape, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = simulate(rows(60, 45), shape, 5, np.random.default_rng(3))
+    monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+    np.testing.assert_allclose(compiled, simulate(rows(60, 45), shape, 5, np.random.default_rng(3)), rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("shape", SHAPES[1:])
 def test_simulated_noise_is_white_once_whitened(shape: NoiseShape) -> None:
     where = rows(60, 50)

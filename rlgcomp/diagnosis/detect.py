@@ -20,6 +20,7 @@ R. Beran, "Prepivoting test statistics", J. Am. Stat. Assoc. 83, 687 (1988).
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Final
 
@@ -33,7 +34,7 @@ from rlgcomp.diagnosis.whitening import simulate
 
 Array = npt.NDArray[np.float64]
 REPLICATES: Final = 400
-_REACH: Final = 30.0  # log units up to which Bayes factors of lines are read off a table
+_REACH: Final = 300.0  # log units up to which Bayes factors of lines are read off a table
 _STEP: Final = 0.005  # of that table, in log units: cubics between are right to 1e-12
 _TAIL: Final = 0.025  # of the replicates: beyond these they are too few to count
 
@@ -124,14 +125,18 @@ def _line(evidence: Evidence, left: Array) -> Array:
     size = 2 * max(part.stop - part.start for part in parts)
     spectra = [np.fft.rfft(left[part], size, axis=0)[2:-1] for part in parts]
     square = np.einsum("nt,nt->t", left, left)
-    kept = np.abs(np.sum(spectra, axis=0)) ** 2
-    anew = len(parts) * np.sum(np.abs(spectra) ** 2, axis=0)
+    kept = _squared(sum(spectra[1:], spectra[0]))
+    anew = len(parts) * sum((_squared(spectrum) for spectrum in spectra), np.zeros(kept.shape))
     summed = _of_many if available() else _of_each
     factors = [
-        summed(2.0 * power / len(left) / square, _line_factors(len(left), amplitudes), evidence.freedom)
+        summed(power * (2.0 / len(left) / square), len(left), amplitudes, evidence.freedom)
         for power, amplitudes in ((kept, 2), (anew, 2 * len(parts)))
     ]
     return np.asarray(log_sum_exp(np.array(factors), axis=0) - math.log(2.0 * len(SIZES) * len(kept)))
+
+
+def _squared(spectrum: npt.NDArray[np.complex128]) -> Array:
+    return np.asarray(spectrum.real**2 + spectrum.imag**2)
 
 
 def _line_factors(rows: int, amplitudes: int) -> tuple[Array, Array]:
@@ -140,30 +145,37 @@ def _line_factors(rows: int, amplitudes: int) -> tuple[Array, Array]:
     return shrunk, 0.5 * amplitudes * np.log1p(rows * SIZES**2 / amplitudes)
 
 
-def _of_each(shares: Array, factors: tuple[Array, Array], freedom: int) -> Array:
+def _of_each(shares: Array, rows: int, amplitudes: int, freedom: int) -> Array:
     """Log of the sum of Bayes factors over frequencies and sizes, of shares of the square, shape (frequencies, targets)."""
     logs = [
         log_sum_exp(-occam - 0.5 * freedom * np.log1p(-np.minimum(shrunk * shares, 1.0 - 1e-12)), axis=0)
-        for shrunk, occam in zip(*factors, strict=True)
+        for shrunk, occam in zip(*_line_factors(rows, amplitudes), strict=True)
     ]
     return log_sum_exp(np.array(logs), axis=0)
 
 
-def _of_many(shares: Array, factors: tuple[Array, Array], freedom: int) -> Array:
+def _of_many(shares: Array, rows: int, amplitudes: int, freedom: int) -> Array:
     """The same by a table of the sum over sizes, which is a smooth function of the share; shares beyond it are few."""
+    table, slopes, step = _table(rows, amplitudes, freedom)
+    sums = np.zeros(shares.shape[1])
+    table_sums(shares, table, slopes, step, sums)
+    beyond = np.where(shares >= (len(table) - 1) * step, shares, -np.inf)
+    strong = np.flatnonzero(np.isfinite(beyond).any(axis=0))
+    with np.errstate(divide="ignore"):
+        logs = np.log(sums)
+    logs[strong] = np.logaddexp(logs[strong], _of_each(beyond[:, strong], rows, amplitudes, freedom))
+    return logs
+
+
+@functools.lru_cache(maxsize=4)
+def _table(rows: int, amplitudes: int, freedom: int) -> tuple[Array, Array, float]:
+    """The sum over sizes at multiples of a step, its derivative times the step, and the step: the same for every noise."""
     step = 2.0 * _STEP / freedom
-    places = step * np.arange(math.ceil(min(_REACH / _STEP, 0.5 / step)) + 1)
-    shrunk, occam = (column[:, None] for column in factors)
+    places = step * np.arange(math.ceil(min(-math.expm1(-2.0 * _REACH / freedom), 0.5) / step) + 1)
+    shrunk, occam = (column[:, None] for column in _line_factors(rows, amplitudes))
     rest = 1.0 - shrunk * places
     each = np.exp(-occam - 0.5 * freedom * np.log(rest))
-    slopes = step * (0.5 * freedom * shrunk / rest * each).sum(axis=0)
-    sums = np.zeros(shares.shape[1])
-    table_sums(shares, each.sum(axis=0), slopes, step, sums)
-    beyond = np.where(shares >= places[-1], shares, -np.inf)
-    strong = np.flatnonzero(np.isfinite(beyond).any(axis=0))
-    logs = np.log(sums)
-    logs[strong] = np.logaddexp(logs[strong], _of_each(beyond[:, strong], factors, freedom))
-    return logs
+    return each.sum(axis=0), step * (0.5 * freedom * shrunk / rest * each).sum(axis=0), step
 
 
 def _statistics(
@@ -180,8 +192,7 @@ def _statistics(
         points[k] = evidence.constant(k) + noise_log_prior[k] - 0.5 * evidence.freedom * np.log(np.einsum("nt,nt->t", left, left))
         something[k] = points[k]
         if ordinary[k]:
-            averaged = log_sum_exp(evidence.gains(k, left, count), axis=0) + (weights + per_name)[:, None]
-            something[k] += np.logaddexp(log_sum_exp(averaged, axis=0), per_name + _line(evidence, left))
+            something[k] += per_name + np.logaddexp(evidence.averaged(k, left, weights), _line(evidence, left))
 
     in_threads(fill, [(k,) for k in range(len(whitened))])
     nothing = points[ordinary]

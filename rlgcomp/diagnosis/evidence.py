@@ -36,7 +36,7 @@ from scipy.special import log_ndtr
 
 from rlgcomp.compiled import available, in_threads, threads
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.loops import log_extensions, log_gains
+from rlgcomp.diagnosis.loops import log_extensions, log_sums
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, Whitener, norms
 
@@ -141,8 +141,8 @@ class Evidence:
         old = np.r_[:before, after]
 
         def join(k: int) -> None:  # whitened anew: to keep every noise's columns would take gigabytes where runs are many
-            columns = self.left(k, self._whitened(fresh, k))
-            known = self._whitened(self._table, k)
+            columns = self.left(k, self.whitener.of(k, fresh))
+            known = self.whitener.of(k, self._table)
             table = np.concatenate([known.T @ columns, columns.T @ columns, self._targets[k : k + 1] @ columns])
             gram[k, old[:, None], old] = self.gram[k]
             gram[k, :, before:after], gram[k, before:after] = table, table.T
@@ -252,34 +252,29 @@ class Evidence:
         width = part.stop - part.start
         return np.full(width, width / SIZES[member.size] ** 2)
 
-    def gains(self, noise: int, targets: Array, count: int) -> Array:
-        """For other targets, as :meth:`left` gives them, the log evidence that each of the first `count` candidates adds at each
-        size, shape (sizes, count, targets)."""
+    def averaged(self, noise: int, targets: Array, log_weights: Array) -> Array:
+        """For other targets, as :meth:`left` gives them, the log of the evidence that any of the first candidates adds: averaged
+        over sizes and summed with weights, one a candidate; shape (targets,)."""
         left = np.einsum("nt,nt->t", targets, targets)
-        last = self._slices[count - 1].stop
-        cross = self._whitened(self._table[:, :last], noise).T @ targets
-        gains = np.empty((len(SIZES), count, targets.shape[1]))
+        last = self._slices[len(log_weights) - 1].stop
+        cross = self.whitener.of(noise, self._table[:, :last]).T @ targets
+        found = np.full(len(left), -np.inf)
         for width, which, starts in self._groups:
-            here = which < count
-            places = starts[here][:, None] + np.arange(width)
+            here = which < len(log_weights)
             values, vectors = np.linalg.eigh(self._blocks[width][noise][here])
-            squares = np.einsum("cji,cjt->cti", vectors, cross[places]) ** 2
-            gains[:, which[here]] = self._gains(values[:, None], squares, left)
-        return gains - math.log(len(SIZES))
+            squares = (np.swapaxes(vectors, 1, 2) @ cross[starts[here][:, None] + np.arange(width)]) ** 2
+            if available():
+                log_sums(np.maximum(values, 0.0), squares, left, log_weights[which[here]], width / SIZES**2, self.freedom, found)
+            elif here.any():
+                gains = self._gains(values[:, None], np.swapaxes(squares, 1, 2), left) + log_weights[which[here]][:, None]
+                found = np.logaddexp(found, log_sum_exp(log_sum_exp(gains, axis=0), axis=0))
+        return found - math.log(len(SIZES))
 
     def _gains(self, values: Array, squares: Array, left: Array) -> Array:
         """Log evidence that columns add at each size: from the eigenvalues of their Gram matrix and the squares of their products
         with the target along its vectors, shapes (..., width), and what was left of the target's square; shape (sizes, ...)."""
         values = np.maximum(values, 0.0)
-        width = squares.shape[-1]
-        precisions = width / SIZES**2
-        if available():
-            gains = np.empty((len(SIZES), *squares.shape[:-1]))
-            table = np.ascontiguousarray(np.broadcast_to(values, squares.shape)).reshape(-1, width)
-            each = np.ascontiguousarray(np.broadcast_to(left, squares.shape[:-1])).reshape(-1)
-            flat = gains.reshape(len(SIZES), -1)
-            log_gains(table, np.ascontiguousarray(squares).reshape(-1, width), each, precisions, self.freedom, flat)
-            return gains
+        precisions = squares.shape[-1] / SIZES**2
         explained = np.array([(squares / (values + prior)).sum(axis=-1) / left for prior in precisions])
         occam = np.array([0.5 * np.log1p(values / prior).sum(axis=-1) for prior in precisions])
         return np.asarray(-occam - 0.5 * self.freedom * np.log1p(-np.minimum(explained, 1.0 - 1e-12)))
@@ -354,10 +349,7 @@ class Evidence:
         if not members:
             return target
         inside, amplitudes, _ = self._amplitudes(members, noise)
-        return np.asarray(target - self.left(noise, self._whitened(self._table[:, inside], noise)) @ amplitudes)
-
-    def _whitened(self, columns: Array, noise: int) -> Array:
-        return np.asarray(self.whitener.keep(np.array([noise]))(columns)[0])
+        return np.asarray(target - self.left(noise, self.whitener.of(noise, self._table[:, inside])) @ amplitudes)
 
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:

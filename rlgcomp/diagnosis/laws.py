@@ -19,9 +19,10 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.windows import Windows
-from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, form_of, played, remembered, smoothed
+from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, played, remembered, smoothed
 from rlgcomp.recording import TIME, Recording, is_gyro
 
 Array = npt.NDArray[np.float64]
@@ -135,10 +136,18 @@ class _Pieces:
         """Means over the pieces."""
         return np.asarray(np.add.reduceat(values, self.starts) / self.counts)
 
-    def window_means(self, table: Array) -> Array:
-        """Means over the windows, shape (windows, k), of a table with a row a piece."""
-        begin = int(self.first[0])
-        return np.asarray(np.add.reduceat(table[begin:] * self.weights[:, None], self.first - begin, axis=0)[self.kept])
+    @property
+    def begin(self) -> int:
+        """The piece with which the first window begins."""
+        return int(self.first[0])
+
+
+def _joined(runs: Sequence[_Pieces]) -> WindowsOfPieces:
+    """The windows of all runs, their pieces one after the other from each run's first window on."""
+    ends = np.cumsum([len(run.weights) for run in runs])
+    starts = [run.first - run.begin + end - len(run.weights) for run, end in zip(runs, ends, strict=True)]
+    weights, kept = (np.concatenate([getattr(run, name) for run in runs]) for name in ("weights", "kept"))
+    return WindowsOfPieces(np.r_[np.concatenate(starts), ends[-1]], weights, kept)
 
 
 class Dictionary:
@@ -159,7 +168,8 @@ class Dictionary:
             name: [piece.means(smoothed(part.fine, name)) for piece, part in zip(self._pieces, problem.windows, strict=True)]
             for name in self.drivers
         }
-        self._remembered: dict[tuple[str, str, float], tuple[list[Array], float, float]] = {}
+        self._windows = _joined(self._pieces)
+        self._remembered: dict[tuple[str, str, float], tuple[Array, float, float]] = {}
         self.families = self._families()
 
     @functools.cached_property
@@ -189,15 +199,12 @@ class Dictionary:
             which = np.flatnonzero(memory == value)
             series, low, high = self._series(family.driver, family.memory, float(value))
             at, width = _at_and_width({name: values[which] for name, values in shapes.items()}, low, high)
-            blocks = []
-            for k, pieces in enumerate(self._pieces):
-                block = form_of(series[k][:, None], family.form, family.exponent, (low, high), at, width)
-                if family.driver_2:
-                    second, low_2, high_2 = self._series(family.driver_2, "static", 0.0)
-                    at_2 = low_2 + (high_2 - low_2) * shapes["at_2"][which]
-                    block = block * (second[k][:, None] - at_2) / (0.5 * (high_2 - low_2))
-                blocks.append(pieces.window_means(block))
-            table[:, which] = np.concatenate(blocks)
+            factor: tuple[Array, ...] = ()
+            if family.driver_2:
+                second, low_2, high_2 = self._series(family.driver_2, "static", 0.0)
+                half_2 = 0.5 * (high_2 - low_2)
+                factor = second / half_2, low_2 / half_2 + 2.0 * shapes["at_2"][which]
+            table[:, which] = self._windows.means(series, family.form, family.exponent, (low, high), at, width, *factor)
         return table
 
     def law(self, family: Family, place: Array) -> EmpiricalLaw:
@@ -235,8 +242,8 @@ class Dictionary:
         _, low, high = self._series(driver, "static", 0.0)
         return 0.5 * (high - low)
 
-    def _series(self, driver: str, memory: str, value: float) -> tuple[list[Array], float, float]:
-        """What is remembered on the fine rows of each run, and its range."""
+    def _series(self, driver: str, memory: str, value: float) -> tuple[Array, float, float]:
+        """What is remembered at the pieces of all runs, and its range."""
         self._remember([(driver, memory, value)])
         return self._remembered[driver, memory, value]
 
@@ -258,7 +265,8 @@ class Dictionary:
                     series[key].append(remembered(self._values[driver][k], pieces.time_s, memory, value, 0.0))
         for key, parts in series.items():
             low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
-            self._remembered[key] = parts, low, high if low < high else low + 1.0
+            joined = np.concatenate([part[pieces.begin :] for part, pieces in zip(parts, self._pieces, strict=True)])
+            self._remembered[key] = joined, low, high if low < high else low + 1.0
 
     # --- the families ------------------------------------------------------------------------------------------------------
 

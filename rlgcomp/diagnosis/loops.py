@@ -128,6 +128,15 @@ def innovations(
 
 
 @compiled()
+def remember(kicks: Array, keep: Array) -> None:
+    """To each row, the share of the row before it that is kept, in place: kicks of shape (n, m), keep of shape (n - 1,)."""
+    rows, columns = kicks.shape
+    for k in range(1, rows):
+        for j in range(columns):
+            kicks[k, j] += keep[k - 1] * kicks[k - 1, j]
+
+
+@compiled()
 def forward_backward(plus: Array, minus: Array, flip: Array, ahead: Array, mean: Array, log_likelihood: Array) -> None:
     """Expected signs of a two-state hidden Markov model, and what the rows add to its log likelihood; models side by side.
 
@@ -163,33 +172,50 @@ def forward_backward(plus: Array, minus: Array, flip: Array, ahead: Array, mean:
 
 
 @compiled()
-def log_gains(values: Array, squares: Array, left: Array, precisions: Array, freedom: int, gains: Array) -> None:
-    """Log evidence that columns add, by the precision of the prior on their amplitudes.
+def log_sums(values: Array, squares: Array, left: Array, log_weights: Array, precisions: Array, freedom: int, sums: Array) -> None:
+    """Add to the log of a sum of evidences, for many targets, what sets of columns add at each precision of their prior.
 
     Parameters
     ----------
-    values, squares : ndarray, shape (m, width)
-        Eigenvalues of the columns' Gram matrices, and squares of their products with the target along its vectors.
-    left : ndarray, shape (m,)
-        Of the target's square.
+    values : ndarray, shape (sets, width)
+        Eigenvalues of the columns' Gram matrices.
+    squares : ndarray, shape (sets, width, targets)
+        Of their products with the targets along the vectors.
+    left : ndarray, shape (targets,)
+        Of the targets' squares.
+    log_weights : ndarray, shape (sets,)
     precisions : ndarray, shape (sizes,)
     freedom : int
-    gains : ndarray, shape (sizes, m)
-        To be filled.
+    sums : ndarray, shape (targets,)
+        Logarithms, to be added to.
     """
-    rows, width = squares.shape
-    for s in range(len(precisions)):
-        prior = precisions[s]
-        for i in range(rows):
-            explained, occam, product = 0.0, 0.0, 1.0
+    sets, width, targets = squares.shape
+    share, total = np.empty(targets), np.zeros(targets)  # the sum is that times the exponential of `sums`
+    for t in range(targets):
+        total[t] = 1.0 if sums[t] > -math.inf else 0.0
+    for c in range(sets):
+        for s in range(len(precisions)):
+            prior = precisions[s]
+            share[:] = 0.0
+            occam, product = 0.0, 1.0
             for j in range(width):
-                explained += squares[i, j] / (values[i, j] + prior)
-                product *= 1.0 + values[i, j] / prior
+                shrunk = 1.0 / (values[c, j] + prior)
+                for t in range(targets):
+                    share[t] += squares[c, j, t] * shrunk
+                product *= 1.0 + values[c, j] / prior
                 if product > 1e250:  # of many columns
                     occam += math.log(product)
                     product = 1.0
-            share = min(explained / left[i], 1.0 - 1e-12)
-            gains[s, i] = -0.5 * (occam + math.log(product)) - 0.5 * freedom * math.log1p(-share)
+            constant = log_weights[c] - 0.5 * (occam + math.log(product))
+            for t in range(targets):
+                log = constant - 0.5 * freedom * math.log1p(-min(share[t] / left[t], 1.0 - 1e-12))
+                if log > sums[t]:
+                    total[t] = total[t] * math.exp(sums[t] - log) + 1.0
+                    sums[t] = log
+                elif log > sums[t] - 45.0:  # less is rounding
+                    total[t] += math.exp(log - sums[t])
+    for t in range(targets):
+        sums[t] += math.log(total[t])
 
 
 def _explained(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.resources
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Final
 
 import pandas as pd
 
@@ -13,32 +14,31 @@ from rlgcomp.diagnosis import wording
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.files import write_text
 
+PICTURES: Final = ("timeline", "left", "driver_map", "loop", "channels", "probabilities", "held_out", "bars", "programme")
+
 
 def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis, executor: Executor | None = None) -> None:
     """Write the page, whole or not at all."""
     write_text(path, render(diagnosis, executor))
 
 
-def drawn(diagnosis: Diagnosis) -> dict[str, str]:
-    """All pictures, as SVG text; empty where there is nothing to show."""
+def picture(name: str, diagnosis: Diagnosis) -> str:
+    """One picture, as SVG text; empty where there is nothing to show."""
     from rlgcomp.diagnosis import pictures
 
-    return {
-        "timeline": pictures.timeline(diagnosis) if diagnosis.traces else "",
-        "loop": pictures.loop(diagnosis),
-        "driver_map": pictures.driver_map(diagnosis),
-        "channels": pictures.channels(diagnosis),
-        "probabilities": pictures.probabilities(diagnosis),
-        "held_out": pictures.held_out(diagnosis),
-        "bars": pictures.bars(diagnosis.test or diagnosis.train),
-        "left": pictures.what_is_left(diagnosis) if diagnosis.traces else "",
-        "programme": pictures.programme(diagnosis),
-    }
+    match name:
+        case "timeline":
+            return pictures.timeline(diagnosis) if diagnosis.traces else ""
+        case "bars":
+            return pictures.bars(diagnosis.test or diagnosis.train)
+        case "left":
+            return pictures.what_is_left(diagnosis) if diagnosis.traces else ""
+    return str(getattr(pictures, name)(diagnosis))
 
 
 def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     """The page as HTML text; an executor, where given, draws the pictures."""
-    drawing = None if executor is None else executor.submit(drawn, diagnosis)
+    drawing = {} if executor is None else {name: executor.submit(picture, name, diagnosis) for name in PICTURES}
     import jinja2
 
     environment = jinja2.Environment(
@@ -68,7 +68,8 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         "clocks": [(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
     }
     template = environment.get_template("diagnosis.html")
-    return template.render(**page, **(drawn(diagnosis) if drawing is None else drawing.result()))
+    drawn = {name: drawing[name].result() if drawing else picture(name, diagnosis) for name in PICTURES}
+    return template.render(**page, **drawn)
 
 
 def _places(diagnosis: Diagnosis) -> pd.DataFrame:

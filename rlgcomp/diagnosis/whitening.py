@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import available, in_threads, threads
-from rlgcomp.diagnosis.loops import innovations, kalman_gains
+from rlgcomp.diagnosis.loops import innovations, kalman_gains, remember
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -161,6 +161,22 @@ class Whitener:
                 other._groups.append(_Group(new, filters))
         return other
 
+    def of(self, shape: int, columns: Array) -> Array:
+        """Innovations for one of the shapes, shape (n, m)."""
+        if not available():
+            return np.asarray(self.keep(np.array([shape]))(columns)[0])
+        group = next(group for group in self._groups if shape in group.which)
+        place, first = int(np.flatnonzero(group.which == shape)[0]), np.zeros_like(group.which)
+        whitened = np.empty((1, *columns.shape))
+        whitened[0, self._contrasts] = columns[self._contrasts]
+        for part, (gains, scale, decay, turn) in zip(self._runs, group.filters, strict=True):
+            if gains.shape[2] == 0:
+                whitened[0, part] = columns[part] / scale[place, :, None]
+                continue
+            rows = np.ascontiguousarray(columns[part])
+            innovations(rows, gains, scale, decay, turn, first, part.start, place, place + 1, whitened)
+        return np.asarray(whitened[0])
+
     def __call__(self, columns: Array) -> Array:
         """Innovations, shape (shapes, n, m)."""
         whitened = np.empty((len(self.log_determinant), *columns.shape))
@@ -264,8 +280,11 @@ def simulate(rows: Rows, shape: NoiseShape, draws: int, rng: np.random.Generator
             kicks[0] *= math.sqrt(stationary + diffusion * rows.window_s)
             kicks[1:] *= np.sqrt(stationary * (1.0 - keep**2) + diffusion * steps)[:, None]
             turned = keep * np.exp(1j * rate * steps) if rate else keep
-            for k in range(1, len(kicks)):
-                kicks[k] += turned[k - 1] * kicks[k - 1]
+            if available() and not rate:
+                remember(kicks, keep)
+            else:
+                for k in range(1, len(kicks)):
+                    kicks[k] += turned[k - 1] * kicks[k - 1]
             noise[part] += kicks.real
     return noise
 

@@ -65,24 +65,21 @@ class Windows:
 
     def means(self, values: Array, *, of_fine: bool = False) -> Array:
         """Window means of rows, shape (n,) or (n, k), of the run itself or of its fine version."""
-        starts = self.fine_starts if of_fine else self._full_starts
-        counts = np.diff(np.r_[starts, len(values)])
-        sums = np.add.reduceat(values.reshape(len(values), -1), starts, axis=0)
-        means = (sums / counts[:, None])[self.kept]
-        return means if values.ndim > 1 else means[:, 0]
+        starts, counts = (self.fine_starts, self._fine_counts) if of_fine else (self._full_starts, self._full_counts)
+        if values.size == len(values):  # of one column, which is faster as a row
+            means = (np.add.reduceat(values.ravel(), starts) / counts)[self.kept]
+            return means.reshape(-1, *values.shape[1:])
+        return np.asarray((np.add.reduceat(values, starts, axis=0) / counts[:, None])[self.kept])
 
     def within(self, values: Array) -> Array:
         """Rows of the kept windows less their window's mean, shape (rows,) or (rows, k)."""
-        starts = self._full_starts
-        counts = np.diff(np.r_[starts, len(values)])
+        starts, counts = self._full_starts, self._full_counts
         means = np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
         return self.rows_within(values) - np.repeat(means[self.kept], counts[self.kept], axis=0)
 
     def rows_within(self, values: Array) -> Array:
         """Rows of the kept windows."""
-        starts = self._full_starts
-        counts = np.diff(np.r_[starts, len(values)])
-        return np.asarray(values[starts[0] :][np.repeat(self.kept, counts)])
+        return np.asarray(values[self._full_starts[0] :][np.repeat(self.kept, self._full_counts)])
 
     @functools.cached_property
     def _full_starts(self) -> IntArray:
@@ -93,6 +90,14 @@ class Windows:
     def fine_starts(self) -> IntArray:
         """The fine row with which each window begins."""
         return _starts(self.of_fine)
+
+    @functools.cached_property
+    def _full_counts(self) -> IntArray:
+        return np.diff(np.r_[self._full_starts, len(self.full)])
+
+    @functools.cached_property
+    def _fine_counts(self) -> IntArray:
+        return np.diff(np.r_[self.fine_starts, len(self.fine)])
 
     @property
     def middles_s(self) -> Array:

@@ -50,9 +50,11 @@ class Recording:
         The table is no valid recording; the message lists everything that is wrong.
     """
 
-    __slots__ = ("_findings", "_metadata", "_name", "_table", "_truth")
+    __slots__ = ("_arrays", "_columns", "_findings", "_metadata", "_name", "_table", "_truth")
 
     _table: pd.DataFrame
+    _columns: tuple[str, ...]
+    _arrays: dict[str, Array]  # views of columns that were asked for: pandas makes one in ten microseconds or more
     _metadata: Metadata
     _name: str
     _truth: pd.DataFrame | None
@@ -115,11 +117,11 @@ class Recording:
         return len(self._table)
 
     def __contains__(self, column: object) -> bool:
-        return column in self._table.columns
+        return column in self._columns
 
     @property
     def columns(self) -> tuple[str, ...]:
-        return tuple(self._table.columns)
+        return self._columns
 
     def column(self, name: str) -> Array:
         """One column as a read-only array.
@@ -131,9 +133,11 @@ class Recording:
         """
         if name not in self:
             raise InputError(f"{self.name} has no column {name!r}; it has {', '.join(self.columns)}")
-        values = self._table[name].to_numpy(dtype=np.float64)
-        values.flags.writeable = False
-        return values
+        if name not in self._arrays:
+            values = self._table[name].to_numpy(dtype=np.float64)
+            values.flags.writeable = False
+            self._arrays[name] = values
+        return self._arrays[name]
 
     # --- time ----------------------------------------------------------------------------------------------------------
 
@@ -292,6 +296,8 @@ def _hold(
 ) -> None:
     """Give a recording what it holds for good."""
     object.__setattr__(recording, "_table", table.astype(np.float64).reset_index(drop=True))
+    object.__setattr__(recording, "_columns", tuple(table.columns))
+    object.__setattr__(recording, "_arrays", {})
     object.__setattr__(recording, "_metadata", metadata or Metadata())
     object.__setattr__(recording, "_name", name)
     object.__setattr__(recording, "_truth", None if truth is None else truth.reset_index(drop=True))
