@@ -182,6 +182,37 @@ def test_the_law_is_what_the_file_says(tmp_path: Path) -> None:
     assert 1200.0 < law.lag_s < 4800.0
 
 
+def test_a_late_thermometer_is_seen_by_a_narrow_resonance() -> None:
+    """The block is at the resonance before its thermometer says so: found late by about as much, and static."""
+
+    def true_place(table: pd.DataFrame) -> np.ndarray:
+        read = table["temperature_block_degC"].to_numpy()
+        return 1.0 / (1.0 + ((read + 25.0 * np.gradient(read, STEP_S) - 31.0) / 1.2) ** 2)
+
+    problem, size = problem_of(true_place, 3.0)
+    discovery = discover(problem, problem.baseline, NOISES)
+    assert discovery is not None
+    assert (discovery.drivers, discovery.memory) == (("temperature_block_degC",), "static")
+    law = discovery.mechanism
+    assert law.form == "resonance"
+    assert law.lead_s == pytest.approx(25.0, abs=6.0)
+    assert law.at == pytest.approx(31.0, abs=0.15)
+    assert law.width == pytest.approx(1.2, rel=0.1)
+    assert law.amplitude_deg_h == pytest.approx(size, rel=0.1)
+
+
+def test_the_refined_shapes_are_the_likeliest() -> None:
+    """No place beside the law found is likelier by more than a tenth of a nat, with its noise."""
+    discovery, problem, _ = found("resonance")
+    law = discovery.mechanism
+    background = Background(problem, problem.baseline, NOISES)
+    steps = itertools.product((-1.0, 0.0, 1.0), (0.97, 1.0, 1.03))
+    moved = [dataclasses.replace(law, at=law.at + 0.03 * shift * law.width, width=law.width * ratio) for shift, ratio in steps]
+    logs = background.log_bayes_factors(np.column_stack([problem.columns(one)[:, 0] for one in moved]))
+    assert logs.max() - logs[4] < 0.1
+    assert logs.min() < logs[4] - 0.1
+
+
 def test_its_amplitude_is_within_its_errors() -> None:
     discovery, _, size = found("threshold")
     law = discovery.mechanism

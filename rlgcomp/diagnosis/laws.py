@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.windows import Windows
-from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, form_of, played, remembered, smoothed
+from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, form_of, played, remembered, smoothed
 from rlgcomp.recording import TIME, Recording, is_gyro
 
 Array = npt.NDArray[np.float64]
@@ -37,7 +37,10 @@ MEMORY_CLASS: Final = {
 _SHORTEST_LAG_WINDOWS: Final = 2.0
 _SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
-_RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
+_RADII: Final = (0.06, 0.9)  # of half the range: from what is static but for a thread to what hardly moves
+_LATE: Final = 0.3  # before the data are seen: that a thermometer is so late that a narrow law sees it
+_LATE_S: Final = (2.0, 60.0)  # by so much
+_OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,8 +74,8 @@ class Family:
     driver, driver_2, memory, form, exponent
         As in :class:`rlgcomp.physics.empirical_law.EmpiricalLaw`.
     axes : tuple of Axis
-        "lag" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of half a
-        period.
+        "lag" and "lead" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of
+        half a period.
     screened : bool
         Whether its grid is tried from the start; if not, it is tried where its sibling (bump) did well.
     log_prior : float
@@ -184,7 +187,7 @@ class Dictionary:
         """
         table = np.empty((len(self.problem.rows), len(places)))
         shapes = {axis.name: axis.value(places[:, j]) for j, axis in enumerate(family.axes)}
-        memory = shapes.get("lag", shapes.get("radius", np.zeros(len(places))))
+        memory = next((shapes[name] for name in _OF_MEMORY if name in shapes), np.zeros(len(places)))
         for value in np.unique(memory):
             which = np.flatnonzero(memory == value)
             series, low, high = self._series(family.driver, family.memory, float(value))
@@ -203,11 +206,11 @@ class Dictionary:
     def law(self, family: Family, place: Array) -> EmpiricalLaw:
         """The law at one place of a family, with amplitude one."""
         shapes = {axis.name: float(axis.value(place[j])) for j, axis in enumerate(family.axes)}
-        _, low, high = self._series(family.driver, family.memory, shapes.get("lag", shapes.get("radius", 0.0)))
+        memory = next((shapes[name] for name in _OF_MEMORY if name in shapes), 0.0)
+        _, low, high = self._series(family.driver, family.memory, memory)
         at, width = _at_and_width({name: np.array([value]) for name, value in shapes.items()}, low, high)
         given: dict[str, float] = {"at": float(at[0]), "width": float(width[0])}
-        if "lag" in shapes:
-            given["lag_s"] = shapes["lag"]
+        given |= {f"{name}_s": shapes[name] for name in ("lag", "lead") if name in shapes}
         if "radius" in shapes:
             given["radius"] = shapes["radius"] * self._half(family.driver)
         if family.driver_2:
@@ -255,7 +258,8 @@ class Dictionary:
             for key in fresh:
                 driver, memory, value = key
                 if memory not in RATE_INDEPENDENT:
-                    series[key].append(remembered(self._values[driver][k], pieces.time_s, memory, value, 0.0))
+                    values = ahead(self._values[driver][k], pieces.time_s, value if memory == "static" else 0.0)
+                    series[key].append(remembered(values, pieces.time_s, memory, value, 0.0))
         for key, parts in series.items():
             low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
             self._remembered[key] = parts, low, high if low < high else low + 1.0
@@ -267,7 +271,7 @@ class Dictionary:
         longest_s = max(float(np.ptp(rows.time_s[part])) for part in rows.runs)
         lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.25 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
         radius = Axis("radius", *_RADII, 8, ratio=True)
-        wide = Axis("width", 0.2, 0.8, 2, ratio=True)
+        wide = Axis("width", 0.2, 1.6, 2, ratio=True)  # up to what is straight: no loop grows for ever
         single = math.log(ONE_DRIVER / max(1, len(self.drivers)))
         found: list[Family] = []
         for driver in self.drivers:
@@ -280,13 +284,12 @@ class Dictionary:
             ]
             slipping = [
                 Family(driver, "", "play", "power", 1, (radius,)),
-                Family(driver, "", "plays", "power", 1, (radius,)),
                 Family(driver, "", "plays", "saturation", 1, (radius, Axis("at", 0.0, 1.0, 3), wide)),
                 Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
             ]
             for members in (static, dynamic, slipping):
                 weight = single - math.log(3 * len(members))
-                found += [dataclasses.replace(family, log_prior=weight) for family in members]
+                found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
         pairs = list(itertools.permutations(self.drivers, 2))
         for one, two in pairs:
             ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))
@@ -321,15 +324,20 @@ class Dictionary:
             Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 0.12, 1.0, 8, ratio=True))),
         ]
         for form in ("bump", "resonance", "dispersion"):
-            width = Axis("width", finest, 0.25, steps, ratio=True)
-            families.append(Family(driver, "", "static", form, 1, (at[1], width), screened=form == "bump"))
+            place = at[1], Axis("width", finest, 0.25, steps, ratio=True)
+            if not driver.startswith("temperature_"):
+                families.append(Family(driver, "", "static", form, 1, place, form == "bump"))
+                continue
+            late = Axis("lead", *_LATE_S, 1, ratio=True)  # the two share what each would have alone
+            families.append(Family(driver, "", "static", form, 1, place, form == "bump", math.log(2.0 * (1.0 - _LATE))))
+            families.append(Family(driver, "", "static", form, 1, (*place, late), False, math.log(2.0 * _LATE)))
         return families
 
 
 def _keys(family: Family, places: Array) -> list[tuple[str, str, float]]:
     """What is remembered at places of a family."""
     for j, axis in enumerate(family.axes):
-        if axis.name in ("lag", "radius"):
+        if axis.name in _OF_MEMORY:
             return [(family.driver, family.memory, float(value)) for value in np.unique(axis.value(places[:, j]))]
     return [(family.driver, family.memory, 0.0)]
 
