@@ -37,9 +37,8 @@ MEMORY_CLASS: Final = {
 _SHORTEST_LAG_WINDOWS: Final = 2.0
 _SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
-_RADII: Final = (0.06, 0.9)  # of half the range: from what is static but for a thread to what hardly moves
-_LATE: Final = 0.3  # before the data are seen: that a thermometer is so late that a narrow law sees it
-_LATE_S: Final = (2.0, 60.0)  # by so much
+_RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
+_LATE_S: Final = (2.0, 60.0)  # a thermometer: as likely as not, so late that a narrow law sees it
 _OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
 
 
@@ -271,7 +270,7 @@ class Dictionary:
         longest_s = max(float(np.ptp(rows.time_s[part])) for part in rows.runs)
         lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.25 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
         radius = Axis("radius", *_RADII, 8, ratio=True)
-        wide = Axis("width", 0.2, 1.6, 2, ratio=True)  # up to what is straight: no loop grows for ever
+        wide = Axis("width", 0.2, 0.8, 2, ratio=True)
         single = math.log(ONE_DRIVER / max(1, len(self.drivers)))
         found: list[Family] = []
         for driver in self.drivers:
@@ -284,12 +283,13 @@ class Dictionary:
             ]
             slipping = [
                 Family(driver, "", "play", "power", 1, (radius,)),
+                Family(driver, "", "plays", "power", 1, (radius,)),
                 Family(driver, "", "plays", "saturation", 1, (radius, Axis("at", 0.0, 1.0, 3), wide)),
                 Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
             ]
             for members in (static, dynamic, slipping):
                 weight = single - math.log(3 * len(members))
-                found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
+                found += [dataclasses.replace(family, log_prior=weight) for family in members]
         pairs = list(itertools.permutations(self.drivers, 2))
         for one, two in pairs:
             ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))
@@ -325,12 +325,10 @@ class Dictionary:
         ]
         for form in ("bump", "resonance", "dispersion"):
             place = at[1], Axis("width", finest, 0.25, steps, ratio=True)
-            if not driver.startswith("temperature_"):
-                families.append(Family(driver, "", "static", form, 1, place, form == "bump"))
-                continue
-            late = Axis("lead", *_LATE_S, 1, ratio=True)  # the two share what each would have alone
-            families.append(Family(driver, "", "static", form, 1, place, form == "bump", math.log(2.0 * (1.0 - _LATE))))
-            families.append(Family(driver, "", "static", form, 1, (*place, late), False, math.log(2.0 * _LATE)))
+            families.append(Family(driver, "", "static", form, 1, place, screened=form == "bump"))
+            if driver.startswith("temperature_"):
+                late = Axis("lead", *_LATE_S, 1, ratio=True)
+                families.append(Family(driver, "", "static", form, 1, (*place, late), screened=False))
         return families
 
 
