@@ -20,7 +20,9 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import SIZES
+from rlgcomp.diagnosis.explain import considered
 from rlgcomp.diagnosis.laws import Dictionary
+from rlgcomp.diagnosis.noises import WANDERS, WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, simulate
 
@@ -226,6 +228,16 @@ def test_noise_alone_makes_no_law(seed: int) -> None:
     noise = simulate(quiet.rows, NoiseShape(0.32, 0.25), 1, np.random.default_rng(seed))[:, 0]
     problem = dataclasses.replace(quiet, target_deg_h=WHITE_DEG_H * noise)
     assert discover(problem, problem.baseline, NOISES) is None
+
+
+def test_what_wanders_more_than_causes_are_judged_under_makes_no_law() -> None:
+    """Of eight times the white noise: with no more than three times among the noises the rest would pass for a law."""
+    quiet, _ = problem_of(voltage, 0.0)
+    noise = simulate(quiet.rows, NoiseShape(0.0, 0.0, 8.0, 4500.0), 1, np.random.default_rng(0))[:, 0]
+    problem = dataclasses.replace(quiet, target_deg_h=WHITE_DEG_H * noise)
+    weaker, stronger = (considered(problem, wanders=wanders)[:2] for wanders in (WANDERS, WANDERS_AGAINST_LAWS))
+    assert discover(problem, problem.baseline, *weaker) is not None
+    assert discover(problem, problem.baseline, *stronger) is None
 
 
 @pytest.mark.slow

@@ -13,12 +13,15 @@ from rlgcomp.diagnosis.fit import fit
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.empirical_law import EmpiricalLaw
+from rlgcomp.physics.mode_hop import ModeHop
 
 STEP_S = 20.0
 TAU_S = 900.0
 WHITE_DEG_H = 0.0003  # standard deviation of a 100 s mean
 SIZE_DEG_H = 0.04
 LAW = EmpiricalLaw(amplitude_deg_h=1.0, driver="supply_voltage_V", form="above", low=14.94, high=15.06, at=15.01)
+
+HOP = ModeHop(step_deg_h=0.001, threshold_degC=21.0, dead_band_K=2.0)
 
 
 def run(seed: int) -> rlg.Recording:
@@ -48,3 +51,40 @@ def test_the_simulators_own_shapes_are_found_beside_a_law() -> None:
         assert abs(estimate.value - true) < 4.0 * estimate.sd
     said = np.concatenate([part.means(fitted.simulator.predict(part.full).rate_deg_h()) for part in problem.windows])
     assert said == pytest.approx(problem.target_deg_h - fitted.residual_deg_h, abs=0.02 * WHITE_DEG_H)
+
+
+def hopping(seed: int, late_s: float) -> rlg.Recording:
+    """Ten hours of ramps at 0.3 to 1 K/min through a mode hop, seen by a thermometer that is late."""
+    rng = np.random.default_rng(seed)
+    count, step_s = 7200, 5.0
+    corners = np.cumsum(rng.uniform(1200.0, 3600.0, 30))
+    temperature = np.interp(step_s * np.arange(count), np.r_[0.0, corners], 20.0 + 12.0 * (-1.0) ** np.arange(31))
+    known = np.where(
+        temperature >= HOP.threshold_degC, 1.0, np.where(temperature <= HOP.threshold_degC - HOP.dead_band_K, 0.0, np.nan)
+    )
+    keep = np.exp(-step_s / late_s)
+    seen = temperature[0] + signal.lfilter([1.0 - keep], [1.0, -keep], temperature - temperature[0])
+    noise = WHITE_DEG_H * np.sqrt(100.0 / step_s) * rng.standard_normal(count)
+    gyro = HOP.step_deg_h * pd.Series(known).ffill().bfill().to_numpy() + noise
+    table = pd.DataFrame(
+        {
+            "time_s": step_s * np.arange(count),
+            "gyro_deg_h": gyro,
+            "temperature_block_degC": seen + 0.003 * rng.standard_normal(count),
+        }
+    )
+    return rlg.Recording(table, name=f"hop{seed}")
+
+
+@pytest.mark.parametrize("late_s", [0.1, 15.0])
+def test_both_edges_of_a_hop_are_found_and_a_late_thermometer_is_allowed_for(late_s: float) -> None:
+    started = ModeHop(threshold_degC=HOP.threshold_degC + 0.3, dead_band_K=HOP.dead_band_K - 0.3)
+    pulls = []
+    for seed in range(8):
+        problem = Problem.of(
+            rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]}), [hopping(seed, late_s)]
+        )
+        (cause,) = fit(problem, [Candidate(started, problem.columns(started), 0.0)], NoiseShape()).causes
+        pulls.append([(e.value - getattr(HOP, name)) / e.sd for name, e in cause.estimates.items()])
+        assert cause.estimates["dead_band_K"].sd < 0.5
+    assert np.sqrt(np.mean(np.square(pulls), axis=0)) == pytest.approx(1.0, abs=0.8)

@@ -31,6 +31,7 @@ _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes
 _BESIDE: Final = math.log(100.0)  # odds from which a cause is named beside something that wanders unrecorded
 _SAME: Final = 0.98  # correlation from which a law is a mechanism of the catalogue by another name
 _FEW: Final = 2  # mechanisms that a law may be the sum of
+_RARE: Final = 0.01  # of the probability: noises with less are not reckoned with
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,14 +92,17 @@ def _design(problem: Problem, explanations: Explanations, model: Model) -> Array
     return np.column_stack([problem.baseline, *(candidate.columns[:rows] for candidate in explanations.candidates(model))])
 
 
-def best_noise(problem: Problem, explanations: Explanations, conclusion: Conclusion) -> NoiseShape:
-    """The likeliest noise, given the conclusion."""
-    if not conclusion.laws:
-        return explanations.evidence.noises[int(np.argmax(conclusion.model.noise_log))]
-    noises, prior = _noises_beside_laws(problem)
-    laws = [problem.columns(law.mechanism) for law in conclusion.laws]
-    design = np.column_stack([_design(problem, explanations, conclusion.model), *laws])
-    return noises[int(np.argmax(Background(problem, design, noises, prior).log_evidence))]
+def likely_noises(problem: Problem, explanations: Explanations, conclusion: Conclusion) -> dict[NoiseShape, float]:
+    """Noises with their probabilities, given the conclusion, the likeliest first."""
+    noises = explanations.evidence.noises
+    logs = conclusion.model.noise_log
+    if conclusion.laws:
+        noises, prior = _noises_beside_laws(problem)
+        laws = [problem.columns(law.mechanism) for law in conclusion.laws]
+        design = np.column_stack([_design(problem, explanations, conclusion.model), *laws])
+        logs = Background(problem, design, noises, prior).log_evidence
+    shares = np.exp(logs - log_sum_exp(logs))
+    return {noises[k]: float(shares[k]) for k in np.argsort(-shares) if shares[k] > _RARE or k == np.argmax(shares)}
 
 
 def rivals_of(explanations: Explanations, best: Model) -> dict[str, dict[str, float]]:

@@ -14,7 +14,7 @@ from rlgcomp.diagnosis.account import alternatives_of, causes_of, remarks_of, un
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
-from rlgcomp.diagnosis.conclusion import best_noise, concluded, healthy, rivals_of, verdict_of
+from rlgcomp.diagnosis.conclusion import concluded, healthy, likely_noises, rivals_of, verdict_of
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.explain import considered, explain
 from rlgcomp.diagnosis.fit import fit, noise_model
@@ -110,11 +110,13 @@ def diagnose(
         conclusion = concluded(windowed, explanations)
     detection = detecting.result()
     told(0.75)
-    shape = best_noise(windowed, explanations, conclusion)
+    noises = likely_noises(windowed, explanations, conclusion)
+    shape = next(iter(noises))
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
-    after = fit(problem, [*chosen, *laws], dataclasses.replace(shape, wander=0.0))
+    calm = [(dataclasses.replace(noise, wander=0.0), share) for noise, share in noises.items()]
+    after = fit(problem, [*chosen, *laws], calm[0][0], calm)
     where = locate(windowed, within, shape, rng)
     told(0.85)
     proof = proved(

@@ -6,7 +6,8 @@ Generalised least squares of baseline and causes together, shapes linearised abo
     \qquad \mathrm{cov} = \hat\sigma^2 (J^T \Sigma^{-1} J)^{-1}
 
 A weak step's place is far less certain than its slope says: where the likelihood along a shape is wider than that, the standard
-deviation is the likelihood's.
+deviation is the likelihood's. A thermometer that is late by some seconds moves a threshold and makes a loop look narrower: what it
+would do to each parameter adds to the standard deviations.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.linearised import STEPS, amplitudes, moved, slopes, solve, whole, wider
+from rlgcomp.diagnosis.linearised import STEPS, amplitudes, late, moved, slopes, solve, whole, wider
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.whitening import NoiseShape
@@ -73,7 +74,9 @@ class Fitted:
     residual_deg_h: Array
 
 
-def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fitted:
+def fit(
+    problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape, likely: Sequence[tuple[NoiseShape, float]] = ()
+) -> Fitted:
     """Fit a set of causes together with the simulator's free parameters.
 
     Parameters
@@ -81,6 +84,9 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     problem : Problem
     chosen : sequence of Candidate
     noise : NoiseShape
+        By which it is weighed.
+    likely : sequence of (NoiseShape, float)
+        What the noise may be, and how likely that is: standard deviations are over all of these. `noise` by default.
     """
     if any(candidate.mechanism.constant for candidate in chosen):
         problem = _without_constant(problem)
@@ -96,7 +102,7 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
             for candidate, mechanism, part in zip(chosen, mechanisms, parts, strict=True)
         ]
         design = np.column_stack([plain, *(column for found in derived for _, column in found)])
-        weights, covariance, _ = solve(problem, design, noise)
+        weights = solve(problem, design, noise)[0]
         if step == STEPS:
             break
         shifted = moved(problem, mechanisms, derived, weights[plain.shape[1] :])
@@ -106,14 +112,16 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
         mechanisms, columns = shifted, trial
     final, _, square = solve(problem, plain, noise)
     freedom = len(problem.rows) - design.shape[1]
-    covariance = covariance * square / freedom
     widened = [1.0] * plain.shape[1]
     for k, found in enumerate(derived):
-        for name, slope in found:
+        if found:
+            names, directions = zip(*found, strict=True)
             others = [problem.baseline, *columns[:k], *columns[k + 1 :]]
-            widened.append(wider(problem, mechanisms[k], name, np.column_stack([plain, slope]), others, noise, square))
-    covariance *= np.outer(widened, widened)
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+            widened += wider(problem, mechanisms[k], names, np.column_stack([plain, *directions]), others, noise, square)
+    steady = [k for k, candidate in enumerate(chosen) if _steady(candidate)]
+    lateness = late(problem, [mechanisms[k] for k in steady], [parts[k] for k in steady])
+    answer = solve(dataclasses.replace(problem, target_deg_h=lateness), design, noise)[0]
+    sd = np.sqrt(np.square(widened) * _variances(problem, design, weights, likely or [(noise, 1.0)]) + answer**2)
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
     causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
@@ -121,6 +129,16 @@ def fit(problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape) -> Fit
     for cause in causes:
         simulator = _joined(simulator, cause)
     return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), problem.target_deg_h - plain @ final)
+
+
+def _variances(problem: Problem, design: Array, weights: Array, likely: Sequence[tuple[NoiseShape, float]]) -> Array:
+    """Of all that is fitted, about the weights: within each noise, and between noises."""
+    freedom = len(problem.rows) - design.shape[1]
+    total = np.zeros(len(weights))
+    for noise, share in likely:
+        found, covariance, square = solve(problem, design, noise)
+        total += share * (np.maximum(np.diag(covariance), 0.0) * square / freedom + (found - weights) ** 2)
+    return total / sum(share for _, share in likely)
 
 
 def noise_model(noise: NoiseShape, white_deg_h: float, window_s: float) -> NoiseModel:

@@ -26,6 +26,8 @@ _DERIVATIVE: Final = 0.02  # relative step: wide enough for a threshold to pass 
 _DEPENDENT: Final = 1e-9
 _DOUBLINGS: Final = 8  # of half a standard deviation, along a shape
 _IMPOSSIBLE: Final = 8.0  # log units below the best from which a shape is out of the question
+_KELVIN: Final = 5.0  # a place in temperature is moved by parts of this
+_LATE_S: Final = 10.0  # that a thermometer may be behind what it measures
 
 
 def solve(problem: Problem, design: Array, noise: NoiseShape) -> tuple[Array, Array, float]:
@@ -48,6 +50,15 @@ def amplitudes(mechanism: Mechanism) -> Array:
 def whole(problem: Problem, mechanism: Mechanism) -> Array:
     """What a mechanism makes, with its own amplitudes, in the training rows."""
     return np.asarray(problem.columns(mechanism) @ amplitudes(mechanism))
+
+
+def late(problem: Problem, mechanisms: Sequence[Mechanism], weights: Sequence[Array]) -> Array:
+    """What mechanisms make in the training rows when thermometers are late by some seconds, less what they make when not."""
+    led = dataclasses.replace(problem, windows=tuple(part.led(_LATE_S) for part in problem.windows))
+    total = np.zeros(len(problem.rows))
+    for mechanism, amounts in zip(mechanisms, weights, strict=True):
+        total += (led.columns(mechanism) - problem.columns(mechanism)) @ amounts
+    return total
 
 
 def slopes(problem: Problem, mechanism: Mechanism, weights: Array) -> list[tuple[str, Array]]:
@@ -83,45 +94,68 @@ def moved(
 
 
 def wider(
-    problem: Problem, mechanism: Mechanism, name: str, linear: Array, others: Sequence[Array], noise: NoiseShape, best: float
-) -> float:
-    """How much wider the likelihood along a shape is than linearised, all amplitudes fitted again; at least 1.
+    problem: Problem,
+    mechanism: Mechanism,
+    shapes: Sequence[str],
+    linear: Array,
+    others: Sequence[Array],
+    noise: NoiseShape,
+    best: float,
+) -> list[float]:
+    """How much wider the likelihood along each shape is than linearised, amplitudes fitted again; at least 1.
+
+    The mechanism's other shapes go along as the linearised covariance says: two edges of a loop trade against each other.
 
     Parameters
     ----------
+    shapes : sequence of str
+        Of the mechanism.
     linear : ndarray, shape (n, p)
-        Everything that is in the model, and last the derivative by the shape.
+        Everything that is in the model, and last the derivatives by the shapes.
     others : sequence of ndarray
         Everything but the mechanism's columns.
     best : float
-        Whitened residual's square at the shape found.
+        Whitened residual's square at the shapes found.
     """
     _, covariance, square = solve(problem, linear, noise)
     variance = square / (len(problem.rows) - linear.shape[1])
-    expected = math.sqrt(variance * max(covariance[-1, -1], 0.0))
-    parameter = next(parameter for parameter in mechanism.parameters() if parameter.name == name)
-    value = getattr(mechanism, name)
-    found = {0.0: 0.0}  # log likelihood by offset
-    for sign in (-1.0, 1.0):
-        for doubling in range(_DOUBLINGS):
-            moved = float(np.clip(value + sign * expected * 2.0 ** (doubling - 1), parameter.low, parameter.high))
-            if moved - value in found:
-                break
-            columns = problem.columns(dataclasses.replace(mechanism, **{name: moved}))  # type: ignore[type-var]
-            found[moved - value] = 0.5 * (best - solve(problem, np.column_stack([*others, columns]), noise)[2]) / variance
-            if found[moved - value] < -_IMPOSSIBLE:
-                break
-    offsets = np.array(sorted(found))
-    likelihood = np.exp(np.array([found[offset] for offset in offsets]) - max(found.values()))
-    spread = np.trapezoid(likelihood * offsets**2, offsets) / max(np.trapezoid(likelihood, offsets), 1e-300)
-    return max(1.0, math.sqrt(spread) / expected) if expected > 0.0 else 1.0
+    covariance = covariance[-len(shapes) :, -len(shapes) :]
+    values = np.array([getattr(mechanism, name) for name in shapes])
+    limits = {parameter.name: (parameter.low, parameter.high) for parameter in mechanism.parameters()}
+    low, high = np.array([limits[name] for name in shapes]).T
+    factors = []
+    for k in range(len(shapes)):
+        expected = math.sqrt(variance * max(covariance[k, k], 0.0))
+        if expected == 0.0:
+            factors.append(1.0)
+            continue
+        found = {0.0: 0.0}  # log likelihood by offset
+        for sign in (-1.0, 1.0):
+            for doubling in range(_DOUBLINGS):
+                along = sign * expected * 2.0 ** (doubling - 1) * covariance[:, k] / covariance[k, k]
+                moved = np.clip(values + along, low, high)
+                offset = float(moved[k] - values[k])
+                if offset in found:
+                    break
+                columns = problem.columns(dataclasses.replace(mechanism, **dict(zip(shapes, moved.tolist(), strict=True))))  # type: ignore[type-var]
+                found[offset] = 0.5 * (best - solve(problem, np.column_stack([*others, columns]), noise)[2]) / variance
+                if found[offset] < -_IMPOSSIBLE:
+                    break
+        offsets = np.array(sorted(found))
+        likelihood = np.exp(np.array([found[offset] for offset in offsets]) - max(found.values()))
+        spread = np.trapezoid(likelihood * offsets**2, offsets) / max(np.trapezoid(likelihood, offsets), 1e-300)
+        factors.append(max(1.0, math.sqrt(spread) / expected))
+    return factors
 
 
 def _beside(problem: Problem, mechanism: Mechanism, parameter: Parameter, relative: float) -> tuple[Mechanism, Mechanism]:
     """The mechanism with a shape a little smaller and larger; a frequency by a small part of what the longest run resolves."""
-    if parameter.unit != "Hz":
+    if parameter.unit == "Hz":
+        step = 5.0 * relative / max(run.duration_s for run in problem.runs)
+    elif parameter.unit == "degC":  # as much as widths in kelvin are: both edges of a loop are linear over the same stretch
+        step = _KELVIN * relative
+    else:
         return neighbours(mechanism, parameter.name, relative)
-    step = 5.0 * relative / max(run.duration_s for run in problem.runs)
     value = getattr(mechanism, parameter.name)
     low, high = (float(np.clip(value + sign * step, parameter.low, parameter.high)) for sign in (-1.0, 1.0))
     return dataclasses.replace(mechanism, **{parameter.name: low}), dataclasses.replace(mechanism, **{parameter.name: high})  # type: ignore[type-var]

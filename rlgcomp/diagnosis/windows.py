@@ -59,6 +59,10 @@ class Windows:
             )
         return cls(run, fine, of_full, of_fine, counts, kept, window_s)
 
+    def led(self, by_s: float) -> Self:
+        """The windows with all temperatures so much earlier."""
+        return dataclasses.replace(self, full=_led(self.full, by_s), fine=_led(self.fine, by_s))
+
     def means(self, values: Array, *, of_fine: bool = False) -> Array:
         """Window means of rows, shape (n,) or (n, k), of the run itself or of its fine version."""
         starts = self.fine_starts if of_fine else self._full_starts
@@ -152,6 +156,13 @@ def _starts(window: IntArray) -> IntArray:
     """The row with which each window begins, from the window of each row."""
     begin = int(np.searchsorted(window, 0))
     return begin + np.flatnonzero(np.r_[True, np.diff(window[begin:]) > 0])
+
+
+def _led(run: Recording, by_s: float) -> Recording:
+    """The run with all temperatures so much earlier."""
+    time_s = run.time_s
+    earlier = {name: np.interp(time_s + by_s, time_s, run.column(name)) for name in run.columns if name.endswith("_degC")}
+    return Recording(run.table.assign(**earlier), run.metadata, name=run.name)
 
 
 def _decimated(run: Recording, first_s: float, window_s: float) -> tuple[Recording, IntArray, IntArray]:
