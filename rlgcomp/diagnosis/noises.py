@@ -21,7 +21,7 @@ FLICKERS: Final = {0.0: 0.31, 0.1: 0.26, 0.25: 0.23, 0.6: 0.15, 1.3: 0.05}
 WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.04, 1.3: 0.02, 1.8: 0.01}
 # Of what wanders unrecorded: a weaker one cannot be told from flicker, and would be said of every healthy gyro that is a little so.
 WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.4}
-# Of what a law made up after the data were seen must hold against: where much is left over, almost any bump explains some of it.
+# A law made up after the data were seen must hold against stronger ones too: what is left at the grid's edge passes for a law.
 WANDERS_AGAINST_LAWS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.3, 8.0: 0.1}
 WANDERS_S: Final = {500.0: 0.14, 1500.0: 0.28, 4500.0: 0.29, 13500.0: 0.29}
 # Of those that swing as well; what swings faster is a line's business.

@@ -20,10 +20,8 @@ from rlgcomp.diagnosis.laws import Dictionary, Family
 
 Array = npt.NDArray[np.float64]
 _REFINED: Final = 20  # families
-_BEHIND: Final = (
-    30.0  # log units behind the best from which a family is not worth refining, or two thirds of them where that is more
-)
-_SHARE: Final = 1.0 / 3.0
+_BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining
+_SHARE: Final = 1.0 / 3.0  # of the best's, that it may have as well
 _STEPS: Final = 7
 _LENGTHS: Final = np.array([1.0, 0.5, 0.2])[:, None]  # of a Gauss–Newton step
 _LONGEST: Final = 0.2  # of a Gauss–Newton step
