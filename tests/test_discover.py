@@ -20,7 +20,9 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import SIZES
+from rlgcomp.diagnosis.explain import considered
 from rlgcomp.diagnosis.laws import Dictionary
+from rlgcomp.diagnosis.noises import WANDERS, WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, simulate
 
@@ -182,6 +184,37 @@ def test_the_law_is_what_the_file_says(tmp_path: Path) -> None:
     assert 1200.0 < law.lag_s < 4800.0
 
 
+def test_a_late_thermometer_is_seen_by_a_narrow_resonance() -> None:
+    """The block is at the resonance before its thermometer says so: found late by about as much, and static."""
+
+    def true_place(table: pd.DataFrame) -> np.ndarray:
+        read = table["temperature_block_degC"].to_numpy()
+        return 1.0 / (1.0 + ((read + 25.0 * np.gradient(read, STEP_S) - 31.0) / 1.2) ** 2)
+
+    problem, size = problem_of(true_place, 3.0)
+    discovery = discover(problem, problem.baseline, NOISES)
+    assert discovery is not None
+    assert (discovery.drivers, discovery.memory) == (("temperature_block_degC",), "static")
+    law = discovery.mechanism
+    assert law.form == "resonance"
+    assert law.lead_s == pytest.approx(25.0, abs=6.0)
+    assert law.at == pytest.approx(31.0, abs=0.15)
+    assert law.width == pytest.approx(1.2, rel=0.1)
+    assert law.amplitude_deg_h == pytest.approx(size, rel=0.1)
+
+
+def test_the_refined_shapes_are_the_likeliest() -> None:
+    """No place beside the law found is likelier by more than a tenth of a nat, with its noise."""
+    discovery, problem, _ = found("resonance")
+    law = discovery.mechanism
+    background = Background(problem, problem.baseline, NOISES)
+    steps = itertools.product((-1.0, 0.0, 1.0), (0.97, 1.0, 1.03))
+    moved = [dataclasses.replace(law, at=law.at + 0.03 * shift * law.width, width=law.width * ratio) for shift, ratio in steps]
+    logs = background.log_bayes_factors(np.column_stack([problem.columns(one)[:, 0] for one in moved]))
+    assert logs.max() - logs[4] < 0.1
+    assert logs.min() < logs[4] - 0.1
+
+
 def test_its_amplitude_is_within_its_errors() -> None:
     discovery, _, size = found("threshold")
     law = discovery.mechanism
@@ -195,6 +228,16 @@ def test_noise_alone_makes_no_law(seed: int) -> None:
     noise = simulate(quiet.rows, NoiseShape(0.32, 0.25), 1, np.random.default_rng(seed))[:, 0]
     problem = dataclasses.replace(quiet, target_deg_h=WHITE_DEG_H * noise)
     assert discover(problem, problem.baseline, NOISES) is None
+
+
+def test_what_wanders_more_than_causes_are_judged_under_makes_no_law() -> None:
+    """Of eight times the white noise: with no more than three times among the noises the rest would pass for a law."""
+    quiet, _ = problem_of(voltage, 0.0)
+    noise = simulate(quiet.rows, NoiseShape(0.0, 0.0, 8.0, 4500.0), 1, np.random.default_rng(0))[:, 0]
+    problem = dataclasses.replace(quiet, target_deg_h=WHITE_DEG_H * noise)
+    weaker, stronger = (considered(problem, wanders=wanders)[:2] for wanders in (WANDERS, WANDERS_AGAINST_LAWS))
+    assert discover(problem, problem.baseline, *weaker) is not None
+    assert discover(problem, problem.baseline, *stronger) is None
 
 
 @pytest.mark.slow

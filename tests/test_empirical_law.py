@@ -97,6 +97,22 @@ def test_lag_is_the_differential_equation_it_states() -> None:
     assert found == pytest.approx(solved.y[0], abs=2e-5)
 
 
+@pytest.mark.parametrize("tau", [30.0, 60.0])
+def test_a_late_sensor_is_read_ahead(tau: float) -> None:
+    """Of a reading that solves tau du/dt = quantity - u, the law is that of the quantity itself."""
+    ramp = 15.0 + 0.04 * np.sin(TIME_S / 1500.0)
+    late = integrate.solve_ivp(
+        lambda t, y: (np.interp(t, TIME_S, ramp) - y) / tau, (0.0, TIME_S[-1]), ramp[:1], t_eval=TIME_S, rtol=1e-9, max_step=20.0
+    ).y[0]
+    narrow: dict[str, Any] = {"form": "resonance", "width": 0.004}
+    true, as_read, ahead = (
+        law(**narrow, **changes).basis(recording(values))[10:-10, 0]
+        for values, changes in ((ramp, {}), (late, {}), (late, {"lead_s": tau}))
+    )
+    assert np.abs(as_read - true).max() > 0.1
+    assert ahead == pytest.approx(true, abs=0.02)
+
+
 def relays(u: np.ndarray, half_widths: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
     """Mean over relays whose middles lie evenly between two bounds, each switching half_width above and below its middle."""
     middle = low + (high - low) * (np.arange(levels) + 0.5) / levels
@@ -151,6 +167,7 @@ def test_the_noise_of_a_reading_is_averaged_and_an_angle_is_not() -> None:
         ),
         ({"memory": "lag", "lag_s": 600.0}, "b = 1 deg/h * (lag(supply_voltage_V, 600 s) - 15 V) / 0.05 V"),
         ({"memory": "rate", "at": -0.1}, "b = 1 deg/h * (d/dt supply_voltage_V + 0.1 V/min) / 0.05 V/min"),
+        ({"lead_s": 24.3}, "b = 1 deg/h * (ahead(supply_voltage_V, 24.3 s) - 15 V) / 0.05 V"),
         ({"form": "step"}, "b = 1 deg/h * (supply_voltage_V > 15 V)"),
         ({"form": "power", "exponent": 2}, "b = 1 deg/h * ((supply_voltage_V - 15 V) / 0.05 V)^2"),
         (
@@ -173,7 +190,7 @@ def test_every_form_states_driver_and_unit(form: str) -> None:
 
 
 def test_it_goes_through_a_simulator_file(tmp_path: Path) -> None:
-    found = law(memory="lag", lag_s=1234.5, form="saturation", amplitude_deg_h=0.0123)
+    found = law(memory="lag", lag_s=1234.5, lead_s=12.5, form="saturation", amplitude_deg_h=0.0123)
     before = rlg.Simulator(mechanisms=(found,))
     before.to_yaml(tmp_path / "augmented.yaml")
     after = rlg.Simulator.from_yaml(tmp_path / "augmented.yaml")

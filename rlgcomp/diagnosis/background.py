@@ -121,6 +121,20 @@ class Background:
         scale = size[0]
         return float(crosses[best, 0] / squares[best, 0] / scale), float(math.sqrt(variance / squares[best, 0]) / scale)
 
+    def weights(self, blocks: Sequence[Array]) -> list[Array]:
+        """Least squares weights of the columns of each block together, for the noise that is likeliest with its first."""
+        columns = np.concatenate(blocks, axis=1)
+        squares, crosses, _ = self._products(columns)
+        share = np.minimum(crosses**2 / np.where(squares > 0.0, squares, 1.0) / self._left[:, None], 1.0 - 1e-12)
+        noise = np.argmax(self.log_evidence[:, None] - 0.5 * self.freedom * np.log1p(-share), axis=0)
+        whitened = [block - q @ (q.T @ block) for q, block in zip(self._designs, self._whitener(columns), strict=True)]
+        found, start = [], 0
+        for block in blocks:
+            k = noise[start]
+            found.append(np.linalg.lstsq(whitened[k][:, start : start + block.shape[1]], self._targets[k], rcond=1e-8)[0])
+            start += block.shape[1]
+        return found
+
     def _products(self, columns: Array) -> tuple[Array, Array, Array]:
         """Squared norms and products with the target, shape (noises, m), and what each column was divided by."""
         squares = np.zeros((len(self.noises), columns.shape[1]))

@@ -13,8 +13,9 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import log_sum_exp
-from rlgcomp.diagnosis.explain import Explanations
+from rlgcomp.diagnosis.explain import Explanations, considered
 from rlgcomp.diagnosis.laws import Dictionary
+from rlgcomp.diagnosis.noises import WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Verdict
 from rlgcomp.diagnosis.search import Model, inadequacy
@@ -52,8 +53,8 @@ def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
     if explanations.unrecorded(best) > UNRECORDED and best.log_posterior - nothing.log_posterior < _BESIDE:
         best = nothing  # a wander that is nobody's looks a little like many a cause
     dictionary = Dictionary(windowed)
-    noises, prior = explanations.evidence.noises, explanations.search.noise_log_prior
-    chosen, highest = None, best.log_posterior
+    noises, prior = _noises_beside_laws(windowed)
+    chosen, first, highest = None, None, best.log_posterior
     for model in (best,) if best is nothing else (best, nothing):
         law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
         instead = best if model is nothing else nothing
@@ -72,12 +73,18 @@ def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
             rival = explanations.evidence.explained(instead.members, int(np.argmax(instead.noise_log)))
             score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
         if score > highest:
-            chosen, highest = model, score
+            chosen, first, highest = model, law, score
     if chosen is None:
         return Conclusion(best, (), 0.0, explanations.unrecorded(best))
-    laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary)
+    laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary, first=first)
     lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
     return Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
+
+
+def _noises_beside_laws(problem: Problem) -> tuple[tuple[NoiseShape, ...], Array]:
+    """Noises that a law is judged under: all of them, since what is unlikely without a law may be what a law leaves."""
+    noises, prior, _ = considered(problem, wanders=WANDERS_AGAINST_LAWS)
+    return noises, prior
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
@@ -90,9 +97,10 @@ def likely_noises(problem: Problem, explanations: Explanations, conclusion: Conc
     noises = explanations.evidence.noises
     logs = conclusion.model.noise_log
     if conclusion.laws:
+        noises, prior = _noises_beside_laws(problem)
         laws = [problem.columns(law.mechanism) for law in conclusion.laws]
         design = np.column_stack([_design(problem, explanations, conclusion.model), *laws])
-        logs = Background(problem, design, noises, explanations.search.noise_log_prior).log_evidence
+        logs = Background(problem, design, noises, prior).log_evidence
     shares = np.exp(logs - log_sum_exp(logs))
     return {noises[k]: float(shares[k]) for k in np.argsort(-shares) if shares[k] > _RARE or k == np.argmax(shares)}
 

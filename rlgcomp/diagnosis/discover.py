@@ -155,6 +155,7 @@ def discover_laws(
     dictionary: Dictionary | None = None,
     largest: int = 2,
     least: float = SURE,
+    first: Discovery | None = None,
 ) -> tuple[Discovery, ...]:
     """Laws one after the other, each on top of those before it; their amplitudes estimated together.
 
@@ -164,9 +165,11 @@ def discover_laws(
         As in :func:`discover`.
     largest : int
         At most so many.
+    first : Discovery, optional
+        The first of them, where it was found before.
     """
     dictionary = Dictionary(problem) if dictionary is None else dictionary
-    found: list[Discovery] = []
+    found = [] if first is None else [first]
     while len(found) < largest:
         held = np.column_stack([design, *(_tangents(problem, one.mechanism) for one in found)])
         toll = inadequacy(2.0 * sum(one.log_bayes_factor for one in found))
@@ -197,7 +200,7 @@ def _together(
 def _tangents(problem: Problem, law: EmpiricalLaw) -> Array:
     """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
     columns = [problem.columns(law)]
-    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width")}
+    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width", "lead_s")}
     steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
     for name, step in steps.items():
         change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate, candidates
 from rlgcomp.diagnosis.evidence import Evidence, log_sum_exp
-from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, stated_noise, unrecorded_cause
+from rlgcomp.diagnosis.noises import WANDERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Model, Search, posterior
 from rlgcomp.diagnosis.telegraph import best_path
@@ -126,7 +126,9 @@ def explain(
     return Explanations(tuple(models), posterior(models), search, ordinary, coarse, left_out)
 
 
-def considered(problem: Problem, unrecorded: float = UNRECORDED) -> tuple[tuple[NoiseShape, ...], Array, npt.NDArray[np.bool_]]:
+def considered(
+    problem: Problem, unrecorded: float = UNRECORDED, wanders: Mapping[float, float] = WANDERS
+) -> tuple[tuple[NoiseShape, ...], Array, npt.NDArray[np.bool_]]:
     """Noises, the logarithm of how likely each is before the data are seen, and which of them gyros have.
 
     Parameters
@@ -134,9 +136,11 @@ def considered(problem: Problem, unrecorded: float = UNRECORDED) -> tuple[tuple[
     problem : Problem
     unrecorded : float
         Probability, before the data are seen, that something wanders unrecorded.
+    wanders : mapping of float to float
+        How strong it may be, and how likely that is.
     """
     stated = stated_noise(problem.simulator.noise, problem.rows.window_s)
-    usual, (unusual, unusual_log_prior) = ordinary_noise(stated), unrecorded_cause(stated)
+    usual, (unusual, unusual_log_prior) = ordinary_noise(stated), unrecorded_cause(stated, wanders)
     noise_log_prior = np.r_[log_prior(usual, stated) + math.log(1.0 - unrecorded), unusual_log_prior + math.log(unrecorded)]
     return (*usual, *unusual), noise_log_prior, np.arange(len(noise_log_prior)) < len(usual)
 

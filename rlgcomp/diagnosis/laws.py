@@ -22,7 +22,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.windows import Windows
-from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, played, remembered, smoothed
+from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, played, remembered, smoothed
 from rlgcomp.recording import TIME, Recording, is_gyro
 
 Array = npt.NDArray[np.float64]
@@ -39,6 +39,8 @@ _SHORTEST_LAG_WINDOWS: Final = 2.0
 _SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
 _RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
+_LATE_S: Final = (2.0, 60.0)  # a thermometer: as likely as not, so late that a narrow law sees it
+_OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,8 +74,8 @@ class Family:
     driver, driver_2, memory, form, exponent
         As in :class:`rlgcomp.physics.empirical_law.EmpiricalLaw`.
     axes : tuple of Axis
-        "lag" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of half a
-        period.
+        "lag" and "lead" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of
+        half a period.
     screened : bool
         Whether its grid is tried from the start; if not, it is tried where its sibling (bump) did well.
     log_prior : float
@@ -194,7 +196,7 @@ class Dictionary:
         """
         table = np.empty((len(self.problem.rows), len(places)))
         shapes = {axis.name: axis.value(places[:, j]) for j, axis in enumerate(family.axes)}
-        memory = shapes.get("lag", shapes.get("radius", np.zeros(len(places))))
+        memory = next((shapes[name] for name in _OF_MEMORY if name in shapes), np.zeros(len(places)))
         for value in np.unique(memory):
             which = np.flatnonzero(memory == value)
             series, low, high = self._series(family.driver, family.memory, float(value))
@@ -210,11 +212,11 @@ class Dictionary:
     def law(self, family: Family, place: Array) -> EmpiricalLaw:
         """The law at one place of a family, with amplitude one."""
         shapes = {axis.name: float(axis.value(place[j])) for j, axis in enumerate(family.axes)}
-        _, low, high = self._series(family.driver, family.memory, shapes.get("lag", shapes.get("radius", 0.0)))
+        memory = next((shapes[name] for name in _OF_MEMORY if name in shapes), 0.0)
+        _, low, high = self._series(family.driver, family.memory, memory)
         at, width = _at_and_width({name: np.array([value]) for name, value in shapes.items()}, low, high)
         given: dict[str, float] = {"at": float(at[0]), "width": float(width[0])}
-        if "lag" in shapes:
-            given["lag_s"] = shapes["lag"]
+        given |= {f"{name}_s": shapes[name] for name in ("lag", "lead") if name in shapes}
         if "radius" in shapes:
             given["radius"] = shapes["radius"] * self._half(family.driver)
         if family.driver_2:
@@ -262,7 +264,8 @@ class Dictionary:
             for key in fresh:
                 driver, memory, value = key
                 if memory not in RATE_INDEPENDENT:
-                    series[key].append(remembered(self._values[driver][k], pieces.time_s, memory, value, 0.0))
+                    values = ahead(self._values[driver][k], pieces.time_s, value if memory == "static" else 0.0)
+                    series[key].append(remembered(values, pieces.time_s, memory, value, 0.0))
         for key, parts in series.items():
             low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
             joined = np.concatenate([part[pieces.begin :] for part, pieces in zip(parts, self._pieces, strict=True)])
@@ -329,15 +332,18 @@ class Dictionary:
             Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 0.12, 1.0, 8, ratio=True))),
         ]
         for form in ("bump", "resonance", "dispersion"):
-            width = Axis("width", finest, 0.25, steps, ratio=True)
-            families.append(Family(driver, "", "static", form, 1, (at[1], width), screened=form == "bump"))
+            place = at[1], Axis("width", finest, 0.25, steps, ratio=True)
+            families.append(Family(driver, "", "static", form, 1, place, screened=form == "bump"))
+            if driver.startswith("temperature_"):
+                late = Axis("lead", *_LATE_S, 1, ratio=True)
+                families.append(Family(driver, "", "static", form, 1, (*place, late), screened=False))
         return families
 
 
 def _keys(family: Family, places: Array) -> list[tuple[str, str, float]]:
     """What is remembered at places of a family."""
     for j, axis in enumerate(family.axes):
-        if axis.name in ("lag", "radius"):
+        if axis.name in _OF_MEMORY:
             return [(family.driver, family.memory, float(value)) for value in np.unique(axis.value(places[:, j]))]
     return [(family.driver, family.memory, 0.0)]
 

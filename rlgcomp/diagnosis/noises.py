@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,8 @@ FLICKERS: Final = {0.0: 0.31, 0.1: 0.26, 0.25: 0.23, 0.6: 0.15, 1.3: 0.05}
 WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.04, 1.3: 0.02, 1.8: 0.01}
 # Of what wanders unrecorded: a weaker one cannot be told from flicker, and would be said of every healthy gyro that is a little so.
 WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.4}
+# A law made up after the data were seen must hold against stronger ones too: what is left at the grid's edge passes for a law.
+WANDERS_AGAINST_LAWS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.3, 8.0: 0.1}
 WANDERS_S: Final = {500.0: 0.14, 1500.0: 0.28, 4500.0: 0.29, 13500.0: 0.29}
 # Of those that swing as well; what swings faster is a line's business.
 SWINGING: Final = 0.2
@@ -51,13 +54,15 @@ def ordinary_noise(stated: NoiseShape | None = None) -> tuple[NoiseShape, ...]:
     return tuple(usual if stated is None or stated in usual else [*usual, stated])
 
 
-def unrecorded_cause(stated: NoiseShape | None = None) -> tuple[tuple[NoiseShape, ...], Array]:
+def unrecorded_cause(
+    stated: NoiseShape | None = None, wanders: Mapping[float, float] = WANDERS
+) -> tuple[tuple[NoiseShape, ...], Array]:
     """White noise, or the noise that is stated, with a wander in it of something that no recorded column follows; and the logarithm
     of how likely each is before the data are seen."""
     own = NoiseShape() if stated is None else stated
     steady = {
         dataclasses.replace(own, wander=wander, wander_s=time): (1.0 - SWINGING) * share * part
-        for (wander, share), (time, part) in itertools.product(WANDERS.items(), WANDERS_S.items())
+        for (wander, share), (time, part) in itertools.product(wanders.items(), WANDERS_S.items())
     }
     swinging = {
         dataclasses.replace(own, wander=wander, wander_s=SWINGING_WANDERS_S, swing_s=period): SWINGING * share / len(SWINGS_S)

@@ -1,7 +1,7 @@
 """The dictionary of laws sifted: every family over its grid, the best refined, and each family's evidence.
 
-Shapes are refined by ever smaller steps, all families in one batch; a family's evidence about its best point is by Laplace's
-approximation in the shapes (R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 773 (1995)).
+Shapes are refined by ever smaller steps and by Gauss–Newton, all families in one batch; a family's evidence about its best point
+is by Laplace's approximation in the shapes (R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 773 (1995)).
 """
 
 from __future__ import annotations
@@ -19,9 +19,12 @@ from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.laws import Dictionary, Family
 
 Array = npt.NDArray[np.float64]
-_REFINED: Final = 16  # families
-_BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining, or half of them where there are more
-_STEPS: Final = 9
+_REFINED: Final = 20  # families
+_BEHIND: Final = 30.0  # log units behind the best from which a family is not worth refining
+_SHARE: Final = 1.0 / 3.0  # of the best's, that it may have as well
+_STEPS: Final = 7
+_LENGTHS: Final = np.array([1.0, 0.5, 0.2])[:, None]  # of a Gauss–Newton step
+_LONGEST: Final = 0.2  # of a Gauss–Newton step
 _TRIED: Final = 3  # steps before families are given up
 _FIRST_STEP: Final = 0.12
 _ROUNDING: Final = 3.0  # log units that a round number may cost
@@ -57,6 +60,7 @@ def screen(dictionary: Dictionary, background: Background) -> list[Judged]:
     for family in dictionary.families:
         if not family.screened:
             value, place = siblings[family.driver]
+            place = np.r_[place, np.full(len(family.axes) - len(place), 0.5)]
             judged.append(Judged(family, value, -math.inf, place))
     return sorted(judged, key=lambda one: -one.log_evidence)
 
@@ -76,7 +80,10 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[Judg
         kept = [k for k in range(len(chosen)) if len(places[k]) and (sweep < _TRIED or current[k] > _least(float(current.max())))]
         if not kept:
             break
-        trials = [_around(places[k], steps[k]) for k in kept]
+        if sweep < _TRIED:
+            trials = [_around(places[k], steps[k]) for k in kept]
+        else:
+            trials = _towards(dictionary, background, [chosen[k] for k in kept], [places[k] for k in kept], steps[kept])
         for k, table, values in zip(kept, trials, _at(dictionary, background, [chosen[k] for k in kept], trials), strict=True):
             if values.max() > current[k]:
                 current[k] = values.max()
@@ -94,7 +101,7 @@ def refine(dictionary: Dictionary, background: Background, judged: Sequence[Judg
 
 def _least(best: float) -> float:
     """What a family must have to be refined; far from its best shapes even the true one may be far behind."""
-    return min(best - _BEHIND, 0.5 * best)
+    return min(best - _BEHIND, _SHARE * best)
 
 
 def with_round_references(dictionary: Dictionary, background: Background, one: Judged) -> Array:
@@ -132,6 +139,26 @@ def _around(place: Array, step: float) -> Array:
     directions = directions[np.abs(directions).sum(axis=1) > 0.0]
     moved = place + np.concatenate([step * directions, 0.3 * step * directions])
     return np.unique(np.clip(moved, 0.0, 1.0), axis=0)
+
+
+def _towards(
+    dictionary: Dictionary, background: Background, judged: Sequence[Judged], places: Sequence[Array], steps: Array
+) -> list[Array]:
+    """Places along the Gauss–Newton step of each family, and one step away along each axis, within the cube."""
+    shifts = [np.where(place > 0.5, -_CURVATURE_STEP, _CURVATURE_STEP) for place in places]
+    tables = [place + np.vstack([0.0 * shift, np.diag(shift)]) for place, shift in zip(places, shifts, strict=True)]
+    columns = dictionary.batch([(one.family, table) for one, table in zip(judged, tables, strict=True)])
+    blocks = np.split(columns, np.cumsum([len(table) for table in tables])[:-1], axis=1)
+    tangents = [
+        np.column_stack([block[:, 0], (block[:, 1:] - block[:, :1]) / shift]) for block, shift in zip(blocks, shifts, strict=True)
+    ]
+    found = []
+    for place, step, (amplitude, *slopes) in zip(places, steps, background.weights(tangents), strict=True):
+        newton = np.array(slopes) / amplitude if amplitude else np.zeros(len(place))
+        newton *= min(1.0, _LONGEST / max(float(np.abs(newton).max(initial=0.0)), 1e-300))
+        axes = step * np.eye(len(place))
+        found.append(np.clip(place + np.concatenate([_LENGTHS * newton, axes, -axes]), 0.0, 1.0))
+    return found
 
 
 def _log_widths(dictionary: Dictionary, background: Background, judged: Sequence[Judged], places: Sequence[Array]) -> list[float]:

@@ -13,7 +13,7 @@ from rlgcomp.filters import lag, rate_per_min, running_mean
 from rlgcomp.hysteresis import play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
-from rlgcomp.units import column_unit
+from rlgcomp.units import SECONDS_PER_MINUTE, column_unit
 
 SMOOTHING_S: Final = 20.0  # a law answers to the quantity, not to the noise of its reading
 MEMORIES: Final = ("static", "lag", "rate", "play", "plays")
@@ -28,9 +28,10 @@ _LARGEST: Final = 1e9
 class EmpiricalLaw(Mechanism):
     r"""One term: an amplitude times a form of what is remembered of a driver, times a second driver where there is one.
 
-    .. math:: b = A \, f(m) \, \frac{u_2 - a_2}{h_2}, \qquad m = M[u]
+    .. math:: b = A \, f(m) \, \frac{u_2 - a_2}{h_2}, \qquad m = M[u + \tau_s \dot u]
 
-    u is a recorded column, its mean over 20 s taken. The memory M is "static" (m = u), "lag"
+    u is a recorded column, its mean over 20 s taken; of a sensor that is late by :math:`\tau_s` (`lead_s`), what it will read. The
+    memory M is "static" (m = u), "lag"
     (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the given radius: rate independent) or "plays"
     (the mean of play operators whose radii are distributed as exp(-r / radius): a Prandtl-Ishlinskii operator, and what relays
     that are the rarer the wider they are add up to). With x = (m - at) / h, z = (m - at) / width and h half the range that m had
@@ -75,6 +76,7 @@ class EmpiricalLaw(Mechanism):
     radius: float = shape(1.0, "unit of driver", 0.0, _LARGEST)
     at: float = shape(10.0, "unit of m", -_LARGEST, _LARGEST)
     width: float = shape(10.0, "unit of m", 1.0 / _LARGEST, _LARGEST)
+    lead_s: float = shape(0.0, "s", 0.0, 600.0)
     at_2: float = shape(0.5, "unit of driver_2", -_LARGEST, _LARGEST)
 
     def __post_init__(self) -> None:
@@ -97,6 +99,7 @@ class EmpiricalLaw(Mechanism):
     def basis(self, recording: Recording) -> Array:
         columns = self.driver_columns(recording)
         first, *second = (smoothed(recording, column) for column in columns)
+        first = ahead(first, recording.time_s, self.lead_s)
         column = self.shaped(remembered(first, recording.time_s, self.memory, self.lag_s, self.radius))
         for other in second:
             column = column * self.factor(other)
@@ -114,12 +117,13 @@ class EmpiricalLaw(Mechanism):
         """The equation with its numbers, drivers and units."""
         unit = self._unit(self.driver) + ("/min" if self.memory == "rate" else "")
         half = 0.5 * (self.high - self.low)
+        u = f"ahead({self.driver}, {self.lead_s:.3g} s)" if self.lead_s else self.driver
         m = {
-            "static": self.driver,
-            "lag": f"lag({self.driver}, {self.lag_s:.4g} s)",
-            "rate": f"d/dt {self.driver}",
-            "play": f"play({self.driver}, {_with(self.radius, unit)})",
-            "plays": f"mean play({self.driver}, r ~ exp(-r / {_with(self.radius, unit)}))",
+            "static": u,
+            "lag": f"lag({u}, {self.lag_s:.4g} s)",
+            "rate": f"d/dt {u}",
+            "play": f"play({u}, {_with(self.radius, unit)})",
+            "plays": f"mean play({u}, r ~ exp(-r / {_with(self.radius, unit)}))",
         }[self.memory]
         from_at = f"{m} - {_with(self.at, unit)}" if self.at >= 0.0 else f"{m} + {_with(-self.at, unit)}"
         x, z = f"({from_at}) / {_with(half, unit)}", f"({from_at}) / {_with(self.width, unit)}"
@@ -148,6 +152,11 @@ def smoothed(recording: Recording, column: str) -> Array:
     """A driver less the noise of its reading: its mean over 20 s; an angle, which wraps, as it is."""
     values = recording.column(column)
     return values if column_unit(column) == "deg" else running_mean(values, recording.time_s, SMOOTHING_S)
+
+
+def ahead(values: Array, time_s: Array, lead_s: float) -> Array:
+    """What a sensor will read that follows its quantity by a lag of the first order: the quantity itself."""
+    return values + lead_s / SECONDS_PER_MINUTE * rate_per_min(values, time_s) if lead_s else values
 
 
 def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: float) -> Array:
