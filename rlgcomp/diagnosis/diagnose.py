@@ -18,6 +18,7 @@ from rlgcomp.diagnosis.conclusion import best_noise, concluded, healthy, rivals_
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.explain import considered, explain
 from rlgcomp.diagnosis.fit import fit, noise_model
+from rlgcomp.diagnosis.knocks import without_knocks
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.problem import Problem
@@ -89,6 +90,7 @@ def diagnose(
     """
     told = progress or (lambda fraction: None)
     require_computable(mechanisms, [*train, *test])
+    (train, knocks), (test, more) = _undisturbed(train, gyro), _undisturbed(test, gyro)
     base, predicted, alignment = _known(simulator, simulated, train, test, gyro)
     base = base if noise is None else dataclasses.replace(base, noise=noise)
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
@@ -149,7 +151,11 @@ def diagnose(
         noise=model,
         calibration=before.baseline,
         alignment=alignment,
-        remarks=remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+        remarks=(
+            *knocks,
+            *more,
+            *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+        ),
         traces=proof.traces,
     )
 
@@ -183,6 +189,12 @@ def _known(
             "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
         )
     return base, predicted, alignment
+
+
+def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
+    """Runs without knocks, and what to say of these."""
+    found = [without_knocks(run, gyro) for run in runs]
+    return [run for run, _ in found], [said for _, said in found if said is not None]
 
 
 def _noise_of_nothing(problem: Problem) -> NoiseShape:

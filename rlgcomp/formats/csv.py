@@ -70,8 +70,16 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
 
 def _pandas(path: Path, **named: Any) -> Any:
     written = _dialect(path)
-    shown = {"sep": written.separator, "decimal": written.decimal, "encoding": written.encoding}
-    return pd.read_csv(path, **shown, comment="#", skipinitialspace=True, low_memory=False, **named)
+    return pd.read_csv(
+        path,
+        sep=written.separator,
+        decimal=written.decimal,
+        encoding=written.encoding,
+        comment="#",
+        skipinitialspace=True,
+        low_memory=False,
+        **named,
+    )
 
 
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
