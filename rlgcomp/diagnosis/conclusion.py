@@ -85,14 +85,19 @@ def _design(problem: Problem, explanations: Explanations, model: Model) -> Array
 
 
 def best_noise(problem: Problem, explanations: Explanations, conclusion: Conclusion) -> NoiseShape:
-    """The likeliest noise, given the conclusion."""
+    """The likeliest noise, given the conclusion: without laws, one with a wander where that is concluded, and only there."""
     noises = explanations.evidence.noises
-    logs = conclusion.model.noise_log
     if conclusion.laws:
         laws = [problem.columns(law.mechanism) for law in conclusion.laws]
         design = np.column_stack([_design(problem, explanations, conclusion.model), *laws])
-        logs = Background(problem, design, noises, explanations.search.noise_log_prior).log_evidence
-    return noises[int(np.argmax(logs))]
+        return noises[int(np.argmax(Background(problem, design, noises, explanations.search.noise_log_prior).log_evidence))]
+    return noises[likeliest(conclusion.model.noise_log, explanations.ordinary, wanders=conclusion.unrecorded > UNRECORDED)]
+
+
+def likeliest(noise_log: Array, ordinary: npt.NDArray[np.bool_], *, wanders: bool) -> int:
+    """The likeliest of the noises that hold a wander, or of those that hold none; of all where there are no such."""
+    allowed = ~ordinary if wanders else ordinary
+    return int(np.argmax(np.where(allowed, noise_log, -np.inf) if allowed.any() else noise_log))
 
 
 def rivals_of(explanations: Explanations, best: Model) -> dict[str, dict[str, float]]:

@@ -117,6 +117,8 @@ def diagnose(
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
     after = fit(problem, [*chosen, *laws], dataclasses.replace(shape, wander=0.0))
+    if shape.wander > 0.0:  # which was no part of the white noise either
+        after = dataclasses.replace(after, white_deg_h=fit(problem, [*chosen, *laws], shape).white_deg_h)
     where = locate(windowed, within, shape, rng)
     told(0.85)
     proof = proved(
