@@ -54,6 +54,7 @@ def test_the_noise_does_not_hold_the_wander_twice() -> None:
     found = rlg.diagnose(open_noise(), train=made, black_box=False)
     assert found.verdict == "unknown"
     assert found.noise.angle_random_walk_deg_sqrt_h == pytest.approx(WHITE, rel=0.35)  # correlation times are tried on a grid
+    assert found.train.augmented_rms == found.train.baseline_rms  # nothing was added
     assert found.train.noise_floor_rms < 1.5 * found.train.augmented_rms
 
 

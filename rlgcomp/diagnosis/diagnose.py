@@ -100,7 +100,8 @@ def diagnose(
     lines, among = mechanisms_at_lines(problem, within, mechanisms)
     if base.kind == "turntable" or lines:
         problem = problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
-    before = fit(problem, [], _noise_of_nothing(problem))
+    # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
+    before = fit(problem, [], dataclasses.replace(_noise_of_nothing(problem), wander=0.0))
     mismatches = [Mismatch.of(before.simulator, run, gyro, predicted, problem.rows.window_s) for run in (*train, *test)]
     box = learned(mismatches, len(train), executor) if black_box and test else None
     explanations = explain(problem, mechanisms, lines, among)
@@ -115,9 +116,9 @@ def diagnose(
     shape = best_noise(windowed, explanations, conclusion)
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
-    # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
-    after = fit(problem, [*chosen, *laws], dataclasses.replace(shape, wander=0.0))
-    if shape.wander > 0.0:  # which was no part of the white noise either
+    # where nothing is added nothing is gained
+    after = fit(problem, [*chosen, *laws], dataclasses.replace(shape, wander=0.0)) if chosen or laws else before
+    if shape.wander > 0.0 or after is before:  # a wander is no part of the white noise either
         after = dataclasses.replace(after, white_deg_h=fit(problem, [*chosen, *laws], shape).white_deg_h)
     where = locate(windowed, within, shape, rng)
     told(0.85)
