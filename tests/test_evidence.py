@@ -242,6 +242,7 @@ def test_the_tail_goes_on_beyond_the_replicates() -> None:
     assert tail_probability(1.0, replicates) == pytest.approx(math.exp(-1.0), abs=0.06)
     assert tail_probability(20.0, replicates) == pytest.approx(math.exp(-20.0), rel=50.0)
     assert tail_probability(20.0, replicates) < 1e-6
+    assert math.isfinite(math.log(tail_probability(2000.0, replicates)))  # and tested again by its logarithm
 
 
 # --- the fit ---------------------------------------------------------------------------------------------------------------

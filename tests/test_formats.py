@@ -99,6 +99,30 @@ def test_separators_comments_and_blanks(tmp_path: Path) -> None:
         assert rlg.read(tmp_path / name).rate_deg_h() == pytest.approx([1.5, 2.5, 2.0, 1.0])
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", ",")])
+def test_text_of_other_countries(tmp_path: Path, suffix: str, encoding: str, separator: str, decimal: str) -> None:
+    rows = [["time_s", "gyro_deg_h", "T1 [°C]"], *([str(k), f"{0.5 + k % 3:.2f}", f"-{k}e-1"] for k in range(8))]
+    content = "\n".join(separator.join(row) for row in rows).replace(".", decimal).encode(encoding)
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(gzip.compress(content) if suffix.endswith(".gz") else content)
+    read = rlg.read(path, columns={"temperature_block_degC": "T1 [°C]"})
+    assert list(read.column("gyro_deg_h")) == [0.5 + k % 3 for k in range(8)]
+    assert list(read.column("temperature_block_degC")) == [-k / 10 for k in range(8)]
+
+
+def test_a_comma_of_thousands_is_no_decimal_comma(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time_s;gyro_deg_h\n0;1,500.5\n1;2.5\n2;2.0\n3;1.0\n")
+    assert list(rlg.read(tmp_path / "a.csv").rate_deg_h()) == [2.5, 2.0, 1.0]
+
+
+def test_what_is_no_text_is_said_to_be_none(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(b"\xff\x00\x81PNG and so on\n" * 9)
+    with pytest.raises(rlg.InputError, match=r"it is no text .*; write it as text in UTF-8"):
+        rlg.read(tmp_path / "a.csv")
+
+
 def test_matlab_structs_and_new_files(tmp_path: Path) -> None:
     columns = {"time_s": np.arange(10.0), "gyro_deg_h": np.sin(np.arange(10.0))}
     savemat(tmp_path / "struct.mat", {"run": columns, "pulse_arcsec": 0.5})

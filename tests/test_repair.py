@@ -114,6 +114,22 @@ def test_dates_become_seconds() -> None:
     assert "counted in seconds from 2026-03-01T12:00:00" in report
 
 
+@pytest.mark.parametrize("written", ["%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f"])
+def test_dates_with_dots_begin_with_the_day(written: str) -> None:
+    frame = table()
+    stamps = pd.Timestamp("2026-03-02T23:50:00Z") + pd.to_timedelta(frame["time_s"], unit="s")
+    frame["time_s"] = stamps.dt.strftime(written)
+    mended, report = mend(frame)
+    assert mended["time_s"].to_numpy() == pytest.approx(np.arange(2000.0))
+    assert "counted in seconds from 2026-03-02T23:50:00" in report
+
+
+def test_dates_that_may_be_read_two_ways_are_refused() -> None:
+    frame = table()
+    frame["time_s"] = (pd.Timestamp("2026-03-02") + pd.to_timedelta(frame["time_s"], unit="s")).dt.strftime("%d/%m/%Y %H:%M:%S")
+    assert "the first '02/03/2026 00:00:00'; give seconds, or dates as 2026-03-01" in refusal(frame)
+
+
 def test_milliseconds_since_1970_are_recognised() -> None:
     assert "that looks like ms since 1970" in refusal(table().assign(time_s=1.7e12 + 1000 * np.arange(2000.0)))
 

@@ -94,15 +94,22 @@ def _design(problem: Problem, explanations: Explanations, model: Model) -> Array
 
 def likely_noises(problem: Problem, explanations: Explanations, conclusion: Conclusion) -> dict[NoiseShape, float]:
     """Noises with their probabilities, given the conclusion, the likeliest first."""
-    noises = explanations.evidence.noises
-    logs = conclusion.model.noise_log
     if conclusion.laws:
         noises, prior = _noises_beside_laws(problem)
         laws = [problem.columns(law.mechanism) for law in conclusion.laws]
         design = np.column_stack([_design(problem, explanations, conclusion.model), *laws])
         logs = Background(problem, design, noises, prior).log_evidence
+    else:
+        noises, wanders = explanations.evidence.noises, conclusion.unrecorded > UNRECORDED
+        logs = concluded_noise(conclusion.model.noise_log, explanations.ordinary, wanders=wanders)
     shares = np.exp(logs - log_sum_exp(logs))
     return {noises[k]: float(shares[k]) for k in np.argsort(-shares) if shares[k] > _RARE or k == np.argmax(shares)}
+
+
+def concluded_noise(noise_log: Array, ordinary: npt.NDArray[np.bool_], *, wanders: bool) -> Array:
+    """Evidence of the noises that hold a wander, or of those that hold none; of all where there are no such."""
+    allowed = ~ordinary if wanders else ordinary
+    return np.where(allowed, noise_log, -np.inf) if allowed.any() else noise_log
 
 
 def rivals_of(explanations: Explanations, best: Model) -> dict[str, dict[str, float]]:

@@ -22,6 +22,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import sys
 from typing import Final
 
 import numpy as np
@@ -109,14 +110,16 @@ def _own_p_values(found: Array, log_likelihood: Array, noise_log_prior: Array, s
 def tail_probability(value: float, replicates: Array) -> float:
     """Probability of at least this value, by rank among replicates, and beyond the largest few by an exponential tail.
 
-    The tail falls by e a unit: so does that of -log p, and no log evidence falls slower (Markov's inequality).
+    The tail falls by e a unit: so does that of -log p, and no log evidence falls slower (Markov's inequality). It ends where
+    numbers do, so that every probability has a logarithm.
     """
     ordered = np.sort(replicates)
     count = max(5, int(_TAIL * len(ordered)))
     above = int((replicates >= value).sum())
     if above >= count:
         return (above + 1.0) / (len(ordered) + 1.0)
-    return float((count + 1.0) / (len(ordered) + 1.0) * math.exp(min(float(ordered[-count]) - value, 0.0)))
+    beyond = math.exp(min(float(ordered[-count]) - value, 0.0))
+    return max((count + 1.0) / (len(ordered) + 1.0) * beyond, sys.float_info.min)
 
 
 def _line(evidence: Evidence, left: Array) -> Array:

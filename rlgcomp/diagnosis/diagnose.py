@@ -18,6 +18,7 @@ from rlgcomp.diagnosis.conclusion import concluded, healthy, likely_noises, riva
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.explain import considered, explain
 from rlgcomp.diagnosis.fit import fit, noise_model
+from rlgcomp.diagnosis.knocks import without_knocks
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.problem import Problem
@@ -89,6 +90,7 @@ def diagnose(
     """
     told = progress or (lambda fraction: None)
     require_computable(mechanisms, [*train, *test])
+    (train, knocks), (test, more) = _undisturbed(train, gyro), _undisturbed(test, gyro)
     base, predicted, alignment = _known(simulator, simulated, train, test, gyro)
     base = base if noise is None else dataclasses.replace(base, noise=noise)
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
@@ -98,7 +100,8 @@ def diagnose(
     lines, among = mechanisms_at_lines(problem, within, mechanisms)
     if base.kind == "turntable" or lines:
         problem = problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
-    before = fit(problem, [], _noise_of_nothing(problem))
+    # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
+    before = fit(problem, [], dataclasses.replace(_noise_of_nothing(problem), wander=0.0))
     mismatches = [Mismatch.of(before.simulator, run, gyro, predicted, problem.rows.window_s) for run in (*train, *test)]
     box = learned(mismatches, len(train), executor) if black_box and test else None
     explanations = explain(problem, mechanisms, lines, among)
@@ -114,9 +117,10 @@ def diagnose(
     shape = next(iter(noises))
     chosen = explanations.candidates(conclusion.model)
     laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
-    # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
     calm = [(dataclasses.replace(noise, wander=0.0), share) for noise, share in noises.items()]
-    after = fit(problem, [*chosen, *laws], calm[0][0], calm)
+    after = fit(problem, [*chosen, *laws], calm[0][0], calm) if chosen or laws else before  # then nothing is gained
+    if shape.wander > 0.0 or after is before:  # a wander is no part of the white noise either
+        after = dataclasses.replace(after, white_deg_h=fit(problem, [*chosen, *laws], shape).white_deg_h)
     where = locate(windowed, within, shape, rng)
     told(0.85)
     proof = proved(
@@ -151,7 +155,11 @@ def diagnose(
         noise=model,
         calibration=before.baseline,
         alignment=alignment,
-        remarks=remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+        remarks=(
+            *knocks,
+            *more,
+            *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+        ),
         traces=proof.traces,
     )
 
@@ -185,6 +193,12 @@ def _known(
             "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
         )
     return base, predicted, alignment
+
+
+def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
+    """Runs without knocks, and what to say of these."""
+    found = [without_knocks(run, gyro) for run in runs]
+    return [run for run, _ in found], [said for _, said in found if said is not None]
 
 
 def _noise_of_nothing(problem: Problem) -> NoiseShape:

@@ -1,9 +1,15 @@
-"""Comma-separated text, plain or gzipped; semicolons and tabs are understood, lines that begin with # are passed over."""
+"""Comma-separated text, plain or gzipped; lines that begin with # are passed over.
+
+Semicolons and tabs are understood, between them decimal commas as well, and text in the older encodings of Windows beside Unicode:
+what data loggers and spreadsheets write where °C stands in a header.
+"""
 
 from __future__ import annotations
 
 import csv as text
+import dataclasses
 import gzip
+import re
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,6 +21,19 @@ from rlgcomp.errors import InputError
 
 SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
 _LARGE: Final = 1 << 23  # bytes from which Arrow's reader, which uses all cores, pays for its import
+_HEAD: Final = 1 << 16  # bytes that show how a file is written
+_LINES: Final = 20  # of its first lines
+_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
+
+
+@dataclasses.dataclass(frozen=True)
+class Dialect:
+    """How a file of numbers is written."""
+
+    encoding: str
+    separator: str
+    decimal: str
 
 
 def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -50,7 +69,17 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
 
 
 def _pandas(path: Path, **named: Any) -> Any:
-    return pd.read_csv(path, sep=_separator(path), comment="#", skipinitialspace=True, low_memory=False, **named)
+    written = _dialect(path)
+    return pd.read_csv(
+        path,
+        sep=written.separator,
+        decimal=written.decimal,
+        encoding=written.encoding,
+        comment="#",
+        skipinitialspace=True,
+        low_memory=False,
+        **named,
+    )
 
 
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
@@ -67,10 +96,11 @@ def _all_numbers(path: Path) -> pd.DataFrame | None:
     try:
         with path.open(encoding="utf-8") as stream:
             header = stream.readline().strip()
-        separator = _separator(path)
+        written = _dialect(path)
+        separator = written.separator
         names = next(text.reader([header], delimiter=separator), [])
         plain = not header.startswith("#") and all(name and name == name.strip() for name in names)
-        if not (names and plain and len(set(names)) == len(names)):
+        if not (names and plain and len(set(names)) == len(names) and written.decimal == "." and written.encoding == "utf-8"):
             return None
         numbers = csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.float64()))  # told, not found out: half the work
         with pyarrow.memory_map(str(path)) as mapped:
@@ -80,10 +110,31 @@ def _all_numbers(path: Path) -> pd.DataFrame | None:
     return table.to_pandas(split_blocks=True) if table.column_names == names else None
 
 
-def _separator(path: Path) -> str:
+def _dialect(path: Path) -> Dialect:
     opener = gzip.open if path.suffix == ".gz" else open
-    with opener(path, "rt", encoding="utf-8") as stream:
-        return separator_of(next((line for line in stream if line.strip() and not line.startswith("#")), ""))
+    with opener(path, "rb") as stream:
+        head = stream.read(_HEAD)
+    encoding = _encoding(head, path)
+    lines = [line for line in head.decode(encoding, errors="ignore").splitlines() if line.strip() and not line.startswith("#")]
+    separator = separator_of(lines[0] if lines else "")
+    entries = [entry.strip() for line in lines[1:_LINES] for entry in line.split(separator)]
+    commas = separator != "," and any(map(_DECIMAL_COMMA.fullmatch, entries)) and not any("." in entry for entry in entries)
+    return Dialect(encoding, separator, "," if commas else ".")
+
+
+def _encoding(head: bytes, path: Path) -> str:
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    try:
+        head[: head.rfind(b"\n") + 1 or None].decode("utf-8")  # a character may be cut at the end of what was read
+    except UnicodeError as error:
+        if _NO_TEXT.search(head):
+            raise InputError(
+                f"{path} is not readable as CSV: it is no text ({str(error).splitlines()[0]}); write it as text in UTF-8, or give "
+                "its own ending"
+            ) from None
+        return "cp1252"
+    return "utf-8"
 
 
 def separator_of(header: str) -> str:

@@ -11,6 +11,8 @@ from rlgcomp.recording import FEWEST_ROWS, TIME, is_gyro
 from rlgcomp.repair.context import FEW, Context
 
 LARGEST_VALUE: Final = 1e15  # in any unit of any column
+# Between dots the day always comes first; between slashes nobody knows.
+_DATES: Final = ("ISO8601", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M")
 
 
 def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -41,7 +43,13 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             if len(bad):
                 context.add("repaired", f"{len(bad)} entries are no numbers, the first {values.iloc[bad[0]]!r}", column, bad[0])
             numeric[column] = numbers
-        elif column == TIME or is_gyro(column):
+        elif column == TIME:
+            first = values.iloc[bad[0]]
+            allowed = "give seconds, or dates as 2026-03-01 12:00:00 or 01.03.2026 12:00:00"
+            context.add(
+                "refused", f"{len(bad)} entries are neither numbers nor dates, the first {first!r}; {allowed}", column, bad[0]
+            )
+        elif is_gyro(column):
             context.add("refused", f"{len(bad)} entries are no numbers, the first {values.iloc[bad[0]]!r}", column, bad[0])
         else:
             context.add("noted", "holds text, left out", column)
@@ -63,8 +71,8 @@ def _seconds(values: pd.Series, context: Context) -> pd.Series:
         return values
     dates = values if pd.api.types.is_datetime64_any_dtype(values) else None
     if dates is None and pd.to_numeric(values, errors="coerce").isna().all():
-        parsed = pd.to_datetime(values, errors="coerce", format="ISO8601", utc=True)
-        dates = parsed if parsed.notna().mean() > 1.0 - FEW else None
+        tried = (pd.to_datetime(values, errors="coerce", format=written, utc=True) for written in _DATES)
+        dates = next((parsed for parsed in tried if parsed.notna().mean() > 1.0 - FEW), None)
     if dates is None or dates.isna().all():
         return values
     context.add("repaired", f"dates counted in seconds from {dates.dropna().iloc[0].isoformat()}", TIME)

@@ -1,0 +1,49 @@
+"""Knocks at the chamber and faults of the logger: a few samples far beyond any noise, which no bias of a gyro makes."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from rlgcomp.recording import Recording
+
+_FAR: Final = 30.0  # standard deviations of a sample: at 1 Hz one such sample shifts the mean of 100 s by three of its own
+_LASTS_S: Final = 60.0  # a knock is over by then
+_FEWEST: Final = 5  # samples on either side, where they are far apart
+_SHARE: Final = 0.05  # of the samples: what stands off more often is the gyro's own
+_NORMAL: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
+
+
+def without_knocks(run: Recording, gyro: str | None) -> tuple[Recording, str | None]:
+    """A chamber or static run less the samples that stand off their neighbours' median, and what to say of them.
+
+    Turning, a gyro's output jumps as its table does, and such a run is handed back as it is.
+    """
+    if run.metadata.kind == "turntable":
+        return run, None
+    rate_deg_h = run.rate_deg_h(gyro)
+    sample_deg_h = _NORMAL / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h))))
+    if not sample_deg_h > 0.0:
+        return run, None
+    jumps = np.r_[True, np.abs(np.diff(rate_deg_h)) > _FAR * sample_deg_h, True]
+    if not jumps[1:-1].any():
+        return run, None
+    reach = max(_FEWEST, math.ceil(_LASTS_S / run.period_s))
+    usual = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
+    far = np.abs(rate_deg_h - usual) > _FAR * sample_deg_h
+    edges = np.flatnonzero(np.diff(np.r_[False, far, False]))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        far[start:stop] = jumps[start] and jumps[stop]  # the tip of a steep course is no knock
+    count = int(far.sum())
+    if not 0 < count <= _SHARE * len(far):
+        return run, None
+    furthest = float(np.max(np.abs(rate_deg_h - usual)[far])) / sample_deg_h
+    stand, whose = ("samples stand", "their") if count > 1 else ("sample stands", "its")
+    said = (
+        f"{run.name}: {count} {stand} up to {furthest:.0f} standard deviations off {whose} neighbours, the first at "
+        f"{run.time_s[far][0]:.6g} s: a knock or a fault of the logger, left out."
+    )
+    return run.replace(table=run.table[~far], truth=None if run.truth is None else run.truth[~far]), said

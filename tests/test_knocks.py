@@ -1,0 +1,80 @@
+"""Samples far beyond any noise are left out of a diagnosis and spoken of; a gyro's own jumps and turns stay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.knocks import without_knocks
+
+ROWS = 4000
+
+
+def run(kind: str = "chamber", step_s: float = 1.0) -> rlg.Recording:
+    rng = np.random.default_rng(5)
+    table = pd.DataFrame({"time_s": step_s * np.arange(ROWS), "gyro_deg_h": 0.01 + 0.02 * rng.standard_normal(ROWS)})
+    table["temperature_block_degC"] = 20.0 + 10.0 * np.sin(np.arange(ROWS) / 500.0)
+    return rlg.Recording(table, rlg.Metadata(kind), name="cold", truth=pd.DataFrame({"angle_random_walk": table["gyro_deg_h"]}))
+
+
+def struck(recording: rlg.Recording, rows: slice, deg_h: float) -> rlg.Recording:
+    table = recording.table.copy()
+    table.loc[table.index[rows], "gyro_deg_h"] += deg_h
+    return recording.replace(table=table)
+
+
+@pytest.mark.parametrize("step_s", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(1000, 1003), slice(ROWS - 2, ROWS)])
+def test_a_knock_is_left_out_and_spoken_of(step_s: float, rows: slice) -> None:
+    sound = run(step_s=step_s)
+    left, said = without_knocks(struck(sound, rows, -50.0), None)
+    expected = np.delete(np.arange(ROWS), rows)
+    assert np.array_equal(left.time_s, sound.time_s[expected])
+    assert left.truth is not None
+    assert len(left.truth) == len(left)
+    assert said is not None
+    assert said.startswith(f"cold: {ROWS - len(expected)} sample")
+    assert f"neighbours, the first at {sound.time_s[rows][0]:.6g} s:" in said
+
+
+@pytest.mark.parametrize("rows", [slice(1000, 1400), slice(1000, ROWS), slice(None)])
+def test_what_stays_is_the_gyros_own(rows: slice) -> None:
+    recording = struck(run(), rows, 5.0)
+    assert without_knocks(recording, None) == (recording, None)
+
+
+def test_the_tip_of_a_steep_course_is_no_knock() -> None:
+    recording = run()
+    course = 0.4 * np.abs(np.arange(ROWS) - ROWS / 2.0)
+    table = recording.table.assign(gyro_deg_h=recording.column("gyro_deg_h") + course)
+    table.loc[100, "gyro_deg_h"] += 1000.0
+    left, _ = without_knocks(recording.replace(table=table), None)
+    assert np.array_equal(left.time_s, np.delete(recording.time_s, 100))
+
+
+def test_what_stands_off_often_is_no_knock() -> None:
+    recording = struck(run(), slice(0, None, 15), 5.0)
+    assert without_knocks(recording, None) == (recording, None)
+
+
+def test_a_sound_run_and_a_turning_one_are_left_alone() -> None:
+    sound, turning = run(), struck(run("turntable"), slice(1000, 1003), 50.0)
+    assert without_knocks(sound, None) == (sound, None)
+    assert without_knocks(turning, None) == (turning, None)
+
+
+def test_counts_of_pulses_are_left_alone() -> None:
+    table = pd.DataFrame({"time_s": np.arange(ROWS, dtype=float), "gyro_pulses": (np.arange(ROWS) % 50 == 0).astype(float)})
+    recording = rlg.Recording(table, rlg.Metadata("chamber", pulse_arcsec=0.8))
+    assert without_knocks(recording, None) == (recording, None)
+
+
+def test_a_knock_changes_no_diagnosis() -> None:
+    gyro = rlg.simulated_unit(1)
+    runs = [gyro.simulate("short", seed=seed, step_s=5.0) for seed in (1, 2)]
+    simulator = gyro.without("readout_incoherence")
+    found = rlg.diagnose(simulator, train=[struck(runs[0], slice(700, 703), 50.0), runs[1]], black_box=False)
+    assert [cause.name for cause in found.causes] == ["readout_incoherence"]
+    assert "3 samples stand up to" in found.remarks[0]

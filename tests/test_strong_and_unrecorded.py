@@ -1,0 +1,65 @@
+"""Two ends of a diagnosis: an effect far beyond the noise, and one whose cause was not recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.conclusion import concluded_noise
+
+STEP_S = 10.0
+PROGRAMMES = ("paper", "minor-loops")
+WHITE = 0.0003  # deg/sqrt(h)
+SIMULATOR = rlg.Simulator.from_mapping(
+    {
+        "kind": "chamber",
+        "mechanisms": [{"thermal_polynomial": {"degree": 3}}, "temperature_rate"],
+        "noise": {"angle_random_walk_deg_sqrt_h": WHITE},
+    }
+)
+
+
+def runs() -> list[rlg.Recording]:
+    return [SIMULATOR.simulate(programme, seed=seed, step_s=STEP_S) for seed, programme in enumerate(PROGRAMMES)]
+
+
+def with_gyro(run: rlg.Recording, more_deg_h: np.ndarray) -> rlg.Recording:
+    return run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + more_deg_h), truth=None)
+
+
+def open_noise() -> rlg.Simulator:
+    return rlg.Simulator.from_mapping(
+        {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}, "temperature_rate"]}
+    )
+
+
+def test_an_effect_far_beyond_the_noise_is_named() -> None:
+    made = [with_gyro(run, 0.03 * (run.column("magnetic_field_uT") - 48.0)) for run in runs()]
+    found = rlg.diagnose(open_noise(), train=made, black_box=False)
+    assert found.verdict == "explained"
+    assert [cause.name for cause in found.causes] == ["magnetic_field"]
+    assert found.p_value < 1e-100
+
+
+def test_the_noise_does_not_hold_the_wander_twice() -> None:
+    rng = np.random.default_rng(11)
+    sigma = WHITE * 60.0 / 10.0  # of means over 100 s, deg/h
+    made = []
+    for run in runs():
+        wander, forgets = np.zeros(len(run)), np.exp(-STEP_S / 700.0)
+        for k in range(1, len(run)):
+            wander[k] = forgets * wander[k - 1] + np.sqrt(1.0 - forgets**2) * rng.standard_normal()
+        made.append(with_gyro(run, 2.5 * sigma * wander))
+    found = rlg.diagnose(open_noise(), train=made, black_box=False)
+    assert found.verdict == "unknown"
+    assert found.noise.angle_random_walk_deg_sqrt_h == pytest.approx(WHITE, rel=0.35)  # correlation times are tried on a grid
+    assert found.train.augmented_rms == found.train.baseline_rms  # nothing was added
+    assert found.train.noise_floor_rms < 1.5 * found.train.augmented_rms
+
+
+@pytest.mark.parametrize(("wanders", "expected"), [(True, 2), (False, 1)])
+def test_the_noise_reported_is_that_of_the_conclusion(wanders: bool, expected: int) -> None:
+    noise_log, ordinary = np.array([-3.0, -2.0, -1.0, -9.0]), np.array([True, True, False, False])
+    assert np.argmax(concluded_noise(noise_log, ordinary, wanders=wanders)) == expected
+    assert np.argmax(concluded_noise(noise_log, np.full(4, not wanders), wanders=wanders)) == 2
