@@ -63,3 +63,20 @@ def test_the_noise_reported_is_that_of_the_conclusion(wanders: bool, expected: i
     noise_log, ordinary = np.array([-3.0, -2.0, -1.0, -9.0]), np.array([True, True, False, False])
     assert np.argmax(concluded_noise(noise_log, ordinary, wanders=wanders)) == expected
     assert np.argmax(concluded_noise(noise_log, np.full(4, not wanders), wanders=wanders)) == 2
+
+
+@pytest.mark.parametrize("first", [{}, {"c1_deg_h_K": 3e-4}])
+def test_a_polynomial_too_short_is_lengthened_not_replaced(first: dict[str, float]) -> None:
+    truth = {"degree": 4, "c0_deg_h": 0.02, "c1_deg_h_K": 3e-4, "c2_deg_h_K2": 4e-6, "c3_deg_h_K3": 5e-8, "c4_deg_h_K4": 1e-8}
+    gyro = rlg.Simulator.from_mapping(
+        {"kind": "chamber", "mechanisms": [{"thermal_polynomial": truth}], "noise": {"angle_random_walk_deg_sqrt_h": WHITE}}
+    )
+    short = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3, **first}}]})
+    made = [gyro.simulate(programme, seed=seed, step_s=STEP_S) for seed, programme in enumerate(PROGRAMMES)]
+    found = rlg.diagnose(short, train=made[:1], test=made[1:], black_box=False)
+    (cause,) = found.causes
+    assert cause.name == "thermal_polynomial"
+    for name, estimate in cause.parameters.items():
+        assert abs(estimate.value - truth[name]) < 4.0 * estimate.sd
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.1 * found.test.noise_floor_rms

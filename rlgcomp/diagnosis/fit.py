@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -89,7 +89,8 @@ def fit(
         What the noise may be, and how likely that is: standard deviations are over all of these. `noise` by default.
     """
     if any(candidate.mechanism.constant for candidate in chosen):
-        problem = _without_constant(problem)
+        problem = _without(problem, {""})
+    problem = _without(problem, {candidate.name for candidate in chosen if not candidate.known})  # longer, it has these columns too
     columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
     mechanisms = [candidate.mechanism for candidate in chosen]
     problem = _beside_causes(problem, columns, noise)
@@ -164,9 +165,9 @@ def _beside_causes(problem: Problem, columns: Sequence[Array], noise: NoiseShape
     return problem
 
 
-def _without_constant(problem: Problem) -> Problem:
-    """The problem without the bias that was added to it: a cause has its own."""
-    kept = [k for k, (name, _) in enumerate(problem.baseline_names) if name]
+def _without(problem: Problem, names: Collection[str]) -> Problem:
+    """The problem without the columns of some mechanisms of the simulator: a cause has its own. The bias added has no name."""
+    kept = [k for k, (name, _) in enumerate(problem.baseline_names) if name not in names]
     return dataclasses.replace(
         problem, baseline=problem.baseline[:, kept], baseline_names=tuple(problem.baseline_names[k] for k in kept)
     )
@@ -290,8 +291,9 @@ def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, wei
         table = weights.reshape(-1, width)
         size = float(np.sqrt((table**2).sum(axis=1).mean() / width))
         return {p.name: Estimate(size, float(np.sqrt((sd**2).mean() / len(table))), p.unit) for p in parameters}
-    known = {p.name: getattr(candidate.mechanism, p.name) for p in parameters} if candidate.known else {}
-    free = _free(problem, candidate) if candidate.known else frozenset()
+    has = candidate.known or any(held.name == candidate.name for held in problem.simulator.mechanisms)
+    known = {p.name: getattr(candidate.mechanism, p.name) for p in parameters} if has else {}
+    free = _free(problem, candidate) if has else frozenset()
     return {
         p.name: Estimate(float(w + (known.get(p.name, 0.0) if p.name not in free else 0.0)), float(s), p.unit)
         for p, w, s in zip(parameters, weights, sd, strict=True)

@@ -153,7 +153,8 @@ def _excess(inside: Sequence[Array], windows: Sequence[Windows]) -> float:
         cycles = max(1, round(len(values) * part.full.period_s / part.window_s))  # of a window, in the whole run
         everywhere.append(power[cycles:])
         slow.append(power[cycles : max(4 * cycles, cycles + 8)])
-    level = float(np.median(np.concatenate(slow)))
+    powers = np.concatenate(slow)  # none where a window holds but two samples
+    level = float(np.median(powers)) if len(powers) else 0.0
     return math.sqrt(float(np.median(np.concatenate(everywhere))) / level) if level > 0.0 else 1.0
 
 
