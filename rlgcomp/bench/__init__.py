@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from rlgcomp.bench import allan, commands, exact, hysteresis, laws, reading, selection, start, whole
+from rlgcomp.bench import allan, commands, exact, exported, hysteresis, laws, reading, selection, start, whole
 from rlgcomp.bench.measure import Measured as Measured
 from rlgcomp.bench.measure import Row
 from rlgcomp.bench.measure import growth as growth
@@ -22,6 +22,7 @@ ROWS: Final[tuple[Row, ...]] = (
     *hysteresis.ROWS,
     *laws.ROWS,
     *whole.ROWS,
+    *exported.ROWS,
     *commands.ROWS,
     *start.ROWS,
     *reading.ROWS,
