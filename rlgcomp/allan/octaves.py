@@ -98,9 +98,10 @@ def _sums(rate: Array, counts: Whole, workers: int) -> Array:
 @compiled(reassociate=True)
 def _totals(rate: Array, first: int, last: int, cell: int, totals: Array) -> None:
     for c in range(first, min(last, len(totals))):
+        part = rate[c * cell : (c + 1) * cell]  # counted from its start, the loop goes in vectors
         total = 0.0
-        for k in range(c * cell, min((c + 1) * cell, len(rate))):
-            total += rate[k]
+        for k in range(len(part)):
+            total += part[k]
         totals[c] = total
 
 

@@ -116,9 +116,10 @@ def _accumulate(rate: Array, mean: float, first: int, last: int, start: float, a
 
 @compiled(reassociate=True)
 def _total(rate: Array, first: int, last: int, out: Array) -> None:
+    part = rate[first:last]  # counted from its start, the loop goes in vectors
     total = 0.0
-    for k in range(first, last):
-        total += rate[k]
+    for k in range(len(part)):
+        total += part[k]
     out[0] = total
 
 
@@ -167,9 +168,12 @@ def _squares_3(angle: Array, begins: Whole, ends: Whole, counts: Whole, low: int
             last = min(first + block, high, ends[p])
             for j in range(len(counts)):
                 m = counts[j]
+                stop = max(first, min(last, ends[p] - 3 * m + 1))
+                near, one = angle[first:stop], angle[first + m : stop + m]
+                two, three = angle[first + 2 * m : stop + 2 * m], angle[first + 3 * m : stop + 3 * m]
                 total = 0.0
-                for k in range(first, min(last, ends[p] - 3 * m + 1)):
-                    difference = angle[k + 3 * m] - angle[k] - 3.0 * (angle[k + 2 * m] - angle[k + m])
+                for k in range(stop - first):
+                    difference = three[k] - near[k] - 3.0 * (two[k] - one[k])
                     total += difference * difference
                 sums[j] += total
             first = last
