@@ -35,7 +35,7 @@ def both(rate: np.ndarray, ends: np.ndarray, counts: np.ndarray, order: int, mon
 
 @pytest.mark.usefixtures("blocks")
 @pytest.mark.parametrize("order", [2, 3])
-@pytest.mark.parametrize("counts", [OCTAVES, MANY], ids=["octaves", "many"])
+@pytest.mark.parametrize("counts", [OCTAVES, MANY, MANY[::-1]], ids=["octaves", "many", "falling"])
 @pytest.mark.parametrize("ends", [[12_345], [3, 9, 2000, 2001, 9000, 12_345]], ids=["whole", "gaps"])
 def test_compiled_sums_are_those_of_numpy(order: int, counts: np.ndarray, ends: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)

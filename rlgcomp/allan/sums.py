@@ -132,21 +132,31 @@ def squares_2(angle: Array, begins: Whole, ends: Whole, counts: Whole, low: int,
             j = 0
             while j < len(counts):
                 m = counts[j]
-                octaves = j + 2 < len(counts) and counts[j + 1] == 2 * m and counts[j + 2] == 4 * m
-                if octaves and last + 8 * m <= ends[p] + 1:  # three octaves share their samples: five loads for nine
+                m_2, m_3 = counts[min(j + 1, len(counts) - 1)], counts[min(j + 2, len(counts) - 1)]
+                if j + 2 < len(counts) and last + 2 * max(m, m_2, m_3) <= ends[p] + 1:  # three share their samples
                     near, one, two = angle[first:last], angle[first + m : last + m], angle[first + 2 * m : last + 2 * m]
-                    four, eight = angle[first + 4 * m : last + 4 * m], angle[first + 8 * m : last + 8 * m]
-                    total_1 = total_2 = total_4 = 0.0
-                    for k in range(last - first):
-                        by_1 = two[k] - 2.0 * one[k] + near[k]
-                        by_2 = four[k] - 2.0 * two[k] + near[k]
-                        by_4 = eight[k] - 2.0 * four[k] + near[k]
-                        total_1 += by_1 * by_1
-                        total_2 += by_2 * by_2
-                        total_4 += by_4 * by_4
-                    sums[j] += total_1
+                    two_2, two_3 = angle[first + 2 * m_2 : last + 2 * m_2], angle[first + 2 * m_3 : last + 2 * m_3]
+                    total = total_2 = total_3 = 0.0
+                    if m_2 == 2 * m and m_3 == 4 * m:  # octaves: five loads for nine
+                        for k in range(last - first):
+                            by = two[k] - 2.0 * one[k] + near[k]
+                            by_2 = two_2[k] - 2.0 * two[k] + near[k]
+                            by_3 = two_3[k] - 2.0 * two_2[k] + near[k]
+                            total += by * by
+                            total_2 += by_2 * by_2
+                            total_3 += by_3 * by_3
+                    else:
+                        one_2, one_3 = angle[first + m_2 : last + m_2], angle[first + m_3 : last + m_3]
+                        for k in range(last - first):
+                            by = two[k] - 2.0 * one[k] + near[k]
+                            by_2 = two_2[k] - 2.0 * one_2[k] + near[k]
+                            by_3 = two_3[k] - 2.0 * one_3[k] + near[k]
+                            total += by * by
+                            total_2 += by_2 * by_2
+                            total_3 += by_3 * by_3
+                    sums[j] += total
                     sums[j + 1] += total_2
-                    sums[j + 2] += total_4
+                    sums[j + 2] += total_3
                     j += 3
                     continue
                 stop = max(first, min(last, ends[p] - 2 * m + 1))
