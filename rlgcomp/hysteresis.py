@@ -3,6 +3,9 @@ r"""Hysteresis operators with explicit state: play (Prandtl–Ishlinskii), Preis
 Each has `init(u) -> state`, `step(state, u) -> state` and `run(state, u) -> (outputs, state)`; `run` is the scan of `step`, bit for
 bit. All are rate independent: they answer to the path of the input, not to its speed.
 
+What an operator remembers of the time before its first input is told by `swept`: 0 where swings died away about that input (virgin,
+demagnetised), 1 where the input came up to it from far below, -1 where it came down from far above.
+
 References
 ----------
 A. Visintin, *Differential Models of Hysteresis*, Springer, 1994 (play, Prandtl–Ishlinskii, Preisach; wiping-out, congruency).
@@ -30,7 +33,7 @@ _TOGETHER: Final = 5  # radii from which one array a sample is faster than one n
 class Play:
     r"""Play (backlash) operators, one a radius.
 
-    .. math:: w_k = \max(u_k - r,\; \min(u_k + r,\; w_{k-1})), \qquad w_0 = u_0
+    .. math:: w_k = \max(u_k - r,\; \min(u_k + r,\; w_{k-1})), \qquad w_0 = u_0 - s r
 
     Parameters
     ----------
@@ -44,9 +47,9 @@ class Play:
         if not self.radii or not all(0.0 <= radius < math.inf for radius in self.radii):
             raise InputError(f"play radii are {self.radii}; give at least one, each zero or positive")
 
-    def init(self, u: float) -> Array:
-        """Virgin state: every operator rests at the input."""
-        return np.full(len(self.radii), float(u))
+    def init(self, u: float, swept: float = 0.0) -> Array:
+        """State at the first input; virgin, every operator rests there."""
+        return float(u) - swept * np.array(self.radii)
 
     def step(self, state: Array, u: float) -> Array:
         """State after the input has moved to u."""
@@ -128,10 +131,11 @@ class Preisach:
         weight = np.exp(-self.concentration * (alpha - beta) / (self.high - self.low))
         return alpha, beta, weight / weight.sum()
 
-    def init(self, u: float) -> Array:
-        """Demagnetised state at u: a relay is up where u lies above its middle."""
+    def init(self, u: float, swept: float = 0.0) -> Array:
+        """State at the first input; demagnetised, a relay is up where u lies above its middle."""
         alpha, beta, _ = self._relays()
-        return np.where(u >= 0.5 * (alpha + beta), 1.0, -1.0)
+        middle, half = 0.5 * (alpha + beta), 0.5 * (alpha - beta)
+        return np.where(u >= middle + swept * half, 1.0, -1.0)
 
     def step(self, state: Array, u: float) -> Array:
         """State of every relay after the input has moved to u."""
@@ -183,9 +187,9 @@ class BoucWen:
         if not (self.slope > 0 and self.saturation > 0 and 0.5 < self.shape <= 1.0 and self.exponent >= 1.0):
             raise InputError(f"{self}: slope and saturation must be positive, shape in (0.5, 1], exponent 1 or more")
 
-    def init(self, u: float) -> Array:
-        """State (z, u) at rest."""
-        return np.array([0.0, float(u)])
+    def init(self, u: float, swept: float = 0.0) -> Array:
+        """State (z, u) at the first input; at rest, z is zero."""
+        return np.array([swept * self.saturation, float(u)])
 
     def step(self, state: Array, u: float) -> Array:
         """State after the input has moved to u."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -14,15 +14,17 @@ from rlgcomp.diagnosis.fit import Fitted, fit
 from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
-from rlgcomp.diagnosis.result import Alternative, Cause, NextExperiment, Unexplained
+from rlgcomp.diagnosis.result import Alternative, Cause, NextExperiment, Trace, Unexplained
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 from rlgcomp.diagnosis.wording import listing
+from rlgcomp.units import column_unit
 
 _ALTERNATIVES: Final = 8
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _RIVALS: Final = 3  # told apart by the next experiment
+_BEYOND: Final = 0.05  # of the range of a driver in training: a run that leaves it by more is extrapolated
 
 
 def causes_of(
@@ -137,3 +139,20 @@ def remarks_of(
         wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
         remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
     return tuple(remarks)
+
+
+def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> tuple[str, ...]:
+    """What to say of held-out runs in which a driver goes where it did not go in training, by window means."""
+    learnt = [trace.monitors for trace in traces if not trace.held_out]
+    said = []
+    for trace in (one for one in traces if one.held_out):
+        beyond = []
+        for column in trace.monitors.columns.intersection(sorted(drivers)):
+            low, high = (float(extreme([extreme(table[column]) for table in learnt])) for extreme in (np.nanmin, np.nanmax))
+            lowest, highest = float(np.nanmin(trace.monitors[column])), float(np.nanmax(trace.monitors[column]))
+            if max(low - lowest, highest - high) > _BEYOND * (high - low) > 0.0:
+                unit = column_unit(column) or ""
+                beyond.append(f"{column} from {lowest:.4g} to {highest:.4g} {unit}, trained from {low:.4g} to {high:.4g}")
+        if beyond:
+            said.append(f"{trace.run} leaves what was trained on ({'; '.join(beyond)}): predictions are extrapolated there.")
+    return tuple(said)

@@ -10,7 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
-from rlgcomp.diagnosis.account import alternatives_of, causes_of, remarks_of, unexplained_of, what_to_run, whiteness
+from rlgcomp.diagnosis.account import (
+    alternatives_of,
+    causes_of,
+    extrapolations_of,
+    remarks_of,
+    unexplained_of,
+    what_to_run,
+    whiteness,
+)
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
@@ -31,7 +39,7 @@ from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
-from rlgcomp.recording import Recording
+from rlgcomp.recording import TIME, Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
@@ -140,6 +148,7 @@ def diagnose(
     p_value = min(detection.p_value, healthy(explanations)) if verdict != "none" else detection.p_value
     next_up = what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else None
     model = noise_model(shape, after.white_deg_h, problem.rows.window_s)
+    drivers = {column for mechanism in after.simulator.mechanisms for column in mechanism.driver_columns(train[0])} - {TIME}
     return Diagnosis(
         verdict=verdict,
         p_value=p_value,
@@ -159,6 +168,7 @@ def diagnose(
             *knocks,
             *more,
             *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+            *extrapolations_of(proof.traces, drivers),
         ),
         traces=proof.traces,
     )

@@ -5,7 +5,8 @@ averaged one member at a time, the others held at their best, as if members were
 
 .. math:: \\log Z(S) \\approx \\sum_m \\log Z_m - (|S| - 1) \\log p^*
 
-A further cause must explain more than the strongest one may be wrong by (:func:`inadequacy`).
+A further cause must explain more than the strongest one may be wrong by (:func:`inadequacy`); a path of jumps, which follows
+whatever an equation leaves, several times as much.
 
 Every step that averages one member with the others held also scores every other mechanism in its place, so swaps cost nothing.
 """
@@ -28,6 +29,7 @@ Array = npt.NDArray[np.float64]
 MISSING: Final = (0.30, 0.43, 0.15, 0.07, 0.05)
 KNOWN_WRONG: Final = 0.2  # that a number said to be known is wrong
 INADEQUACY: Final = 0.15
+JUMPS: Final = 4.0  # a path of jumps pays for that so many times
 BEAM: Final = 8
 SWEEPS: Final = 3
 Label = tuple[str, bool]
@@ -73,10 +75,16 @@ class Search:
         self.noise_log_prior = np.full(noises, -math.log(noises)) if noise_log_prior is None else noise_log_prior
         self.largest = largest
         self._toll = 0.0  # of every cause beyond the first
+        self._toll_of_jumps = 0.0  # beyond that
         self.models: dict[frozenset[Label], Model] = {}
         self._log_priors: dict[tuple[int, int], float] = {}
         self._scored: dict[tuple[Member, ...], dict[Label, tuple[float, Member, float, Array]]] = {}
         self._labels = [(candidate.name, candidate.known) for candidate in self.evidence.candidates]
+        self._jumping = frozenset(
+            label
+            for label, candidate in zip(self._labels, self.evidence.candidates, strict=True)
+            if candidate.mechanism.jumping(1.0, 3600.0) is not None
+        )
         self._weights = np.array([candidate.log_weight for candidate in self.evidence.candidates])
         self._by_label: dict[Label, npt.NDArray[np.intp]] = {
             label: np.array([k for k, other in enumerate(self._labels) if other == label]) for label in dict.fromkeys(self._labels)
@@ -98,6 +106,7 @@ class Search:
             if len(level[0].labels) == 1:
                 best = level[0]
                 self._toll = inadequacy(self.evidence.explained(best.members, int(np.argmax(best.noise_log))))
+                self._toll_of_jumps = 0.0 if best.labels & self._jumping else (JUMPS - 1.0) * self._toll
         return sorted(self.models.values(), key=lambda model: -model.log_posterior)
 
     def log_prior(self, labels: frozenset[Label]) -> float:
@@ -106,7 +115,9 @@ class Search:
         counts = missing, len(labels) - missing
         if counts not in self._log_priors:
             self._log_priors[counts] = self._log_prior(*counts)
-        return self._log_priors[counts] - self._toll * max(len(labels) - 1, 0)
+        jumps = len(labels) > 1 and bool(labels & self._jumping)
+        tolls = self._toll * max(len(labels) - 1, 0) + self._toll_of_jumps * jumps
+        return self._log_priors[counts] - tolls
 
     def _log_prior(self, missing: int, wrong: int) -> float:
         """The same by how many mechanisms are missing and how many have wrong numbers, but for the toll."""

@@ -13,6 +13,7 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, 
 from rlgcomp.recording import Recording
 
 _RADII: Final = 12  # of the law "plays"
+_SWEPT: Final = {"rested": 0.0, "from_below": 1.0, "from_above": -1.0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +27,8 @@ class ThermalHysteresis(Mechanism):
     P_r is the play operator of radius r. The width of the loop does not depend on the ramp rate, and a turning point is
     remembered until the temperature passes it. The law "plays" is the mean over radii spread exponentially about `radius_K`, as of
     relays that are the rarer the wider they are. The laws "preisach" (relays on a triangle of thresholds `span_K` wide about
-    `centre_degC`) and "bouc_wen" (saturating over `radius_K`) give loops of other forms; these use k1 alone.
+    `centre_degC`) and "bouc_wen" (saturating over `radius_K`) give loops of other forms; these use k1 alone. What was before a run
+    is in it: `start` says that the gyro had rested, or come from below or from above to the first temperature.
     """
 
     name = "thermal_hysteresis"
@@ -43,6 +45,7 @@ class ThermalHysteresis(Mechanism):
     k3_deg_h_K: float = amplitude(3e-4, "deg/h/K")
     radius_K: float = shape(12.0, "K", 0.2, 80.0)
     law: str = setting("play", choices=("play", "plays", "preisach", "bouc_wen"))
+    start: str = setting("rested", choices=("rested", "from_below", "from_above"))
     centre_degC: float = setting(10.0, "degC")
     span_K: float = setting(140.0, "K", low=1.0)
 
@@ -58,22 +61,24 @@ class ThermalHysteresis(Mechanism):
         plays = [cls(law=law, radius_K=float(radius)) for law in ("play", "plays") for radius in radii]
         smooth = [cls(law="bouc_wen", radius_K=float(radius)) for radius in radii[::2]]
         relays = [cls(law="preisach", centre_degC=centre, span_K=factor * span) for factor in (1.0, 1.5)]
-        return (*plays, *smooth, *relays)
+        swept = [cls(law="plays", radius_K=float(radius), start=start) for start in list(_SWEPT)[1:] for radius in radii]
+        return (*plays, *smooth, *relays, *swept)
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
+        swept = _SWEPT[self.start]
         if self.law == "play":
             play = Play((0.25 * self.radius_K, 0.5 * self.radius_K, self.radius_K))
-            states, _ = play.run(play.init(temperature[0]), temperature)
+            states, _ = play.run(play.init(temperature[0], swept), temperature)
             return np.asarray(states - temperature[:, None])
         if self.law == "plays":
             radii = -self.radius_K * np.log((np.arange(_RADII) + 0.5) / _RADII)
-            states = play_paths(temperature[:, None], radii, np.full(_RADII, temperature[0]))
+            states = play_paths(temperature[:, None], radii, temperature[0] - swept * radii)
             return np.asarray((states.mean(axis=1) - temperature)[:, None])
         if self.law == "preisach":
             relays = Preisach(self.centre_degC - 0.5 * self.span_K, self.centre_degC + 0.5 * self.span_K, concentration=4.0)
-            output, _ = relays.run(relays.init(temperature[0]), temperature)
+            output, _ = relays.run(relays.init(temperature[0], swept), temperature)
             return np.asarray(self.radius_K * output[:, None])
         bouc_wen = BoucWen(slope=1.0, saturation=self.radius_K)
-        output, _ = bouc_wen.run(bouc_wen.init(temperature[0]), temperature)
+        output, _ = bouc_wen.run(bouc_wen.init(temperature[0], swept), temperature)
         return output[:, None]
