@@ -26,6 +26,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.hysteresis_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, bouc_wen_linear, pays, play_states
 
 Array = npt.NDArray[np.float64]
+STARTS: Final = {"rested": 0.0, "from_below": 1.0, "from_above": -1.0}  # what `swept` is called
 _TOGETHER: Final = 5  # radii from which one array a sample is faster than one number a sample and radius
 
 

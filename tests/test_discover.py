@@ -112,6 +112,15 @@ def slipping(table: pd.DataFrame) -> np.ndarray:
     return 5.0 * out
 
 
+def slipping_from_below(table: pd.DataFrame) -> np.ndarray:
+    """The reading had come up from zero before the run: what a play that begins at zero holds."""
+    u, held, out = table["supply_voltage_V"].to_numpy(), 0.0, []
+    for x in u:
+        held = max(x - 0.03, min(x + 0.03, held))
+        out.append(held)
+    return np.array(out)
+
+
 LAWS: dict[str, tuple[Effect, set[str], str]] = {
     "product": (
         lambda table: voltage(table) * (table["magnetic_field_uT"].to_numpy() - 48.0) / 3.0,
@@ -126,7 +135,18 @@ LAWS: dict[str, tuple[Effect, set[str], str]] = {
     ),
     "lag": (slow, {"supply_voltage_V"}, "dynamic"),
     "hysteresis": (slipping, {"supply_voltage_V"}, "rate-independent"),
+    "hysteresis from below": (slipping_from_below, {"supply_voltage_V"}, "rate-independent"),
 }
+
+
+def test_where_a_driver_had_come_from_is_found() -> None:
+    discovery, problem, _ = found("hysteresis from below")
+    assert discovery is not None
+    assert discovery.mechanism.start == "from_below"
+    assert ", from below" in discovery.equation
+    column = problem.columns(discovery.mechanism)[:, 0]
+    truth = problem.columns(dataclasses.replace(discovery.mechanism, memory="play", radius=0.03))[:, 0]
+    assert abs(np.corrcoef(column, truth)[0, 1]) > 0.99
 
 
 @functools.cache

@@ -64,6 +64,15 @@ def test_wiping_out_and_return_point_memory(operator: object) -> None:
     assert returned[-1] == pytest.approx(returned[2 * 40], abs=1e-12)
 
 
+@pytest.mark.parametrize("operator", OPERATORS, ids=repr)
+@pytest.mark.parametrize("swept", [1, -1])
+def test_a_swept_start_is_what_a_sweep_leaves(operator: object, swept: int) -> None:
+    far = -10.0 * swept if isinstance(operator, Preisach) else -60.0 * swept  # a Preisach plane ends there
+    _, left = operator.run(operator.init(far), finely([far, 3.0], 2000))
+    np.testing.assert_allclose(operator.init(3.0, swept), left, atol=1e-6)
+    assert not np.allclose(operator.init(3.0), left, atol=0.1)
+
+
 def test_play_by_its_definition() -> None:
     u = np.random.default_rng(0).standard_normal(500).cumsum()
     states = run(Play((1.3,)), u)[:, 0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from experiments.concealed.operators import Relays
 from rlgcomp.diagnosis.conclusion import concluded_noise
 
 STEP_S = 10.0
@@ -80,3 +81,28 @@ def test_a_polynomial_too_short_is_lengthened_not_replaced(first: dict[str, floa
         assert abs(estimate.value - truth[name]) < 4.0 * estimate.sd
     assert found.test is not None
     assert found.test.augmented_rms < 1.1 * found.test.noise_floor_rms
+
+
+@pytest.mark.parametrize("from_below", [False, True])
+def test_a_strong_loop_of_another_law_is_one_cause_wherever_it_began(from_below: bool) -> None:
+    """Relays are no plays: what the equation leaves of them is neither a telegraph nor a warm-up."""
+    relays, made = Relays(-70.0, 95.0, 56, 12.0), []
+    for run in runs():
+        block = run.column("temperature_block_degC")
+        bias, _ = relays.run(block, relays.start(block[0], from_below=from_below))
+        made.append(with_gyro(run, 0.3 * bias))
+    found = rlg.diagnose(open_noise(), train=made, black_box=False)
+    (cause,) = found.causes
+    assert found.verdict == "explained"
+    assert cause.name == "thermal_hysteresis"
+    assert cause.mechanism.start == ("from_below" if from_below else "rested")  # type: ignore[attr-defined]
+
+
+def test_a_run_that_leaves_what_was_trained_on_is_remarked() -> None:
+    narrow = SIMULATOR.simulate("start 20, ramp 35 0.5, hold 3600, ramp 20 0.5, hold 3600", seed=5, step_s=STEP_S)
+    wide = SIMULATOR.simulate("start 20, ramp 50 0.5, hold 3600, ramp 20 0.5, hold 3600", seed=6, step_s=STEP_S, name="wide")
+    within, beyond = (rlg.diagnose(open_noise(), train=[narrow], test=[test], black_box=False) for test in (narrow, wide))
+    assert not any("trained on" in remark for remark in within.remarks)
+    (remark,) = (remark for remark in beyond.remarks if "trained on" in remark)
+    assert "wide leaves what was trained on" in remark
+    assert "temperature_block_degC from" in remark

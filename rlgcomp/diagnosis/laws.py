@@ -14,7 +14,7 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,8 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.windows import Windows
-from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, played, remembered, smoothed
+from rlgcomp.hysteresis import STARTS
+from rlgcomp.physics.empirical_law import NARROW, RATE_INDEPENDENT, EmpiricalLaw, ahead, played, remembered, smoothed
 from rlgcomp.recording import TIME, Recording, is_gyro
 
 Array = npt.NDArray[np.float64]
@@ -40,7 +41,17 @@ _SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
 _RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
 _LATE_S: Final = (2.0, 60.0)  # a thermometer: as likely as not, so late that a narrow law sees it
+_SWEPT: Final = 0.15  # that a driver had come from far below, or as likely from above, to where a run begins
 _OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
+
+
+class Held(NamedTuple):
+    """What is remembered of a driver: the value is a lag or lead in s, or a radius as a share of half the range."""
+
+    driver: str
+    memory: str = "static"
+    value: float = 0.0
+    start: str = "rested"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,14 +82,16 @@ class Family:
 
     Parameters
     ----------
-    driver, driver_2, memory, form, exponent
+    driver, driver_2, memory, form, exponent, start
         As in :class:`rlgcomp.physics.empirical_law.EmpiricalLaw`.
     axes : tuple of Axis
         "lag" and "lead" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of
         half a period.
     screened : bool
-        Whether its grid is tried from the start; if not, it is tried where its sibling (bump) did well.
+        Whether its grid is tried from the start; if not, it is tried where its sibling did well: of narrow forms the bump, of
+        plays those that had rested.
     log_prior : float
+    start : str
     """
 
     driver: str
@@ -89,10 +102,21 @@ class Family:
     axes: tuple[Axis, ...]
     screened: bool = True
     log_prior: float = 0.0
+    start: str = "rested"
 
     @property
     def drivers(self) -> tuple[str, ...]:
         return (self.driver, self.driver_2) if self.driver_2 else (self.driver,)
+
+    def held(self, value: float) -> Held:
+        """What it remembers of its first driver."""
+        return Held(self.driver, self.memory, value, self.start)
+
+    def is_sibling(self, other: Family) -> bool:
+        """Whether it stands where the other did well."""
+        if (self.driver, self.driver_2, self.memory) != (other.driver, other.driver_2, other.memory):
+            return False
+        return other.form == "bump" if self.form in NARROW else other.form == self.form
 
     def grid(self) -> tuple[Array, Array]:
         """Places of its grid's points, shape (points, axes), and the logarithms of their weights.
@@ -171,7 +195,7 @@ class Dictionary:
             for name in self.drivers
         }
         self._windows = _joined(self._pieces)
-        self._remembered: dict[tuple[str, str, float], tuple[Array, float, float]] = {}
+        self._remembered: dict[Held, tuple[Array, float, float]] = {}
         self.families = self._families()
 
     @functools.cached_property
@@ -199,11 +223,11 @@ class Dictionary:
         memory = next((shapes[name] for name in _OF_MEMORY if name in shapes), np.zeros(len(places)))
         for value in np.unique(memory):
             which = np.flatnonzero(memory == value)
-            series, low, high = self._series(family.driver, family.memory, float(value))
+            series, low, high = self._series(family.held(float(value)))
             at, width = _at_and_width({name: values[which] for name, values in shapes.items()}, low, high)
             factor: tuple[Array, ...] = ()
             if family.driver_2:
-                second, low_2, high_2 = self._series(family.driver_2, "static", 0.0)
+                second, low_2, high_2 = self._series(Held(family.driver_2))
                 half_2 = 0.5 * (high_2 - low_2)
                 factor = second / half_2, low_2 / half_2 + 2.0 * shapes["at_2"][which]
             table[:, which] = self._windows.means(series, family.form, family.exponent, (low, high), at, width, *factor)
@@ -213,20 +237,21 @@ class Dictionary:
         """The law at one place of a family, with amplitude one."""
         shapes = {axis.name: float(axis.value(place[j])) for j, axis in enumerate(family.axes)}
         memory = next((shapes[name] for name in _OF_MEMORY if name in shapes), 0.0)
-        _, low, high = self._series(family.driver, family.memory, memory)
+        _, low, high = self._series(family.held(memory))
         at, width = _at_and_width({name: np.array([value]) for name, value in shapes.items()}, low, high)
         given: dict[str, float] = {"at": float(at[0]), "width": float(width[0])}
         given |= {f"{name}_s": shapes[name] for name in ("lag", "lead") if name in shapes}
         if "radius" in shapes:
             given["radius"] = shapes["radius"] * self._half(family.driver)
         if family.driver_2:
-            _, low_2, high_2 = self._series(family.driver_2, "static", 0.0)
+            _, low_2, high_2 = self._series(Held(family.driver_2))
             given |= {"low_2": low_2, "high_2": high_2, "at_2": low_2 + (high_2 - low_2) * shapes["at_2"]}
         return EmpiricalLaw(
             amplitude_deg_h=1.0,
             driver=family.driver,
             driver_2=family.driver_2,
             memory=family.memory,
+            start=family.start,
             form=family.form,
             exponent=family.exponent,
             low=low,
@@ -236,36 +261,34 @@ class Dictionary:
 
     def spans(self, family: Family) -> list[tuple[float, float]]:
         """Ranges of the two factors of a product."""
-        return [
-            self._series(driver, memory, 0.0)[1:] for driver, memory in zip(family.drivers, (family.memory, "static"), strict=True)
-        ]
+        return [self._series(held)[1:] for held in (family.held(0.0), Held(family.driver_2))]
 
     def _half(self, driver: str) -> float:
-        _, low, high = self._series(driver, "static", 0.0)
+        _, low, high = self._series(Held(driver))
         return 0.5 * (high - low)
 
-    def _series(self, driver: str, memory: str, value: float) -> tuple[Array, float, float]:
+    def _series(self, held: Held) -> tuple[Array, float, float]:
         """What is remembered at the pieces of all runs, and its range."""
-        self._remember([(driver, memory, value)])
-        return self._remembered[driver, memory, value]
+        self._remember([held])
+        return self._remembered[held]
 
-    def _remember(self, wanted: Sequence[tuple[str, str, float]]) -> None:
-        """Fill in what is remembered, for all (driver, memory, lag or radius) at once."""
+    def _remember(self, wanted: Sequence[Held]) -> None:
+        """Fill in what is remembered, all at once."""
         fresh = [key for key in dict.fromkeys(wanted) if key not in self._remembered]
-        series: dict[tuple[str, str, float], list[Array]] = {key: [] for key in fresh}
+        series: dict[Held, list[Array]] = {key: [] for key in fresh}
         for k, pieces in enumerate(self._pieces):
             for memory in RATE_INDEPENDENT:
-                keys = [key for key in fresh if key[1] == memory]
+                keys = [key for key in fresh if key.memory == memory]
                 if keys:
-                    inputs = np.column_stack([self._values[driver][k] for driver, _, _ in keys])
-                    radii = np.array([value * self._half(driver) for driver, _, value in keys])
-                    for key, column in zip(keys, played(inputs, memory, radii).T, strict=True):
+                    inputs = np.column_stack([self._values[key.driver][k] for key in keys])
+                    radii = np.array([key.value * self._half(key.driver) for key in keys])
+                    swept = np.array([STARTS[key.start] for key in keys])
+                    for key, column in zip(keys, played(inputs, memory, radii, swept).T, strict=True):
                         series[key].append(column)
             for key in fresh:
-                driver, memory, value = key
-                if memory not in RATE_INDEPENDENT:
-                    values = ahead(self._values[driver][k], pieces.time_s, value if memory == "static" else 0.0)
-                    series[key].append(remembered(values, pieces.time_s, memory, value, 0.0))
+                if key.memory not in RATE_INDEPENDENT:
+                    values = ahead(self._values[key.driver][k], pieces.time_s, key.value if key.memory == "static" else 0.0)
+                    series[key].append(remembered(values, pieces.time_s, key.memory, key.value, 0.0))
         for key, parts in series.items():
             low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
             joined = np.concatenate([part[pieces.begin :] for part, pieces in zip(parts, self._pieces, strict=True)])
@@ -290,14 +313,14 @@ class Dictionary:
                 Family(driver, "", "lag", "power", 2, (lag, Axis("at", 0.0, 1.0, 3))),
             ]
             slipping = [
-                Family(driver, "", "play", "power", 1, (radius,)),
-                Family(driver, "", "plays", "power", 1, (radius,)),
+                *_begun(Family(driver, "", "play", "power", 1, (radius,))),
+                *_begun(Family(driver, "", "plays", "power", 1, (radius,))),
                 Family(driver, "", "plays", "saturation", 1, (radius, Axis("at", 0.0, 1.0, 3), wide)),
                 Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
             ]
             for members in (static, dynamic, slipping):
-                weight = single - math.log(3 * len(members))
-                found += [dataclasses.replace(family, log_prior=weight) for family in members]
+                weight = single - math.log(3 * sum(math.exp(family.log_prior) for family in members))
+                found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
         pairs = list(itertools.permutations(self.drivers, 2))
         for one, two in pairs:
             ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))
@@ -305,7 +328,7 @@ class Dictionary:
             if one < two:
                 found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight))
             if one.startswith("temperature_"):
-                _, low, high = self._series(one, "rate", 0.0)
+                _, low, high = self._series(Held(one, "rate"))
                 zero = -low / (high - low)
                 found.append(
                     Family(one, two, "rate", "power", 1, (Axis("at", zero - 0.1, zero + 0.1, 1), ats[1]), log_prior=weight)
@@ -313,7 +336,7 @@ class Dictionary:
         return tuple(found)
 
     def _static(self, driver: str) -> list[Family]:
-        _, low, high = self._series(driver, "static", 0.0)
+        _, low, high = self._series(Held(driver))
         moves = np.concatenate(
             [np.abs(np.diff(v)) / np.diff(pieces.time_s) for v, pieces in zip(self._values[driver], self._pieces, strict=True)]
         )
@@ -340,12 +363,18 @@ class Dictionary:
         return families
 
 
-def _keys(family: Family, places: Array) -> list[tuple[str, str, float]]:
+def _begun(family: Family) -> list[Family]:
+    """A family, and the same where runs begin otherwise than rested."""
+    swept = [dataclasses.replace(family, start=start, screened=False, log_prior=math.log(_SWEPT)) for start in list(STARTS)[1:]]
+    return [dataclasses.replace(family, log_prior=math.log(1.0 - len(swept) * _SWEPT)), *swept]
+
+
+def _keys(family: Family, places: Array) -> list[Held]:
     """What is remembered at places of a family."""
     for j, axis in enumerate(family.axes):
         if axis.name in _OF_MEMORY:
-            return [(family.driver, family.memory, float(value)) for value in np.unique(axis.value(places[:, j]))]
-    return [(family.driver, family.memory, 0.0)]
+            return [family.held(float(value)) for value in np.unique(axis.value(places[:, j]))]
+    return [family.held(0.0)]
 
 
 def _at_and_width(shapes: dict[str, Array], low: float, high: float) -> tuple[Array, Array]:

@@ -46,7 +46,6 @@ class Judged:
 def screen(dictionary: Dictionary, background: Background) -> list[Judged]:
     """Every family's evidence over its grid, best first; those without a grid of their own stand where their sibling does."""
     judged: list[Judged] = []
-    siblings: dict[str, tuple[float, Array]] = {}
     grids, columns = dictionary.screening
     factors = background.log_bayes_factors(columns)
     start = 0
@@ -55,13 +54,12 @@ def screen(dictionary: Dictionary, background: Background) -> list[Judged]:
         start += len(places)
         best = int(np.argmax(values))
         judged.append(Judged(family, family.log_prior + float(log_sum_exp(values + weights)), float(values[best]), places[best]))
-        if family.form == "bump":
-            siblings[family.driver] = judged[-1].log_evidence, places[best]
+    screened = list(judged)
     for family in dictionary.families:
         if not family.screened:
-            value, place = siblings[family.driver]
-            place = np.r_[place, np.full(len(family.axes) - len(place), 0.5)]
-            judged.append(Judged(family, value, -math.inf, place))
+            sibling = next(one for one in screened if family.is_sibling(one.family))
+            place = np.r_[sibling.place, np.full(len(family.axes) - len(sibling.place), 0.5)]
+            judged.append(Judged(family, sibling.log_evidence, -math.inf, place))
     return sorted(judged, key=lambda one: -one.log_evidence)
 
 

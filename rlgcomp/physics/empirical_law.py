@@ -10,7 +10,7 @@ import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.filters import lag, rate_per_min, running_mean
-from rlgcomp.hysteresis import play_paths
+from rlgcomp.hysteresis import STARTS, play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_MINUTE, column_unit
@@ -34,8 +34,8 @@ class EmpiricalLaw(Mechanism):
     memory M is "static" (m = u), "lag"
     (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the given radius: rate independent) or "plays"
     (the mean of play operators whose radii are distributed as exp(-r / radius): a Prandtl-Ishlinskii operator, and what relays
-    that are the rarer the wider they are add up to). With x = (m - at) / h, z = (m - at) / width and h half the range that m had
-    where the law was found, the form f is
+    that are the rarer the wider they are add up to); what these hold at first is told by `start`. With x = (m - at) / h,
+    z = (m - at) / width and h half the range that m had where the law was found, the form f is
 
     =============  ==========================  ================================================
     power          x^exponent                  beyond the range it goes on straight
@@ -66,6 +66,7 @@ class EmpiricalLaw(Mechanism):
     driver: str = setting(TEMPERATURE)
     driver_2: str = setting("")
     memory: str = setting("static", choices=MEMORIES)
+    start: str = setting("rested", choices=tuple(STARTS))
     form: str = setting("power", choices=FORMS)
     exponent: int = setting(1, low=1, high=5)
     low: float = setting(-40.0, "unit of m", low=-_LARGEST, high=_LARGEST)
@@ -100,7 +101,8 @@ class EmpiricalLaw(Mechanism):
         columns = self.driver_columns(recording)
         first, *second = (smoothed(recording, column) for column in columns)
         first = ahead(first, recording.time_s, self.lead_s)
-        column = self.shaped(remembered(first, recording.time_s, self.memory, self.lag_s, self.radius))
+        swept = STARTS[self.start]
+        column = self.shaped(remembered(first, recording.time_s, self.memory, self.lag_s, self.radius, swept))
         for other in second:
             column = column * self.factor(other)
         return column[:, None]
@@ -118,12 +120,13 @@ class EmpiricalLaw(Mechanism):
         unit = self._unit(self.driver) + ("/min" if self.memory == "rate" else "")
         half = 0.5 * (self.high - self.low)
         u = f"ahead({self.driver}, {self.lead_s:.3g} s)" if self.lead_s else self.driver
+        began = "" if self.start == "rested" else f", {self.start.replace('_', ' ')}"
         m = {
             "static": u,
             "lag": f"lag({u}, {self.lag_s:.4g} s)",
             "rate": f"d/dt {u}",
-            "play": f"play({u}, {_with(self.radius, unit)})",
-            "plays": f"mean play({u}, r ~ exp(-r / {_with(self.radius, unit)}))",
+            "play": f"play({u}, {_with(self.radius, unit)}{began})",
+            "plays": f"mean play({u}, r ~ exp(-r / {_with(self.radius, unit)}){began})",
         }[self.memory]
         from_at = f"{m} - {_with(self.at, unit)}" if self.at >= 0.0 else f"{m} + {_with(-self.at, unit)}"
         x, z = f"({from_at}) / {_with(half, unit)}", f"({from_at}) / {_with(self.width, unit)}"
@@ -159,33 +162,33 @@ def ahead(values: Array, time_s: Array, lead_s: float) -> Array:
     return values + lead_s / SECONDS_PER_MINUTE * rate_per_min(values, time_s) if lead_s else values
 
 
-def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: float) -> Array:
-    """What a memory holds of a driver, in the driver's unit; per minute for "rate"."""
+def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: float, swept: float = 0.0) -> Array:
+    """What a memory holds of a driver, in the driver's unit; per minute for "rate". `swept` as for plays."""
     if memory == "lag":
         return lag(values, time_s, lag_s)
     if memory == "rate":
         return rate_per_min(values, time_s)
     if memory in RATE_INDEPENDENT:
-        return played(values[:, None], memory, np.array([radius]))[:, 0]
+        return played(values[:, None], memory, np.array([radius]), np.array([swept]))[:, 0]
     return values
 
 
-def played(values: Array, memory: str, radii: Array) -> Array:
-    """What "play" or "plays" holds of several drivers at once, each for one radius.
+def played(values: Array, memory: str, radii: Array, swept: Array) -> Array:
+    """What "play" or "plays" holds of several drivers at once, each for one radius and start.
 
     Parameters
     ----------
     values : ndarray, shape (n, k)
     memory : {"play", "plays"}
-    radii : ndarray, shape (k,)
+    radii, swept : ndarray, shape (k,)
 
     Returns
     -------
     ndarray, shape (n, k)
     """
     shares = _SHARES if memory == "plays" else np.ones(1)
-    inputs = np.repeat(values, len(shares), axis=1)
-    states = play_paths(inputs, np.multiply.outer(radii, shares).ravel(), inputs[0])
+    inputs, spread = np.repeat(values, len(shares), axis=1), np.multiply.outer(radii, shares).ravel()
+    states = play_paths(inputs, spread, inputs[0] - np.repeat(swept, len(shares)) * spread)
     return np.asarray(states.reshape(*values.shape, len(shares)).mean(axis=2))
 
 

@@ -8,12 +8,11 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.hysteresis import BoucWen, Play, Preisach, play_paths
+from rlgcomp.hysteresis import STARTS, BoucWen, Play, Preisach, play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
 _RADII: Final = 12  # of the law "plays"
-_SWEPT: Final = {"rested": 0.0, "from_below": 1.0, "from_above": -1.0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +44,7 @@ class ThermalHysteresis(Mechanism):
     k3_deg_h_K: float = amplitude(3e-4, "deg/h/K")
     radius_K: float = shape(12.0, "K", 0.2, 80.0)
     law: str = setting("play", choices=("play", "plays", "preisach", "bouc_wen"))
-    start: str = setting("rested", choices=("rested", "from_below", "from_above"))
+    start: str = setting("rested", choices=tuple(STARTS))
     centre_degC: float = setting(10.0, "degC")
     span_K: float = setting(140.0, "K", low=1.0)
 
@@ -61,12 +60,12 @@ class ThermalHysteresis(Mechanism):
         plays = [cls(law=law, radius_K=float(radius)) for law in ("play", "plays") for radius in radii]
         smooth = [cls(law="bouc_wen", radius_K=float(radius)) for radius in radii[::2]]
         relays = [cls(law="preisach", centre_degC=centre, span_K=factor * span) for factor in (1.0, 1.5)]
-        swept = [cls(law="plays", radius_K=float(radius), start=start) for start in list(_SWEPT)[1:] for radius in radii]
+        swept = [cls(law="plays", radius_K=float(radius), start=start) for start in list(STARTS)[1:] for radius in radii]
         return (*plays, *smooth, *relays, *swept)
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
-        swept = _SWEPT[self.start]
+        swept = STARTS[self.start]
         if self.law == "play":
             play = Play((0.25 * self.radius_K, 0.5 * self.radius_K, self.radius_K))
             states, _ = play.run(play.init(temperature[0], swept), temperature)
