@@ -182,6 +182,12 @@ class TestCases:
                 left = np.concatenate([means(o - t) for o, t in zip(case.oracle, case.truth_held_out, strict=True)])
                 assert left.std() < 0.35 * case.white_100_s_deg_h
 
+    def test_an_effect_that_the_training_runs_cannot_show_is_drawn_again(self) -> None:
+        """The first hop of this seed lies outside both programmes: scaled to a strength it would be 1e10 deg/h in a held-out run."""
+        case = make_case("single", ("mode_hop",), 0.5, 104_018, True)
+        assert case.information_nats > 10.0
+        assert abs(case.sizes["mode_hop.step_deg_h"]) < 1.0
+
     def test_information_grows_with_the_square_of_the_strength(self) -> None:
         weak, strong = (make_case("single", ("ambient_pressure",), s, 2, True) for s in (0.25, 0.5))
         assert strong.information_nats == pytest.approx(4.0 * weak.information_nats)

@@ -19,7 +19,7 @@ import yaml
 from scipy import linalg
 
 from experiments.concealed import turntable
-from experiments.concealed.chamber import Unit
+from experiments.concealed.chamber import Chamber, Unit
 from experiments.concealed.effects import DRIVERLESS, INDEPENDENT, OUTSIDE, Effect, catalogued
 from experiments.concealed.noise import Noise
 from experiments.concealed.operators import first_order
@@ -34,6 +34,7 @@ Kind = Literal["single", "pair", "triple", "null", "open", "driverless", "table"
 KINDS: tuple[Kind, ...] = ("single", "pair", "triple", "null", "open", "driverless", "table")
 MEAN_S = 100
 _KIN_OF_LAG = {"temperature_rate", "thermal_gradient", "thermal_hysteresis"}
+_DRAWS = 50
 TRAINING, HELD_OUT = ("run0", "run1"), ("run2", "run3")
 
 
@@ -127,10 +128,10 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
         return _on_a_table(effects, strength, seed)
     unit = Unit.draw(stream(seed, "unit"))
     noise = Noise.draw(stream(seed, "noise"))
-    hidden = [_effect(name, stream(seed, f"effect:{name}"), independent) for name in effects]
-    baseline = _baseline(stream(seed, "baseline"), [effect.name for effect in hidden])
+    baseline = _baseline(stream(seed, "baseline"), effects)
     runs = (*TRAINING, *HELD_OUT)
     chambers = [unit.run(stream(seed, f"chamber:{run}")) for run in runs]
+    hidden = [_acting(name, seed, independent, baseline, dict(zip(TRAINING, chambers, strict=False))) for name in effects]
     for effect in hidden:
         if effect.glitch is not None:
             chambers = [effect.glitch(chamber) for chamber in chambers]
@@ -318,6 +319,18 @@ def _mapping(baseline: Sequence[Part], noise: Noise, rng: np.random.Generator) -
 
 
 # --- pieces --------------------------------------------------------------------------------------------------------------------
+
+
+def _acting(name: str, seed: int, independent: bool, baseline: Sequence[Part], chambers: Mapping[str, Chamber]) -> Effect:
+    """An effect; drawn again where the training runs show nothing of it, as of a hop at a temperature that none reaches."""
+    rng = stream(seed, f"effect:{name}")
+    design = np.vstack([means(np.column_stack([part.columns(chamber) for part in baseline])) for chamber in chambers.values()])
+    for _ in range(_DRAWS):
+        effect = _effect(name, rng, independent)
+        shown = np.concatenate([means(effect.law(chamber, stream(seed, f"{name}:{run}"))) for run, chamber in chambers.items()])
+        if np.std(shown - _project(design, shown)) > 1e-9 * np.abs(shown).max():
+            return effect
+    raise ValueError(f"{name}: none of {_DRAWS} draws acts in the training runs of seed {seed}")
 
 
 def _effect(name: str, rng: np.random.Generator, independent: bool) -> Effect:

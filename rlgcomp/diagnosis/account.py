@@ -111,7 +111,7 @@ def remarks_of(
         remarks.append(
             f"Something may be missing all the same (probability {missing:.2f}"
             + (f", {names} before others" if names else "")
-            + "); two to one is asked for before anything is named. A longer run, or one of another programme, would tell."
+            + "); five to two is asked for before anything is named. A longer run, or one of another programme, would tell."
         )
     elif verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
         remarks.append(
