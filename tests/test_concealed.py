@@ -183,7 +183,7 @@ class TestCases:
                 assert left.std() < 0.35 * case.white_100_s_deg_h
 
     def test_an_effect_that_the_training_runs_cannot_show_is_drawn_again(self) -> None:
-        """The first hop of this seed lies outside both programmes: scaled to a strength it would be 1e10 deg/h in a held-out run."""
+        """The first hop of this seed lies outside both programmes: scaled up it would be 1e10 deg/h held out."""
         case = make_case("single", ("mode_hop",), 0.5, 104_018, True)
         assert case.information_nats > 10.0
         assert abs(case.sizes["mode_hop.step_deg_h"]) < 1.0
