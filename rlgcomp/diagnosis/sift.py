@@ -184,7 +184,7 @@ def _log_widths(dictionary: Dictionary, background: Background, judged: Sequence
                 pp, pm, mp, mm = values[row : row + 4]
                 row += 4
                 if i == j:
-                    curvature[i, i] = -(pp - 2.0 * values[0] + mm) / h**2
+                    curvature[i, i] = -(pp - 2.0 * values[0] + mm) / h**2 if math.isfinite(values[0]) else 0.0
                 else:
                     possible = math.isfinite(pp) and math.isfinite(pm) and math.isfinite(mp) and math.isfinite(mm)
                     curvature[i, j] = curvature[j, i] = -(pp - pm - mp + mm) / (4.0 * h**2) if possible else 0.0
