@@ -50,7 +50,8 @@ def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
     best, nothing = explanations.models[0], explanations.nothing
     if healthy(explanations) > _ACQUITTED:
         best = nothing
-    if explanations.unrecorded(best) > UNRECORDED and best.log_posterior - nothing.log_posterior < _BESIDE:
+    wanders = min(explanations.unrecorded(best), explanations.unrecorded(nothing)) > UNRECORDED
+    if wanders and best.log_posterior - nothing.log_posterior < _BESIDE:
         best = nothing  # a wander that is nobody's looks a little like many a cause
     dictionary = Dictionary(windowed)
     noises, prior = _noises_beside_laws(windowed)

@@ -6,7 +6,7 @@ averaged one member at a time, the others held at their best, as if members were
 .. math:: \\log Z(S) \\approx \\sum_m \\log Z_m - (|S| - 1) \\log p^*
 
 A further cause must explain more than the strongest one may be wrong by (:func:`inadequacy`); a path of jumps, which follows
-whatever an equation leaves, several times as much.
+whatever an equation leaves, more (:data:`JUMPS`).
 
 Every step that averages one member with the others held also scores every other mechanism in its place, so swaps cost nothing.
 """
@@ -29,7 +29,8 @@ Array = npt.NDArray[np.float64]
 MISSING: Final = (0.30, 0.43, 0.15, 0.07, 0.05)
 KNOWN_WRONG: Final = 0.2  # that a number said to be known is wrong
 INADEQUACY: Final = 0.15
-JUMPS: Final = 4.0  # a path of jumps pays for that so many times
+JUMPS: Final = 2.0  # a path of jumps pays for that so many times, as white noise would show it,
+JUMPED: Final = 40.0  # less the log units that its own jumps cost: what is left of a weak effect makes no path
 BEAM: Final = 8
 SWEEPS: Final = 3
 Label = tuple[str, bool]
@@ -106,7 +107,7 @@ class Search:
             if len(level[0].labels) == 1:
                 best = level[0]
                 self._toll = inadequacy(self.evidence.explained(best.members, int(np.argmax(best.noise_log))))
-                self._toll_of_jumps = 0.0 if best.labels & self._jumping else (JUMPS - 1.0) * self._toll
+                self._toll_of_jumps = 0.0 if best.labels & self._jumping else self._beyond_a_path(best)
         return sorted(self.models.values(), key=lambda model: -model.log_posterior)
 
     def log_prior(self, labels: frozenset[Label]) -> float:
@@ -126,6 +127,12 @@ class Search:
         count = len(self.names)
         ways = gammaln(count + 1) - gammaln(missing + 1) - gammaln(count - missing + 1) if missing <= count else math.inf
         return float(math.log(MISSING[missing]) - ways + wrong * math.log(KNOWN_WRONG / (1.0 - KNOWN_WRONG)))
+
+    def _beyond_a_path(self, best: Model) -> float:
+        """What a path of jumps must exceed beside the strongest cause: what its equation leaves, noise that walks may hide."""
+        noises = self.evidence.noises
+        calmest = min(range(len(noises)), key=lambda k: noises[k].flicker + noises[k].walk + noises[k].wander)
+        return max(0.0, JUMPS * inadequacy(self.evidence.explained(best.members, calmest)) - JUMPED)
 
     # --- steps -------------------------------------------------------------------------------------------------------------
 
