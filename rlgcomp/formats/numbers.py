@@ -58,7 +58,7 @@ def read(path: Path, names: Sequence[str], separator: str) -> pd.DataFrame | Non
     cuts = _cuts(mapped)
     if len(names) < 2 or not cuts or mapped[: cuts[0]].rstrip(b"\r\n") != separator.join(names).encode():
         return None
-    columns = _columns(np.frombuffer(mapped, np.uint8), cuts, len(names), ord(separator))
+    columns = _columns(np.frombuffer(mapped, np.uint8), cuts, len(names), np.uint64(ord(separator)))
     return None if columns is None else pd.DataFrame(dict(zip(names, columns, strict=True)), copy=False)
 
 
@@ -74,7 +74,7 @@ def _cuts(mapped: mmap.mmap) -> list[int]:
     return cuts
 
 
-def _columns(text: Text, cuts: Sequence[int], width: int, separator: int) -> Array | None:
+def _columns(text: Text, cuts: Sequence[int], width: int, separator: np.uint64) -> Array | None:
     """The columns below the header, each a row of the array."""
     pieces = list(itertools.pairwise(cuts))
     lines = np.zeros(len(pieces), dtype=np.int64)
@@ -88,7 +88,7 @@ def _columns(text: Text, cuts: Sequence[int], width: int, separator: int) -> Arr
     return None if failed[0] else columns
 
 
-def _read(text: Text, first: int, last: int, separator: int, columns: Array, row: int, failed: Flag) -> None:
+def _read(text: Text, first: int, last: int, separator: np.uint64, columns: Array, row: int, failed: Flag) -> None:
     """One piece of the text, to the columns from a row on."""
     if failed[0]:
         return
@@ -130,7 +130,7 @@ def _fill(
     text: Text,
     eights: Words,
     stop: int,
-    separator: int,
+    separator: np.uint64,
     columns: Array,
     row: int,
     tens: Array,
@@ -171,7 +171,7 @@ def _fill(
             columns[column, k] = -value if negative else value
             if column == width - 1:
                 p += np.uint64(text[p] == _RETURN)
-            if text[p] != (separator if column < width - 1 else 10):
+            if text[p] != (separator if column < width - 1 else _LINE_END):
                 return -1
             p += _ONE
         k += _ONE
