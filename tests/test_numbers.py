@@ -161,6 +161,13 @@ def test_lines_that_are_too_long_are_left_to_others(tmp_path: Path, monkeypatch:
     assert numbers.read(path, ["a", "b"], ",") is None
 
 
+def test_short_lines_ask_for_no_memory(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    names = [f"column_{k}" for k in range(20_000)]
+    path.write_text(",".join(names) + "\n" * 4_000_000)  # a table of 600 GB
+    assert numbers.read(path, names, ",") is None
+
+
 def test_numba_is_not_started_for_little_text(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numbers._fill, "_fast", None)
     assert not numbers.pays(numbers._LARGE - 1)

@@ -81,6 +81,8 @@ def _columns(text: Text, cuts: Sequence[int], width: int, separator: np.uint64) 
     in_threads(_count, [(text[first:last], lines[k:]) for k, (first, last) in enumerate(pieces)])
     if pieces and text[-1] != _LINE_END:
         lines[-1] += 1
+    if width * lines.sum() > len(text):  # lines that are too short for so many cells
+        return None
     columns = np.empty((width, int(lines.sum())))
     failed = np.zeros(1, dtype=np.bool_)
     rows = (np.cumsum(lines) - lines).tolist()
