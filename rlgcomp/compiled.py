@@ -41,6 +41,11 @@ class Compiled:
             self._fast = self._compile(self.plain)
         return self._fast
 
+    @property
+    def ready(self) -> bool:
+        """Whether the next call waits for no compiler."""
+        return self._fast is not None
+
     def _compile(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """The function compiled, with those of its own module that it calls."""
         import numba

@@ -143,14 +143,14 @@ def bad_files(folder: Path, tmp_path: Path) -> dict[str, tuple[Path, str]]:
     (tmp_path / "empty.csv").write_bytes(b"")
     (tmp_path / "text.parquet").write_text("time_s,gyro_deg_h\n1,2\n")
     good.drop(columns="gyro_deg_h").to_csv(tmp_path / "nogyro.csv", index=False)
-    good.assign(light_intensity_V=np.nan).to_csv(tmp_path / "nan.csv", index=False)
+    good.assign(gyro_deg_h=np.nan).to_csv(tmp_path / "nan.csv", index=False)
     good.iloc[::-1].to_csv(tmp_path / "backwards.csv", index=False)
     good.iloc[:2].to_csv(tmp_path / "two.csv", index=False)
     return {
         "an empty file": (tmp_path / "empty.csv", "is empty"),
         "a text file named parquet": (tmp_path / "text.parquet", "is no Parquet file"),
         "no gyro": (tmp_path / "nogyro.csv", "no gyro column"),
-        "an all-NaN channel": (tmp_path / "nan.csv", "light_intensity_V: every value is missing"),
+        "an all-NaN gyro": (tmp_path / "nan.csv", "gyro_deg_h: every value is missing"),
         "time running backwards": (tmp_path / "backwards.csv", "time runs backwards"),
         "two rows": (tmp_path / "two.csv", "2 rows: too short"),
         "no file": (tmp_path / "absent.csv", "does not exist"),
@@ -163,7 +163,7 @@ def bad_files(folder: Path, tmp_path: Path) -> dict[str, tuple[Path, str]]:
         "an empty file",
         "a text file named parquet",
         "no gyro",
-        "an all-NaN channel",
+        "an all-NaN gyro",
         "time running backwards",
         "two rows",
         "no file",

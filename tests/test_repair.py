@@ -71,9 +71,23 @@ def test_a_monitors_last_value_is_held_for_a_minute() -> None:
     assert len(mended) == 1940
 
 
-def test_an_empty_channel_is_refused_with_the_way_out() -> None:
-    assert "--drop temperature_shell_degC" in refusal(table().assign(temperature_shell_degC=np.nan))
-    assert "gyro_deg_h: every value is missing" in refusal(table().assign(gyro_deg_h=np.nan))
+def test_an_empty_monitor_is_left_out() -> None:
+    mended, report = mend(table().assign(light_intensity_V=np.nan))
+    pd.testing.assert_frame_equal(mended, table())
+    assert report == "noted: light_intensity_V: every value is missing (NaN), left out"
+    frame = table().assign(light_intensity_V=np.nan)
+    frame.loc[5, ["time_s", "light_intensity_V"]] = np.nan, 0.5  # the only value goes with its row
+    mended, report = mend(frame)
+    assert "light_intensity_V: every value is missing (NaN), left out" in report
+    assert len(mended) == 1999
+    assert "light_intensity_V" not in mended
+
+
+def test_an_empty_time_or_gyro_is_refused() -> None:
+    assert "gyro_deg_h: every value is missing (NaN); leave the column out with --drop gyro_deg_h" in refusal(
+        table().assign(gyro_deg_h=np.nan, light_intensity_V=np.nan)
+    )
+    assert "time_s: every value is missing (NaN); mend the file" in refusal(table().assign(time_s=np.nan))
 
 
 def test_repeated_time_stamps_are_left_out() -> None:

@@ -1,4 +1,4 @@
-"""Reading long recordings, validated and repaired, against readers that do neither."""
+"""Reading long recordings, validated and repaired, against readers that do neither; each reads to a table of its own kind."""
 
 from __future__ import annotations
 
@@ -53,17 +53,17 @@ def _csv_peers(path: Path) -> list[Peer]:
     def polars() -> Any:
         import polars
 
-        return polars.read_csv(path).to_numpy()
+        return polars.read_csv(path)
 
     def arrow() -> Any:
         from pyarrow import csv
 
-        return csv.read_csv(path).to_pandas().to_numpy()
+        return csv.read_csv(path).to_pandas()
 
     return [
         Peer("polars", polars, _difference, 0.0, 1.0 / 1.1),
         Peer("pyarrow", arrow, _difference, 0.0, 1.0 / 1.1),
-        Peer("pandas, C engine", lambda: pd.read_csv(path).to_numpy(), _difference, 0.0),
+        Peer("pandas, C engine", lambda: pd.read_csv(path), _difference, 0.0),
     ]
 
 
@@ -71,18 +71,18 @@ def _parquet_peers(path: Path) -> list[Peer]:
     def polars() -> Any:
         import polars
 
-        return polars.read_parquet(path).to_numpy()
+        return polars.read_parquet(path)
 
     def arrow() -> Any:
         from pyarrow import parquet
 
-        return parquet.read_table(path).to_pandas().to_numpy()
+        return parquet.read_table(path).to_pandas()
 
     return [Peer("polars", polars, _difference, 0.0, 1.0 / 1.1), Peer("pyarrow", arrow, _difference, 0.0, 1.0 / 1.1)]
 
 
 def _difference(ours: pd.DataFrame, theirs: Any) -> float:
-    return float(np.max(np.abs(ours.to_numpy() - theirs)))
+    return float(np.max(np.abs(ours.to_numpy() - theirs.to_numpy())))
 
 
 ROWS: Final = (

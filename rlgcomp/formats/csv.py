@@ -18,9 +18,10 @@ from typing import Any, Final
 import pandas as pd
 
 from rlgcomp.errors import InputError
+from rlgcomp.formats import numbers
 
 SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
-_LARGE: Final = 1 << 23  # bytes from which Arrow's reader, which uses all cores, pays for its import
+_LARGE: Final = 1 << 23  # bytes from which a reader of numbers alone, which uses all cores, pays for its import
 _HEAD: Final = 1 << 16  # bytes that show how a file is written
 _LINES: Final = 20  # of its first lines
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -89,7 +90,7 @@ def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
 
 
 def _all_numbers(path: Path) -> pd.DataFrame | None:
-    """A file of a header and numbers alone, read by Arrow, each number to the last bit; None where it holds anything else."""
+    """A file of a header and numbers alone, each number to the last bit; None where it holds anything else."""
     import pyarrow
     from pyarrow import csv
 
@@ -99,12 +100,14 @@ def _all_numbers(path: Path) -> pd.DataFrame | None:
         written = _dialect(path)
         separator = written.separator
         names = next(text.reader([header], delimiter=separator), [])
-        plain = not header.startswith("#") and all(name and name == name.strip() for name in names)
+        plain = not header.startswith(("#", "\ufeff")) and all(name and name == name.strip() for name in names)
         if not (names and plain and len(set(names)) == len(names) and written.decimal == "." and written.encoding == "utf-8"):
             return None
-        numbers = csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.float64()))  # told, not found out: half the work
+        if numbers.pays(path.stat().st_size) and (columns := numbers.read(path, names, separator)) is not None:
+            return columns
+        told = csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.float64()))  # not found out: half the work
         with pyarrow.memory_map(str(path)) as mapped:
-            table = csv.read_csv(mapped, parse_options=csv.ParseOptions(delimiter=separator), convert_options=numbers)
+            table = csv.read_csv(mapped, parse_options=csv.ParseOptions(delimiter=separator), convert_options=told)
     except (pyarrow.ArrowInvalid, OSError, UnicodeError):
         return None
     return table.to_pandas(split_blocks=True) if table.column_names == names else None

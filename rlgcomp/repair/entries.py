@@ -81,6 +81,13 @@ def _seconds(values: pd.Series, context: Context) -> pd.Series:
 
 def empty_channels(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     doubtful = [name for name, extent in context.extents(table).items() if extent.missing]
-    for column in (name for name in doubtful if np.isnan(table[name].to_numpy()).all()):
-        context.add("refused", f"every value is missing (NaN); leave the column out with --drop {column}, or mend the file", column)
-    return table
+    empty = [name for name in doubtful if np.isnan(table[name].to_numpy()).all()]
+    for column in empty:
+        if column == TIME:
+            context.add("refused", "every value is missing (NaN); mend the file", column)
+        elif is_gyro(column):
+            message = f"every value is missing (NaN); leave the column out with --drop {column}, or mend the file"
+            context.add("refused", message, column)
+        else:
+            context.add("noted", "every value is missing (NaN), left out", column)
+    return table.drop(columns=empty) if empty and not context.refused else table
