@@ -91,24 +91,30 @@ def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
 
 def _all_numbers(path: Path) -> pd.DataFrame | None:
     """A file of a header and numbers alone, each number to the last bit; None where it holds anything else."""
-    import pyarrow
-    from pyarrow import csv
-
     try:
         with path.open(encoding="utf-8") as stream:
             header = stream.readline().strip()
-        written = _dialect(path)
-        separator = written.separator
-        names = next(text.reader([header], delimiter=separator), [])
-        plain = not header.startswith(("#", "\ufeff")) and all(name and name == name.strip() for name in names)
-        if not (names and plain and len(set(names)) == len(names) and written.decimal == "." and written.encoding == "utf-8"):
-            return None
-        if numbers.pays(path.stat().st_size) and (columns := numbers.read(path, names, separator)) is not None:
-            return columns
-        told = csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.float64()))  # not found out: half the work
+    except (OSError, UnicodeError):
+        return None
+    written = _dialect(path)
+    names = next(text.reader([header], delimiter=written.separator), [])
+    plain = not header.startswith(("#", "\ufeff")) and all(name and name == name.strip() for name in names)
+    if not (names and plain and len(set(names)) == len(names) and written.decimal == "." and written.encoding == "utf-8"):
+        return None
+    if numbers.pays(path.stat().st_size) and (table := numbers.read(path, names, written.separator)) is not None:
+        return table
+    return _by_arrow(path, names, written.separator)
+
+
+def _by_arrow(path: Path, names: list[str], separator: str) -> pd.DataFrame | None:
+    import pyarrow
+    from pyarrow import csv
+
+    told = csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.float64()))  # not found out: half the work
+    try:
         with pyarrow.memory_map(str(path)) as mapped:
             table = csv.read_csv(mapped, parse_options=csv.ParseOptions(delimiter=separator), convert_options=told)
-    except (pyarrow.ArrowInvalid, OSError, UnicodeError):
+    except (pyarrow.ArrowInvalid, OSError):
         return None
     return table.to_pandas(split_blocks=True) if table.column_names == names else None
 
