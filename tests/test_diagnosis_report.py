@@ -32,9 +32,8 @@ TRUE = BASE.with_mechanism(CATALOGUE["thermal_hysteresis"]())
 def diagnosis() -> Diagnosis:
     runs = [TRUE.simulate("short", seed=seed, step_s=5.0, name=f"run <{seed}>") for seed in (1, 2)]
     proof = prove(BASE, TRUE, runs[:1], runs[1:], window_s=100.0, shape=NoiseShape(), white_deg_h=0.0018)
-    cause = Cause(
-        CATALOGUE["thermal_hysteresis"](), 0.9, {"radius_K": Estimate(12.0, 0.4, "K")}, 0.004, drivers=("temperature_block_degC",)
-    )
+    swept = CATALOGUE["thermal_hysteresis"](start="from_below")
+    cause = Cause(swept, 0.9, {"radius_K": Estimate(12.0, 0.4, "K")}, 0.004, drivers=("temperature_block_degC",))
     return Diagnosis(
         verdict="explained",
         p_value=1e-20,
@@ -68,6 +67,9 @@ def test_its_numbers_are_those_of_the_diagnosis(page: str, diagnosis: Diagnosis)
     for number in (diagnosis.test.baseline_rms, diagnosis.test.augmented_rms, diagnosis.test.compensation_rms):
         assert f"{number:.5f}" in page
     assert "12.00 ± 0.40 K" in page
+    assert "from_below" in page  # an unusual form
+    assert ">play<" not in page  # the usual one
+    assert "start = from_below" in str(diagnosis)
     assert CATALOGUE["thermal_hysteresis"].equation.split("=")[1].strip()[:10] in page
     assert "start 20, ramp 50 0.5" in page
 

@@ -94,9 +94,9 @@ def _causes(diagnosis: Diagnosis) -> pd.DataFrame:
 def _parameters(diagnosis: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(
         [
-            {"mechanism": cause.name, "parameter": name, "value": str(estimate)}
+            {"mechanism": cause.name, "parameter": name, "value": value}
             for cause in diagnosis.causes
-            for name, estimate in cause.parameters.items()
+            for name, value in cause.numbers().items()
         ]
     )
 

@@ -72,7 +72,7 @@ def as_text(diagnosis: Diagnosis) -> str:
     if diagnosis.causes:
         rows = []
         for cause in diagnosis.causes:
-            values = [f"{name} = {estimate}" for name, estimate in cause.parameters.items()] or [""]
+            values = [f"{name} = {value}" for name, value in cause.numbers().items()] or [""]
             rows.append([cause.name, f"{cause.probability:.3f}", f"{cause.rms_deg_h:.3g} deg/h", values[0]])
             rows += [["", "", "", value] for value in values[1:]]
         parts.append(_table("What", ["mechanism", "probability", "rms", "parameters"], rows))

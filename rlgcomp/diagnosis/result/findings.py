@@ -91,6 +91,12 @@ class Cause:
     def name(self) -> str:
         return self.mechanism.name
 
+    def numbers(self) -> dict[str, str]:
+        """What was found of it, for a reader: parameters with their standard deviations, and forms that are not the usual ones."""
+        fitted = {name: str(estimate) for name, estimate in self.parameters.items()}
+        forms = {p.name: (str(getattr(self.mechanism, p.name)), p.typical) for p in self.mechanism.parameters() if p.choices}
+        return fitted | {name: form for name, (form, usual) in forms.items() if form != usual}
+
     def to_mapping(self) -> dict[str, Any]:
         """An entry of `findings`."""
         return {
