@@ -23,7 +23,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import main, register_commands
 from rlgcomp.cli.base import app
 
-COMMANDS = ["demo", "inspect", "simulate", "predict", "train", "evaluate", "compensate", "allan"]
+COMMANDS = ["demo", "inspect", "simulate", "mechanisms", "predict", "train", "evaluate", "compensate", "allan"]
 SIMULATOR = """
 kind: chamber
 mechanisms:
@@ -107,6 +107,21 @@ def test_json_is_json(folder: Path, tmp_path: Path) -> None:
         result = run(*call, "--json")
         assert result.exit_code == 0, result.output
         assert json.loads(result.stdout)
+
+
+def test_mechanisms_tells_what_a_simulator_file_may_hold() -> None:
+    listed = run("mechanisms")
+    assert all(name in listed.stdout for name in rlg.CATALOGUE)
+    told = run("mechanisms", "thermal_hysteresis")
+    assert "radius_K" in told.stdout
+    assert "rested, from_below, from_above" in told.stdout
+    assert "Visintin" in told.stdout
+    (entry,) = json.loads(run("mechanisms", "mode_hop", "--json").stdout)
+    usual = {parameter["name"]: parameter["usual"] for parameter in entry["parameters"]}
+    assert rlg.CATALOGUE["mode_hop"].from_mapping(usual) == rlg.CATALOGUE["mode_hop"]()
+    unknown = run("mechanisms", "phlogiston")
+    assert unknown.exit_code == 2
+    assert "no mechanism is called 'phlogiston'" in unknown.output
 
 
 def test_inspect_names_what_was_found(folder: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ COMMANDS = (
     "scale_factor",
     "calibration",
     "simulation",
+    "mechanisms",
     "diagnosis",
     "compensation",
     "models",

@@ -1,0 +1,84 @@
+"""The command that tells what a simulator file may hold: mechanisms."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rlgcomp.cli.base import AsJson, MechanismFiles, command
+from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.errors import InputError
+
+if TYPE_CHECKING:
+    from rlgcomp.physics.mechanism import Mechanism, Parameter
+
+
+@command("mechanisms", several=("--mechanisms",))
+def mechanisms(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Of one mechanism: everything about it.")] = None,
+    files: MechanismFiles = None,
+    as_json: AsJson = False,
+) -> None:
+    """The mechanisms that a simulator file may hold and a diagnosis tries; of one, its parameters with units and bounds.
+
+    Example: `rlgcomp mechanisms thermal_hysteresis`
+    """
+    from rlgcomp.physics.user import user_catalogue
+
+    catalogue = user_catalogue(files or [])
+    if name is not None and name not in catalogue:
+        raise InputError(f"no mechanism is called {name!r}; there are {', '.join(catalogue)}")
+    chosen = list(catalogue.values()) if name is None else [catalogue[name]]
+    if as_json:
+        show_json([_described(form) for form in chosen])
+    elif name is None:
+        rows = [{"mechanism": form.name, "kind": form.kind, "equation": form.equation} for form in chosen]
+        show_table("Mechanisms; `rlgcomp mechanisms NAME` tells their parameters", rows)
+    else:
+        (form,) = chosen
+        typer.echo(f"{form.name} ({form.kind}): {_headline(form)}\n\n  {form.equation}\n\n  {form.reference}\n")
+        if form.drivers:
+            typer.echo(f"It reads {', '.join(form.drivers)}.\n")
+        if form.parameters():
+            show_table("Parameters", [_row(parameter) for parameter in form.parameters()])
+
+
+def _headline(form: type[Mechanism]) -> str:
+    return (inspect.getdoc(form) or "").partition("\n\n")[0].replace("\n", " ")
+
+
+def _row(parameter: Parameter) -> dict[str, str]:
+    bounds = f"{parameter.low:g} to {parameter.high:g}" if math.isfinite(parameter.high - parameter.low) else ""
+    return {
+        "parameter": parameter.name,
+        "role": parameter.role,
+        "usual": str(parameter.typical),
+        "unit": parameter.unit,
+        "may be": ", ".join(parameter.choices) or bounds,
+    }
+
+
+def _described(form: type[Mechanism]) -> dict[str, Any]:
+    return {
+        "mechanism": form.name,
+        "kind": form.kind,
+        "about": _headline(form),
+        "equation": form.equation,
+        "reference": form.reference,
+        "drivers": list(form.drivers),
+        "parameters": [
+            {
+                "name": parameter.name,
+                "role": parameter.role,
+                "unit": parameter.unit,
+                "usual": parameter.typical,
+                "low": parameter.low if math.isfinite(parameter.low) else None,
+                "high": parameter.high if math.isfinite(parameter.high) else None,
+                "choices": list(parameter.choices),
+            }
+            for parameter in form.parameters()
+        ],
+    }
