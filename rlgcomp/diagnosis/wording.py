@@ -140,7 +140,7 @@ def place_rows(places: Sequence[Place]) -> list[list[str]]:
             continue
         hours = sum((place.end_s or 0.0) - (place.start_s or 0.0) for place in stays) / SECONDS_PER_HOUR
         runs = listing(sorted({place.run for place in stays}))
-        said = f"{runs} {stays[0].channel}, {len(stays)} stays of together {hours:.2f} h, {regime}"
+        said = f"{runs} {stays[0].channel}, {len(stays)} stays, {hours:.2f} h together, {regime}"
         rows.append([said, f"{100 * sum(place.share for place in stays):.0f} %", p_text(p_value)])
     return rows
 
