@@ -131,11 +131,12 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
     baseline = _baseline(stream(seed, "baseline"), effects)
     runs = (*TRAINING, *HELD_OUT)
     chambers = [unit.run(stream(seed, f"chamber:{run}")) for run in runs]
-    hidden = [_acting(name, seed, independent, baseline, dict(zip(TRAINING, chambers, strict=False))) for name in effects]
+    plain = _design(_known(baseline, chambers))
+    hidden = [_acting(name, seed, independent, chambers, plain) for name in effects]
     for effect in hidden:
         if effect.glitch is not None:
             chambers = [effect.glitch(chamber) for chamber in chambers]
-    known = [np.column_stack([part.columns(chamber) for part in baseline]) for chamber in chambers]
+    known = _known(baseline, chambers)
     units = {
         effect.name: [
             effect.law(chamber, stream(seed, f"{effect.name}:{run}")) for chamber, run in zip(chambers, runs, strict=True)
@@ -143,12 +144,12 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
         for effect in hidden
     }
     scale = {}
-    design = np.vstack([means(columns) for columns in known[: len(TRAINING)]])
+    design = _design(known)
     for effect in hidden:
         column = np.concatenate([means(values) for values in units[effect.name][: len(TRAINING)]])
         left = float(np.std(column - _project(design, column)))
         sign = stream(seed, f"sign:{effect.name}").choice([-1.0, 1.0])
-        scale[effect.name] = float(sign * strength * noise.white_100_s_deg_h / max(left, 1e-12))
+        scale[effect.name] = float(sign * strength * noise.white_100_s_deg_h / left)
     weights = np.concatenate([part.weights for part in baseline])
     added = [sum((scale[name] * units[name][k] for name in scale), np.zeros(len(columns))) for k, columns in enumerate(known)]
     truth = [columns @ weights + extra for columns, extra in zip(known, added, strict=True)]
@@ -321,16 +322,26 @@ def _mapping(baseline: Sequence[Part], noise: Noise, rng: np.random.Generator) -
 # --- pieces --------------------------------------------------------------------------------------------------------------------
 
 
-def _acting(name: str, seed: int, independent: bool, baseline: Sequence[Part], chambers: Mapping[str, Chamber]) -> Effect:
+def _acting(name: str, seed: int, independent: bool, chambers: Sequence[Chamber], design: Array) -> Effect:
     """An effect; drawn again where the training runs show nothing of it, as of a hop at a temperature that none reaches."""
     rng = stream(seed, f"effect:{name}")
-    design = np.vstack([means(np.column_stack([part.columns(chamber) for part in baseline])) for chamber in chambers.values()])
     for _ in range(_DRAWS):
         effect = _effect(name, rng, independent)
-        shown = np.concatenate([means(effect.law(chamber, stream(seed, f"{name}:{run}"))) for run, chamber in chambers.items()])
+        runs = zip(chambers, TRAINING, strict=False)
+        shown = np.concatenate([means(effect.law(chamber, stream(seed, f"{name}:{run}"))) for chamber, run in runs])
         if np.std(shown - _project(design, shown)) > 1e-9 * np.abs(shown).max():
             return effect
     raise ValueError(f"{name}: none of {_DRAWS} draws acts in the training runs of seed {seed}")
+
+
+def _known(baseline: Sequence[Part], chambers: Sequence[Chamber]) -> list[Array]:
+    """Columns of what the simulator has, run by run."""
+    return [np.column_stack([part.columns(chamber) for part in baseline]) for chamber in chambers]
+
+
+def _design(known: Sequence[Array]) -> Array:
+    """Their 100 s means over the training runs."""
+    return np.vstack([means(columns) for columns in known[: len(TRAINING)]])
 
 
 def _effect(name: str, rng: np.random.Generator, independent: bool) -> Effect:
@@ -357,7 +368,7 @@ def _oracle(fitted: Sequence[Array], recordings: Sequence[Recording], unrepeated
     targets = [recording.column("gyro_deg_h") for recording in recordings[: len(TRAINING)]]
     for k, values in enumerate(unrepeated):
         targets[k % len(TRAINING)] = targets[k % len(TRAINING)] - values
-    design = np.vstack([means(columns) for columns in fitted[: len(TRAINING)]])
+    design = _design(fitted)
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     solution, *_ = np.linalg.lstsq(design / size, np.concatenate([means(target) for target in targets]), rcond=None)
     return tuple(columns @ (solution / size) for columns in fitted[len(TRAINING) :])

@@ -216,7 +216,7 @@ def _jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mecha
     evidence = search.evidence
     found: list[Candidate] = []
     for kind in kinds:
-        if kind.jumping(1.0, 3600.0) is None:
+        if not kind.jumps():
             continue
         for members in dict.fromkeys(
             tuple(m for m in model.members if evidence.candidates[m.candidate].name != kind.name) for model in models

@@ -14,16 +14,17 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.families import OF_MEMORY, Axis, Family, Held, begun
 from rlgcomp.diagnosis.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.hysteresis import STARTS
-from rlgcomp.physics.empirical_law import NARROW, RATE_INDEPENDENT, EmpiricalLaw, ahead, played, remembered, smoothed
+from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, played, remembered, smoothed
 from rlgcomp.recording import TIME, Recording, is_gyro
 
 Array = npt.NDArray[np.float64]
@@ -37,103 +38,9 @@ MEMORY_CLASS: Final = {
     "plays": "rate-independent",
 }
 _SHORTEST_LAG_WINDOWS: Final = 2.0
-_SPACING: Final = 1.3  # of bumps, in widths
 _PIECES_A_WINDOW: Final = 5
 _RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
 _LATE_S: Final = (2.0, 60.0)  # a thermometer: as likely as not, so late that a narrow law sees it
-_SWEPT: Final = 0.15  # that a driver had come from far below, or as likely from above, to where a run begins
-_OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
-
-
-class Held(NamedTuple):
-    """What is remembered of a driver: the value is a lag or lead in s, or a radius as a share of half the range."""
-
-    driver: str
-    memory: str = "static"
-    value: float = 0.0
-    start: str = "rested"
-
-
-@dataclasses.dataclass(frozen=True)
-class Axis:
-    """A shape that a family leaves open, from 0 to 1 between two bounds, in equal ratios where `ratio`."""
-
-    name: str
-    low: float
-    high: float
-    points: int
-    ratio: bool = False
-
-    def value(self, place: Array) -> Array:
-        """Bounds to bounds as the place goes from 0 to 1."""
-        if self.ratio:
-            return np.asarray(self.low * (self.high / self.low) ** place)
-        return np.asarray(self.low + (self.high - self.low) * place)
-
-    @property
-    def places(self) -> Array:
-        """Middles of equal intervals."""
-        return (np.arange(self.points) + 0.5) / self.points
-
-
-@dataclasses.dataclass(frozen=True)
-class Family:
-    """Laws that differ in their shapes alone.
-
-    Parameters
-    ----------
-    driver, driver_2, memory, form, exponent, start
-        As in :class:`rlgcomp.physics.empirical_law.EmpiricalLaw`.
-    axes : tuple of Axis
-        "lag" and "lead" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of
-        half a period.
-    screened : bool
-        Whether its grid is tried from the start; if not, it is tried where its sibling did well: of narrow forms the bump, of
-        plays those that had rested.
-    log_prior : float
-    start : str
-    """
-
-    driver: str
-    driver_2: str
-    memory: str
-    form: str
-    exponent: int
-    axes: tuple[Axis, ...]
-    screened: bool = True
-    log_prior: float = 0.0
-    start: str = "rested"
-
-    @property
-    def drivers(self) -> tuple[str, ...]:
-        return (self.driver, self.driver_2) if self.driver_2 else (self.driver,)
-
-    def held(self, value: float) -> Held:
-        """What it remembers of its first driver."""
-        return Held(self.driver, self.memory, value, self.start)
-
-    def is_sibling(self, other: Family) -> bool:
-        """Whether it stands where the other did well."""
-        if (self.driver, self.driver_2, self.memory) != (other.driver, other.driver_2, other.memory):
-            return False
-        return other.form == "bump" if self.form in NARROW else other.form == self.form
-
-    def grid(self) -> tuple[Array, Array]:
-        """Places of its grid's points, shape (points, axes), and the logarithms of their weights.
-
-        Where a width is open, the narrower it is the closer the points along "at".
-        """
-        if [axis.name for axis in self.axes] != ["at", "width"]:
-            points = list(itertools.product(*(axis.places for axis in self.axes)))
-            places = np.array(points, dtype=np.float64).reshape(len(points), len(self.axes))
-            return places, np.full(len(places), -math.log(len(places)))
-        width = self.axes[1]
-        blocks, weights = [], []
-        for place in width.places:
-            count = max(4, math.ceil(1.0 / (_SPACING * float(width.value(np.array(place))))))
-            blocks.append(np.column_stack([(np.arange(count) + 0.5) / count, np.full(count, place)]))
-            weights.append(np.full(count, -math.log(count * width.points)))
-        return np.concatenate(blocks), np.concatenate(weights)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -220,7 +127,7 @@ class Dictionary:
         """
         table = np.empty((len(self.problem.rows), len(places)))
         shapes = {axis.name: axis.value(places[:, j]) for j, axis in enumerate(family.axes)}
-        memory = next((shapes[name] for name in _OF_MEMORY if name in shapes), np.zeros(len(places)))
+        memory = next((shapes[name] for name in OF_MEMORY if name in shapes), np.zeros(len(places)))
         for value in np.unique(memory):
             which = np.flatnonzero(memory == value)
             series, low, high = self._series(family.held(float(value)))
@@ -236,7 +143,7 @@ class Dictionary:
     def law(self, family: Family, place: Array) -> EmpiricalLaw:
         """The law at one place of a family, with amplitude one."""
         shapes = {axis.name: float(axis.value(place[j])) for j, axis in enumerate(family.axes)}
-        memory = next((shapes[name] for name in _OF_MEMORY if name in shapes), 0.0)
+        memory = next((shapes[name] for name in OF_MEMORY if name in shapes), 0.0)
         _, low, high = self._series(family.held(memory))
         at, width = _at_and_width({name: np.array([value]) for name, value in shapes.items()}, low, high)
         given: dict[str, float] = {"at": float(at[0]), "width": float(width[0])}
@@ -313,8 +220,8 @@ class Dictionary:
                 Family(driver, "", "lag", "power", 2, (lag, Axis("at", 0.0, 1.0, 3))),
             ]
             slipping = [
-                *_begun(Family(driver, "", "play", "power", 1, (radius,))),
-                *_begun(Family(driver, "", "plays", "power", 1, (radius,))),
+                *begun(Family(driver, "", "play", "power", 1, (radius,))),
+                *begun(Family(driver, "", "plays", "power", 1, (radius,))),
                 Family(driver, "", "plays", "saturation", 1, (radius, Axis("at", 0.0, 1.0, 3), wide)),
                 Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
             ]
@@ -363,16 +270,10 @@ class Dictionary:
         return families
 
 
-def _begun(family: Family) -> list[Family]:
-    """A family, and the same where runs begin otherwise than rested."""
-    swept = [dataclasses.replace(family, start=start, screened=False, log_prior=math.log(_SWEPT)) for start in list(STARTS)[1:]]
-    return [dataclasses.replace(family, log_prior=math.log(1.0 - len(swept) * _SWEPT)), *swept]
-
-
 def _keys(family: Family, places: Array) -> list[Held]:
     """What is remembered at places of a family."""
     for j, axis in enumerate(family.axes):
-        if axis.name in _OF_MEMORY:
+        if axis.name in OF_MEMORY:
             return [family.held(float(value)) for value in np.unique(axis.value(places[:, j]))]
     return [family.held(0.0)]
 

@@ -82,9 +82,7 @@ class Search:
         self._scored: dict[tuple[Member, ...], dict[Label, tuple[float, Member, float, Array]]] = {}
         self._labels = [(candidate.name, candidate.known) for candidate in self.evidence.candidates]
         self._jumping = frozenset(
-            label
-            for label, candidate in zip(self._labels, self.evidence.candidates, strict=True)
-            if candidate.mechanism.jumping(1.0, 3600.0) is not None
+            label for label, candidate in zip(self._labels, self.evidence.candidates, strict=True) if candidate.mechanism.jumps()
         )
         self._weights = np.array([candidate.log_weight for candidate in self.evidence.candidates])
         self._by_label: dict[Label, npt.NDArray[np.intp]] = {

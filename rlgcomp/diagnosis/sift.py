@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.evidence import log_sum_exp
-from rlgcomp.diagnosis.laws import Dictionary, Family
+from rlgcomp.diagnosis.families import Family
+from rlgcomp.diagnosis.laws import Dictionary
 
 Array = npt.NDArray[np.float64]
 _REFINED: Final = 20  # families

@@ -184,6 +184,11 @@ class Mechanism(abc.ABC):
         del half_step_deg_h, dwell_s
         return None
 
+    @classmethod
+    def jumps(cls) -> bool:
+        """Whether it does."""
+        return cls.jumping(1.0, 3600.0) is not None
+
     def extensions(self) -> tuple[Self, ...]:
         """Richer forms of the same cause, to be tried where the simulator has it in this form."""
         return ()

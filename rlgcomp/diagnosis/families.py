@@ -1,0 +1,116 @@
+"""Families of laws that differ in their shapes alone: what they remember of a driver, and the grid of shapes to try."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.hysteresis import STARTS
+from rlgcomp.physics.empirical_law import NARROW
+
+Array = npt.NDArray[np.float64]
+OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
+_SPACING: Final = 1.3  # of bumps, in widths
+_SWEPT: Final = 0.15  # that a driver had come from far below, or as likely from above, to where a run begins
+
+
+class Held(NamedTuple):
+    """What is remembered of a driver: the value is a lag or lead in s, or a radius as a share of half the range."""
+
+    driver: str
+    memory: str = "static"
+    value: float = 0.0
+    start: str = "rested"
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis:
+    """A shape that a family leaves open, from 0 to 1 between two bounds, in equal ratios where `ratio`."""
+
+    name: str
+    low: float
+    high: float
+    points: int
+    ratio: bool = False
+
+    def value(self, place: Array) -> Array:
+        """Bounds to bounds as the place goes from 0 to 1."""
+        if self.ratio:
+            return np.asarray(self.low * (self.high / self.low) ** place)
+        return np.asarray(self.low + (self.high - self.low) * place)
+
+    @property
+    def places(self) -> Array:
+        """Middles of equal intervals."""
+        return (np.arange(self.points) + 0.5) / self.points
+
+
+@dataclasses.dataclass(frozen=True)
+class Family:
+    """Laws that differ in their shapes alone.
+
+    Parameters
+    ----------
+    driver, driver_2, memory, form, exponent, start
+        As in :class:`rlgcomp.physics.empirical_law.EmpiricalLaw`.
+    axes : tuple of Axis
+        "lag" and "lead" in s, "radius" as a share of half the range, "at", "width" and "at_2" as shares of the range, "phase" of
+        half a period.
+    screened : bool
+        Whether its grid is tried from the start; if not, it is tried where its sibling did well: of narrow forms the bump, of
+        plays those that had rested.
+    log_prior : float
+    start : str
+    """
+
+    driver: str
+    driver_2: str
+    memory: str
+    form: str
+    exponent: int
+    axes: tuple[Axis, ...]
+    screened: bool = True
+    log_prior: float = 0.0
+    start: str = "rested"
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.driver, self.driver_2) if self.driver_2 else (self.driver,)
+
+    def held(self, value: float) -> Held:
+        """What it remembers of its first driver."""
+        return Held(self.driver, self.memory, value, self.start)
+
+    def is_sibling(self, other: Family) -> bool:
+        """Whether it stands where the other did well."""
+        if (self.driver, self.driver_2, self.memory) != (other.driver, other.driver_2, other.memory):
+            return False
+        return other.form == "bump" if self.form in NARROW else other.form == self.form
+
+    def grid(self) -> tuple[Array, Array]:
+        """Places of its grid's points, shape (points, axes), and the logarithms of their weights.
+
+        Where a width is open, the narrower it is the closer the points along "at".
+        """
+        if [axis.name for axis in self.axes] != ["at", "width"]:
+            points = list(itertools.product(*(axis.places for axis in self.axes)))
+            places = np.array(points, dtype=np.float64).reshape(len(points), len(self.axes))
+            return places, np.full(len(places), -math.log(len(places)))
+        width = self.axes[1]
+        blocks, weights = [], []
+        for place in width.places:
+            count = max(4, math.ceil(1.0 / (_SPACING * float(width.value(np.array(place))))))
+            blocks.append(np.column_stack([(np.arange(count) + 0.5) / count, np.full(count, place)]))
+            weights.append(np.full(count, -math.log(count * width.points)))
+        return np.concatenate(blocks), np.concatenate(weights)
+
+
+def begun(family: Family) -> list[Family]:
+    """A family, and the same where runs begin otherwise than rested."""
+    swept = [dataclasses.replace(family, start=start, screened=False, log_prior=math.log(_SWEPT)) for start in list(STARTS)[1:]]
+    return [dataclasses.replace(family, log_prior=math.log(1.0 - len(swept) * _SWEPT)), *swept]
