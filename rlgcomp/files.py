@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -17,6 +18,7 @@ import numpy as np
 
 from rlgcomp.errors import InputError
 
+_EXPONENT: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]\d+$")  # as 6e-06, which YAML 1.1 takes for text
 _MOST_DIGITS: Final = 300  # of a whole number that a float can hold
 
 
@@ -131,6 +133,7 @@ def from_yaml(text: str) -> Any:
         return _whole_number(node.value) if len(node.value) > _MOST_DIGITS else loader.construct_yaml_int(node)
 
     Loader.add_constructor("tag:yaml.org,2002:int", whole_number)
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
     try:
         return yaml.load(text, Loader)  # noqa: S506  a safe loader
     except RecursionError:

@@ -28,6 +28,9 @@ ANGLES: Final = ("table_angle_deg", "angle_inner_deg")
 CLEARLY_BETTER: Final = 0.5  # of the residual: what another reading of the table's motion must bring to replace the first
 TAKEN: Final = ("before", "at", "after")
 _SAME_RAD: Final = 0.2
+_STILL: Final = 31  # samples, an odd number, by which it is judged whether a table stands
+_STRAYS: Final = 8.0  # of the root mean square step of an angle
+_SLOWEST: Final = 1e-3  # of the highest rate
 _WINDOWS: Final = 50  # in which readings of the motion are compared, of at most so many seconds each:
 _LONGEST_WINDOW_S: Final = 100.0
 
@@ -163,6 +166,37 @@ def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:
         if left < CLEARLY_BETTER * least:
             best, least = reading, left
     return best
+
+
+def stilled(recording: Recording, rate: Array) -> Array:
+    r"""A table's rate with its mean in each stretch where the table stands: what its encoder says there is the encoder's own noise.
+
+    The noise of an angle comes back, motion goes on. A table stands where over `_STILL` samples the angle strays no farther than
+    noise does that returns,
+
+    .. math:: \max_k \theta_k - \min_k \theta_k \le r \, \Delta t \sqrt{\overline{W^2}}, \qquad r = 8
+
+    (3 to 4 for noise, 13 for a sweep through zero), and the rate is less than a thousandth of the highest.
+
+    Parameters
+    ----------
+    recording : Recording
+    rate : ndarray, shape (n,)
+        In deg/s, of its table.
+    """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+    if len(rate) < _STILL:
+        return rate
+    spans_s = _spans_s(recording)
+    angle = np.cumsum(rate * spans_s)
+    strayed = maximum_filter1d(angle, _STILL) - minimum_filter1d(angle, _STILL)
+    size = np.sqrt(uniform_filter1d(rate**2, _STILL).clip(0.0))
+    still = (strayed <= _STRAYS * size * recording.period_s) & (size <= _SLOWEST * float(np.abs(rate).max()))
+    still = maximum_filter1d(still, _STILL)
+    stretch = np.cumsum(np.diff(still, prepend=still[0]) != 0)
+    mean = np.bincount(stretch, rate * spans_s) / np.bincount(stretch, spans_s)
+    return np.where(still, mean[stretch], rate)
 
 
 def earth_rate_deg_h(recording: Recording) -> float:

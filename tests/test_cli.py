@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -258,6 +259,15 @@ def test_a_fault_of_ours_ends_with_1_and_no_traceback(folder: Path, monkeypatch:
     assert result.exit_code == 1
     assert "internal fault: ZeroDivisionError" in result.output
     assert "Traceback" not in result.output
+
+
+def test_a_disk_that_is_full_is_named(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*arguments: object, **named: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(tmp_path / "out.parquet"))
+
+    monkeypatch.setattr("rlgcomp.inspection.summarise", full)
+    output = refused("inspect", folder / "run1.parquet")
+    assert f"cannot write {tmp_path / 'out.parquet'}: {os.strerror(errno.ENOSPC)}; make room" in output
 
 
 def test_a_search_stopped_by_a_signal_leaves_no_model_and_goes_on(folder: Path, tmp_path: Path) -> None:

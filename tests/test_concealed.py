@@ -287,7 +287,7 @@ class TestTables:
         assert not tables.right(outside | {"error_to_oracle": 2.1})
 
     def test_every_kind_is_shown(self, capsys: pytest.CaptureFixture[str]) -> None:
-        rows = [self.row(kind, name) for kind, name in zip(KINDS, (*list(INDEPENDENT)[:6], "lock_in"), strict=True)]
+        rows = [self.row(kind, name) for kind, name in zip(KINDS, (*list(INDEPENDENT)[:6], "lock_in", "ageing"), strict=True)]
         tables.show(
             [
                 *rows,

@@ -123,6 +123,14 @@ def test_its_text_begins_with_the_verdict(diagnosis: Diagnosis) -> None:
     assert max(map(len, lines[1:])) <= 140
 
 
+def test_only_what_cannot_be_told_apart_is_said_to_be_so(diagnosis: Diagnosis) -> None:
+    sure = dataclasses.replace(diagnosis.causes[0], indistinguishable_from=())
+    field = dataclasses.replace(sure, mechanism=rlg.CATALOGUE["magnetic_field"]())
+    both = dataclasses.replace(diagnosis, causes=(field, *diagnosis.causes))
+    assert "cannot tell between thermal_lag and thermal_gradient." in both.sentence
+    assert both.sentence.count("magnetic_field") == 1
+
+
 def test_an_experiment_that_would_not_tell_is_said_to_be_none(diagnosis: Diagnosis) -> None:
     assert "to tell between thermal_lag and thermal_gradient" in str(diagnosis)
     dull = dataclasses.replace(
@@ -141,6 +149,10 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     assert "follows light_intensity_V (static)" in unknown.sentence
     lost = dataclasses.replace(unknown, unexplained=Unexplained(1e-9))
     assert "follows no channel that was recorded" in lost.sentence
+    doubtful = dataclasses.replace(none, p_value=0.01)
+    assert "hardly noise alone (p = 0.01)" in doubtful.sentence
+    worse = dataclasses.replace(diagnosis, verdict="explained", test=fit(0.0045, 0.0060, -0.5, -0.2))
+    assert "no gain can be claimed, the error grows" in worse.sentence
     unproven = dataclasses.replace(diagnosis, verdict="explained", test=fit(0.0045, 0.0044, -0.02, 0.06))
     assert "no gain can be claimed" in unproven.sentence
     with pytest.raises(rlg.InputError, match="verdict is 'maybe'"):

@@ -107,6 +107,12 @@ def test_yaml_is_read_as_pyyaml_reads_it(value: object) -> None:
     assert from_yaml(text) == yaml.safe_load(text)
 
 
+@pytest.mark.parametrize("text", ["6e-06", "1e+05", "-2.5e-3", ".5e+1", "1E-9"])
+def test_numbers_are_read_as_python_writes_them(text: str) -> None:
+    assert from_yaml(f"value: {text}") == {"value": float(text)}
+    assert from_yaml("unit: 12E4") == {"unit": "12E4"}  # a serial number
+
+
 @pytest.mark.parametrize("digits", [301, 400, 5000])
 def test_a_number_too_large_for_a_float_is_infinite(digits: int) -> None:
     text = "9" * digits

@@ -154,11 +154,11 @@ def test_kelvin_that_claims_celsius_is_refused() -> None:
     assert "looks like kelvin" in refusal(frame)
 
 
-@pytest.mark.parametrize("factor", [3600.0, 3600.0 * 180.0 / np.pi])
-def test_a_gyro_in_another_unit_is_refused(factor: float) -> None:
+@pytest.mark.parametrize(("factor", "unit"), [(3600.0, "deg/s"), (3600.0 * 180.0 / np.pi, "rad/s")])
+def test_a_gyro_in_another_unit_is_refused(factor: float, unit: str) -> None:
     message = refusal(table().assign(gyro_deg_h=lambda frame: frame["gyro_deg_h"] / factor))
     assert "less than any gyro's" in message
-    assert "--map gyro_deg_h='gyro_deg_h [rad/s]'" in message
+    assert f"--map gyro_deg_h='gyro_deg_h [{unit}]'" in message
 
 
 def test_a_stated_unit_is_not_doubted() -> None:
@@ -177,7 +177,9 @@ def test_a_gyro_that_disagrees_with_its_table_is_refused() -> None:
     frame = table().assign(table_rate_deg_s=lambda frame: 10.0 * np.sign(np.sin(frame["time_s"] / 100.0)))
     rate_rad_s = np.deg2rad(frame["table_rate_deg_s"])
     message = refusal(frame.assign(gyro_deg_h=rate_rad_s + 1e-3 * np.random.default_rng(0).standard_normal(2000)), kind="turntable")
-    assert "as if in rad/s" in message
+    assert "as if the gyro were in rad/s: then say --map gyro_deg_h='gyro_deg_h [rad/s]'" in message
+    slow = frame.assign(gyro_deg_h=frame["table_rate_deg_s"] + 1e-4 * np.random.default_rng(0).standard_normal(2000))
+    assert "[deg/s]" in refusal(slow, kind="turntable")
     right = frame.assign(gyro_deg_h=3600.0 * frame["table_rate_deg_s"] + frame["gyro_deg_h"])
     assert mend(right, kind="turntable")[1] == ""
 

@@ -18,6 +18,8 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
+from rlgcomp.diagnosis.windows import Contrasts, Windows
+from rlgcomp.motion import stilled
 from rlgcomp.noise import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
@@ -328,3 +330,60 @@ def test_a_simulators_output_may_stand_still(tmp_path: Path) -> None:
     rlg.write(quiet.predict(run), tmp_path / "predicted.parquet")
     assert len(rlg.read(tmp_path / "predicted.parquet", computed=True)) == len(run)
     assert len(rlg.read(tmp_path / "predicted.parquet")) < len(run)
+
+
+class TestWhatTheTableRecords:
+    """An encoder's noise and the rounding to whole pulses are in the residual, and are no physics of the gyro."""
+
+    PROGRAMME = "rest 600, rate 5 600, rate -5 600, rate 30 600, rest 600, rate -30 600, rate 10 600, rate -10 600"
+
+    @staticmethod
+    def noisy(run: rlg.Recording, encoder_arcsec: float, seed: int) -> rlg.Recording:
+        """The run as an encoder of so much noise records it."""
+        jitter = encoder_arcsec / 3600.0 * np.random.default_rng(seed).standard_normal(len(run) + 1)
+        seen = run.column("table_rate_deg_s") + np.diff(jitter) / run.period_s
+        return run.replace(table=run.table.assign(table_rate_deg_s=seen), truth=None)
+
+    @pytest.mark.parametrize("encoder_arcsec", [0.005, 0.02, 0.1])
+    def test_the_noise_of_an_encoder_is_no_lock_in(self, encoder_arcsec: float) -> None:
+        simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
+        gyro = rlg.Simulator.from_mapping(
+            {"kind": "turntable", "mechanisms": ["scale_factor"], "noise": {"angle_random_walk_deg_sqrt_h": 1.5e-3}}
+        )
+        runs = [self.noisy(gyro.simulate(self.PROGRAMME, seed=seed, step_s=1.0), encoder_arcsec, seed) for seed in range(2)]
+        found = rlg.diagnose(simulator, train=runs, black_box=False)
+        assert found.verdict == "none"
+
+    def test_a_table_that_stands_has_no_rate_and_one_that_moves_keeps_it(self) -> None:
+        rng = np.random.default_rng(0)
+        rest = np.diff(1e-5 * rng.standard_normal(301))
+        sweep, swing, crawl = np.linspace(-3.0, 3.0, 300), 0.5 * np.sin(0.3 * np.arange(1.0, 301.0)), np.full(300, 0.02)
+        rate = np.concatenate([rest, sweep, rest, swing, rest, crawl])
+        run = rlg.Recording(pd.DataFrame({"time_s": np.arange(1800.0), "gyro_deg_s": rate, "table_rate_deg_s": rate}))
+        found = stilled(run, rate)
+        for start in (0, 600, 1200):
+            assert np.ptp(found[start : start + 300]) == 0.0
+            assert found[start] == pytest.approx(rate[start : start + 300].mean(), abs=1e-9)
+        for start in (300, 900, 1500):
+            np.testing.assert_array_equal(found[start : start + 300], rate[start : start + 300])
+
+    @pytest.mark.parametrize("blue", [0.0, 3.0])
+    def test_contrasts_are_white_in_noise_that_is_not(self, blue: float) -> None:
+        """Of many draws of white noise and rounding, each contrast has the variance of a window mean's white noise."""
+        n, draws = 4000, 200
+        rng = np.random.default_rng(1)
+        time_s = np.arange(float(n))
+        run = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.zeros(n)}))
+        part = Windows.of(run, 100.0)
+        columns = np.column_stack([np.cos(0.4 * time_s), np.sin(0.4 * time_s), np.cos(2.9 * time_s), np.sin(0.011 * time_s)])
+
+        def noise() -> np.ndarray:
+            return rng.standard_normal(n) + blue * np.diff(rng.standard_normal(n + 1))
+
+        contrasts = Contrasts.made((part,), (columns,), (noise(),))
+        assert contrasts is not None
+        assert contrasts.count == 4
+        values = np.array([contrasts.of([noise()[:, None]])[:, 0] for _ in range(draws)])
+        variance = 100.0 * np.cov(values.T)
+        np.testing.assert_allclose(np.diag(variance), 1.0, atol=0.55)
+        assert np.abs(variance - np.diag(np.diag(variance))).max() < 0.4

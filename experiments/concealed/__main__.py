@@ -14,8 +14,12 @@ from experiments.concealed.cases import KINDS, Kind, dump, make_case, plan
 from experiments.concealed.score import died, key_of, run_case
 from experiments.work import Work
 
-CASES: dict[Kind, int] = {"single": 102, "pair": 40, "triple": 20, "null": 200, "open": 30, "driverless": 36, "table": 36}
-QUICK: dict[Kind, int] = {"single": 17, "pair": 4, "triple": 2, "null": 8, "open": 5, "driverless": 3, "table": 9}
+CASES: dict[Kind, int] = {
+    "single": 102, "pair": 40, "triple": 20, "null": 200, "open": 30, "driverless": 36, "table": 36, "unequal": 40
+}  # fmt: skip
+QUICK: dict[Kind, int] = {
+    "single": 17, "pair": 4, "triple": 2, "null": 8, "open": 5, "driverless": 3, "table": 9, "unequal": 4
+}  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -30,11 +30,12 @@ from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
-Kind = Literal["single", "pair", "triple", "null", "open", "driverless", "table"]
-KINDS: tuple[Kind, ...] = ("single", "pair", "triple", "null", "open", "driverless", "table")
+Kind = Literal["single", "pair", "triple", "null", "open", "driverless", "table", "unequal"]
+KINDS: tuple[Kind, ...] = ("single", "pair", "triple", "null", "open", "driverless", "table", "unequal")
 MEAN_S = 100
 _KIN_OF_LAG = {"temperature_rate", "thermal_gradient", "thermal_hysteresis"}
 _DRAWS = 50
+_STRONGER = 5.0  # the first of two unequal effects
 TRAINING, HELD_OUT = ("run0", "run1"), ("run2", "run3")
 
 
@@ -114,8 +115,9 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
 
     Parameters
     ----------
-    kind : {"single", "pair", "triple", "null", "open", "driverless", "table"}
-        On a turntable there is one effect or none, always of this experiment's own making.
+    kind : {"single", "pair", "triple", "null", "open", "driverless", "table", "unequal"}
+        On a turntable there is one effect or none, always of this experiment's own making. Of two unequal effects the first is five
+        times as strong.
     effects : sequence of str
         Names in the catalogue, or of laws outside it (open); none for a healthy gyro.
     strength : float
@@ -149,7 +151,8 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
         column = np.concatenate([means(values) for values in units[effect.name][: len(TRAINING)]])
         left = float(np.std(column - _project(design, column)))
         sign = stream(seed, f"sign:{effect.name}").choice([-1.0, 1.0])
-        scale[effect.name] = float(sign * strength * noise.white_100_s_deg_h / left)
+        times = _STRONGER if kind == "unequal" and effect is hidden[0] else 1.0
+        scale[effect.name] = float(sign * times * strength * noise.white_100_s_deg_h / left)
     weights = np.concatenate([part.weights for part in baseline])
     added = [sum((scale[name] * units[name][k] for name in scale), np.zeros(len(columns))) for k, columns in enumerate(known)]
     truth = [columns @ weights + extra for columns, extra in zip(known, added, strict=True)]
@@ -204,12 +207,15 @@ def _on_a_table(effects: Sequence[str], strength: float, seed: int) -> Case:
         for turn, rate in zip(turns, rates, strict=True)
     ]
     delay_s = sum(size for effect, size in zip(hidden, sizes, strict=True) if effect.delays)
+    encoder = stream(seed, "encoder")  # of half of the tables it is perfect
+    encoder_arcsec = float(np.exp(encoder.uniform(np.log(0.003), np.log(0.05)))) if encoder.random() < 0.5 else 0.0
     recordings, truth = [], []
     for turn, rate, error, run in zip(turns, rates, added, runs, strict=True):
         gyro = 3600.0 * rate * (1.0 + 1e-6 * k_ppm) + bias + (0.0 if delay_s else error)
         noisy = gyro + noise.simulate(len(gyro), stream(seed, f"noise:{run}"))
         truth.append(gyro)
-        recordings.append(turn.recording(noisy, stream(seed, f"sensors:{run}"), name=run, delay_s=delay_s))
+        sensors = stream(seed, f"sensors:{run}")
+        recordings.append(turn.recording(noisy, sensors, name=run, delay_s=delay_s, encoder_arcsec=encoder_arcsec))
     fitted = [
         np.column_stack([3600.0 * rate, np.ones(len(rate)), *([error] if effects else [])])
         for rate, error in zip(rates, added, strict=True)
@@ -409,6 +415,7 @@ STRENGTHS: Mapping[Kind, tuple[float, ...]] = {
     "open": (1.0, 2.0),
     "driverless": (1.0, 2.0),
     "table": (1.0, 0.5),
+    "unequal": (1.0, 0.5),
 }
 
 
@@ -434,7 +441,7 @@ def plan(kind: Kind, cases: int, first: int = 0) -> list[tuple[Kind, tuple[str, 
             names = (list(INDEPENDENT)[number % len(INDEPENDENT)],)
         else:
             possible = [name for name in INDEPENDENT if name != "thermal_polynomial"]
-            names = tuple(str(name) for name in rng.choice(possible, 2 if kind == "pair" else 3, replace=False))
+            names = tuple(str(name) for name in rng.choice(possible, 3 if kind == "triple" else 2, replace=False))
             independent = number // 2 % 2 == 0
         chosen.append((kind, names, strength, 100_000 * (KINDS.index(kind) + 1) + number, independent))
     return chosen

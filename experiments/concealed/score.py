@@ -59,7 +59,7 @@ def diagnosed(case: Case, stated: bool = False) -> dict[str, Any]:
     diagnosis = diagnose(simulator, train=case.train, test=case.test, noise=noise)
     seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - begun_cpu
     content = diagnosis.to_mapping()
-    named = case.hidden if case.kind in ("single", "pair", "triple", "table") else ()
+    named = case.hidden if case.kind in ("single", "pair", "triple", "table", "unequal") else ()
     intervals: dict[str, list[tuple[float, float]]] = {}
     for by_run in case.intervals.values():
         for run, spans in zip(case.train, by_run, strict=True):

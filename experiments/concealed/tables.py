@@ -18,7 +18,13 @@ Row = Mapping[str, Any]
 ENOUGH_NATS = 8.0
 THRESHOLD_NATS = float(stats.chi2.isf(0.02 / len(INDEPENDENT), 1)) / 2.0  # accuses 2 % of healthy gyros of any one of the effects
 PROBABILITIES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.01)
-NAMED = ("single", "pair", "triple", "table")
+_TITLES = {
+    "single": "One effect",
+    "pair": "Two at once",
+    "triple": "Three at once",
+    "unequal": "Two at once, one five times as strong",
+}
+NAMED = ("single", "pair", "triple", "table", "unequal")
 
 
 def show(rows: Sequence[Row]) -> None:
@@ -26,7 +32,7 @@ def show(rows: Sequence[Row]) -> None:
     failed = [row for row in rows if "failure" in row]
     done = [row for row in rows if "failure" not in row]
     show_table("Goals", goals(rows))
-    for kind, title in (("single", "One effect"), ("pair", "Two at once"), ("triple", "Three at once")):
+    for kind, title in _TITLES.items():
         if chosen := [row for row in rows if row["kind"] == kind]:
             show_table(f"{title}, by strength and maker", by_strength(chosen))
     if named := [row for row in done if row["kind"] in ("single", "pair", "triple", "driverless")]:
@@ -134,6 +140,8 @@ def goals(rows: Sequence[Row]) -> list[dict[str, str]]:
         ("two, strength 1: exact set", "≥ 92 %", some("pair", 1.0), exact),
         ("two, strength 0.5: exact set", "≥ 85 %", some("pair", 0.5), exact),
         ("three, strength 1: exact set", "≥ 75 %", some("triple", 1.0), exact),
+        ("two, one five times as strong, the weaker 1: exact set", "", some("unequal", 1.0), exact),
+        ("two, one five times as strong, the weaker 0.5: exact set", "", some("unequal", 0.5), exact),
     ]
     lines = [
         *((name, goal, share(chosen, test), informed(chosen)) for name, goal, chosen, test in naming),
@@ -146,7 +154,7 @@ def goals(rows: Sequence[Row]) -> list[dict[str, str]]:
         ("held-out error / oracle, median", "≤ 1.3", median(repeated, "error_to_oracle")),
         ("seconds a case, median / longest", "< 20", f"{np.median(seconds):.1f} / {max(seconds):.1f}{cpu}" if seconds else "–"),
     ]
-    heads = ("", "goal", "reached", "who knows noise and shapes")
+    heads = ("", "goal", "reached", "who knows noise and shapes, from the training runs")
     return [dict(itertools.zip_longest(heads, line, fillvalue="")) for line in lines]
 
 

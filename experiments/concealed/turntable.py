@@ -77,18 +77,22 @@ class Turn:
         temperature = rng.uniform(20.0, 26.0) + 4.0 * -np.expm1(-time_s / rng.uniform(1500.0, 3500.0)) + swing
         return cls(rate.reshape(-1, INSTANTS), temperature.reshape(-1, INSTANTS), rng.uniform(0.0, 360.0))
 
-    def recording(self, gyro_deg_h: Array, rng: np.random.Generator, *, name: str, delay_s: float = 0.0) -> Recording:
-        """What is recorded at the end of each sample; the encoder's angle is `delay_s` old."""
+    def recording(
+        self, gyro_deg_h: Array, rng: np.random.Generator, *, name: str, delay_s: float = 0.0, encoder_arcsec: float = 0.0
+    ) -> Recording:
+        """What is recorded at the end of each sample; the encoder's angle is `delay_s` old and so noisy."""
         ends_s = SAMPLE_S * np.arange(len(self.rate_deg_s) + 1)
         edges_s = SAMPLE_S / INSTANTS * np.arange(self.rate_deg_s.size + 1)
         before = self.rate_deg_s[0, 0] * np.minimum(ends_s - delay_s, 0.0)
         seen = np.interp(ends_s - delay_s, edges_s, self.edges_deg) + before
+        temperature = self.temperature_degC.mean(axis=1) + 0.002 * rng.standard_normal(len(gyro_deg_h))
+        seen += encoder_arcsec / 3600.0 * rng.standard_normal(len(seen))
         columns = {
             "time_s": ends_s[1:],
             "gyro_deg_h": gyro_deg_h,
             "table_angle_deg": np.mod(seen[1:], 360.0),
             "table_rate_deg_s": np.diff(seen) / SAMPLE_S,
-            "temperature_block_degC": self.temperature_degC.mean(axis=1) + 0.002 * rng.standard_normal(len(gyro_deg_h)),
+            "temperature_block_degC": temperature,
         }
         return Recording(pd.DataFrame(columns), Metadata(kind="turntable"), name=name)
 

@@ -59,7 +59,7 @@ class Score:
     in_class : bool
         The hidden ones can be matched one to one with findings, each by its name or by what it is indistinguishable from.
     overlap : float, optional
-        Intersection over union of time; None where nothing hidden acts in part of a run only.
+        Intersection over union of time; None where nothing hidden acts in part of a run only, or no place found is an interval.
     errors_sd : mapping
         By "mechanism.parameter": (estimate - truth) / sd, of hidden mechanisms that were named.
     """
@@ -98,6 +98,7 @@ class Score:
                 f"this is no diagnosis: {type(error).__name__} {error}; give the diagnosis.json that `rlgcomp diagnose` wrote"
             ) from None
         wanted = hidden.mechanisms
+        timed = [place for place in places if None not in place]
         return cls(
             verdict=verdict,
             detected=verdict != "none",
@@ -109,7 +110,7 @@ class Score:
                 all(name in members for name, members in zip(wanted, order, strict=True))
                 for order in itertools.permutations(classes)
             ),
-            overlap=_overlap(hidden.intervals, places) if hidden.intervals else None,
+            overlap=_overlap(hidden.intervals, places) if hidden.intervals and (timed or not places) else None,
             errors_sd={
                 name: (parameters[name][0] - truth) / parameters[name][1]
                 for name, truth in hidden.parameters.items()

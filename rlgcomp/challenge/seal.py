@@ -41,6 +41,8 @@ class Revealed:
     score : Score
     improvement, possible_improvement : float, optional
         On the held-out runs: reached, and what the true law would give; None where the diagnosis held no run out.
+    truth_sha256 : str
+        Of the truth that it was scored against, to be compared with what was noted when the challenge was sealed.
     """
 
     hidden: Mapping[str, Mapping[str, Any]]
@@ -49,6 +51,7 @@ class Revealed:
     score: Score
     improvement: float | None
     possible_improvement: float | None
+    truth_sha256: str
 
     def to_mapping(self) -> dict[str, Any]:
         """Plain data."""
@@ -142,7 +145,7 @@ def _scored(folder: Path, challenge: Mapping[str, Any], known: Mapping[str, Any]
     strengths = {name: float(known["strengths"][name]) for name in known["hidden"]}
     improvement, possible = _improvements(answer, float(known["possible_rms_deg_h"]))
     found = tuple(str(finding["mechanism"]) for finding in answer["findings"])
-    return Revealed(known["hidden"], strengths, found, score, improvement, possible)
+    return Revealed(known["hidden"], strengths, found, score, improvement, possible, challenge["truth_sha256"])
 
 
 def _require_same_recordings(challenge: Mapping[str, Any], sealed: Mapping[str, str], answer: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import logging
 import math
@@ -27,6 +28,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 BAD_INPUT, INTERNAL_FAULT, INTERRUPTED = 2, 1, 130
+_OF_THE_DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS)
 
 Runs = Annotated[
     list[str],
@@ -79,6 +81,10 @@ def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[...
             except Exception as error:
                 if os.environ.get("RLGCOMP_DEBUG"):
                     raise
+                if isinstance(error, OSError) and error.errno in _OF_THE_DISK:
+                    where = f" {error.filename}" if error.filename else ""
+                    say(f"error: cannot write{where}: {error.strerror}; make room or give another folder; nothing is half-written")
+                    raise typer.Exit(BAD_INPUT) from None
                 say(f"internal fault: {type(error).__name__}: {error}\nPlease report it; RLGCOMP_DEBUG=1 shows where it happened.")
                 raise typer.Exit(INTERNAL_FAULT) from None
 

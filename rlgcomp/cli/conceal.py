@@ -80,13 +80,15 @@ def reveal(
     answers = {
         "hidden": ", ".join(hidden) or "nothing",
         "found": ", ".join(revealed.found) or "nothing",
-        "verdict": f"{score.verdict} ({'right' if score.verdict_right else 'wrong'})",
+        "verdict": score.verdict,
+        "a verdict of the right kind": _yes(score.verdict_right),
         "first finding is hidden": _yes(score.named),
         "exactly the hidden set": _yes(score.exact),
         "right up to what cannot be told apart": _yes(score.in_class),
         "overlap of places in time": "–" if score.overlap is None else f"{100 * score.overlap:.0f} %",
         "held-out improvement": _share(revealed.improvement),
         "of possible": _share(revealed.possible_improvement),
+        "sealed truth, SHA-256": revealed.truth_sha256,
     }
     show_table("Revealed", [{"": question, "answer": answer} for question, answer in answers.items()])
     if score.errors_sd:

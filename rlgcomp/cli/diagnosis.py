@@ -72,6 +72,9 @@ def diagnose(
             help="The gyro's noise at rest: coefficients.json of `rlgcomp allan --out`, or a .yaml of strengths.",
         ),
     ] = None,
+    confirm: Annotated[
+        bool, typer.Option("--confirm/--no-confirm", help="Ask the held-out runs whether they bear out what training runs propose.")
+    ] = True,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
     mapping: Map = None,
     drop: Drop = None,
@@ -113,6 +116,7 @@ def diagnose(
                 gyro=gyro,
                 window_s=averaging_s,
                 noise=measured,
+                confirm=confirm,
                 seed=seed,
                 progress=lambda fraction: advance(round(100 * fraction), 100),
                 executor=executor,

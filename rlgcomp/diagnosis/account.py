@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, healthy, verdict_of
+from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.explain import Explanations
 from rlgcomp.diagnosis.fit import Fitted, fit
 from rlgcomp.diagnosis.next_experiment import next_experiment
@@ -36,18 +36,15 @@ def causes_of(
         if cause.known or cause.mechanism.open_set:
             continue
         name = cause.mechanism.name
-        probability = sum(
-            float(p)
-            for model, p in zip(explanations.models, explanations.probabilities, strict=True)
-            if (name, False) in model.labels
-        )
+        probability = explanations.probability_of(name)
         if conclusion.laws:
             within = (name, False) in conclusion.model.labels
             probability = conclusion.lawful * within + (1.0 - conclusion.lawful) * probability
         drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
         others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
         rms = float(np.sqrt(np.mean((cause.contribution_deg_h - cause.contribution_deg_h.mean()) ** 2)))
-        causes.append(Cause(cause.mechanism.settled(), min(1.0, probability), cause.estimates, rms, others, drivers))
+        alone = None if explanations.proposed is None else explanations.proposed.probability_of(name)
+        causes.append(Cause(cause.mechanism.settled(), probability, cause.estimates, rms, others, drivers, alone))
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 
@@ -118,6 +115,7 @@ def remarks_of(
             f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
             "programme, would tell."
         )
+    remarks += _turned(explanations, conclusion)
     for cause in after.causes:
         if cause.known:
             numbers = ", ".join(f"{name} = {estimate}" for name, estimate in cause.estimates.items())
@@ -131,7 +129,7 @@ def remarks_of(
             f"Something wanders, with standard deviation {noise.wander * after.white_deg_h:.2g} deg/h and correlation time "
             f"about {noise.wander_s:g} s{swing} that no recorded column follows: record more monitors."
         )
-    if any(not cause.mechanism.amplitude_parameters() or cause.mechanism.each_run for cause in after.causes):
+    if any(not cause.mechanism.repeats() for cause in after.causes):
         remarks.append(
             "One of the causes is drawn anew in every run: it cannot be predicted, so no gain is promised on other runs."
         )
@@ -139,6 +137,22 @@ def remarks_of(
         wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
         remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
     return tuple(remarks)
+
+
+def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
+    """What to say where held-out runs turned what training runs alone would have named."""
+    proposed = explanations.proposed
+    if proposed is None or conclusion.laws or conclusion.unrecorded > UNRECORDED:
+        return []
+    alone = proposed.nothing if acquitted(proposed) else proposed.models[0]
+    before, now = (sorted(name for name, known in model.labels if not known) for model in (alone, conclusion.model))
+    if before == now:
+        return []
+    said = f"{listing(before)} (probability {min(proposed.probability_of(name) for name in before):.2f})" if before else "nothing"
+    if not now:
+        return [f"The training runs alone would name {said}; the held-out runs do not bear it out."]
+    chosen = f"the held-out runs decided for {listing(now)}, so that what is gained on them is not independent of that choice."
+    return [f"The training runs alone would name {said}; {chosen}"]
 
 
 def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> tuple[str, ...]:

@@ -11,14 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.confirm import log_foreseen
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations, considered
+from rlgcomp.diagnosis.inadequacy import inadequacy
 from rlgcomp.diagnosis.laws import Dictionary
 from rlgcomp.diagnosis.noises import WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Verdict
-from rlgcomp.diagnosis.search import Model, inadequacy
+from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape
 
 Array = npt.NDArray[np.float64]
@@ -45,10 +47,19 @@ class Conclusion:
     unrecorded: float
 
 
-def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
-    """The best of: a set of causes; a law alone; a set and a law beyond it."""
+def concluded(windowed: Problem, explanations: Explanations, whole: Problem | None = None) -> Conclusion:
+    """The best of: a set of causes; a law alone; a set and a law beyond it.
+
+    Parameters
+    ----------
+    windowed : Problem
+        Of the training runs, window means alone.
+    explanations : Explanations
+    whole : Problem, optional
+        The same of training and held-out runs, where these are asked whether they bear a law out.
+    """
     best, nothing = explanations.models[0], explanations.nothing
-    if healthy(explanations) > _ACQUITTED:
+    if acquitted(explanations):
         best = nothing
     wanders = min(explanations.unrecorded(best), explanations.unrecorded(nothing)) > UNRECORDED
     if wanders and best.log_posterior - nothing.log_posterior < _BESIDE:
@@ -67,6 +78,8 @@ def concluded(windowed: Problem, explanations: Explanations) -> Conclusion:
             continue  # it is these mechanisms together
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
+        if whole is not None:
+            score += log_foreseen(law.mechanism, explanations.candidates(model), windowed, whole, noises, prior)
         if model.members and score - model.log_posterior < _BEYOND:
             continue
         if explanations.evidence.resembles(column) > _SAME or (spanned and len(instead.members) == 1):
@@ -94,7 +107,7 @@ def _design(problem: Problem, explanations: Explanations, model: Model) -> Array
 
 
 def likely_noises(problem: Problem, explanations: Explanations, conclusion: Conclusion) -> dict[NoiseShape, float]:
-    """Noises with their probabilities, given the conclusion, the likeliest first."""
+    """Noises with their probabilities in the training runs, given the conclusion, the likeliest first."""
     if conclusion.laws:
         noises, prior = _noises_beside_laws(problem)
         laws = [problem.columns(law.mechanism) for law in conclusion.laws]
@@ -102,7 +115,7 @@ def likely_noises(problem: Problem, explanations: Explanations, conclusion: Conc
         logs = Background(problem, design, noises, prior).log_evidence
     else:
         noises, wanders = explanations.evidence.noises, conclusion.unrecorded > UNRECORDED
-        logs = concluded_noise(conclusion.model.noise_log, explanations.ordinary, wanders=wanders)
+        logs = concluded_noise(explanations.in_training(conclusion.model).noise_log, explanations.ordinary, wanders=wanders)
     shares = np.exp(logs - log_sum_exp(logs))
     return {noises[k]: float(shares[k]) for k in np.argsort(-shares) if shares[k] > _RARE or k == np.argmax(shares)}
 
@@ -133,6 +146,11 @@ def healthy(explanations: Explanations) -> float:
     """Probability that nothing is missing and nothing unrecorded wanders."""
     nothing = explanations.nothing
     return float(explanations.probabilities[explanations.models.index(nothing)]) * (1.0 - explanations.unrecorded(nothing))
+
+
+def acquitted(explanations: Explanations) -> bool:
+    """Whether a gyro is too likely healthy for anything to be claimed."""
+    return healthy(explanations) > _ACQUITTED
 
 
 def verdict_of(conclusion: Conclusion, rivals: Mapping[str, Mapping[str, float]]) -> Verdict:

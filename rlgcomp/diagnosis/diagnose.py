@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
 from rlgcomp.diagnosis.conclusion import concluded, healthy, likely_noises, rivals_of, verdict_of
+from rlgcomp.diagnosis.confirm import confirmed
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.explain import considered, explain
 from rlgcomp.diagnosis.fit import fit, noise_model
@@ -58,6 +59,7 @@ def diagnose(
     noise: NoiseModel | None = None,
     seed: int = 0,
     black_box: bool = True,
+    confirm: bool = True,
     progress: Callable[[float], None] | None = None,
     executor: Executor | None = None,
 ) -> Diagnosis:
@@ -70,7 +72,7 @@ def diagnose(
     train : sequence of Recording
         Runs from which causes are named and fitted.
     test : sequence of Recording
-        Runs, best of other programmes, on which the gain is proved.
+        Runs, best of other programmes, on which the gain is proved. No number is fitted to them.
     simulated : sequence of Recording, optional
         Instead of a simulator, its output: one recording a run, training runs first.
     mechanisms : mapping of str to type
@@ -85,6 +87,8 @@ def diagnose(
         Of the replicates of noise.
     black_box : bool
         Train an LS-SVM compensation beside, as a yardstick.
+    confirm : bool
+        Ask the held-out runs whether they bear out the causes that training runs propose; without, they prove and decide nothing.
     progress : callable, optional
         Told the fraction done.
     executor : Executor, optional
@@ -103,22 +107,26 @@ def diagnose(
     base = base if noise is None else dataclasses.replace(base, noise=noise)
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
     told(0.05)
-    windowed = problem
+    whole = problem.joined(test, gyro=gyro, predicted=predicted) if test and confirm else None
+    windowed, whole_windowed = problem, whole
     within = Within.of(problem)
     lines, among = mechanisms_at_lines(problem, within, mechanisms)
     if base.kind == "turntable" or lines:
         problem = problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
+        whole = whole and whole.with_contrasts(lines or fast_candidates(whole, mechanisms))
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
     before = fit(problem, [], dataclasses.replace(_noise_of_nothing(problem), wander=0.0))
     mismatches = [Mismatch.of(before.simulator, run, gyro, predicted, problem.rows.window_s) for run in (*train, *test)]
     box = learned(mismatches, len(train), executor) if black_box and test else None
     explanations = explain(problem, mechanisms, lines, among)
+    if whole is not None and whole_windowed is not None:
+        explanations = confirmed(explanations, whole, whole_windowed)
     told(0.5)
     rng = stream(seed, "diagnosis")
     with ThreadPoolExecutor(1) as beside:  # neither needs the other
         given = explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng
         detecting = beside.submit(detect, explanations.evidence, *given)
-        conclusion = concluded(windowed, explanations)
+        conclusion = concluded(windowed, explanations, whole_windowed)
     detection = detecting.result()
     told(0.75)
     noises = likely_noises(windowed, explanations, conclusion)

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.evidence import log_sum_exp
+from rlgcomp.diagnosis.inadequacy import inadequacy
 from rlgcomp.diagnosis.laws import MEMORY_CLASS, Dictionary
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.search import inadequacy
 from rlgcomp.diagnosis.sift import Judged, refine, screen, with_round_references
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.empirical_law import EmpiricalLaw

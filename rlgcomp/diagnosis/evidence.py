@@ -196,7 +196,7 @@ class Evidence:
         if known is not None and first == len(self.candidates):
             return known
         inside = self._places(members)
-        begin = self._slices[first].start
+        begin = self._slices[first].start if self.candidates else 0
         point, left = self._constant.copy(), self.gram[:, -1, -1]
         half = np.zeros((len(self.noises), 0, self.gram.shape[2] - begin))
         if len(inside):
@@ -206,6 +206,9 @@ class Evidence:
             half = np.linalg.solve(factor, self.gram[:, inside, begin:])
             left = left - (half[:, :, -1] ** 2).sum(axis=1)
         point -= 0.5 * self.freedom * np.log(left)
+        if not self.candidates:
+            none = np.empty((len(self.noises), 0))
+            return Extension(point, none, np.empty(0, dtype=np.intp), none)
         extended, best, at_best = (self._extended if available() else self._extended_plainly)(half, left, point, first)
         found = Extension(point, extended + point[:, None], best, at_best + point[:, None])
         if known is not None:
@@ -325,6 +328,14 @@ class Evidence:
         if not prepared.shape[1] or not single:
             return 0.0
         return float(np.abs(prepared[:, 0] @ self._table[:, single]).max() / len(prepared))
+
+    def likeness(self, which: Sequence[int] | IntArray, columns: Array) -> float:
+        """Largest squared correlation of candidates with any of other columns, all less what the baseline absorbs."""
+        left = columns / norms(columns)
+        left = left - self._orthogonal @ (self._orthogonal.T @ left)
+        left = left / norms(left)
+        shares = [((self._table[:, self._slices[k]].T @ left) ** 2).sum(axis=0) / len(left) for k in which]
+        return min(1.0, float(np.max(shares)))
 
     def log_allowed(self, members: Sequence[Member], noise: int) -> float:
         """Log probability, over its prior, that amplitudes which cannot be negative are not."""

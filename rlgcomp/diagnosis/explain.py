@@ -48,6 +48,8 @@ class Explanations:
         Candidates that were there before the data were looked at.
     left_out : mapping
         Mechanisms that the recordings cannot show, with the reason.
+    proposed : Explanations, optional
+        Of the training runs alone, where held-out runs were asked as well.
     """
 
     models: tuple[Model, ...]
@@ -56,6 +58,7 @@ class Explanations:
     ordinary: npt.NDArray[np.bool_]
     coarse: int
     left_out: Mapping[str, str]
+    proposed: Explanations | None = None
 
     @property
     def evidence(self) -> Evidence:
@@ -70,13 +73,25 @@ class Explanations:
         """The members of a model."""
         return [self.evidence.candidates[member.candidate] for member in model.members]
 
+    def in_training(self, model: Model) -> Model:
+        """The same set by the training runs alone."""
+        proposed = self.models if self.proposed is None else self.proposed.models
+        return next(one for one in proposed if one.labels == model.labels)
+
+    def probability_of(self, name: str) -> float:
+        """That a mechanism is missing: the sum over all sets that hold it."""
+        held = [(name, False) in model.labels for model in self.models]
+        return min(1.0, float(self.probabilities[held].sum()))
+
     def unrecorded(self, model: Model) -> float:
-        """Probability, given a model, that something wanders which no recorded column follows."""
-        return (
-            float(np.exp(log_sum_exp(model.noise_log[~self.ordinary]) - log_sum_exp(model.noise_log)))
-            if (~self.ordinary).any()
-            else 0.0
-        )
+        """Probability, given a model, that something wanders in the training runs which no recorded column follows.
+
+        Held-out runs have no say: what they show beside a cause is what training did not know of its shape.
+        """
+        noise_log = self.in_training(model).noise_log
+        if not (~self.ordinary).any():
+            return 0.0
+        return float(np.exp(log_sum_exp(noise_log[~self.ordinary]) - log_sum_exp(noise_log)))
 
 
 def explain(
@@ -99,9 +114,9 @@ def explain(
     coarse = len(evidence.candidates)
     kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
     search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
-    likely = _likely(search.run())
+    likely = _likely(search, search.run())
     at_lines = [Candidate(mechanism, problem.columns(mechanism), -math.log(among)) for mechanism in lines]
-    evidence.add([*at_lines, *_proposed(search, likely, kinds), *_jumping(search, likely, kinds)])
+    evidence.add([*at_lines, *_proposed(search, likely, kinds), *jumping(search, likely, kinds)])
     search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
     models = search.run()
     shares = [np.exp(model.noise_log - log_sum_exp(model.noise_log)) for model in models[:_WATCHED]]
@@ -116,8 +131,8 @@ def explain(
     search = Search(evidence, noise_log_prior)
     models = search.run()
     for _ in range(_ZOOMS):
-        likely = _likely(models)
-        finer = [*_proposed(search, likely, kinds), *_zoomed(search, likely), *_jumping(search, likely, kinds)]
+        likely = _likely(search, models)
+        finer = [*_proposed(search, likely, kinds), *_zoomed(search, likely), *jumping(search, likely, kinds)]
         if not finer:
             break
         evidence.add(finer)
@@ -145,8 +160,11 @@ def considered(
     return (*usual, *unusual), noise_log_prior, np.arange(len(noise_log_prior)) < len(usual)
 
 
-def _likely(models: Sequence[Model]) -> list[Model]:
-    return [model for model, p in zip(models[:_REFINED], posterior(models), strict=False) if p > _LIKELY]
+def _likely(search: Search, models: Sequence[Model]) -> list[Model]:
+    """Models worth refining, and those that would be without paths of jumps, which outdo an equation that is not refined yet."""
+    calm = [model for model in models if search.without_jumps(model.labels) == model.labels]
+    found = [model for some in (models, calm) for model, p in zip(some[:_REFINED], posterior(some), strict=False) if p > _LIKELY]
+    return list(dict.fromkeys(found))
 
 
 def _zoomed(search: Search, models: Sequence[Model]) -> list[Candidate]:
@@ -211,7 +229,7 @@ def _proposed(search: Search, models: Sequence[Model], kinds: Sequence[type[Mech
     return found
 
 
-def _jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechanism]]) -> list[Candidate]:
+def jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechanism]]) -> list[Candidate]:
     """Candidates whose column is the likeliest path of jumps in what models leave, but for the jumps they have."""
     evidence = search.evidence
     found: list[Candidate] = []

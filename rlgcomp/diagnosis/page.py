@@ -81,7 +81,7 @@ def _causes(diagnosis: Diagnosis) -> pd.DataFrame:
         [
             {
                 "mechanism": cause.name,
-                "probability": f"{cause.probability:.3f}",
+                **dict(zip(wording.PROBABILITY_COLUMNS, wording.probability_cells(cause), strict=True)),
                 "rms (deg/h)": f"{cause.rms_deg_h:.3g}",
                 "driven by": ", ".join(cause.drivers or cause.mechanism.driver_names()),
                 "cannot be told from": ", ".join(cause.indistinguishable_from),

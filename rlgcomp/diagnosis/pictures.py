@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -19,6 +20,7 @@ from rlgcomp.simulation.programme import Programme
 from rlgcomp.units import SECONDS_PER_HOUR, column_unit
 
 Array = npt.NDArray[np.float64]
+_LABEL: Final = 42  # letters of a set of names in a line
 BESIDE: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 BLACK_BOX: Final = "#cc79a7"
 COLD: Final = "#56b4e9"
@@ -114,7 +116,7 @@ def driver_map(diagnosis: Diagnosis) -> str:
             axes.set_title(title)
             axes.set_xlabel(column_label(driver))
             axes.grid(visible=False)
-        panels[0].set_ylabel("change per minute")
+        panels[0].set_ylabel(f"change per minute, {column_unit(driver) or 1}")
         figure.colorbar(mesh, ax=panels, label=unit, pad=0.01)
         return svg(figure)
 
@@ -164,16 +166,21 @@ def probabilities(diagnosis: Diagnosis) -> str:
     beyond = ("something outside the catalogue",) if diagnosis.verdict == "unknown" else ()
     shown = [((*chosen, *beyond), max(0.0, 1.0 - sum(shares.values()))), *sorted(shares.items(), key=lambda item: -item[1])[:8]]
     with rc_context(STYLE):
-        figure, ((axes,),) = _figure(0.9 + 0.32 * len(shown), left_in=3.6)
+        figure, ((axes,),) = _figure(0.9 + 0.36 * len(shown), left_in=3.6)
         axes.barh(range(len(shown)), [share for _, share in shown], color=[FIT, *[RESIDUAL] * (len(shown) - 1)], height=0.6)
         for k, (_, share) in enumerate(shown):
-            axes.annotate(f"{share:.3g}", (share, k), (4, 0), textcoords="offset points", va="center", fontsize=8.5)
-        axes.set_yticks(range(len(shown)), [" + ".join(names) or "nothing" for names, _ in shown])
+            axes.annotate(_share(share), (share, k), (4, 0), textcoords="offset points", va="center", fontsize=8.5)
+        axes.set_yticks(range(len(shown)), [textwrap.fill(" + ".join(names) or "nothing", _LABEL) for names, _ in shown])
         axes.set_xlim(0.0, 1.08)
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("probability that this is what is missing")
         return svg(figure)
+
+
+def _share(probability: float) -> str:
+    """A probability that is neither 0 nor 1."""
+    return f"{probability:.3f}" if 0.001 <= probability <= 0.999 else "< 0.001" if probability < 0.5 else "> 0.999"
 
 
 def held_out(diagnosis: Diagnosis) -> str:

@@ -21,6 +21,7 @@ from rlgcomp.simulation.simulator import Simulator
 Array = npt.NDArray[np.float64]
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _RELATIVE_STEP: Final = 1e-3
+_UNLIKE: Final = 300.0  # between the sample periods of runs
 _FARTHEST: Final = 0.3  # that a shape is moved at once, as the logarithm of a ratio
 _LARGEST_DEPARTURE_DEG_H: Final = 1e7  # no gyro measures so high a rate
 
@@ -47,6 +48,8 @@ class Problem:
         Of each run at its full rate: the gyro less the simulator's fixed part.
     contrasts : Contrasts, optional
         Where causes act within windows as well, as on a turning table: further rows that compare samples within windows.
+    held_out : int
+        So many runs at the end are held out: no shape is calibrated to them, and each has an offset of its own.
     """
 
     windows: tuple[Windows, ...]
@@ -58,6 +61,7 @@ class Problem:
     channel: str
     unexplained_deg_h: tuple[Array, ...]
     contrasts: Contrasts | None = None
+    held_out: int = 0
 
     @classmethod
     def of(
@@ -89,7 +93,20 @@ class Problem:
         """
         if not runs:
             raise InputError("no training runs; give at least one with --train")
-        window_s = default_window_s(runs) if window_s is None else window_s
+        return cls._bare(
+            simulator, runs, default_window_s(runs) if window_s is None else window_s, gyro, predicted
+        ).with_free_part()
+
+    @classmethod
+    def _bare(
+        cls,
+        simulator: Simulator,
+        runs: Sequence[Recording],
+        window_s: float,
+        gyro: str | None,
+        predicted: Callable[[Recording], Array] | None,
+    ) -> Self:
+        """The problem without columns of what is free."""
         windows = tuple(Windows.of(run, window_s) for run in runs)
         unexplained = tuple(_unexplained(simulator, part.full, gyro, predicted) for part in windows)
         for run, values in zip(runs, unexplained, strict=True):
@@ -101,8 +118,27 @@ class Problem:
             np.concatenate([window_s / (part.counts[part.kept] * part.full.period_s) for part in windows]),
             window_s,
         )
-        bare = cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, runs[0].gyro_column(gyro), unexplained)
-        return bare.with_free_part()
+        return cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, runs[0].gyro_column(gyro), unexplained)
+
+    def joined(
+        self, runs: Sequence[Recording], *, gyro: str | None = None, predicted: Callable[[Recording], Array] | None = None
+    ) -> Self:
+        """The problem that further runs pose beside these, each with an offset of its own; shapes stay as they were calibrated.
+
+        Parameters
+        ----------
+        runs : sequence of Recording
+        gyro, predicted
+            As in :meth:`of`.
+
+        Raises
+        ------
+        InputError
+            As :meth:`of` does.
+        """
+        every = [*(part.full for part in self.windows), *runs]
+        bare = self._bare(self.simulator, every, self.rows.window_s, gyro, predicted)
+        return dataclasses.replace(bare, held_out=len(runs)).with_free_part()
 
     def columns(self, mechanism: Mechanism) -> Array:
         """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
@@ -190,7 +226,7 @@ class Problem:
     def with_free_part(self) -> Self:
         """The problem with the simulator's free parameters as columns, free shapes calibrated first."""
         simulator = self.simulator
-        for mechanism in simulator.mechanisms:
+        for mechanism in () if self.held_out else simulator.mechanisms:
             shapes = _free(simulator, mechanism, "shape")
             if shapes and mechanism.amplitude_parameters():
                 simulator = simulator.with_mechanism(self._calibrated(simulator, mechanism, shapes))
@@ -233,6 +269,9 @@ class Problem:
         if not columns or not _spans(np.column_stack(columns), self.ones):
             columns.append(self.ones)
             names.append(("", "constant_deg_h"))
+        for run in range(len(self.windows) - self.held_out, len(self.windows)):
+            columns.append((self.rows.run == run).astype(np.float64))
+            names.append((self.runs[run].name, "constant_deg_h"))
         return dataclasses.replace(self, simulator=simulator, baseline=np.column_stack(columns), baseline_names=tuple(names))
 
     def _others(self, simulator: Simulator, mechanism: Mechanism) -> Array:
@@ -282,7 +321,19 @@ class Problem:
 
 
 def default_window_s(runs: Sequence[Recording]) -> float:
-    """100 s, or what gives the longest run two hundred windows and every run enough; never less than a sample."""
+    """100 s, or what gives the longest run two hundred windows and every run enough; never less than a sample.
+
+    Raises
+    ------
+    InputError
+        Runs are sampled so differently that one of them is hardly in seconds.
+    """
+    slowest, fastest = (extreme(runs, key=lambda run: run.period_s) for extreme in (max, min))
+    if slowest.period_s > _UNLIKE * fastest.period_s:
+        raise InputError(
+            f"{slowest.name} has a sample every {slowest.period_s:g} s, {fastest.name} every {fastest.period_s:g} s; if the times "
+            f"of {slowest.name} are in milliseconds, say --map time_s='time_s [ms]'; else give runs sampled more alike"
+        )
     lengths = [run.duration_s - run.metadata.lead_in_s for run in runs]
     period = max(run.period_s for run in runs)
     wanted = min(DEFAULT_AVERAGING_S, max(lengths) / _WINDOWS, min(lengths) / (2 * FEWEST_WINDOWS))

@@ -5,8 +5,8 @@ averaged one member at a time, the others held at their best, as if members were
 
 .. math:: \\log Z(S) \\approx \\sum_m \\log Z_m - (|S| - 1) \\log p^*
 
-A further cause must explain more than the strongest one may be wrong by (:func:`inadequacy`); a path of jumps, which follows
-whatever an equation leaves, more (:data:`JUMPS`).
+A further cause must explain more than the strongest one may be wrong by (:mod:`rlgcomp.diagnosis.inadequacy`), as far as that could
+be taken for it; a path of jumps, which follows whatever an equation leaves, more (:data:`JUMPS`).
 
 Every step that averages one member with the others held also scores every other mechanism in its place, so swaps cost nothing.
 """
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,12 +23,12 @@ import numpy.typing as npt
 from scipy.special import gammaln
 
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member, log_sum_exp
+from rlgcomp.diagnosis.inadequacy import BY_CHANCE, follows_anything, inadequacy, leftovers
 
 Array = npt.NDArray[np.float64]
 # Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
 MISSING: Final = (0.30, 0.43, 0.15, 0.07, 0.05)
 KNOWN_WRONG: Final = 0.2  # that a number said to be known is wrong
-INADEQUACY: Final = 0.15
 JUMPS: Final = 2.0  # a path of jumps pays for that so many times, as white noise would show it,
 JUMPED: Final = 40.0  # less the log units that its own jumps cost: what is left of a weak effect makes no path
 BEAM: Final = 8
@@ -68,14 +68,25 @@ class Search:
     evidence : Evidence
     noise_log_prior : ndarray, shape (noises,), optional
         Even unless given.
+    largest : int
+        Causes at most.
+    names : sequence of str, optional
+        Mechanisms that could be missing, where the evidence holds some of them.
     """
 
-    def __init__(self, evidence: Evidence, noise_log_prior: Array | None = None, *, largest: int = len(MISSING) - 1) -> None:
+    def __init__(
+        self,
+        evidence: Evidence,
+        noise_log_prior: Array | None = None,
+        *,
+        largest: int = len(MISSING) - 1,
+        names: Sequence[str] | None = None,
+    ) -> None:
         self.evidence = evidence
         noises = len(evidence.noises)
         self.noise_log_prior = np.full(noises, -math.log(noises)) if noise_log_prior is None else noise_log_prior
         self.largest = largest
-        self._toll = 0.0  # of every cause beyond the first
+        self._tolls: dict[Label, float] = {}  # of a cause beyond the first
         self._toll_of_jumps = 0.0  # beyond that
         self.models: dict[frozenset[Label], Model] = {}
         self._log_priors: dict[tuple[int, int], float] = {}
@@ -88,7 +99,7 @@ class Search:
         self._by_label: dict[Label, npt.NDArray[np.intp]] = {
             label: np.array([k for k, other in enumerate(self._labels) if other == label]) for label in dict.fromkeys(self._labels)
         }
-        self.names = tuple(dict.fromkeys(name for name, known in self._labels if not known))
+        self.names = tuple(dict.fromkeys(name for name, known in self._labels if not known) if names is None else names)
 
     def run(self) -> list[Model]:
         """Models by falling posterior; the empty one is always among them."""
@@ -103,10 +114,53 @@ class Search:
             if not level:
                 break
             if len(level[0].labels) == 1:
-                best = level[0]
-                self._toll = inadequacy(self.evidence.explained(best.members, int(np.argmax(best.noise_log))))
-                self._toll_of_jumps = 0.0 if best.labels & self._jumping else self._beyond_a_path(best)
+                self._ask_beyond(level[0])
         return sorted(self.models.values(), key=lambda model: -model.log_posterior)
+
+    def rated(self, sets: Iterable[frozenset[Label]]) -> dict[frozenset[Label], Model]:
+        """These sets and the empty one, each at its best point, but those whose members are not all among the candidates.
+
+        Sets of one cause say what further causes must exceed.
+        """
+        found: dict[frozenset[Label], Model] = {frozenset(): self._nothing()}
+        for labels in sorted({one for one in sets if one and one <= self._by_label.keys()}, key=len):
+            found[labels] = self._refined(labels, self._start(labels, found), {})
+        singles = [model for labels, model in found.items() if len(labels) == 1]
+        if singles:
+            self._ask_beyond(max(singles, key=lambda model: model.log_posterior))
+        return {labels: dataclasses.replace(model, log_prior=self.log_prior(labels)) for labels, model in found.items()}
+
+    def without_jumps(self, labels: frozenset[Label]) -> frozenset[Label]:
+        """A set without paths of jumps."""
+        return labels - self._jumping
+
+    def _start(self, labels: frozenset[Label], known: Mapping[frozenset[Label], Model]) -> tuple[Member, ...]:
+        """Members to begin with: those of the largest subset that is known, and the best beside them, one by one."""
+        members = known[max((inside for inside in known if inside <= labels), key=len)].members
+        while len(members) < len(labels):
+            here = {self._labels[member.candidate] for member in members}
+            scores = self._scores(members)
+            label = max(labels - here, key=lambda one: scores[one][0])
+            members = (*members, scores[label][1])
+        return members
+
+    def _ask_beyond(self, best: Model) -> None:
+        """What further causes must exceed beside the best single one: what of its error could be taken for them."""
+        evidence = self.evidence
+        whole = inadequacy(evidence.explained(best.members, int(np.argmax(best.noise_log))))
+        self._tolls = dict.fromkeys(self._by_label, whole)
+        self._toll_of_jumps = 0.0 if best.labels & self._jumping else self._beyond_a_path(best)
+        first = evidence.candidates[best.members[0].candidate].mechanism
+        if whole == 0.0 or first.jumps():
+            return
+        run = evidence.problem.runs[0]
+        drivers = set(first.driver_columns(run))
+        left = None if follows_anything(first) else leftovers(evidence.problem, first)  # a line leaves lines
+        for label, which in self._by_label.items():
+            other = evidence.candidates[which[0]].mechanism
+            if label not in best.labels and not drivers & set(other.driver_columns(run)) and not follows_anything(other):
+                alike = 0.0 if left is None else evidence.likeness(which, left)
+                self._tolls[label] = whole * max(BY_CHANCE, alike)
 
     def log_prior(self, labels: frozenset[Label]) -> float:
         """Log prior probability of a set."""
@@ -115,8 +169,8 @@ class Search:
         if counts not in self._log_priors:
             self._log_priors[counts] = self._log_prior(*counts)
         jumps = len(labels) > 1 and bool(labels & self._jumping)
-        tolls = self._toll * max(len(labels) - 1, 0) + self._toll_of_jumps * jumps
-        return self._log_priors[counts] - tolls
+        tolls = sorted(self._tolls.get(label, 0.0) for label in labels)[:-1]  # the strongest itself has the largest
+        return self._log_priors[counts] - sum(tolls) - self._toll_of_jumps * jumps
 
     def _log_prior(self, missing: int, wrong: int) -> float:
         """The same by how many mechanisms are missing and how many have wrong numbers, but for the toll."""
@@ -227,14 +281,6 @@ class Search:
         noise = int(np.argmax(noise_log))
         log_evidence += self.evidence.log_allowed(members, noise)
         return Model(members, labels, log_evidence, self.log_prior(labels), noise_log)
-
-
-def inadequacy(explained: float) -> float:
-    """What the log evidence of a further cause must exceed, beside causes that explain so much chi-square.
-
-    No equation is the gyro itself: what it leaves of an effect is about `INADEQUACY` of it, and looks like another cause.
-    """
-    return 0.5 * INADEQUACY**2 * explained
 
 
 def posterior(models: Sequence[Model]) -> Array:

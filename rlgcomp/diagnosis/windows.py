@@ -21,6 +21,7 @@ FEWEST_WINDOWS: Final = 20
 _FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
 _DEPENDENT: Final = 1e-9
+_BANDS: Final = 24
 _SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
 
 
@@ -108,16 +109,15 @@ class Windows:
 class Contrasts:
     r"""Orthonormal comparisons of samples within windows, in units in which white noise of a window mean has its own size.
 
-    .. math:: z = s \, V^T (x - \bar x), \qquad s = \sqrt{\Delta t / \tau} / \kappa
+    .. math:: z = \sqrt{\Delta t / \tau} \; D^T (x - \bar x), \qquad D = V U \Lambda^{-1/2}, \qquad V^T P V = U \Lambda U^T
 
     V spans what the fast columns do within windows; x̄ is the mean of each sample's window, Δt the sample period, tau the window.
-    kappa >= 1 is by how much the noise within windows exceeds white noise of the level seen at their length: rounding to whole
-    pulses makes it large.
+    P is the spectrum of what V leaves within windows over white noise of the level seen at their length, one at least: rounding to
+    whole pulses and an encoder's own noise make it large, and larger the faster.
     """
 
     windows: tuple[Windows, ...]
-    directions: tuple[Array, ...]  # V, a part for each run: (rows in kept windows, count)
-    scale: float
+    directions: tuple[Array, ...]  # D, a part for each run: (rows in kept windows, count)
 
     @classmethod
     def made(cls, windows: tuple[Windows, ...], columns: Sequence[Array], noise: Sequence[Array]) -> Self | None:
@@ -131,9 +131,12 @@ class Contrasts:
         scaled = [block[:, used] / norm[used] for block in inside]
         values, vectors = np.linalg.eigh(sum((block.T @ block for block in scaled), np.zeros((int(used.sum()),) * 2)))
         kept = values > _DEPENDENT * values[-1]
-        directions = tuple(block @ (vectors[:, kept] / np.sqrt(values[kept])) for block in scaled)
-        excess = max(1.0, _excess([part.within(values) for part, values in zip(windows, noise, strict=True)], windows))
-        return cls(windows, directions, math.sqrt(windows[0].full.period_s / windows[0].window_s) / excess)
+        spanning = [block @ (vectors[:, kept] / np.sqrt(values[kept])) for block in scaled]
+        seen = [part.within(values) for part, values in zip(windows, noise, strict=True)]
+        size = sum((block.T @ values for block, values in zip(spanning, seen, strict=True)), np.zeros(int(kept.sum())))
+        bands = _bands([values - block @ size for block, values in zip(spanning, seen, strict=True)], windows)
+        sizes, turned = np.linalg.eigh(sum((_in_noise(block, bands) for block in spanning), np.zeros((int(kept.sum()),) * 2)))
+        return cls(windows, tuple(block @ (turned / np.sqrt(np.maximum(sizes, 1.0))) for block in spanning))
 
     @property
     def count(self) -> int:
@@ -142,20 +145,43 @@ class Contrasts:
     def of(self, columns: Sequence[Array]) -> Array:
         """Contrasts of columns, (rows, k) for each run, shape (count, k)."""
         parts = [v.T @ part.within(block) for v, part, block in zip(self.directions, self.windows, columns, strict=True)]
-        return np.asarray(self.scale * sum(parts, np.zeros((self.count, columns[0].shape[1]))))
+        scale = math.sqrt(self.windows[0].full.period_s / self.windows[0].window_s)
+        return np.asarray(scale * sum(parts, np.zeros((self.count, columns[0].shape[1]))))
 
 
-def _excess(inside: Sequence[Array], windows: Sequence[Windows]) -> float:
-    """Noise within windows over white noise of the level seen at their length: square root of a ratio of median powers."""
-    everywhere, slow = [], []
+def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> Array:
+    """Power within windows over that of white noise of the level seen at their length, in bands of equal width: ratios of medians,
+    in which lines do not count; one where a window holds but two samples."""
+    powers, slow, of_band = [], [], []
     for values, part in zip(inside, windows, strict=True):
-        power = np.abs(np.fft.rfft(values))[1:] ** 2
+        power = np.abs(np.fft.rfft(values))[1:] ** 2 / len(values)
         cycles = max(1, round(len(values) * part.full.period_s / part.window_s))  # of a window, in the whole run
-        everywhere.append(power[cycles:])
         slow.append(power[cycles : max(4 * cycles, cycles + 8)])
-    powers = np.concatenate(slow)  # none where a window holds but two samples
-    level = float(np.median(powers)) if len(powers) else 0.0
-    return math.sqrt(float(np.median(np.concatenate(everywhere))) / level) if level > 0.0 else 1.0
+        powers.append(power[cycles:])
+        of_band.append(np.arange(cycles, len(power)) * _BANDS // len(power))
+    every, band, at_length = (np.concatenate(parts) for parts in (powers, of_band, slow))
+    level = float(np.median(at_length)) if len(at_length) else 0.0
+    if level <= 0.0:
+        return np.ones(_BANDS)
+    found = np.array([float(np.median(every[band == k])) / level if (band == k).any() else 1.0 for k in range(_BANDS)])
+    return np.maximum(np.maximum(found, 1.0), 1.0 + _rounding(windows[0].full) * math.log(2.0) / level)
+
+
+def _rounding(run: Recording) -> Array:
+    r"""Power of the rounding to whole pulses q in the same bands, in (deg/h)²: (q/Δt)² sin²(πfΔt)/3, which may stand in lines."""
+    if run.metadata.pulse_arcsec is None or not any(column.endswith("_pulses") for column in run.gyro_columns):
+        return np.zeros(_BANDS)
+    middle = (np.arange(_BANDS) + 0.5) / _BANDS  # of the highest frequency
+    return np.asarray((run.metadata.pulse_arcsec / run.period_s) ** 2 / 3.0 * np.sin(0.5 * np.pi * middle) ** 2)
+
+
+def _in_noise(block: Array, bands: Array) -> Array:
+    """Covariance of a run's part of orthonormal directions in noise of such a spectrum, in units of white noise."""
+    spectrum = np.fft.rfft(block, axis=0)[1:]
+    once = np.ones(len(spectrum))
+    once[-1] = 0.5 if len(block) % 2 == 0 else 1.0  # the highest frequency has no mirror image
+    power = 2.0 * once * bands[np.arange(len(spectrum)) * _BANDS // len(spectrum)] / len(block)
+    return np.asarray((spectrum.conj().T @ (power[:, None] * spectrum)).real)
 
 
 def _starts(window: IntArray) -> IntArray:

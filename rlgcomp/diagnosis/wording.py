@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, NextExperiment, Place, RunFit
 
 FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval")
+PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
 OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
 DECIDES: Final = 0.8  # expected probability of the true explanation from which an experiment is said to tell
+DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
 SHOWN_PLACES: Final = 6
 SHOWN_ALTERNATIVES: Final = 5
 BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
@@ -33,6 +35,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict, the causes with their probability, and what they gain held out."""
     who = subject(diagnosis)
     who = who[:1].upper() + who[1:] if who == "the simulator" else who
+    if diagnosis.verdict == "none" and diagnosis.p_value < DOUBTFUL:
+        return (
+            f"{who} lacks nothing that these runs could name, though what it leaves is hardly noise alone "
+            f"({p_text(diagnosis.p_value)}) once its free parameters are calibrated."
+        )
     if diagnosis.verdict == "none":
         return (
             f"{who} lacks nothing that these runs show: what it leaves is noise ({p_text(diagnosis.p_value)}) "
@@ -46,9 +53,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
         return f"{start} that no known mechanism explains; it {driven}{memory}.{_gain(diagnosis.test)}"
     if diagnosis.verdict == "ambiguous":
-        rivals = listing(
-            list(dict.fromkeys(name for cause in diagnosis.causes for name in (cause.name, *cause.indistinguishable_from)))
-        )
+        apart = [cause for cause in diagnosis.causes if cause.indistinguishable_from]
+        rivals = ", nor between ".join(listing([cause.name, *cause.indistinguishable_from]) for cause in apart)
         return f"{who} lacks {named}; these runs cannot tell between {rivals}.{_gain(diagnosis.test)}"
     return f"{who} lacks {named}.{_gain(diagnosis.test)}"
 
@@ -73,9 +79,9 @@ def as_text(diagnosis: Diagnosis) -> str:
         rows = []
         for cause in diagnosis.causes:
             values = [f"{name} = {value}" for name, value in cause.numbers().items()] or [""]
-            rows.append([cause.name, f"{cause.probability:.3f}", f"{cause.rms_deg_h:.3g} deg/h", values[0]])
-            rows += [["", "", "", value] for value in values[1:]]
-        parts.append(_table("What", ["mechanism", "probability", "rms", "parameters"], rows))
+            rows.append([cause.name, *probability_cells(cause), f"{cause.rms_deg_h:.3g} deg/h", values[0]])
+            rows += [["", "", "", "", value] for value in values[1:]]
+        parts.append(_table("What", ["mechanism", *PROBABILITY_COLUMNS, "rms", "parameters"], rows))
     if diagnosis.alternatives:
         rows = [[set_text(item.mechanisms), f"{item.probability:.3g}"] for item in diagnosis.alternatives[:SHOWN_ALTERNATIVES]]
         parts.append(_table("Alternatives", ["mechanisms", "probability"], rows))
@@ -109,6 +115,12 @@ def next_aim(following: NextExperiment) -> str:
     if following.expected_probability_after >= DECIDES:
         return f"to tell between {rivals}"
     return f"though none in the recorded ranges would tell between {rivals} (wider ones might)"
+
+
+def probability_cells(cause: Cause) -> list[str]:
+    """Probability by all runs, and by the training runs alone where held-out runs were asked."""
+    alone = cause.probability_in_training
+    return [f"{cause.probability:.3f}", "" if alone is None else f"{alone:.3f}"]
 
 
 def fit_rows(name: str, fit: Fit) -> list[list[str]]:
@@ -188,11 +200,13 @@ def _named(cause: Cause) -> str:
 def _gain(fit: Fit | None) -> str:
     if fit is None:
         return ""
-    low, _ = fit.improvement_ci95
+    low, high = fit.improvement_ci95
     numbers = f"from {fit.baseline_rms:.5f} to {fit.augmented_rms:.5f} {fit.unit}"
     share = f"({100 * fit.improvement:.0f} %, 95 % interval {interval_text(fit.improvement_ci95)})"
     if low > 0.0:
         return f" On runs held out its error falls {numbers} {share}; the noise floor is {fit.noise_floor_rms:.5f}."
+    if high < 0.0:
+        return f" On runs held out no gain can be claimed, the error grows: {numbers} {share}."
     return f" On runs held out no gain can be claimed: {numbers} {share}."
 
 

@@ -9,7 +9,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.motion import rate_deg_s, reference_rate_deg_s
+from rlgcomp.motion import rate_deg_s, reference_rate_deg_s, stilled
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 from rlgcomp.units import ARCSEC_PER_DEG, SECONDS_PER_HOUR
@@ -109,7 +109,7 @@ class LockIn(Mechanism):
         """Of all that is known to turn the light."""
         if self.acts_on == "total" and FELT_RATE_DEG_S in recording:
             return recording.column(FELT_RATE_DEG_S)
-        return rate_deg_s(recording) + self.offset_deg_h / SECONDS_PER_HOUR
+        return stilled(recording, rate_deg_s(recording)) + self.offset_deg_h / SECONDS_PER_HOUR
 
 
 def _mean_error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
@@ -151,7 +151,7 @@ def _shown(recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
             return None
         gyro = run.rate_deg_h()
         rate = reference_rate_deg_s(run, gyro)
-        rates.append(rate)
+        rates.append(stilled(run, rate))
         beyond.append(gyro - SECONDS_PER_HOUR * rate)
     every = max(1, sum(len(part) for part in rates) // _MOST_ROWS)
     rate = np.concatenate(rates)[::every]

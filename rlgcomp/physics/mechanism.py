@@ -148,6 +148,10 @@ class Mechanism(abc.ABC):
         """The amplitudes that are in use, in the order of the basis."""
         return tuple(parameter for parameter in self.parameters() if parameter.role == "amplitude")
 
+    def repeats(self) -> bool:
+        """Whether amplitudes found in some runs foretell others: it has some, and none is a run's own."""
+        return bool(self.amplitude_parameters()) and not self.each_run
+
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """The shapes and settings that diagnosis tries; each counts equally before the data are seen.

@@ -53,14 +53,14 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
     unit = units.column_unit(column) or "deg/h"
     rate_deg_h = units.convert(table[column].to_numpy(), unit, "deg/h")
     period_s = float(np.median(np.diff(table[TIME].to_numpy())))
-    advice = (
-        f"if it is in rad/s, say --map {column}='{column} [rad/s]'; if the unit is right, say --map {column}='{column} [{unit}]'"
-    )
+    right = f"if the unit is right, say --map {column}='{column} [{unit}]'"
     noise = None if context.computed else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
     if noise is not None and noise < QUIETEST_DEG_SQRT_H:
+        maps = [f"--map {column}='{column} [{other}]'" for other in _quiet_enough(noise, unit)]
         context.add(
             "refused",
-            f"its white noise would be {noise:.1e} deg/sqrt(h), less than any gyro's, so it is hardly in {unit}; {advice}",
+            f"its white noise would be {noise:.1e} deg/sqrt(h), less than any gyro's, so it is hardly in {unit}; "
+            f"say what it is in: {' or '.join(maps)}; {right}",
             column,
         )
         return
@@ -70,13 +70,25 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
         for other in ("rad/s", "deg/s", "deg/h", "arcsec/s"):
             expected = float(units.convert(1.0, unit, "deg/h")) / float(units.convert(1.0, other, "deg/h"))
             if other != unit and abs(abs(slope) / expected - 1.0) < 0.05 and abs(expected - 1.0) > 0.1:
-                context.add("refused", f"against the table it reads {slope:.4g} times the rate, as if in {other}; {advice}", column)
+                context.add(
+                    "refused",
+                    f"against the table it reads {slope:.4g} times the rate, as if the gyro were in {other}: then say "
+                    f"--map {column}='{column} [{other}]'; or else table_rate_deg_s is in another unit; {right}",
+                    column,
+                )
                 return
     mean = float(np.nanmean(rate_deg_h))
     if context.metadata.kind != "turntable" and abs(mean) > LARGEST_STATIC_RATE_DEG_H:
         context.add(
             "noted", f"the mean is {mean:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map", column
         )
+
+
+def _quiet_enough(noise_deg_sqrt_h: float, unit: str) -> list[str]:
+    """Units in which such noise would be a gyro's, the likeliest first."""
+    ratios = {other: float(units.convert(1.0, other, unit)) for other in ("deg/s", "rad/s", "arcsec/s", "deg/h")}
+    found = [other for other, ratio in ratios.items() if ratio > 1.0 and noise_deg_sqrt_h * ratio >= QUIETEST_DEG_SQRT_H]
+    return found or ["rad/s"]
 
 
 def _white_noise_deg_sqrt_h(rate_deg_h: Array, period_s: float) -> float | None:

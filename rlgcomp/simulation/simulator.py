@@ -179,7 +179,7 @@ class Simulator:
         InputError
             A mechanism's monitor is not in the recording.
         """
-        predictable = [mechanism for mechanism in self.mechanisms if mechanism.amplitude_parameters() and not mechanism.each_run]
+        predictable = [mechanism for mechanism in self.mechanisms if mechanism.repeats()]
         total = sum(self._errors(recording, predictable, 0).values(), self.nominal_deg_h(recording))
         own = [column for column in recording.gyro_columns if column in _GYRO_UNITS]
         column = own[0] if own else ("gyro_deg_h" if self.kind == "chamber" else "gyro_deg_s")

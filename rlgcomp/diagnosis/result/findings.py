@@ -78,6 +78,8 @@ class Cause:
         Mechanisms that these data cannot tell from it.
     drivers : tuple of str
         Columns that it read; by default those that it names itself.
+    probability_in_training : float, optional
+        The same probability by the training runs alone, where held-out runs were asked as well.
     """
 
     mechanism: Mechanism
@@ -86,6 +88,7 @@ class Cause:
     rms_deg_h: float
     indistinguishable_from: tuple[str, ...] = ()
     drivers: tuple[str, ...] = ()
+    probability_in_training: float | None = None
 
     @property
     def name(self) -> str:
@@ -102,6 +105,7 @@ class Cause:
         return {
             "mechanism": self.name,
             "probability": self.probability,
+            "probability_in_training": self.probability_in_training,
             "parameters": {name: dataclasses.asdict(estimate) for name, estimate in self.parameters.items()},
             "settings": {p.name: getattr(self.mechanism, p.name) for p in self.mechanism.parameters() if p.role == "setting"},
             "equation": self.mechanism.stated(),

@@ -1,0 +1,137 @@
+r"""Held-out runs asked whether they bear out what training runs propose.
+
+Training runs alone propose sets of causes and give all their numbers. Held-out runs then weigh these sets against each other by how
+well they were foreseen,
+
+.. math:: p(S \mid \text{train}, \text{test}) \propto p(S \mid \text{train}) \; p(\text{test} \mid \text{train}, S)
+    \propto p(S) \; p(\text{train}, \text{test} \mid S)
+
+so that a weak cause which returns is believed, and one which does not is given up. What held-out runs show is evidence for a set
+only where training foresaw it: with the amplitudes of the training runs, the set must explain at least half of what it would with
+their own. No set is found in a held-out run and no number comes from one; each has its own offset, since a gyro's bias changes
+from switch-on to switch-on.
+
+References
+----------
+A. P. Dawid, "Present position and potential developments: the prequential approach", J. R. Stat. Soc. A 147, 278 (1984)
+(explanations judged by what they foresaw).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.evidence import Evidence
+from rlgcomp.diagnosis.explain import Explanations, jumping
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.search import Label, Model, Search, posterior
+from rlgcomp.diagnosis.whitening import NoiseShape, norms, whiten
+from rlgcomp.errors import InputError
+from rlgcomp.physics.mechanism import Mechanism
+
+Array = npt.NDArray[np.float64]
+_BEHIND: Final = math.log(10.0)  # of the likeliest set: held-out runs are not asked about a set that is less likely in training
+_ASKED: Final = 40  # sets at most
+_FORESEEN: Final = 0.5  # of what a set can explain of the held-out runs
+
+
+def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> Explanations:
+    """Explanations with the probabilities that held-out runs leave them.
+
+    Parameters
+    ----------
+    explanations : Explanations
+        Of the training runs.
+    whole : Problem
+        Of training and held-out runs, as :meth:`Problem.joined` gives it.
+    windowed : Problem
+        The same by window means alone.
+
+    Returns
+    -------
+    Explanations
+        Sets that training makes likely, their members as training has them; the same as given where a held-out run lacks a column
+        that one of them reads.
+    """
+    asked, nothing = _at_issue(explanations), explanations.nothing
+    try:
+        judged = _judged(explanations, asked, whole)
+    except InputError:
+        return explanations
+    found = []
+    for model in (one for one in asked if one.labels in judged):
+        by_all = judged[model.labels]
+        gained = by_all.log_posterior - judged[frozenset()].log_posterior - (model.log_posterior - nothing.log_posterior)
+        if gained > 0.0 and _foreseen(explanations, model, windowed, int(np.argmax(by_all.noise_log))) < _FORESEEN:
+            by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - gained)
+        found.append(dataclasses.replace(by_all, members=model.members))
+    models = tuple(sorted(found, key=lambda model: -model.log_posterior))
+    return dataclasses.replace(explanations, models=models, probabilities=posterior(models), proposed=explanations)
+
+
+def log_foreseen(
+    law: Mechanism,
+    members: Sequence[Candidate],
+    training: Problem,
+    whole: Problem,
+    noises: Sequence[NoiseShape],
+    noise_log_prior: Array,
+) -> float:
+    """What held-out runs add to the log Bayes factor of a law beside causes, all shapes as training has them."""
+    factors = []
+    for problem in (whole, training):
+        design = np.column_stack([problem.baseline, *(problem.columns(member.mechanism) for member in members)])
+        factors.append(Background(problem, design, noises, noise_log_prior).log_bayes_factors(problem.columns(law))[0])
+    return float(factors[0] - factors[1])
+
+
+def _at_issue(explanations: Explanations) -> list[Model]:
+    """The likeliest sets in training; nothing, and the best single cause, which says what further ones must exceed."""
+    models = explanations.models
+    likely = [model for model in models[:_ASKED] if model.log_posterior > models[0].log_posterior - _BEHIND]
+    strongest = [model for model in models if len(model.labels) == 1][:1]
+    return list(dict.fromkeys([*likely, *strongest, explanations.nothing]))
+
+
+def _foreseen(explanations: Explanations, model: Model, windowed: Problem, noise: int) -> float:
+    """Share of what a set can explain of the held-out runs that it explains with the amplitudes of the training runs."""
+    repeated = [one.mechanism for one in explanations.candidates(model) if one.mechanism.repeats()]
+    if not repeated:
+        return 1.0
+    columns = np.column_stack([windowed.columns(mechanism) for mechanism in repeated])
+    held_out = (windowed.rows.run >= len(windowed.windows) - windowed.held_out)[:, None]
+    design = np.column_stack([columns * held_out, columns * ~held_out, windowed.baseline])
+    table = np.column_stack([design / norms(design), windowed.target_deg_h])
+    whitened = whiten(windowed.rows, table, (explanations.evidence.noises[noise],))[0][0]
+    amplitudes = np.linalg.lstsq(whitened[:, :-1], whitened[:, -1], rcond=1e-10)[0] / norms(design)
+    width = columns.shape[1]
+    seen, own, trained = whitened[:, :width] * norms(design)[:width], amplitudes[:width], amplitudes[width : 2 * width]
+    possible, missed = float(np.sum((seen @ own) ** 2)), float(np.sum((seen @ (own - trained)) ** 2))
+    return 1.0 - missed / possible if possible > 0.0 else 1.0
+
+
+def _judged(explanations: Explanations, asked: Sequence[Model], whole: Problem) -> dict[frozenset[Label], Model]:
+    """The same sets by all runs; a path of jumps is sought anew, since no run repeats it."""
+    search, tried = explanations.search, explanations.evidence.candidates
+    labels = {label for model in asked for label in model.labels}
+    at_issue = [candidate for candidate in tried if (candidate.name, candidate.known) in labels]
+    evidence = Evidence(
+        whole,
+        [dataclasses.replace(one, columns=whole.columns(one.mechanism)) for one in at_issue if not one.mechanism.jumps()],
+        explanations.evidence.noises,
+    )
+    by_all = Search(evidence, search.noise_log_prior, names=search.names)
+    jumps = dict.fromkeys(type(one.mechanism) for one in at_issue if one.mechanism.jumps())
+    if jumps:
+        calm = by_all.rated(search.without_jumps(model.labels) for model in asked)
+        evidence.add(jumping(by_all, list(calm.values()), list(jumps)))
+        by_all = Search(evidence, search.noise_log_prior, names=search.names)
+    return by_all.rated(model.labels for model in asked)

@@ -1,0 +1,134 @@
+"""Held-out runs bear out what training runs propose, or they do not; no number comes from them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.evidence import Evidence
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.search import Search
+from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.physics import CATALOGUE
+
+STEP_S = 10.0
+WEAK = 1e-4  # deg/h/uT: with the seed below, training runs leave it at even odds
+CLEAR = 2e-4
+BASELINE = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
+SIMULATOR = rlg.Simulator.from_mapping(BASELINE)
+GYRO = rlg.Simulator.from_mapping(BASELINE | {"noise": {"angle_random_walk_deg_sqrt_h": 3e-4}})
+
+
+@functools.cache
+def healthy_runs() -> tuple[rlg.Recording, ...]:
+    programmes = ("paper", "minor-loops", "reversed", "slow")
+    return tuple(GYRO.simulate(programme, seed=seed, step_s=STEP_S) for seed, programme in enumerate(programmes))
+
+
+def runs(*sensitivities: float) -> list[rlg.Recording]:
+    """The runs with a sensitivity to the magnetic field, one a run, in deg/h/uT."""
+    return [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + k * (run.column("magnetic_field_uT") - 48.0)))
+        for run, k in zip(healthy_runs(), sensitivities, strict=True)
+    ]
+
+
+def diagnosed(recordings: list[rlg.Recording], **options: bool) -> rlg.Diagnosis:
+    return rlg.diagnose(SIMULATOR, train=recordings[:2], test=recordings[2:], black_box=False, **options)
+
+
+def test_a_weak_cause_that_returns_is_believed_and_that_is_said() -> None:
+    found = diagnosed(runs(WEAK, WEAK, WEAK, WEAK))
+    assert found.verdict == "explained"
+    (cause,) = found.causes
+    assert cause.name == "magnetic_field"
+    assert cause.probability_in_training is not None
+    assert cause.probability_in_training < 0.7
+    assert cause.probability > 0.95
+    assert any("the held-out runs decided for magnetic_field" in remark for remark in found.remarks)
+    assert found.findings[0]["probability_in_training"] == cause.probability_in_training
+
+
+@pytest.mark.parametrize("returns", [0.0, -1.0])
+def test_a_weak_cause_that_does_not_return_is_not(returns: float) -> None:
+    assert diagnosed(runs(WEAK, WEAK, returns * WEAK, returns * WEAK)).verdict == "none"
+
+
+def test_a_cause_that_turns_round_is_given_up_and_that_is_said() -> None:
+    found = diagnosed(runs(CLEAR, CLEAR, -CLEAR, -CLEAR))
+    assert found.verdict == "none"
+    assert any("magnetic_field" in remark and "do not bear it out" in remark for remark in found.remarks)
+
+
+def test_what_training_did_not_foresee_is_no_evidence() -> None:
+    """Strong in the held-out runs, all but absent in training: something is there, but training says nothing of it."""
+    found = diagnosed(runs(0.2 * WEAK, 0.2 * WEAK, 5.0 * WEAK, 5.0 * WEAK))
+    assert not found.causes
+
+
+def test_held_out_runs_that_are_not_asked_decide_nothing() -> None:
+    returned, gone = (diagnosed(runs(WEAK, WEAK, k, k), confirm=False) for k in (WEAK, 0.0))
+    assert returned.verdict == gone.verdict == "none"
+    assert all(cause.probability_in_training is None for cause in returned.causes)
+
+
+def test_no_number_comes_from_a_held_out_run() -> None:
+    asked, unasked = (diagnosed(runs(CLEAR, CLEAR, 0.8 * CLEAR, 1.1 * CLEAR), confirm=confirm) for confirm in (True, False))
+    assert asked.augmented.to_mapping() == unasked.augmented.to_mapping()
+    assert asked.train == unasked.train
+    assert asked.p_value == pytest.approx(unasked.p_value, abs=1e-6)
+    assert asked.where == unasked.where
+
+
+def test_each_held_out_run_has_an_offset_of_its_own() -> None:
+    plain = runs(WEAK, WEAK, WEAK, WEAK)
+    switched_on = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + offset))
+        for run, offset in zip(plain, (0.0, 0.0, 0.05, -0.03), strict=True)
+    ]
+    found, expected = diagnosed(switched_on), diagnosed(plain)
+    assert [cause.name for cause in found.causes] == [cause.name for cause in expected.causes]
+    assert found.causes[0].probability == pytest.approx(expected.causes[0].probability, abs=1e-3)
+
+
+def test_a_held_out_run_without_the_monitor_is_not_asked() -> None:
+    recordings = runs(CLEAR, CLEAR, CLEAR, CLEAR)
+    without = [run.replace(table=run.table.drop(columns="supply_voltage_V")) for run in recordings[2:]]
+    found = diagnosed([*recordings[:2], *without])
+    assert [cause.name for cause in found.causes] == ["magnetic_field"]
+
+
+def test_sets_are_rated_as_the_search_rates_them() -> None:
+    problem = Problem.of(SIMULATOR, runs(CLEAR, CLEAR, CLEAR, CLEAR)[:2])
+    kinds = ("magnetic_field", "temperature_rate", "thermal_lag")
+    tried = [
+        Candidate(mechanism, problem.columns(mechanism), -np.log(len(grid)))
+        for grid in (CATALOGUE[name].grid(problem.runs) for name in kinds)
+        for mechanism in grid
+    ]
+    evidence = Evidence(problem, tried, (NoiseShape(), NoiseShape(0.25, 0.07)))
+    searched = {model.labels: model for model in Search(evidence).run()}
+    rated = Search(evidence).rated(searched)
+    assert rated.keys() == searched.keys()
+    for labels, model in searched.items():
+        if len(labels) < 2:  # larger ones may settle at another of several equal points
+            assert rated[labels].log_evidence == pytest.approx(model.log_evidence, abs=1e-9)
+        assert rated[labels].log_evidence == pytest.approx(model.log_evidence, abs=0.5)
+
+
+def test_joined_runs_keep_the_shapes_of_training() -> None:
+    recordings = runs(CLEAR, CLEAR, CLEAR, CLEAR)
+    problem = Problem.of(SIMULATOR, recordings[:2])
+    whole = problem.joined(recordings[2:])
+    assert whole.simulator == problem.simulator
+    assert whole.held_out == 2
+    assert whole.baseline.shape == (len(whole.rows), problem.baseline.shape[1] + 2)
+    np.testing.assert_allclose(whole.baseline[: len(problem.rows), : problem.baseline.shape[1]], problem.baseline)
+    assert np.linalg.matrix_rank(whole.baseline) == whole.baseline.shape[1]
+    calibrated = dataclasses.replace(whole, held_out=0).with_free_part()
+    assert calibrated.baseline.shape[1] == problem.baseline.shape[1]

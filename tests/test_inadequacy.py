@@ -1,0 +1,72 @@
+"""A strong cause hides no other that is nothing like what its equation may leave."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.evidence import Evidence
+from rlgcomp.diagnosis.inadequacy import BY_CHANCE, follows_anything, inadequacy, leftovers
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.search import Search
+from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.physics import CATALOGUE
+
+STEP_S = 10.0
+SIMULATOR = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+
+
+def runs(*causes: dict[str, dict[str, float]]) -> list[rlg.Recording]:
+    gyro = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}, *causes]}
+    made = rlg.Simulator.from_mapping(gyro | {"noise": {"angle_random_walk_deg_sqrt_h": 3e-4}})
+    return [made.simulate(programme, seed=seed, step_s=STEP_S) for seed, programme in enumerate(("paper", "minor-loops"))]
+
+
+HOP = {"mode_hop": {"step_deg_h": 0.02, "threshold_degC": 25.3, "dead_band_K": 4.4}}
+RATE = {"temperature_rate": {"k_deg_h_min_K": 0.05}}
+
+
+@pytest.mark.parametrize("strong", [HOP, RATE])
+def test_a_weak_cause_beside_a_strong_one_is_found(strong: dict[str, dict[str, float]]) -> None:
+    (name,) = strong
+    found = rlg.diagnose(SIMULATOR, train=runs(strong, {"magnetic_field": {"k_deg_h_uT": 3e-4}}), black_box=False)
+    assert {cause.name for cause in found.causes} == {name, "magnetic_field"}
+    alone = rlg.diagnose(SIMULATOR, train=runs(strong), black_box=False)
+    assert [cause.name for cause in alone.causes] == [name]
+
+
+def test_what_could_be_taken_for_it_pays() -> None:
+    problem = Problem.of(SIMULATOR, runs(RATE))
+    kinds = ("temperature_rate", "thermal_lag", "magnetic_field", "random_telegraph")
+    tried = [Candidate(one, problem.columns(one), 0.0) for name in kinds[:3] for one in CATALOGUE[name].grid(problem.runs)[:2]]
+    path = CATALOGUE["random_telegraph"]()
+    tried.append(Candidate(path, np.sign(np.sin(np.arange(float(len(problem.rows))) / 40.0))[:, None], 0.0))
+    search = Search(Evidence(problem, tried, (NoiseShape(),)))
+    alone = {label: search.log_prior(frozenset({label})) for label in ((name, False) for name in kinds)}
+    before = {name: search.log_prior(frozenset({("temperature_rate", False), (name, False)})) for name in kinds[1:]}
+    models = {model.labels: model for model in search.run()}
+    strongest = models[frozenset({("temperature_rate", False)})]
+    whole = inadequacy(search.evidence.explained(strongest.members, 0))
+    toll = {name: before[name] - search.log_prior(frozenset({("temperature_rate", False), (name, False)})) for name in kinds[1:]}
+    assert whole > 10.0
+    assert toll["thermal_lag"] == pytest.approx(whole)
+    assert toll["random_telegraph"] >= whole
+    assert BY_CHANCE * whole <= toll["magnetic_field"] < 0.6 * whole
+    assert all(search.log_prior(frozenset({label})) == prior for label, prior in alone.items())  # alone nothing pays
+
+
+def test_what_is_left_follows_the_drivers() -> None:
+    problem = Problem.of(SIMULATOR, runs())
+    lag = CATALOGUE["thermal_lag"](time_constant_s=1800.0)
+    column = problem.columns(lag)[:, :1]
+    evidence = Evidence(problem, [Candidate(lag, column, 0.0)], (NoiseShape(),))
+    assert evidence.likeness([0], leftovers(problem, CATALOGUE["temperature_rate"]())) > 0.9
+    assert evidence.likeness([0], leftovers(problem, CATALOGUE["magnetic_field"]())) < 0.5
+    assert leftovers(problem, CATALOGUE["warm_up"]()).shape[0] == len(problem.rows)
+
+
+def test_lines_and_paths_follow_anything() -> None:
+    kinds = [kind for kind in CATALOGUE.values() if kind.kind == "chamber" and not kind.open_set]
+    assert {kind.name for kind in kinds if follows_anything(kind())} == {"periodic_interference", "random_telegraph"}
