@@ -85,11 +85,17 @@ def log_foreseen(
     noises: Sequence[NoiseShape],
     noise_log_prior: Array,
 ) -> float:
-    """What held-out runs add to the log Bayes factor of a law beside causes, all shapes as training has them."""
+    """What held-out runs add to the log Bayes factor of a law beside causes, all shapes as training has them.
+
+    Nothing where a held-out run lacks a column that one of them reads.
+    """
     factors = []
-    for problem in (whole, training):
-        design = np.column_stack([problem.baseline, *(problem.columns(member.mechanism) for member in members)])
-        factors.append(Background(problem, design, noises, noise_log_prior).log_bayes_factors(problem.columns(law))[0])
+    try:
+        for problem in (whole, training):
+            design = np.column_stack([problem.baseline, *(problem.columns(member.mechanism) for member in members)])
+            factors.append(Background(problem, design, noises, noise_log_prior).log_bayes_factors(problem.columns(law))[0])
+    except InputError:
+        return 0.0
     return float(factors[0] - factors[1])
 
 

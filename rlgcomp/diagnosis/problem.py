@@ -93,32 +93,23 @@ class Problem:
         """
         if not runs:
             raise InputError("no training runs; give at least one with --train")
-        return cls._bare(
-            simulator, runs, default_window_s(runs) if window_s is None else window_s, gyro, predicted
-        ).with_free_part()
+        window_s = default_window_s(runs) if window_s is None else window_s
+        windows = tuple(Windows.of(run, window_s) for run in runs)
+        departures = _departures_deg_h(simulator, windows, gyro, predicted)
+        return cls._posed(simulator, windows, departures, runs[0].gyro_column(gyro)).with_free_part()
 
     @classmethod
-    def _bare(
-        cls,
-        simulator: Simulator,
-        runs: Sequence[Recording],
-        window_s: float,
-        gyro: str | None,
-        predicted: Callable[[Recording], Array] | None,
-    ) -> Self:
+    def _posed(cls, simulator: Simulator, windows: tuple[Windows, ...], unexplained_deg_h: tuple[Array, ...], channel: str) -> Self:
         """The problem without columns of what is free."""
-        windows = tuple(Windows.of(run, window_s) for run in runs)
-        unexplained = tuple(_unexplained(simulator, part.full, gyro, predicted) for part in windows)
-        for run, values in zip(runs, unexplained, strict=True):
-            _require_sane(run, values)
-        target = np.concatenate([part.means(values) for part, values in zip(windows, unexplained, strict=True)])
+        window_s = windows[0].window_s
+        target = np.concatenate([part.means(values) for part, values in zip(windows, unexplained_deg_h, strict=True)])
         rows = Rows(
             np.concatenate([part.middles_s for part in windows]),
             np.repeat(np.arange(len(windows)), [int(part.kept.sum()) for part in windows]),
             np.concatenate([window_s / (part.counts[part.kept] * part.full.period_s) for part in windows]),
             window_s,
         )
-        return cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, runs[0].gyro_column(gyro), unexplained)
+        return cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, channel, unexplained_deg_h)
 
     def joined(
         self, runs: Sequence[Recording], *, gyro: str | None = None, predicted: Callable[[Recording], Array] | None = None
@@ -136,8 +127,9 @@ class Problem:
         InputError
             As :meth:`of` does.
         """
-        every = [*(part.full for part in self.windows), *runs]
-        bare = self._bare(self.simulator, every, self.rows.window_s, gyro, predicted)
+        more = tuple(Windows.of(run, self.rows.window_s) for run in runs)
+        departures = (*self.unexplained_deg_h, *_departures_deg_h(self.simulator, more, gyro, predicted))
+        bare = self._posed(self.simulator, (*self.windows, *more), departures, self.channel)
         return dataclasses.replace(bare, held_out=len(runs)).with_free_part()
 
     def columns(self, mechanism: Mechanism) -> Array:
@@ -389,6 +381,16 @@ def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predict
             basis = mechanism.basis(run)
             rate = rate - sum(getattr(mechanism, name) * basis[:, k] for k, name in known)
     return np.asarray(rate)
+
+
+def _departures_deg_h(
+    simulator: Simulator, windows: Sequence[Windows], gyro: str | None, predicted: Callable[[Recording], Array] | None
+) -> tuple[Array, ...]:
+    """Of each run at its full rate: the gyro less the simulator's fixed part."""
+    departures = tuple(_unexplained(simulator, part.full, gyro, predicted) for part in windows)
+    for part, values in zip(windows, departures, strict=True):
+        _require_sane(part.full, values)
+    return departures
 
 
 def _require_sane(run: Recording, departure_deg_h: Array) -> None:
