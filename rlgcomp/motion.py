@@ -10,6 +10,7 @@ exactly, whatever happens in between. Recordings made elsewhere may mean the sam
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -29,6 +30,7 @@ CLEARLY_BETTER: Final = 0.5  # of the residual: what another reading of the tabl
 TAKEN: Final = ("before", "at", "after")
 _SAME_RAD: Final = 0.2
 _STILL: Final = 31  # samples, an odd number, by which it is judged whether a table stands
+_STANDS_OUT: Final = 12.0  # median deviations: no noise is so far out
 _STRAYS: Final = 8.0  # of the root mean square step of an angle
 _SLOWEST: Final = 1e-3  # of the highest rate
 _WINDOWS: Final = 50  # in which readings of the motion are compared, of at most so many seconds each:
@@ -176,7 +178,8 @@ def stilled(recording: Recording, rate: Array) -> Array:
 
     .. math:: \max_k \theta_k - \min_k \theta_k \le r \, \Delta t \sqrt{\overline{W^2}}, \qquad r = 8
 
-    (3 to 4 for noise, 13 for a sweep through zero), and the rate is less than a thousandth of the highest.
+    (3 to 4 for noise, 13 for a sweep through zero), and the rate is less than a thousandth of the highest. A sample whose rate
+    stands out is of the table's coming to rest.
 
     Parameters
     ----------
@@ -194,9 +197,15 @@ def stilled(recording: Recording, rate: Array) -> Array:
     size = np.sqrt(uniform_filter1d(rate**2, _STILL).clip(0.0))
     still = (strayed <= _STRAYS * size * recording.period_s) & (size <= _SLOWEST * float(np.abs(rate).max()))
     still = maximum_filter1d(still, _STILL)
-    stretch = np.cumsum(np.diff(still, prepend=still[0]) != 0)
-    mean = np.bincount(stretch, rate * spans_s) / np.bincount(stretch, spans_s)
-    return np.where(still, mean[stretch], rate)
+    found = rate.copy()
+    edges = np.r_[0, np.flatnonzero(np.diff(still)) + 1, len(rate)]
+    for start, stop in itertools.pairwise(edges):
+        if still[start]:
+            inside = rate[start:stop]
+            from_middle = np.abs(inside - np.median(inside))
+            calm = from_middle <= _STANDS_OUT * np.median(from_middle)
+            found[start:stop][calm] = np.average(inside[calm], weights=spans_s[start:stop][calm])
+    return found
 
 
 def earth_rate_deg_h(recording: Recording) -> float:

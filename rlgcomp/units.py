@@ -182,7 +182,8 @@ def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.f
     ----------
     values : array_like of float
     source, target : str
-        Units such as "rad/s" and "deg/h"; common spellings ("°/h", "dps", "°C") are understood.
+        Units such as "rad/s" and "deg/h"; common spellings ("°/h", "dps", "°C") are understood. "-deg/s" is deg/s of an instrument
+        whose sense is reversed.
 
     Raises
     ------
@@ -206,6 +207,11 @@ def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.f
 
 
 def _find(unit: str) -> tuple[str, tuple[float, float]]:
+    unit = unit.strip()
+    if unit.startswith("-"):  # a sense that is reversed
+        dimension, (factor, offset) = _find(unit[1:])
+        if offset == 0.0:
+            return dimension, (-factor, offset)
     name = _SPELLINGS.get(unit.strip(), unit.strip())
     for dimension, table in _DIMENSIONS.items():
         if name in table:

@@ -10,6 +10,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.confirm import _foreseen
 from rlgcomp.diagnosis.evidence import Evidence
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Search
@@ -17,7 +18,7 @@ from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics import CATALOGUE
 
 STEP_S = 10.0
-WEAK = 1e-4  # deg/h/uT: with the seed below, training runs leave it at even odds
+WEAK = 0.9e-4  # deg/h/uT: with the seed below, training runs leave it at even odds
 CLEAR = 2e-4
 BASELINE = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
 SIMULATOR = rlg.Simulator.from_mapping(BASELINE)
@@ -69,6 +70,28 @@ def test_what_training_did_not_foresee_is_no_evidence() -> None:
     """Strong in the held-out runs, all but absent in training: something is there, but training says nothing of it."""
     found = diagnosed(runs(0.2 * WEAK, 0.2 * WEAK, 5.0 * WEAK, 5.0 * WEAK))
     assert not found.causes
+
+
+def test_a_constant_is_foreseen_by_nothing_and_counts_for_nothing() -> None:
+    """A polynomial has one; each held-out run's own offset leaves it open, and it says nothing about what training foresaw."""
+    bare = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["temperature_rate"]})
+    hidden = CATALOGUE["thermal_polynomial"](degree=2, c1_deg_h_K=2e-4, c2_deg_h_K2=2e-6)
+    rng = np.random.default_rng(0)
+    gyros = [run.column("gyro_deg_h") + hidden.contribution(run, rng) for run in healthy_runs()]
+    added = [run.replace(table=run.table.assign(gyro_deg_h=gyro)) for run, gyro in zip(healthy_runs(), gyros, strict=True)]
+    whole = Problem.of(bare, added[:2]).joined(added[2:])
+    assert _foreseen([Candidate(hidden, whole.columns(hidden), 0.0)], [], whole, NoiseShape()) > 0.9
+
+
+def test_a_hop_that_no_held_out_run_passes_is_not_held_against_training() -> None:
+    """They say nothing of its size, which is no reason to doubt what training says of it."""
+    warm = [
+        run.replace(table=run.table.assign(temperature_block_degC=30.0 + 0.1 * run.column("temperature_block_degC")))
+        for run in healthy_runs()[2:]
+    ]
+    whole = Problem.of(SIMULATOR, healthy_runs()[:2]).joined(warm)
+    hop = CATALOGUE["mode_hop"](threshold_degC=-15.0, dead_band_K=1.0)
+    assert _foreseen([Candidate(hop, whole.columns(hop), 0.0)], [], whole, NoiseShape()) == 1.0
 
 
 def test_held_out_runs_that_are_not_asked_decide_nothing() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -94,3 +95,28 @@ def test_a_simulator_far_off_is_refused(run: rlg.Recording) -> None:
 
     with pytest.raises(rlg.InputError, match=r"the gyro is -1e\+300 deg/h off what the simulator says"):
         rlg.diagnose(Huge(), [run])
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"gyro_deg_s": -1.0}, "reads -1 times the rate of its table (table_rate_deg_s)"),
+        ({"gyro_deg_s": -1.0}, "its sense is reversed: say --map gyro_deg_s='gyro_deg_s [-deg/s]'"),
+        ({"table_rate_deg_s": np.pi / 180.0}, "say --map table_rate_deg_s='table_rate_deg_s [rad/s]'"),
+    ],
+)
+def test_a_gyro_that_does_not_turn_with_its_table_is_refused(changed: dict[str, float], said: str) -> None:
+    """A scale factor of minus one would be fitted, and nothing would seem to be missing."""
+    simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
+    made = simulator.simulate("rates", seed=1, step_s=5.0)
+    table = made.table.assign(**{column: factor * made.column(column) for column, factor in changed.items()})
+    with pytest.raises(rlg.InputError, match=re.escape(said)):
+        rlg.diagnose(simulator, [made.replace(table=table, truth=None)], black_box=False)
+
+
+def test_a_reversed_sense_is_mapped(tmp_path: Path) -> None:
+    made = rlg.Simulator(kind="turntable").simulate("rates", seed=1, step_s=5.0)
+    path = tmp_path / "turned.csv"
+    made.table.assign(gyro_deg_s=-made.column("gyro_deg_s")).to_csv(path, index=False)
+    found = rlg.read(path, columns={"gyro_deg_s": "gyro_deg_s [-deg/s]"}, metadata={"kind": "turntable"})
+    np.testing.assert_allclose(found.column("gyro_deg_s"), made.column("gyro_deg_s"), rtol=1e-12)

@@ -37,6 +37,37 @@ def test_a_weak_cause_beside_a_strong_one_is_found(strong: dict[str, dict[str, f
     assert [cause.name for cause in alone.causes] == [name]
 
 
+def test_a_path_beside_a_plain_monitor_is_found() -> None:
+    """A field's response leaves what the field does, and no jumps; without any, none are seen."""
+    field = {"magnetic_field": {"k_deg_h_uT": 3e-3}}
+    jumps = {"random_telegraph": {"half_step_deg_h": 0.002, "dwell_s": 4000.0}}
+    both, alone = (rlg.diagnose(SIMULATOR, train=made, black_box=False) for made in (runs(field, jumps), runs(field)))
+    assert {cause.name for cause in both.causes} == {"magnetic_field", "random_telegraph"}
+    assert [cause.name for cause in alone.causes] == ["magnetic_field"]
+
+
+def test_a_line_leaves_nothing_slow() -> None:
+    line = {"periodic_interference": {"cosine_deg_h": 0.02, "sine_deg_h": 0.0, "frequency_hz": 0.001}}
+    made = runs(line, {"magnetic_field": {"k_deg_h_uT": 3e-4}})
+    found = rlg.diagnose(SIMULATOR, train=made, black_box=False)
+    assert {cause.name for cause in found.causes} == {"periodic_interference", "magnetic_field"}
+
+
+def test_sets_of_a_search_under_white_noise_are_weighed_with_all_noises() -> None:
+    problem = Problem.of(SIMULATOR, runs(RATE, {"magnetic_field": {"k_deg_h_uT": 3e-4}}))
+    kinds = ("temperature_rate", "magnetic_field", "supply_voltage", "ambient_pressure")
+    tried = [Candidate(one, problem.columns(one), 0.0) for name in kinds for one in CATALOGUE[name].grid(problem.runs)]
+    evidence = Evidence(problem, tried, (NoiseShape(), NoiseShape(0.6, 0.4)))
+    quiet = Search(evidence, np.array([0.0, -np.inf]))
+    sought = quiet.run()
+    search = Search(evidence, largest=0)
+    known = search.run()
+    found = {model.labels: model for model in search.consider(sought)}
+    assert found.keys() > {model.labels for model in known}
+    for labels, model in Search(evidence).rated(found).items():
+        assert found[labels].log_evidence == pytest.approx(model.log_evidence, abs=0.5)
+
+
 def test_what_could_be_taken_for_it_pays() -> None:
     problem = Problem.of(SIMULATOR, runs(RATE))
     kinds = ("temperature_rate", "thermal_lag", "magnetic_field", "random_telegraph")

@@ -43,6 +43,20 @@ def test_in_a_sweep_the_error_is_the_mean_over_each_sample(slope: float, first: 
         assert value == pytest.approx(SECONDS_PER_HOUR * total / abs(slope), rel=1e-5, abs=1e-6)
 
 
+@pytest.mark.parametrize("starts_within", [0.0, 0.4])
+def test_a_ramp_that_begins_with_a_sample_runs_through_it(starts_within: float) -> None:
+    """From rest 0.002 deg/s off, 0.04 deg/s a sample: the angle lost at lock-in by the rates of each instant."""
+    law = LockIn(lock_in_deg_s=0.01, acts_on="table", offset_deg_h=7.2)
+    instants = 2000
+    time_s = (np.arange(20 * instants) + 0.5) / instants - 10.0 - starts_within
+    table = 0.04 * np.maximum(time_s, 0.0)
+    felt = table + 0.002
+    exact = np.where(felt > 0.01, np.sqrt(np.maximum(felt**2 - 0.01**2, 0.0)), 0.0) - felt
+    found = law.basis(at_rates(table.reshape(-1, instants).mean(axis=1)))[:, 0]
+    expected = SECONDS_PER_HOUR * exact.reshape(-1, instants).mean(axis=1)
+    assert found == pytest.approx(expected, abs=0.5 if starts_within == 0.0 else 8.0)  # of 36 deg/h; 16 if it stood
+
+
 def test_where_the_rate_steps_it_is_the_error_at_the_rate() -> None:
     rate = np.repeat([0.02, -0.02, 5.0, 0.02], 6)
     found = LockIn(lock_in_deg_s=0.01, acts_on="table").basis(at_rates(rate))[:, 0]
@@ -63,9 +77,24 @@ def test_passages_through_zero_scatter_as_the_phase_equation_does() -> None:
     law = dataclasses.replace(LockIn(), lock_in_deg_s=lock_in, acts_on="table")
     run = at_rates(sweep(slope, 0.0), pulse_arcsec=SECONDS_PER_HOUR / PULSES_PER_DEG)
     scatter_deg = law.scatter(run) * SAMPLE_S / SECONDS_PER_HOUR
-    assert np.count_nonzero(scatter_deg) == 1
-    assert np.std(lost) == pytest.approx(float(scatter_deg.sum()), rel=0.15)  # 4 % by chance, and higher orders
+    through = scatter_deg[:, scatter_deg.sum(axis=0) > 1e-12]  # the angle within a beat comes back
+    assert np.count_nonzero(through) == 1
+    assert np.std(lost) == pytest.approx(float(through.sum()), rel=0.15)  # 4 % by chance, and higher orders
+
+
+def test_where_a_sample_ends_within_a_beat_the_angle_is_ahead_or_behind() -> None:
+    """At twice the lock-in rate: the angle at the ends of samples against its mean course, over many samples."""
+    lock_in, rate_deg_s = 4e-4, 8.13e-4
+    rate = np.full((400, INSTANTS), rate_deg_s)
+    error = locked(Turn(rate, np.zeros_like(rate), 0.0), lock_in)
+    angle_deg = np.cumsum(error) * SAMPLE_S / SECONDS_PER_HOUR
+    steady = np.polyval(np.polyfit(np.arange(400), angle_deg, 1), np.arange(400))
+    law = LockIn(lock_in_deg_s=lock_in, acts_on="table")
+    scatter = law.scatter(at_rates(np.full(400, rate_deg_s), pulse_arcsec=SECONDS_PER_HOUR / PULSES_PER_DEG))
+    ahead_deg = np.abs(scatter).max() * SAMPLE_S / SECONDS_PER_HOUR
+    assert ahead_deg == pytest.approx(np.std(angle_deg - steady), rel=0.3)
 
 
 def test_a_table_that_does_not_sweep_leaves_nothing_open() -> None:
     assert not LockIn(acts_on="table").scatter(at_rates(np.repeat([1.0, -1.0, 3.0], 9))).any()
+    assert not LockIn(acts_on="table", offset_deg_h=9.0).scatter(at_rates(np.zeros(30))).any()

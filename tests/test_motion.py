@@ -105,3 +105,16 @@ def test_a_recording_that_does_not_say_how_the_table_turned_is_refused() -> None
     for read in (motion.rate_deg_s, motion.angle_deg, motion.acceleration_deg_s2):
         with pytest.raises(rlg.InputError, match="--map table_rate_deg_s"):
             read(recording())
+
+
+@pytest.mark.parametrize("encoder_deg_s", [0.0, 2e-5])
+def test_a_table_that_comes_to_rest_has_no_rate_of_its_last_motion(encoder_deg_s: float) -> None:
+    """Its last half second of motion is no motion of the hours it stands after that."""
+    rate = np.r_[np.full(40, -0.5), -0.075, np.zeros(200)]
+    angle = np.random.default_rng(0).standard_normal(len(rate) + 1) * encoder_deg_s
+    table = pd.DataFrame({"time_s": np.arange(len(rate)) + 1.0, "gyro_deg_s": rate, "table_rate_deg_s": rate + np.diff(angle)})
+    run = rlg.Recording(table, rlg.Metadata(kind="turntable"), name="rest")
+    found = motion.stilled(run, run.column("table_rate_deg_s"))
+    assert found[41:] == pytest.approx(0.0, abs=0.1 * encoder_deg_s)
+    assert found[:40] == pytest.approx(-0.5, abs=1e-4)
+    assert found[40] == pytest.approx(-0.075, abs=1e-4)

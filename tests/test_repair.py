@@ -195,6 +195,17 @@ def test_stuck_and_saturated_gyros_lose_those_rows() -> None:
     assert "saturated at 5" in mend(saturated)[1]
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_gyro_that_touches_the_end_of_its_range_again_and_again_is_refused(sign: float) -> None:
+    """Short touches make no run of equal samples, yet every mean lacks what was cut off; a coarse converter is no such thing."""
+    frame = table()
+    values = sign * frame["gyro_deg_h"]
+    clipped = sign * values.clip(upper=values.quantile(0.95))
+    assert "in 100 of 2000 samples: it is saturated" in refusal(frame.assign(gyro_deg_h=clipped))
+    coarse = (frame["gyro_deg_h"] / frame["gyro_deg_h"].std()).round() * 0.01
+    assert "saturated" not in mend(frame.assign(gyro_deg_h=coarse))[1]
+
+
 def test_coarse_pulses_are_not_taken_for_stuck() -> None:
     rng = np.random.default_rng(2)
     angle = np.cumsum(0.02 + 0.05 * rng.standard_normal(20000))

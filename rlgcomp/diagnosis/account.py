@@ -12,9 +12,9 @@ from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, acqu
 from rlgcomp.diagnosis.explain import Explanations
 from rlgcomp.diagnosis.fit import Fitted, fit
 from rlgcomp.diagnosis.next_experiment import next_experiment
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
-from rlgcomp.diagnosis.result import Alternative, Cause, NextExperiment, Trace, Unexplained
+from rlgcomp.diagnosis.result import Alternative, Cause, Estimate, NextExperiment, Trace, Unexplained
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 from rlgcomp.diagnosis.wording import listing
@@ -108,7 +108,7 @@ def remarks_of(
         remarks.append(
             f"Something may be missing all the same (probability {missing:.2f}"
             + (f", {names} before others" if names else "")
-            + "); five to two is asked for before anything is named. A longer run, or one of another programme, would tell."
+            + "); better than even odds are asked for before anything is named. A longer run, or another programme, would tell."
         )
     elif verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
         remarks.append(
@@ -153,6 +153,18 @@ def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
         return [f"The training runs alone would name {said}; the held-out runs do not bear it out."]
     chosen = f"the held-out runs decided for {listing(now)}, so that what is gained on them is not independent of that choice."
     return [f"The training runs alone would name {said}; {chosen}"]
+
+
+def own_biases_of(baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[str, ...]:
+    """What to say where training runs have a bias each."""
+    own = {name: estimate for name, estimate in baseline.get("gyro", {}).items() if name.startswith(OWN_BIAS)}
+    if not own:
+        return ()
+    told = ", ".join(f"{name.removeprefix(f'{OWN_BIAS}:')} {one}" for name, one in own.items())
+    return (
+        f"Training runs have a bias each ({told} off the last one's), as a gyro has after every switch-on: no physics is missing "
+        "there, and no other run's bias can be foretold from it.",
+    )
 
 
 def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue 
 AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
 MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
 UNRECORDED: Final = 0.5
-_ACQUITTED: Final = 2.0 / 7.0  # probability of a healthy gyro from which nothing is claimed: five to two is asked of who accuses
+_ACQUITTED: Final = 0.45  # probability of a healthy gyro from which nothing is claimed: eleven to nine is asked of who accuses
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
 _BESIDE: Final = math.log(100.0)  # odds from which a cause is named beside something that wanders unrecorded
 _SAME: Final = 0.98  # correlation from which a law is a mechanism of the catalogue by another name
@@ -58,18 +58,18 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     whole : Problem, optional
         The same of training and held-out runs, where these are asked whether they bear a law out.
     """
-    best, nothing = explanations.models[0], explanations.nothing
+    best, innocent = explanations.likeliest, explanations.innocent
     if acquitted(explanations):
-        best = nothing
-    wanders = min(explanations.unrecorded(best), explanations.unrecorded(nothing)) > UNRECORDED
-    if wanders and best.log_posterior - nothing.log_posterior < _BESIDE:
-        best = nothing  # a wander that is nobody's looks a little like many a cause
+        best = innocent
+    wanders = min(explanations.unrecorded(best), explanations.unrecorded(innocent)) > UNRECORDED
+    if wanders and best.log_posterior - innocent.log_posterior < _BESIDE:
+        best = innocent  # a wander that is nobody's looks a little like many a cause
     dictionary = Dictionary(windowed)
     noises, prior = _noises_beside_laws(windowed)
     chosen, first, highest = None, None, best.log_posterior
-    for model in (best,) if best is nothing else (best, nothing):
+    for model in (best,) if best is innocent else (best, innocent):
         law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
-        instead = best if model is nothing else nothing
+        instead = best if model is innocent else innocent
         if law is None:
             continue
         column = explanations.evidence.problem.columns(law.mechanism)
@@ -132,7 +132,9 @@ def rivals_of(explanations: Explanations, best: Model) -> dict[str, dict[str, fl
     for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
         gone, come = best.labels - model.labels, model.labels - best.labels
         if len(gone) == 1 and len(come) == 1 and len(model.labels) == len(best.labels):
-            (left, _), (joined, _) = next(iter(gone)), next(iter(come))
+            (left, _), (joined, known) = next(iter(gone)), next(iter(come))
+            if known:
+                continue
             found.setdefault(left, {})[joined] = float(probability)
     own = float(explanations.probabilities[explanations.models.index(best)])
     together = {name: own + sum(others.values()) for name, others in found.items()}
@@ -144,8 +146,12 @@ def rivals_of(explanations: Explanations, best: Model) -> dict[str, dict[str, fl
 
 def healthy(explanations: Explanations) -> float:
     """Probability that nothing is missing and nothing unrecorded wanders."""
-    nothing = explanations.nothing
-    return float(explanations.probabilities[explanations.models.index(nothing)]) * (1.0 - explanations.unrecorded(nothing))
+    shares = [
+        float(probability) * (1.0 - explanations.unrecorded(model))
+        for model, probability in zip(explanations.models, explanations.probabilities, strict=True)
+        if all(known for _, known in model.labels)
+    ]
+    return sum(shares)
 
 
 def acquitted(explanations: Explanations) -> bool:

@@ -7,9 +7,9 @@ well they were foreseen,
     \propto p(S) \; p(\text{train}, \text{test} \mid S)
 
 so that a weak cause which returns is believed, and one which does not is given up. What held-out runs show is evidence for a set
-only where training foresaw it: with the amplitudes of the training runs, the set must explain at least half of what it would with
-their own. No set is found in a held-out run and no number comes from one; each has its own offset, since a gyro's bias changes
-from switch-on to switch-on.
+only where training foresaw it: with the amplitudes of the training runs, in the shapes of training or those that all runs prefer,
+the set must explain at least half of what it would with their own. No set is found in a held-out run and no number comes from one;
+each has its own offset, since a gyro's bias changes from switch-on to switch-on.
 
 References
 ----------
@@ -38,8 +38,9 @@ from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
-_BEHIND: Final = math.log(10.0)  # of the likeliest set: held-out runs are not asked about a set that is less likely in training
+_BEHIND: Final = math.log(100.0)  # of the likeliest set: held-out runs are not asked about a set that is less likely in training
 _ASKED: Final = 40  # sets at most
+_SHOWN: Final = 2.0  # chi-square: with less a cause shows nothing of itself
 _FORESEEN: Final = 0.5  # of what a set can explain of the held-out runs
 
 
@@ -58,20 +59,25 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
     Returns
     -------
     Explanations
-        Sets that training makes likely, their members as training has them; the same as given where a held-out run lacks a column
-        that one of them reads.
+        Sets that training makes likely, their members as training has them. Of one that reads a column which a held-out run lacks,
+        the odds are those of training.
     """
-    asked, nothing = _at_issue(explanations), explanations.nothing
-    try:
-        judged = _judged(explanations, asked, whole)
-    except InputError:
-        return explanations
+    at_issue, nothing = _at_issue(explanations), explanations.nothing
+    asked = [model for model in at_issue if _shown(explanations, model, whole)]
+    judged, held = _judged(explanations, asked, whole)
     found = []
-    for model in (one for one in asked if one.labels in judged):
-        by_all = judged[model.labels]
-        gained = by_all.log_posterior - judged[frozenset()].log_posterior - (model.log_posterior - nothing.log_posterior)
-        if gained > 0.0 and _foreseen(explanations, model, windowed, int(np.argmax(by_all.noise_log))) < _FORESEEN:
-            by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - gained)
+    for model in at_issue:
+        if model.labels in judged:
+            by_all = judged[model.labels]
+            gained = by_all.log_posterior - judged[frozenset()].log_posterior - (model.log_posterior - nothing.log_posterior)
+            by_training, by_whole = explanations.candidates(model), [held[member.candidate] for member in by_all.members]
+            noise = explanations.evidence.noises[int(np.argmax(by_all.noise_log))]
+            shares = [_foreseen(candidates, by_whole, windowed, noise) for candidates in (by_training, by_whole) if gained > 0.0]
+            if max(shares, default=1.0) < _FORESEEN:
+                by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - gained)
+        else:  # held-out runs do not bear on it
+            log_evidence = model.log_posterior - nothing.log_posterior + judged[frozenset()].log_posterior - model.log_prior
+            by_all = dataclasses.replace(model, log_evidence=log_evidence)
         found.append(dataclasses.replace(by_all, members=model.members))
     models = tuple(sorted(found, key=lambda model: -model.log_posterior))
     return dataclasses.replace(explanations, models=models, probabilities=posterior(models), proposed=explanations)
@@ -103,29 +109,56 @@ def _at_issue(explanations: Explanations) -> list[Model]:
     """The likeliest sets in training; nothing, and the best single cause, which says what further ones must exceed."""
     models = explanations.models
     likely = [model for model in models[:_ASKED] if model.log_posterior > models[0].log_posterior - _BEHIND]
-    strongest = [model for model in models if len(model.labels) == 1][:1]
+    search = explanations.search
+    strongest = [model for model in models if len(model.labels) == 1 and not search.has_own_biases(model.labels)][:1]
     return list(dict.fromkeys([*likely, *strongest, explanations.nothing]))
 
 
-def _foreseen(explanations: Explanations, model: Model, windowed: Problem, noise: int) -> float:
-    """Share of what a set can explain of the held-out runs that it explains with the amplitudes of the training runs."""
-    repeated = [one.mechanism for one in explanations.candidates(model) if one.mechanism.repeats()]
+def _shown(explanations: Explanations, model: Model, whole: Problem) -> bool:
+    """Whether every run has the columns that a set reads."""
+    try:
+        for candidate in explanations.candidates(model):
+            for run in whole.runs:
+                candidate.mechanism.driver_columns(run)
+    except InputError:
+        return False
+    return True
+
+
+def _foreseen(candidates: Sequence[Candidate], beside: Sequence[Candidate], windowed: Problem, noise: NoiseShape) -> float:
+    """Share of what causes can explain of the held-out runs that they explain with the amplitudes of the training runs.
+
+    Beside them is what no run repeats: paths of jumps, waves of each run's own. All of it where they show nothing there.
+    """
+    repeated = [one.mechanism for one in candidates if one.mechanism.repeats()]
     if not repeated:
         return 1.0
+    rows = len(windowed.rows)
+    fleeting = [
+        one.columns[:rows] if one.mechanism.jumps() else windowed.columns(one.mechanism)
+        for one in beside
+        if not one.mechanism.repeats()
+    ]
     columns = np.column_stack([windowed.columns(mechanism) for mechanism in repeated])
     held_out = (windowed.rows.run >= len(windowed.windows) - windowed.held_out)[:, None]
-    design = np.column_stack([columns * held_out, columns * ~held_out, windowed.baseline])
+    design = np.column_stack([columns * held_out, columns * ~held_out, *fleeting, windowed.baseline])
     table = np.column_stack([design / norms(design), windowed.target_deg_h])
-    whitened = whiten(windowed.rows, table, (explanations.evidence.noises[noise],))[0][0]
+    whitened = whiten(windowed.rows, table, (noise,))[0][0]
     amplitudes = np.linalg.lstsq(whitened[:, :-1], whitened[:, -1], rcond=1e-10)[0] / norms(design)
     width = columns.shape[1]
-    seen, own, trained = whitened[:, :width] * norms(design)[:width], amplitudes[:width], amplitudes[width : 2 * width]
+    own, trained = amplitudes[:width], amplitudes[width : 2 * width]
+    offsets = np.linalg.qr(whitened[:, -1 - windowed.held_out : -1])[0]  # of held-out runs, the baseline's last columns
+    seen = whitened[:, :width] * norms(design)[:width]
+    seen = seen - offsets @ (offsets.T @ seen)
     possible, missed = float(np.sum((seen @ own) ** 2)), float(np.sum((seen @ (own - trained)) ** 2))
-    return 1.0 - missed / possible if possible > 0.0 else 1.0
+    left = whitened[:, -1] - whitened[:, :-1] @ (amplitudes * norms(design))
+    return 1.0 - missed / possible if possible > _SHOWN * float(left @ left) / len(left) else 1.0
 
 
-def _judged(explanations: Explanations, asked: Sequence[Model], whole: Problem) -> dict[frozenset[Label], Model]:
-    """The same sets by all runs; a path of jumps is sought anew, since no run repeats it."""
+def _judged(
+    explanations: Explanations, asked: Sequence[Model], whole: Problem
+) -> tuple[dict[frozenset[Label], Model], list[Candidate]]:
+    """The same sets by all runs, and the candidates that their members are; a path of jumps is sought anew: no run repeats it."""
     search, tried = explanations.search, explanations.evidence.candidates
     labels = {label for model in asked for label in model.labels}
     at_issue = [candidate for candidate in tried if (candidate.name, candidate.known) in labels]
@@ -140,4 +173,4 @@ def _judged(explanations: Explanations, asked: Sequence[Model], whole: Problem) 
         calm = by_all.rated(search.without_jumps(model.labels) for model in asked)
         evidence.add(jumping(by_all, list(calm.values()), list(jumps)))
         by_all = Search(evidence, search.noise_log_prior, names=search.names)
-    return by_all.rated(model.labels for model in asked)
+    return by_all.rated(model.labels for model in asked), evidence.candidates

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from rlgcomp.diagnosis.account import (
     alternatives_of,
     causes_of,
     extrapolations_of,
+    own_biases_of,
     remarks_of,
     unexplained_of,
     what_to_run,
@@ -26,7 +28,7 @@ from rlgcomp.diagnosis.conclusion import concluded, healthy, likely_noises, riva
 from rlgcomp.diagnosis.confirm import confirmed
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.explain import considered, explain
-from rlgcomp.diagnosis.fit import fit, noise_model
+from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.knocks import without_knocks
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.locate import locate
@@ -108,25 +110,25 @@ def diagnose(
     problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
     told(0.05)
     whole = problem.joined(test, gyro=gyro, predicted=predicted) if test and confirm else None
-    windowed, whole_windowed = problem, whole
     within = Within.of(problem)
     lines, among = mechanisms_at_lines(problem, within, mechanisms)
-    if base.kind == "turntable" or lines:
-        problem = problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
-        whole = whole and whole.with_contrasts(lines or fast_candidates(whole, mechanisms))
-    # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
-    before = fit(problem, [], dataclasses.replace(_noise_of_nothing(problem), wander=0.0))
-    mismatches = [Mismatch.of(before.simulator, run, gyro, predicted, problem.rows.window_s) for run in (*train, *test)]
+    posed = _Posed.of(problem, whole, lines, mechanisms)
+    before, mismatches = _calibrated(posed.problem, [*train, *test], gyro, predicted)
     box = learned(mismatches, len(train), executor) if black_box and test else None
-    explanations = explain(problem, mechanisms, lines, among)
-    if whole is not None and whole_windowed is not None:
-        explanations = confirmed(explanations, whole, whole_windowed)
+    explanations = explain(posed.problem, mechanisms, lines, among)
+    if explanations.own_biases():
+        posed = _Posed.of(problem.with_own_biases(), whole and whole.with_own_biases(), lines, mechanisms)
+        before, mismatches = _calibrated(posed.problem, [*train, *test], gyro, predicted)
+        explanations = explain(posed.problem, mechanisms, lines, among)
+    problem, windowed = posed.problem, posed.windowed
+    if posed.whole is not None and posed.whole_windowed is not None:
+        explanations = confirmed(explanations, posed.whole, posed.whole_windowed)
     told(0.5)
     rng = stream(seed, "diagnosis")
     with ThreadPoolExecutor(1) as beside:  # neither needs the other
         given = explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng
         detecting = beside.submit(detect, explanations.evidence, *given)
-        conclusion = concluded(windowed, explanations, whole_windowed)
+        conclusion = concluded(windowed, explanations, posed.whole_windowed)
     detection = detecting.result()
     told(0.75)
     noises = likely_noises(windowed, explanations, conclusion)
@@ -176,10 +178,32 @@ def diagnose(
             *knocks,
             *more,
             *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+            *own_biases_of(after.baseline),
             *extrapolations_of(proof.traces, drivers),
         ),
         traces=proof.traces,
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Posed:
+    """The problem of the training runs, by window means alone and with what differs within windows; and that of all runs."""
+
+    windowed: Problem
+    problem: Problem
+    whole_windowed: Problem | None
+    whole: Problem | None
+
+    @classmethod
+    def of(
+        cls, windowed: Problem, whole: Problem | None, lines: Sequence[Mechanism], mechanisms: Mapping[str, type[Mechanism]]
+    ) -> Self:
+        def contrasted(problem: Problem) -> Problem:
+            return problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
+
+        if windowed.simulator.kind != "turntable" and not lines:
+            return cls(windowed, windowed, whole, whole)
+        return cls(windowed, contrasted(windowed), whole, whole and contrasted(whole))
 
 
 def _known(
@@ -217,6 +241,15 @@ def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Reco
     """Runs without knocks, and what to say of these."""
     found = [without_knocks(run, gyro) for run in runs]
     return [run for run, _ in found], [said for _, said in found if said is not None]
+
+
+def _calibrated(
+    problem: Problem, runs: Sequence[Recording], gyro: str | None, predicted: Callable[[Recording], Array] | None
+) -> tuple[Fitted, list[Mismatch]]:
+    """The simulator with nothing added, and what runs hold beyond it."""
+    # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
+    before = fit(problem, [], dataclasses.replace(_noise_of_nothing(problem), wander=0.0))
+    return before, [Mismatch.of(before.simulator, run, gyro, predicted, problem.rows.window_s) for run in runs]
 
 
 def _noise_of_nothing(problem: Problem) -> NoiseShape:

@@ -354,6 +354,15 @@ class Evidence:
         parameters = mechanism.amplitude_parameters()
         return len(parameters) == 1 and parameters[0].low >= 0.0
 
+    def beside(self, members: Sequence[Member], noise: int, columns: Array) -> Array:
+        """Whitened columns less what baseline and members absorb of them, for one noise, shape (n, k)."""
+        left = self.left(noise, self.whitener.of(noise, columns))
+        inside = self._places(members)
+        if not len(inside):
+            return left
+        basis = np.linalg.qr(self.left(noise, self.whitener.of(noise, self._table[:, inside])))[0]
+        return np.asarray(left - basis @ (basis.T @ left))
+
     def residual(self, members: Sequence[Member], noise: int) -> Array:
         """Whitened target less baseline and members, for one noise, shape (n,)."""
         target = self._targets[noise]

@@ -12,10 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate, candidates
+from rlgcomp.diagnosis.edges import sharpened
 from rlgcomp.diagnosis.evidence import Evidence, log_sum_exp
+from rlgcomp.diagnosis.inadequacy import inadequacy
 from rlgcomp.diagnosis.noises import WANDERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
+from rlgcomp.diagnosis.own_bias import own_bias
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.search import Model, Search, posterior
+from rlgcomp.diagnosis.search import LARGEST, Model, Search, posterior
 from rlgcomp.diagnosis.telegraph import best_path
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.mechanism import Mechanism
@@ -23,9 +26,11 @@ from rlgcomp.physics.mechanism import Mechanism
 Array = npt.NDArray[np.float64]
 UNRECORDED: Final = 0.15  # before the data are seen: that something wanders which no recorded column follows
 UNTRIED: Final = 0.20  # the same, where a mechanism of the catalogue cannot be tried for want of a column: it may be that one
+OWN_BIASES: Final = 0.5  # probability of runs that have a bias each from which they are given one
 _ZOOMS: Final = 3
 _ZOOM: Final = 3  # a spacing becomes so many
 _LIKELY: Final = 0.02  # models less probable are not refined
+_CONSIDERED: Final = 8  # sets that are likely if noise is nearly white
 _REFINED: Final = 4  # models at most, a round
 _FIRST_LOOK: Final = 2  # causes at most, while all noises are kept
 _WATCHED: Final = 12  # models whose noises are kept
@@ -65,6 +70,17 @@ class Explanations:
         return self.search.evidence
 
     @property
+    def likeliest(self) -> Model:
+        """The likeliest set of causes alone."""
+        return next(model for model in self.models if not self.search.has_own_biases(model.labels))
+
+    @property
+    def innocent(self) -> Model:
+        """The likeliest set without a cause that is missing: at most numbers of the simulator are wrong."""
+        held = self.search.has_own_biases
+        return next(m for m in self.models if all(known for _, known in m.labels) and not held(m.labels))
+
+    @property
     def nothing(self) -> Model:
         """The model without a cause; it is always among them."""
         return next(model for model in self.models if not model.members)
@@ -78,6 +94,11 @@ class Explanations:
         proposed = self.models if self.proposed is None else self.proposed.models
         return next(one for one in proposed if one.labels == model.labels)
 
+    def own_biases(self) -> bool:
+        """Whether training runs have a bias each rather than one."""
+        held = [self.search.has_own_biases(model.labels) for model in self.models]
+        return held[0] or float(self.probabilities[held].sum()) > OWN_BIASES
+
     def probability_of(self, name: str) -> float:
         """That a mechanism is missing: the sum over all sets that hold it."""
         held = [(name, False) in model.labels for model in self.models]
@@ -86,12 +107,15 @@ class Explanations:
     def unrecorded(self, model: Model) -> float:
         """Probability, given a model, that something wanders in the training runs which no recorded column follows.
 
-        Held-out runs have no say: what they show beside a cause is what training did not know of its shape.
+        Held-out runs have no say: what they show beside a cause is what training did not know of its shape. Nor is it a wander what
+        the equations of strong causes leave.
         """
-        noise_log = self.in_training(model).noise_log
+        alone = self.in_training(model)
         if not (~self.ordinary).any():
             return 0.0
-        return float(np.exp(log_sum_exp(noise_log[~self.ordinary]) - log_sum_exp(noise_log)))
+        wanders, ordinary = (float(log_sum_exp(alone.noise_log[allowed])) for allowed in (~self.ordinary, self.ordinary))
+        wanders -= inadequacy(self.evidence.explained(alone.members, int(np.argmax(alone.noise_log))))
+        return 1.0 / (1.0 + math.exp(min(700.0, ordinary - wanders)))
 
 
 def explain(
@@ -109,35 +133,32 @@ def explain(
         Frequencies that these were sought among.
     """
     tried, left_out = candidates(problem, catalogue)
+    tried += own_bias(problem)
     noises, noise_log_prior, ordinary = considered(problem, UNTRIED if left_out else UNRECORDED)
     evidence = Evidence(problem, tried, noises)
     coarse = len(evidence.candidates)
     kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
-    search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
-    likely = _likely(search, search.run())
+    search, models, likely = _searched(evidence, noise_log_prior, _FIRST_LOOK)
     at_lines = [Candidate(mechanism, problem.columns(mechanism), -math.log(among)) for mechanism in lines]
     evidence.add([*at_lines, *_proposed(search, likely, kinds), *jumping(search, likely, kinds)])
-    search = Search(evidence, noise_log_prior, largest=_FIRST_LOOK)
-    models = search.run()
+    search, models, _ = _searched(evidence, noise_log_prior, _FIRST_LOOK)
     shares = [np.exp(model.noise_log - log_sum_exp(model.noise_log)) for model in models[:_WATCHED]]
     nothing = search.models[frozenset()].noise_log  # the null hypothesis is tested with these, and with what wanders
     for allowed in (ordinary, ~ordinary):
         healthy = np.where(allowed, nothing, -np.inf)
         shares.append(np.exp(healthy - log_sum_exp(healthy)))
-    calm = np.array([noise.flicker <= _CALM and noise.walk <= _CALM and noise.wander == 0.0 for noise in evidence.noises])
+    calm = _nearly_white(evidence.noises)
     kept = np.flatnonzero((np.max(shares, axis=0) > _NEGLIGIBLE) | calm)  # calm ones: a law may leave nothing but white noise
     evidence.keep(kept)
     noise_log_prior, ordinary = noise_log_prior[kept], ordinary[kept]
-    search = Search(evidence, noise_log_prior)
-    models = search.run()
+    search, models, likely = _searched(evidence, noise_log_prior)
     for _ in range(_ZOOMS):
-        likely = _likely(search, models)
         finer = [*_proposed(search, likely, kinds), *_zoomed(search, likely), *jumping(search, likely, kinds)]
+        finer += sharpened(evidence, likely)
         if not finer:
             break
         evidence.add(finer)
-        search = Search(evidence, noise_log_prior)
-        models = search.run()
+        search, models, likely = _searched(evidence, noise_log_prior)
     return Explanations(tuple(models), posterior(models), search, ordinary, coarse, left_out)
 
 
@@ -158,6 +179,28 @@ def considered(
     usual, (unusual, unusual_log_prior) = ordinary_noise(stated), unrecorded_cause(stated, wanders)
     noise_log_prior = np.r_[log_prior(usual, stated) + math.log(1.0 - unrecorded), unusual_log_prior + math.log(unrecorded)]
     return (*usual, *unusual), noise_log_prior, np.arange(len(noise_log_prior)) < len(usual)
+
+
+def _searched(evidence: Evidence, noise_log_prior: Array, largest: int = LARGEST) -> tuple[Search, list[Model], list[Model]]:
+    """A search, its models by falling posterior, and those worth refining.
+
+    Slow noise, or something that wanders, can take the place of several causes at once, each of which is worth little until the
+    others are there. So sets are also sought as if noise were nearly white, and then weighed with all noises.
+    """
+    search = Search(evidence, noise_log_prior, largest=largest)
+    models = search.run()
+    calm = _nearly_white(evidence.noises)
+    nothing = search.models[frozenset()].noise_log
+    if not calm.any() or log_sum_exp(nothing[calm]) > log_sum_exp(nothing[~calm]):
+        return search, models, _likely(search, models)
+    quiet = Search(evidence, np.where(calm, noise_log_prior, -np.inf), largest=largest)
+    sought = quiet.run()
+    models = search.consider(sought[:_CONSIDERED])
+    return search, models, list(dict.fromkeys([*_likely(search, models), *_likely(quiet, sought)]))
+
+
+def _nearly_white(noises: Sequence[NoiseShape]) -> npt.NDArray[np.bool_]:
+    return np.array([noise.flicker <= _CALM and noise.walk <= _CALM and noise.wander == 0.0 for noise in noises])
 
 
 def _likely(search: Search, models: Sequence[Model]) -> list[Model]:
@@ -232,6 +275,7 @@ def _proposed(search: Search, models: Sequence[Model], kinds: Sequence[type[Mech
 def jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechanism]]) -> list[Candidate]:
     """Candidates whose column is the likeliest path of jumps in what models leave, but for the jumps they have."""
     evidence = search.evidence
+    known = {(candidate.mechanism, candidate.log_weight) for candidate in evidence.candidates}
     found: list[Candidate] = []
     for kind in kinds:
         if not kind.jumps():
@@ -241,6 +285,7 @@ def jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechan
         ):
             path = best_path(evidence.problem.rows, *evidence.unexplained(members))
             mechanism = kind.jumping(path.half_step * evidence.scale_deg_h, path.dwell_s)
-            if mechanism is not None and path.flips:
+            if mechanism is not None and path.flips and (mechanism, path.log_weight) not in known:
+                known.add((mechanism, path.log_weight))
                 found.append(Candidate(mechanism, path.signs[:, None], path.log_weight))
     return found

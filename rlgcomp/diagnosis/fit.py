@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.linearised import STEPS, amplitudes, late, moved, slopes, solve, whole, wider
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.noise import NoiseModel
@@ -183,6 +183,9 @@ def _baseline(problem: Problem, weights: Array, sd: Array) -> tuple[dict[str, di
     simulator = problem.simulator
     estimates: dict[str, dict[str, Estimate]] = {}
     for k, (name, parameter) in enumerate(problem.baseline_names):
+        if parameter == OWN_BIAS:
+            estimates.setdefault("gyro", {})[f"{OWN_BIAS}:{name}"] = Estimate(float(weights[k]), float(sd[k]), "deg/h")
+            continue
         mechanism = next((mechanism for mechanism in simulator.mechanisms if mechanism.name == name), None)
         if mechanism is None:
             estimates.setdefault("gyro", {})["bias_deg_h"] = Estimate(float(weights[k]), float(sd[k]), "deg/h")

@@ -18,11 +18,12 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.filters import lag
 from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.recording import TIME
+from rlgcomp.recording import TIME, Recording
 
 Array = npt.NDArray[np.float64]
 INADEQUACY: Final = 0.15
 BY_CHANCE: Final = 0.1  # of a slow effect that another, driven by nothing in common, follows as well
+LEFT_BY_JUMPS: Final = 0.03  # the same of what a path of jumps or a line leaves, which is short or a line
 _LAGS_S: Final = (1800.0, 7200.0)
 _LINE_HZ: Final = 1e-3
 
@@ -35,6 +36,13 @@ def inadequacy(explained: float) -> float:
 def follows_anything(mechanism: Mechanism) -> bool:
     """Whether it is sought in what others leave: a path of jumps, a line."""
     return mechanism.jumps() or bool(mechanism.at_line(_LINE_HZ, 0.1 * _LINE_HZ))
+
+
+def follows_a_monitor(mechanism: Mechanism, run: Recording) -> bool:
+    """Whether it is a plain function of monitors other than thermometers: without memory, without a shape."""
+    drivers = mechanism.driver_columns(run)
+    shapes = any(parameter.role == "shape" for parameter in mechanism.parameters())
+    return bool(drivers) and not shapes and not any(name.startswith("temperature_") for name in drivers)
 
 
 def leftovers(problem: Problem, mechanism: Mechanism) -> Array:

@@ -23,6 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.feasible import chamber_programmes, table_programmes
+from rlgcomp.diagnosis.inadequacy import INADEQUACY
+from rlgcomp.diagnosis.laboratory import Laboratory
 from rlgcomp.diagnosis.problem import Problem, neighbours
 from rlgcomp.diagnosis.result import NextExperiment
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, Whitener
@@ -85,10 +87,11 @@ def next_experiment(
     prior = np.full(len(rivals), 1.0 / len(rivals)) if probabilities is None else np.array(probabilities) / np.sum(probabilities)
     past = _Run(problem.rows, problem.baseline, problem.columns, shape, white_deg_h)
     try:
-        futures = [_simulated(problem, programme, shape, white_deg_h, seed) for programme in programmes]
+        laboratory = Laboratory.of([windows.fine for windows in problem.windows]) if problem.simulator.kind == "chamber" else None
+        futures = [_simulated(problem, laboratory, programme, shape, white_deg_h, seed) for programme in programmes]
         known = _distances(rivals, [past])
         scored = [
-            (_expected(prior, _distances(rivals, [past, future]) - known), programme, future)
+            (_expected(prior, _distances(rivals, [past, future]) - known - _unsure(rivals, future)), programme, future)
             for programme, future in zip(programmes, futures, strict=True)
         ]
     except InputError:
@@ -96,7 +99,7 @@ def next_experiment(
     scored.sort(key=lambda item: _preference(item[0], item[1]))
     known = _distances(rivals, [past], refine=True)
     refined = [
-        (_expected(prior, _distances(rivals, [past, future], refine=True) - known), programme)
+        (_expected(prior, _distances(rivals, [past, future], refine=True) - known - _unsure(rivals, future)), programme)
         for _, programme, future in scored[:_REFINED]
     ]
     if not refined:
@@ -136,12 +139,23 @@ class _Run:
         return np.asarray(self._whitener(columns / self._white_deg_h)[0])
 
 
-def _simulated(problem: Problem, programme: Programme | TableProgramme, shape: NoiseShape, white_deg_h: float, seed: int) -> _Run:
-    """A run that has not been made: monitors by the simulator's plant or table, columns as on the runs there are."""
+def _simulated(
+    problem: Problem,
+    laboratory: Laboratory | None,
+    programme: Programme | TableProgramme,
+    shape: NoiseShape,
+    white_deg_h: float,
+    seed: int,
+) -> _Run:
+    """A run that has not been made: monitors as this laboratory's answer, or by the simulator's table; columns as on the others."""
     window_s = problem.rows.window_s
-    bare = dataclasses.replace(problem.simulator, mechanisms=(), free={})
     step_s = max(window_s / _STEPS_A_WINDOW, min(run.period_s for run in problem.runs))
-    windows = Windows.of(bare.simulate(programme, seed=seed, step_s=step_s, name="next"), window_s)
+    if laboratory is not None and isinstance(programme, Programme):
+        run = laboratory.foreseen(programme, problem.simulator.monitors.plant, step_s)
+    else:
+        bare = dataclasses.replace(problem.simulator, mechanisms=(), free={})
+        run = bare.simulate(programme, seed=seed, step_s=step_s, name="next")
+    windows = Windows.of(run, window_s)
     time_s = windows.middles_s
     white = np.asarray(window_s / (windows.counts[windows.kept] * windows.full.period_s), dtype=np.float64)
     rows = Rows(time_s, np.zeros(len(time_s), dtype=np.intp), white, window_s)
@@ -180,6 +194,16 @@ def _distances(rivals: Sequence[Members], runs: Sequence[_Run], *, refine: bool 
             if k != j:
                 found[k, j] = _distance(target, rival, runs, refine=refine)
     return found
+
+
+def _unsure(rivals: Sequence[Members], future: _Run) -> Array:
+    """What of D² the equations of each truth may be wrong by: no gyro is told by less from what resembles its cause."""
+    sizes = []
+    for truth in rivals:
+        total = sum((_contribution(future.of(one), one) for one in truth), np.zeros(len(future.baseline)))
+        basis = np.linalg.qr(future.baseline)[0]
+        sizes.append(float(total @ total - np.sum((basis.T @ total) ** 2)))
+    return INADEQUACY**2 * np.array(sizes)[:, None]
 
 
 def _contribution(columns: Array, mechanism: Mechanism) -> Array:

@@ -10,6 +10,7 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.departures import departures_deg_h
 from rlgcomp.diagnosis.whitening import Rows, norms
 from rlgcomp.diagnosis.windows import FEWEST_WINDOWS, Contrasts, Windows
 from rlgcomp.errors import InputError
@@ -19,11 +20,11 @@ from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
+OWN_BIAS: Final = "own_bias_deg_h"
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _RELATIVE_STEP: Final = 1e-3
 _UNLIKE: Final = 300.0  # between the sample periods of runs
 _FARTHEST: Final = 0.3  # that a shape is moved at once, as the logarithm of a ratio
-_LARGEST_DEPARTURE_DEG_H: Final = 1e7  # no gyro measures so high a rate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +51,8 @@ class Problem:
         Where causes act within windows as well, as on a turning table: further rows that compare samples within windows.
     held_out : int
         So many runs at the end are held out: no shape is calibrated to them, and each has an offset of its own.
+    own_biases : bool
+        Each training run has a bias of its own as well, as a gyro has after every switch-on.
     """
 
     windows: tuple[Windows, ...]
@@ -62,6 +65,7 @@ class Problem:
     unexplained_deg_h: tuple[Array, ...]
     contrasts: Contrasts | None = None
     held_out: int = 0
+    own_biases: bool = False
 
     @classmethod
     def of(
@@ -95,7 +99,7 @@ class Problem:
             raise InputError("no training runs; give at least one with --train")
         window_s = default_window_s(runs) if window_s is None else window_s
         windows = tuple(Windows.of(run, window_s) for run in runs)
-        departures = _departures_deg_h(simulator, windows, gyro, predicted)
+        departures = departures_deg_h(simulator, windows, gyro, predicted)
         return cls._posed(simulator, windows, departures, runs[0].gyro_column(gyro)).with_free_part()
 
     @classmethod
@@ -128,9 +132,13 @@ class Problem:
             As :meth:`of` does.
         """
         more = tuple(Windows.of(run, self.rows.window_s) for run in runs)
-        departures = (*self.unexplained_deg_h, *_departures_deg_h(self.simulator, more, gyro, predicted))
+        departures = (*self.unexplained_deg_h, *departures_deg_h(self.simulator, more, gyro, predicted))
         bare = self._posed(self.simulator, (*self.windows, *more), departures, self.channel)
-        return dataclasses.replace(bare, held_out=len(runs)).with_free_part()
+        return dataclasses.replace(bare, held_out=len(runs), own_biases=self.own_biases).with_free_part()
+
+    def with_own_biases(self) -> Self:
+        """The problem in which each training run has a bias of its own."""
+        return dataclasses.replace(self, own_biases=True).with_free_part()
 
     def columns(self, mechanism: Mechanism) -> Array:
         """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
@@ -261,6 +269,11 @@ class Problem:
         if not columns or not _spans(np.column_stack(columns), self.ones):
             columns.append(self.ones)
             names.append(("", "constant_deg_h"))
+        training = self.rows.run < len(self.windows) - self.held_out
+        for run in range(len(self.windows) - self.held_out - 1 if self.own_biases else 0):  # off the last; their mean is the gyro's
+            inside = self.rows.run == run
+            columns.append(inside - np.mean(inside[training]) * training)
+            names.append((self.runs[run].name, OWN_BIAS))
         for run in range(len(self.windows) - self.held_out, len(self.windows)):
             columns.append((self.rows.run == run).astype(np.float64))
             names.append((self.runs[run].name, "constant_deg_h"))
@@ -368,38 +381,6 @@ def _shifted(mechanism: Mechanism, shifts: Mapping[str, float]) -> Mechanism:
         low, high = neighbours(mechanism, name, _FARTHEST)
         changes[name] = float(np.clip(getattr(mechanism, name) + shift, getattr(low, name), getattr(high, name)))
     return dataclasses.replace(mechanism, **changes)  # type: ignore[type-var]
-
-
-def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None) -> Array:
-    expected = simulator.nominal_deg_h(run, gyro) if predicted is None else predicted(run)
-    rate = run.rate_deg_h(gyro) - expected
-    for mechanism in simulator.mechanisms:
-        parameters = mechanism.amplitude_parameters()
-        free = simulator.free.get(mechanism.name, frozenset())
-        known = [(k, p.name) for k, p in enumerate(parameters) if p.name not in free]
-        if known:
-            basis = mechanism.basis(run)
-            rate = rate - sum(getattr(mechanism, name) * basis[:, k] for k, name in known)
-    return np.asarray(rate)
-
-
-def _departures_deg_h(
-    simulator: Simulator, windows: Sequence[Windows], gyro: str | None, predicted: Callable[[Recording], Array] | None
-) -> tuple[Array, ...]:
-    """Of each run at its full rate: the gyro less the simulator's fixed part."""
-    departures = tuple(_unexplained(simulator, part.full, gyro, predicted) for part in windows)
-    for part, values in zip(windows, departures, strict=True):
-        _require_sane(part.full, values)
-    return departures
-
-
-def _require_sane(run: Recording, departure_deg_h: Array) -> None:
-    row = int(np.argmax(np.abs(departure_deg_h)))
-    if not abs(departure_deg_h[row]) <= _LARGEST_DEPARTURE_DEG_H:
-        raise InputError(
-            f"{run.name}: at row {row} the gyro is {departure_deg_h[row]:.3g} deg/h off what the simulator says; up to "
-            f"{_LARGEST_DEPARTURE_DEG_H:.0e} deg/h is taken for physics: mend the unit (--map) or take out the wild samples"
-        )
 
 
 def _free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, ...]:

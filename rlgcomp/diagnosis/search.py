@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,11 +23,12 @@ import numpy.typing as npt
 from scipy.special import gammaln
 
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member, log_sum_exp
-from rlgcomp.diagnosis.inadequacy import BY_CHANCE, follows_anything, inadequacy, leftovers
+from rlgcomp.diagnosis.inadequacy import BY_CHANCE, LEFT_BY_JUMPS, follows_a_monitor, follows_anything, inadequacy, leftovers
 
 Array = npt.NDArray[np.float64]
 # Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
 MISSING: Final = (0.30, 0.43, 0.15, 0.07, 0.05)
+LARGEST: Final = len(MISSING) - 1
 KNOWN_WRONG: Final = 0.2  # that a number said to be known is wrong
 JUMPS: Final = 2.0  # a path of jumps pays for that so many times, as white noise would show it,
 JUMPED: Final = 40.0  # less the log units that its own jumps cost: what is left of a weak effect makes no path
@@ -79,7 +80,7 @@ class Search:
         evidence: Evidence,
         noise_log_prior: Array | None = None,
         *,
-        largest: int = len(MISSING) - 1,
+        largest: int = LARGEST,
         names: Sequence[str] | None = None,
     ) -> None:
         self.evidence = evidence
@@ -114,7 +115,14 @@ class Search:
             if not level:
                 break
             if len(level[0].labels) == 1:
-                self._ask_beyond(level[0])
+                self._ask_beyond(level)
+        return sorted(self.models.values(), key=lambda model: -model.log_posterior)
+
+    def consider(self, models: Iterable[Model]) -> list[Model]:
+        """All models by falling posterior, sets among them that another search has found, from its points on."""
+        for model in models:
+            if model.labels not in self.models:
+                self.models[model.labels] = self._refined(model.labels, model.members, {})
         return sorted(self.models.values(), key=lambda model: -model.log_posterior)
 
     def rated(self, sets: Iterable[frozenset[Label]]) -> dict[frozenset[Label], Model]:
@@ -126,9 +134,12 @@ class Search:
         for labels in sorted({one for one in sets if one and one <= self._by_label.keys()}, key=len):
             found[labels] = self._refined(labels, self._start(labels, found), {})
         singles = [model for labels, model in found.items() if len(labels) == 1]
-        if singles:
-            self._ask_beyond(max(singles, key=lambda model: model.log_posterior))
+        self._ask_beyond(sorted(singles, key=lambda model: -model.log_posterior))
         return {labels: dataclasses.replace(model, log_prior=self.log_prior(labels)) for labels, model in found.items()}
+
+    def has_own_biases(self, labels: Collection[Label]) -> bool:
+        """Whether a set holds a bias of each run's own; no equation of that can be wrong."""
+        return any(self.evidence.candidates[self._by_label[label][0]].mechanism.open_set for label in labels)
 
     def without_jumps(self, labels: frozenset[Label]) -> frozenset[Label]:
         """A set without paths of jumps."""
@@ -144,23 +155,32 @@ class Search:
             members = (*members, scores[label][1])
         return members
 
-    def _ask_beyond(self, best: Model) -> None:
-        """What further causes must exceed beside the best single one: what of its error could be taken for them."""
+    def _ask_beyond(self, singles: Sequence[Model]) -> None:
+        """What further causes must exceed beside the best single one, the first: what of its error could be taken for them."""
         evidence = self.evidence
+        best = next((model for model in singles if not self.has_own_biases(model.labels)), None)
+        if best is None:
+            return
         whole = inadequacy(evidence.explained(best.members, int(np.argmax(best.noise_log))))
-        self._tolls = dict.fromkeys(self._by_label, whole)
-        self._toll_of_jumps = 0.0 if best.labels & self._jumping else self._beyond_a_path(best)
+        self._tolls = {label: whole for label in self._by_label if not self.has_own_biases({label})}
         first = evidence.candidates[best.members[0].candidate].mechanism
-        if whole == 0.0 or first.jumps():
+        self._toll_of_jumps = 0.0 if first.jumps() else self._beyond_a_path(best)
+        if whole == 0.0:
             return
         run = evidence.problem.runs[0]
         drivers = set(first.driver_columns(run))
-        left = None if follows_anything(first) else leftovers(evidence.problem, first)  # a line leaves lines
+        left = None if follows_anything(first) else leftovers(evidence.problem, first)
+        if left is not None and follows_a_monitor(first, run):  # it leaves what that monitor does, which a path need not be like
+            paths = [k for label in self._jumping for k in self._by_label[label]]
+            alike = min((evidence.likeness([k], left) for k in paths), default=1.0)
+            self._toll_of_jumps = self._beyond_a_path(best, alike)
         for label, which in self._by_label.items():
             other = evidence.candidates[which[0]].mechanism
-            if label not in best.labels and not drivers & set(other.driver_columns(run)) and not follows_anything(other):
-                alike = 0.0 if left is None else evidence.likeness(which, left)
-                self._tolls[label] = whole * max(BY_CHANCE, alike)
+            if label in best.labels or label not in self._tolls or follows_anything(other):
+                continue
+            if not drivers & set(other.driver_columns(run)):
+                alike = LEFT_BY_JUMPS if left is None else max(BY_CHANCE, evidence.likeness(which, left))
+                self._tolls[label] = whole * alike
 
     def log_prior(self, labels: frozenset[Label]) -> float:
         """Log prior probability of a set."""
@@ -180,11 +200,12 @@ class Search:
         ways = gammaln(count + 1) - gammaln(missing + 1) - gammaln(count - missing + 1) if missing <= count else math.inf
         return float(math.log(MISSING[missing]) - ways + wrong * math.log(KNOWN_WRONG / (1.0 - KNOWN_WRONG)))
 
-    def _beyond_a_path(self, best: Model) -> float:
-        """What a path of jumps must exceed beside the strongest cause: what its equation leaves, noise that walks may hide."""
+    def _beyond_a_path(self, best: Model, alike: float = 1.0) -> float:
+        """What a path of jumps must exceed beside the strongest cause: what its equation leaves, as far as that may be like a path.
+        Noise that walks may hide it."""
         noises = self.evidence.noises
         calmest = min(range(len(noises)), key=lambda k: noises[k].flicker + noises[k].walk + noises[k].wander)
-        return max(0.0, JUMPS * inadequacy(self.evidence.explained(best.members, calmest)) - JUMPED)
+        return max(0.0, JUMPS * alike * inadequacy(self.evidence.explained(best.members, calmest)) - JUMPED)
 
     # --- steps -------------------------------------------------------------------------------------------------------------
 

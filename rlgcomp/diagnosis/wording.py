@@ -114,7 +114,7 @@ def next_aim(following: NextExperiment) -> str:
     rivals = listing(list(following.separates), "and")
     if following.expected_probability_after >= DECIDES:
         return f"to tell between {rivals}"
-    return f"though none in the recorded ranges would tell between {rivals} (wider ones might)"
+    return f"though none in the recorded ranges would tell between {rivals} (wider ones, or one more thermometer, might)"
 
 
 def probability_cells(cause: Cause) -> list[str]:

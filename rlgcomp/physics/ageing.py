@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Final, Self
 
-from rlgcomp.physics.mechanism import Array, Mechanism, amplitude
+from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_DAY
+
+_TOGETHER_S: Final = 1.0  # recordings whose clocks begin so alike were set to zero
 
 
 @dataclasses.dataclass(frozen=True)
@@ -15,7 +19,8 @@ class Ageing(Mechanism):
 
     .. math:: b = k \, t
 
-    with t counted from the beginning of the recording.
+    With `since` "start", t is counted from the beginning of each recording; with "clock" from `begun_s` of `time_s`, which runs on
+    from one recording to the next.
     """
 
     name = "ageing"
@@ -28,7 +33,16 @@ class Ageing(Mechanism):
     drivers = ()
 
     k_deg_h_day: float = amplitude(0.02, "deg/h/day")
+    since: str = setting("start", choices=("start", "clock"))
+    begun_s: float = setting(0.0, "s")
+
+    @classmethod
+    def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        """From each start; also by the clock, where recordings begin at different times of it."""
+        begun = [float(recording.time_s[0]) for recording in recordings]
+        return (cls(),) if max(begun) - min(begun) <= _TOGETHER_S else (cls(), cls(since="clock", begun_s=min(begun)))
 
     def basis(self, recording: Recording) -> Array:
         time_s = recording.time_s
-        return ((time_s - time_s[0]) / SECONDS_PER_DAY)[:, None]
+        since_s = self.begun_s if self.since == "clock" else time_s[0]
+        return ((time_s - since_s) / SECONDS_PER_DAY)[:, None]

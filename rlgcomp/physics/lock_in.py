@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from rlgcomp.motion import rate_deg_s, reference_rate_deg_s, stilled
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
@@ -22,6 +23,8 @@ _RUNNING: Final = 1e-3  # of the rate: less within a sample makes no difference
 _WRONG: Final = 2.0  # standard deviations on the wrong side of zero: no lock-in
 _PULSE_ARCSEC: Final = 1.0
 _PASSAGES: Final = 32
+_BEATS: Final = 0.1  # lock-in rate over rate: the angle within a beat of less than this is nothing
+_UNIFORM: Final = 1.0 / math.sqrt(12.0)  # standard deviation of a phase that may be anywhere in a beat, in counts
 _MOST_ROWS: Final = 200_000  # that the best lock-in rate is sought in
 
 
@@ -56,21 +59,31 @@ class LockIn(Mechanism):
     offset_deg_h: float = setting(0.0, "deg/h")
 
     def scatter(self, recording: Recording) -> Array:
-        r"""Each passage through zero leaves a step of the angle, by the phase :math:`\psi_0` in which it finds the beams:
+        r"""What the phase does, which is not foretold. Each passage through zero leaves a step of the angle, by the phase
+        :math:`\psi_0` in which it finds the beams:
 
         .. math:: \frac{W_L}{\sqrt{S |\dot W|}} \sin(\psi_0 \pm \pi/4),
 
         the first order of the phase equation at a stationary phase, with all phases alike likely: what dither makes random walk of
-        (Aronowitz, section on dither). Where an instrument's pulse is not known it is taken for one second of arc.
+        (Aronowitz, section on dither). And wherever a sample ends while the beams beat, it ends within a beat, in which the angle
+        runs ahead and behind by up to half a count, the nearer to lock-in the more. Where an instrument's pulse is not known it is
+        taken for one second of arc.
         """
         rate, spans_s = self._rate_deg_s(recording), np.diff(recording.time_s, prepend=recording.time_s[0] - recording.period_s)
         run = _run_of(rate)
+        pulse_deg = (recording.metadata.pulse_arcsec or _PULSE_ARCSEC) / ARCSEC_PER_DEG
         through = np.flatnonzero((np.abs(rate) <= 0.5 * np.abs(run)) & (run != 0.0))
-        pulses_per_deg = ARCSEC_PER_DEG / (recording.metadata.pulse_arcsec or _PULSE_ARCSEC)
-        step_deg = self.lock_in_deg_s / np.sqrt(2.0 * pulses_per_deg * np.abs(run[through]) / spans_s[through])
-        turn, column = np.divmod(np.arange(len(through)), _PASSAGES)  # beyond so many, several share a column
-        columns = np.zeros((len(rate), _PASSAGES))
-        columns[through, column] = (-1.0) ** turn * SECONDS_PER_HOUR * step_deg / spans_s[through]
+        step_deg = self.lock_in_deg_s / np.sqrt(2.0 / pulse_deg * np.abs(run[through]) / spans_s[through])
+        columns = np.zeros((len(rate), 2 * _PASSAGES))
+        _spread(columns[:, :_PASSAGES], through, SECONDS_PER_HOUR * step_deg / spans_s[through])
+        sizes, runs_on = np.abs(rate), (run[1:] != 0.0) & (run[:-1] != 0.0)
+        between = np.where(runs_on, np.abs(0.5 * (rate[1:] + rate[:-1])), np.minimum(sizes[1:], sizes[:-1]))
+        share = self.lock_in_deg_s / np.maximum(between, self.lock_in_deg_s)
+        beating = (share < 1.0) | (np.diff(rate) != 0.0)  # at a standstill the phase is locked
+        ends = np.flatnonzero(beating & (share > _BEATS))
+        ahead_deg = pulse_deg * _UNIFORM * share[ends] / (1.0 + np.sqrt(1.0 - share[ends] ** 2))
+        _spread(columns[:, _PASSAGES:], ends, SECONDS_PER_HOUR * ahead_deg / spans_s[ends])
+        _spread(columns[:, _PASSAGES:], ends + 1, -SECONDS_PER_HOUR * ahead_deg / spans_s[ends + 1])
         return columns
 
     @classmethod
@@ -112,6 +125,12 @@ class LockIn(Mechanism):
         return stilled(recording, rate_deg_s(recording)) + self.offset_deg_h / SECONDS_PER_HOUR
 
 
+def _spread(columns: Array, rows: npt.NDArray[np.intp], sizes: Array) -> None:
+    """Disturbances of so many rows, a column each; beyond so many columns several share one, with signs in turn."""
+    turn, column = np.divmod(np.arange(len(rows)), columns.shape[1])
+    columns[rows, column] += (-1.0) ** turn * sizes
+
+
 def _mean_error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
     """The error's mean over each sample: a sweep is through zero in a sample or two."""
     run, mean = _run_of(rate), _error_deg_h(rate, lock_in_deg_s)
@@ -122,10 +141,14 @@ def _mean_error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
 
 
 def _run_of(rate: Array) -> Array:
-    """How far a rate runs within each sample: as far as to the nearer neighbour, if both lie on one way; else it stands."""
+    """How far a rate runs within each sample: as far as to a neighbour, if both lie on one way; else it stands.
+
+    Where a ramp begins or ends with the sample, one neighbour is half as far as the other.
+    """
     step = np.diff(rate)
     before, after = np.r_[0.0, step], np.r_[step, 0.0]
-    return np.asarray(np.where(before * after > 0.0, np.sign(before) * np.minimum(np.abs(before), np.abs(after)), 0.0))
+    near, far = np.minimum(np.abs(before), np.abs(after)), np.maximum(np.abs(before), np.abs(after))
+    return np.asarray(np.where(before * after > 0.0, np.sign(before) * np.minimum(2.0 * near, far), 0.0))
 
 
 def _error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:

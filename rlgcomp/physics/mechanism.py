@@ -182,6 +182,15 @@ class Mechanism(abc.ABC):
         del frequency_hz, resolution_hz
         return ()
 
+    def edges(self) -> tuple[float, ...]:
+        """Levels of its driver at which it switches; a fit has a valley at many levels, so they are sought one by one."""
+        return ()
+
+    def with_edges(self, edges: Sequence[float]) -> Self | None:
+        """The same with other levels; None where there can be none."""
+        del edges
+        return None
+
     @classmethod
     def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
         """The mechanism that jumps between two values at random times; None for one that does not jump."""

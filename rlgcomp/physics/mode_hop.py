@@ -45,6 +45,17 @@ class ModeHop(Mechanism):
         thresholds = np.linspace(coldest, warmest, _THRESHOLDS + 2)[1:-1]
         return tuple(cls(threshold_degC=float(t), dead_band_K=band) for t in thresholds for band in bands)
 
+    def edges(self) -> tuple[float, ...]:
+        """Of warming and of cooling."""
+        return self.threshold_degC, self.threshold_degC - self.dead_band_K
+
+    def with_edges(self, edges: Sequence[float]) -> Self | None:
+        warming, cooling = edges
+        widest = next(parameter.high for parameter in self.parameters() if parameter.name == "dead_band_K")
+        if not 0.0 <= warming - cooling <= widest:
+            return None
+        return dataclasses.replace(self, threshold_degC=warming, dead_band_K=warming - cooling)
+
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
         up = temperature >= self.threshold_degC

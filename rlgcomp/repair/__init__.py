@@ -13,7 +13,7 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import FEWEST_ROWS, Finding, Metadata
-from rlgcomp.repair.channels import constant_columns, encoder_wrap, frozen_thermometers, stuck_gyros
+from rlgcomp.repair.channels import clipped_gyros, constant_columns, encoder_wrap, frozen_thermometers, stuck_gyros
 from rlgcomp.repair.clock import sampling, time_order, time_unit
 from rlgcomp.repair.context import Context
 from rlgcomp.repair.entries import LARGEST_VALUE as LARGEST_VALUE
@@ -32,6 +32,7 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     time_unit,
     units_meant,
     stuck_gyros,
+    clipped_gyros,
     frozen_thermometers,
     missing_values,
     encoder_wrap,

@@ -13,6 +13,8 @@ from rlgcomp.repair.context import Array, Context, Rows
 from rlgcomp.scan import may_hold
 
 STUCK_SAMPLES: Final = 20
+CLIPPED: Final = 0.002  # of the samples at one end of the range,
+MORE_OFTEN: Final = 10.0  # times as often as at any value beside it: a converter's steps are not saturation
 FROZEN_S: Final = 600.0
 FROZEN_WHILE_OTHERS_MOVE_K: Final = 2.0
 ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
@@ -59,6 +61,30 @@ def _runs(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Starts and stops of the runs of equal consecutive values."""
     edges = np.flatnonzero(np.diff(values) != 0) + 1
     return np.r_[0, edges], np.r_[edges, len(values)]
+
+
+def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Gyros that touch the end of their range again and again: no value is so frequent as the last one before nothing."""
+    if context.metadata.kind != "chamber" or context.computed:
+        return table
+    for column in (str(column) for column in table.columns if is_gyro(str(column))):
+        values = table[column].to_numpy()
+        extent = context.extents(table)[column]
+        for rail, inside in ((extent.greatest, values < extent.greatest), (extent.least, values > extent.least)):
+            count = int((values == rail).sum())
+            if extent.least == extent.greatest or count < max(STUCK_SAMPLES, CLIPPED * len(values)):
+                continue
+            nearest = np.partition(np.abs(values[inside] - rail), min(count, int(inside.sum()) - 1))[:count]
+            if count <= MORE_OFTEN * np.unique(nearest, return_counts=True)[1].max():
+                continue
+            context.add(
+                "refused",
+                f"stands at {rail:.6g}, the end of its range, in {count} of {len(values)} samples: it is saturated, and means "
+                "of it are wrong by what is cut off; record with a wider range, or --drop it",
+                column,
+                int(np.argmax(values == rail)),
+            )
+    return table
 
 
 def frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:

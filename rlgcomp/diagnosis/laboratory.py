@@ -1,0 +1,124 @@
+r"""What a laboratory's monitors would read in a run that has not been made, learnt from the runs there are.
+
+Rivals are told apart by what their monitors do, and how a block follows its shell is a matter of this gyro in this chamber: where
+the one is exactly a lag of the other, no programme tells the gradient between them from the block's rate. The temperature that
+leads all others is taken to follow the chamber; the others answer it as a sum of lags,
+
+.. math:: T_j = c_j + \sum_k w_{jk} \, L_{\tau_k} T_1, \qquad w_{jk} \ge 0, \qquad \tau_k \dot{(L T)} = T - L T,
+
+with self-heating since the start of the run added. Every other monitor is a function of that temperature and its lags, and keeps
+what these leave of it in the longest run: what wandered together there wanders together again.
+
+References
+----------
+L. Ljung, *System Identification: Theory for the User*, 2nd ed., Prentice Hall, 1999, ch. 10 (linear regression on filtered inputs).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy import linalg, optimize
+
+from rlgcomp.filters import lag
+from rlgcomp.recording import TIME, Metadata, Recording
+from rlgcomp.simulation.monitors import NOMINAL_DEG_C
+from rlgcomp.simulation.plant import ThermalPlant
+from rlgcomp.simulation.programme import Programme, sample_count
+
+Array = npt.NDArray[np.float64]
+_LAGS_S: Final = np.geomspace(50.0, 15_000.0, 16)
+_WARM_K: Final = 30.0
+_WARMING_S: Final = (900.0, 3600.0)  # self-heating since the start of a run
+_MONITOR_LAGS_S: Final = (1800.0, 7200.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Laboratory:
+    """How monitors answer the temperature that leads, and what else they do.
+
+    Parameters
+    ----------
+    runs : tuple of Recording
+        Sampled coarsely enough to be quick.
+    temperatures : tuple of str
+        Columns, the one that leads first.
+    others : tuple of str
+        All other monitors.
+    """
+
+    runs: tuple[Recording, ...]
+    temperatures: tuple[str, ...]
+    others: tuple[str, ...]
+
+    @classmethod
+    def of(cls, runs: Sequence[Recording]) -> Self:
+        """From one run or more with a thermometer; the lead is the temperature from which the others follow best."""
+        shared = [name for name in runs[0].columns if all(name in run for run in runs)]
+        temperatures = [name for name in shared if name.startswith("temperature_")]
+        others = tuple(name for name in shared if name not in (TIME, *temperatures, *runs[0].gyro_columns))
+        missed = [sum(_answer(runs, lead, name)[1] for name in temperatures if name != lead) for lead in temperatures]
+        lead = temperatures[int(np.argmin(missed))]
+        return cls(tuple(runs), (lead, *(name for name in temperatures if name != lead)), others)
+
+    def foreseen(self, programme: Programme, plant: ThermalPlant, step_s: float) -> Recording:
+        """The monitors in a run of a programme; its gyro reads nothing.
+
+        Parameters
+        ----------
+        programme : Programme
+        plant : ThermalPlant
+            Says how the temperature that leads follows the chamber.
+        step_s : float
+        """
+        time_s: Array = np.arange(sample_count(programme.duration_s, step_s), dtype=np.float64) * step_s
+        shell_degC, block_degC = plant.temperatures(programme.set_point_degC(time_s), step_s)
+        lead, *followers = self.temperatures
+        leading = shell_degC if followers else block_degC
+        table = {TIME: time_s, "gyro_deg_h": np.zeros(len(time_s)), lead: leading}
+        for name in followers:
+            weights, _ = _answer(self.runs, lead, name)
+            table[name] = np.column_stack([_lagged(leading, time_s), _since_start(time_s)]) @ weights
+        followed = _followed(leading, time_s)
+        learnt = np.concatenate([_followed(run.column(lead), run.time_s) for run in self.runs])
+        longest = max(self.runs, key=len)
+        own = _followed(longest.column(lead), longest.time_s)
+        again = np.pad(np.arange(len(longest)), (0, len(time_s)), mode="symmetric")[: len(time_s)]
+        for name in self.others:
+            weights = np.linalg.lstsq(learnt, np.concatenate([run.column(name) for run in self.runs]), rcond=1e-9)[0]
+            table[name] = followed @ weights + (longest.column(name) - own @ weights)[again]
+        return Recording(pd.DataFrame(table), Metadata(kind="chamber"), name="next")
+
+
+def _answer(runs: Sequence[Recording], lead: str, name: str) -> tuple[Array, float]:
+    """Weights of the lagged lead and of the time since the start, averaged over runs; and the share of a column that they miss."""
+    target = [run.column(name) for run in runs]
+    lagged = np.concatenate([_lagged(run.column(lead), run.time_s) for run in runs])
+    own = linalg.block_diag(*(_since_start(run.time_s) for run in runs))
+    basis = np.linalg.qr(own)[0]
+    free, wanted = (block - basis @ (basis.T @ block) for block in (lagged, np.concatenate(target)))
+    factor = np.asarray(np.linalg.qr(np.column_stack([free, wanted]), mode="r"))  # as many rows as columns: the rest is quick
+    weights, missed = optimize.nnls(factor[:, :-1], factor[:, -1])
+    starting = np.linalg.lstsq(own, np.concatenate(target) - lagged @ weights, rcond=1e-9)[0].reshape(len(runs), -1).mean(axis=0)
+    return np.r_[weights, starting], float(missed**2 / max(wanted @ wanted, np.finfo(float).tiny))
+
+
+def _lagged(temperature_degC: Array, time_s: Array) -> Array:
+    return np.column_stack([temperature_degC, *(lag(temperature_degC, time_s, lag_s) for lag_s in _LAGS_S)])
+
+
+def _since_start(time_s: Array) -> Array:
+    """A constant, and self-heating since the start of a run."""
+    return np.exp(-np.divide.outer(time_s - time_s[0], np.array([math.inf, *_WARMING_S])))
+
+
+def _followed(temperature_degC: Array, time_s: Array) -> Array:
+    """What a monitor that is no thermometer may follow: the temperature that leads, its square, its lags."""
+    warm = (temperature_degC - NOMINAL_DEG_C) / _WARM_K
+    return np.column_stack([np.ones(len(warm)), warm, warm**2, *(lag(warm, time_s, lag_s) for lag_s in _MONITOR_LAGS_S)])

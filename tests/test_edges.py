@@ -1,0 +1,34 @@
+"""A relay's levels are found one by one where no grid is fine enough."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rlgcomp.diagnosis.explain import explain
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.physics import CATALOGUE
+from tests.test_evidence import SIMULATOR, runs, with_effect
+
+
+@pytest.mark.parametrize(("warming_degC", "dead_band_K"), [(14.3, 4.1), (2.7, 9.6), (21.2, 0.7)])
+def test_both_levels_of_a_mode_hop_are_found(warming_degC: float, dead_band_K: float) -> None:
+    """Between levels that lie in the same windows nothing decides; the temperature moves by up to 3 K in one."""
+    hidden = CATALOGUE["mode_hop"](step_deg_h=0.004, threshold_degC=warming_degC, dead_band_K=dead_band_K)
+    problem = Problem.of(SIMULATOR, with_effect(runs(seed=5, hours=12.0), hidden), window_s=100.0)
+    found = explain(problem, CATALOGUE)
+    best = found.models[0]
+    assert best.labels == {("mode_hop", False)}
+    mechanism = found.candidates(best)[0].mechanism
+    differs = problem.columns(mechanism) != problem.columns(hidden)
+    assert differs.mean() < 0.03
+
+
+def test_edges_and_parameters_are_the_same_thing() -> None:
+    hop = CATALOGUE["mode_hop"](threshold_degC=20.0, dead_band_K=3.0)
+    assert hop.edges() == (20.0, 17.0)
+    assert hop.with_edges((25.0, 15.0)) == CATALOGUE["mode_hop"](threshold_degC=25.0, dead_band_K=10.0)
+    assert hop.with_edges((15.0, 25.0)) is None
+    assert hop.with_edges((40.0, 15.0)) is None
+    assert all(kind().edges() == () for name, kind in CATALOGUE.items() if name != "mode_hop")
+    assert np.isfinite(hop.edges()).all()

@@ -1,0 +1,90 @@
+"""Monitors of a run that has not been made: they answer as those of the recordings do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.laboratory import Laboratory
+from rlgcomp.diagnosis.next_experiment import next_experiment
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.filters import lag
+from rlgcomp.simulation.plant import ThermalPlant
+from rlgcomp.simulation.programme import Programme
+
+CATALOGUE = rlg.CATALOGUE
+POLYNOMIAL = CATALOGUE["thermal_polynomial"]
+FREE = {"thermal_polynomial": frozenset(p.name for p in POLYNOMIAL.parameters() if p.role == "amplitude")}
+BASE = rlg.Simulator((POLYNOMIAL(),), free=FREE)
+BLOCK_LAG_S = 900.0
+WHITE_DEG_H = 0.0018
+
+
+def recorded(programme: str, seed: int) -> rlg.Recording:
+    """A chamber in which the block is nothing but a lag of the shell, and a voltage that follows it and wanders with a field."""
+    time_s = np.arange(0.0, Programme.parse(programme).duration_s, 10.0)
+    rng = np.random.default_rng(seed)
+    shell = lag(Programme.parse(programme).set_point_degC(time_s), time_s, 300.0)
+    wander = np.cumsum(rng.standard_normal(len(time_s)))
+    wander -= wander.mean()
+    table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": 0.01 * rng.standard_normal(len(time_s))})
+    table["temperature_block_degC"] = lag(shell, time_s, BLOCK_LAG_S) + 0.004 * rng.standard_normal(len(time_s))
+    table["temperature_shell_degC"] = shell + 0.004 * rng.standard_normal(len(time_s))
+    table["supply_voltage_V"] = 15.0 + 1e-3 * shell + 1e-3 * wander
+    table["magnetic_field_uT"] = 48.0 + 0.1 * wander
+    return rlg.Recording(table, rlg.Metadata(kind="chamber"), name=f"run{seed}")
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[rlg.Recording]:
+    cold = "start 20, hold 30, ramp -20 0.8, hold 90, ramp 40 0.8, hold 60"
+    return [recorded(cold, 0), recorded("start 20, hold 20, ramp 45 1, hold 60, ramp 0 0.5, hold 60", 1)]
+
+
+@pytest.fixture(scope="module")
+def foreseen(runs: list[rlg.Recording]) -> rlg.Recording:
+    programme = Programme.parse("start 10, hold 30, ramp 40 1, hold 60, ramp -10 0.7, hold 60, ramp 30 0.5, hold 600")
+    return Laboratory.of(runs).foreseen(programme, ThermalPlant(), 20.0)
+
+
+def test_the_shell_leads_whatever_the_order_of_columns(runs: list[rlg.Recording]) -> None:
+    assert Laboratory.of(runs).temperatures == ("temperature_shell_degC", "temperature_block_degC")
+
+
+def test_a_block_follows_its_shell_as_it_did(foreseen: rlg.Recording) -> None:
+    expected = lag(foreseen.column("temperature_shell_degC"), foreseen.time_s, BLOCK_LAG_S)
+    np.testing.assert_allclose(foreseen.column("temperature_block_degC"), expected, atol=0.1)
+
+
+def test_monitors_follow_temperature_and_wander_together(runs: list[rlg.Recording], foreseen: rlg.Recording) -> None:
+    assert set(foreseen.columns) == set(runs[0].columns)
+    voltage, field = foreseen.column("supply_voltage_V"), foreseen.column("magnetic_field_uT")
+    of_field = 0.01 * (field - field.mean())
+    design = np.column_stack([np.ones(len(field)), foreseen.column("temperature_shell_degC")])
+    left = voltage - of_field - design @ np.linalg.lstsq(design, voltage - of_field, rcond=None)[0]
+    assert left.std() < 0.01 * of_field.std()
+
+
+def test_one_thermometer_is_its_own_lead(runs: list[rlg.Recording]) -> None:
+    alone = [run.replace(table=run.table.drop(columns="temperature_shell_degC")) for run in runs]
+    found = Laboratory.of(alone)
+    assert found.temperatures == ("temperature_block_degC",)
+    assert "temperature_block_degC" in found.foreseen(Programme.parse("short"), ThermalPlant(), 20.0)
+
+
+def test_no_programme_is_promised_to_tell_what_none_can(runs: list[rlg.Recording]) -> None:
+    """Where the block is a lag of the shell, their difference is the block's rate; a rate's magnitude is another matter."""
+    problem = Problem.of(BASE, runs)
+    gradient = CATALOGUE["thermal_gradient"](k_deg_h_K=0.001)
+    rate = CATALOGUE["temperature_rate"](k_deg_h_min_K=0.001 * BLOCK_LAG_S / 60.0)
+    asymmetry = CATALOGUE["rate_asymmetry"](k_deg_h_min_K=0.001 * BLOCK_LAG_S / 60.0)
+    promised = []
+    for rival in (gradient, asymmetry):
+        found = next_experiment(problem, [(rate,), (rival,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H)
+        assert found is not None
+        promised.append(found.expected_probability_after)
+    assert promised[0] < 0.55
+    assert promised[1] > 0.99

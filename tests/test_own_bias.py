@@ -1,0 +1,80 @@
+"""A bias of its own in each training run is neither a cause nor noise, and hides none; ageing goes on by the clock."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.explain import explain
+from rlgcomp.diagnosis.own_bias import own_bias
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.physics import CATALOGUE
+from tests.test_evidence import SIMULATOR, runs, with_effect
+
+APART_DEG_H = 0.008  # four times the noise of a window
+
+
+def switched_on_again(recordings: list[rlg.Recording]) -> list[rlg.Recording]:
+    """The second recording with another bias."""
+    first, second = recordings
+    return [first, second.replace(table=second.table.assign(gyro_deg_h=second.column("gyro_deg_h") + APART_DEG_H))]
+
+
+def by_the_clock(recordings: list[rlg.Recording], pause_s: float, begun_s: float = 0.0) -> list[rlg.Recording]:
+    """Recordings whose times run on from one to the next."""
+    found = []
+    for run in recordings:
+        found.append(run.replace(table=run.table.assign(time_s=run.time_s + begun_s)))
+        begun_s += run.duration_s + pause_s
+    return found
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_healthy_gyro_that_was_switched_on_again_is_healthy(seed: int) -> None:
+    found = diagnose(SIMULATOR, switched_on_again(runs(seed=seed, hours=8.0)), window_s=100.0, black_box=False)
+    assert found.verdict == "none"
+    assert found.p_value > 1e-3
+    (said,) = [remark for remark in found.remarks if "have a bias each" in remark]
+    value, sd = (float(said.split("run0 ")[1].split()[k]) for k in (0, 2))
+    assert value == pytest.approx(-APART_DEG_H, abs=5.0 * sd)
+
+
+def test_one_bias_is_one_bias() -> None:
+    problem = Problem.of(SIMULATOR, runs(seed=1, hours=8.0), window_s=100.0)
+    assert not explain(problem, CATALOGUE).own_biases()
+    assert problem.with_own_biases().baseline.shape[1] == problem.baseline.shape[1] + 1
+
+
+def test_a_run_that_goes_on_where_another_ended_has_its_bias() -> None:
+    apart = by_the_clock(runs(seed=1), 3600.0)
+    together = by_the_clock(runs(seed=1), 100.0)
+    assert [len(own_bias(Problem.of(SIMULATOR, some, window_s=100.0))) for some in (runs(seed=1), apart, together)] == [1, 1, 0]
+
+
+def test_it_hides_no_cause() -> None:
+    hidden = CATALOGUE["supply_voltage"](k_deg_h_V=0.08)
+    found = diagnose(SIMULATOR, switched_on_again(with_effect(runs(seed=2, hours=8.0), hidden)), window_s=100.0, black_box=False)
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    estimate = found.causes[0].parameters["k_deg_h_V"]
+    assert estimate.value == pytest.approx(0.08, abs=4.0 * estimate.sd)
+
+
+@pytest.mark.parametrize("begun_s", [0.0, 1.7e9])
+def test_ageing_runs_by_the_clock_where_recordings_do(begun_s: float) -> None:
+    """Within each run the drift is half the noise of a window; it is the day between them that shows it."""
+    hidden = CATALOGUE["ageing"](k_deg_h_day=0.006, since="clock", begun_s=begun_s)
+    recordings = with_effect(by_the_clock(runs(seed=3, hours=8.0), 86400.0, begun_s), hidden)
+    found = explain(Problem.of(SIMULATOR, recordings, window_s=100.0), CATALOGUE)
+    best = next(model for model in found.models if model.labels == {("ageing", False)})
+    assert found.candidates(best)[0].mechanism.since == "clock"
+    assert best.log_posterior > found.nothing.log_posterior + 10.0
+
+
+def test_recordings_that_begin_at_zero_have_one_ageing() -> None:
+    together = runs(seed=4)
+    assert len(CATALOGUE["ageing"].grid(together)) == 1
+    assert len(CATALOGUE["ageing"].grid(by_the_clock(together, 3600.0))) == 2
+    ageing = CATALOGUE["ageing"](since="clock", begun_s=100.0)
+    np.testing.assert_allclose(ageing.basis(together[0])[:, 0], (together[0].time_s - 100.0) / 86400.0)
