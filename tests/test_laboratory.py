@@ -51,7 +51,8 @@ def foreseen(runs: list[rlg.Recording]) -> rlg.Recording:
 
 
 def test_the_shell_leads_whatever_the_order_of_columns(runs: list[rlg.Recording]) -> None:
-    assert Laboratory.of(runs).temperatures == ("temperature_shell_degC", "temperature_block_degC")
+    found = Laboratory.of(runs)
+    assert (found.lead, *found.followers) == ("temperature_shell_degC", "temperature_block_degC")
 
 
 def test_a_block_follows_its_shell_as_it_did(foreseen: rlg.Recording) -> None:
@@ -71,8 +72,16 @@ def test_monitors_follow_temperature_and_wander_together(runs: list[rlg.Recordin
 def test_one_thermometer_is_its_own_lead(runs: list[rlg.Recording]) -> None:
     alone = [run.replace(table=run.table.drop(columns="temperature_shell_degC")) for run in runs]
     found = Laboratory.of(alone)
-    assert found.temperatures == ("temperature_block_degC",)
+    assert (found.lead, *found.followers) == ("temperature_block_degC",)
     assert "temperature_block_degC" in found.foreseen(Programme.parse("short"), ThermalPlant(), 20.0)
+
+
+def test_runs_without_a_thermometer_in_common_are_refused(runs: list[rlg.Recording]) -> None:
+    first, second = runs
+    other = [first.replace(table=first.table.drop(columns="temperature_shell_degC")),
+             second.replace(table=second.table.drop(columns="temperature_block_degC"))]  # fmt: skip
+    with pytest.raises(rlg.InputError, match="no thermometer in common"):
+        Laboratory.of(other)
 
 
 def test_no_programme_is_promised_to_tell_what_none_can(runs: list[rlg.Recording]) -> None:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -26,6 +26,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import linalg, optimize
 
+from rlgcomp.errors import InputError
 from rlgcomp.filters import lag
 from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.simulation.monitors import NOMINAL_DEG_C
@@ -45,27 +46,42 @@ class Laboratory:
 
     Parameters
     ----------
-    runs : tuple of Recording
-        Sampled coarsely enough to be quick.
-    temperatures : tuple of str
-        Columns, the one that leads first.
-    others : tuple of str
-        All other monitors.
+    lead : str
+        The temperature column that others follow.
+    followers : mapping of str to ndarray
+        Weights of each other temperature's answer.
+    others : mapping of str to (ndarray, ndarray)
+        Of each other monitor, weights of what it follows and what these leave of it in the longest run, row by row.
     """
 
-    runs: tuple[Recording, ...]
-    temperatures: tuple[str, ...]
-    others: tuple[str, ...]
+    lead: str
+    followers: Mapping[str, Array]
+    others: Mapping[str, tuple[Array, Array]]
 
     @classmethod
     def of(cls, runs: Sequence[Recording]) -> Self:
-        """From one run or more with a thermometer; the lead is the temperature from which the others follow best."""
+        """Learn from runs, sampled coarsely enough to be quick; the lead is the temperature from which the others follow best.
+
+        Raises
+        ------
+        InputError
+            No thermometer is in all of them.
+        """
         shared = [name for name in runs[0].columns if all(name in run for run in runs)]
         temperatures = [name for name in shared if name.startswith("temperature_")]
-        others = tuple(name for name in shared if name not in (TIME, *temperatures, *runs[0].gyro_columns))
-        missed = [sum(_answer(runs, lead, name)[1] for name in temperatures if name != lead) for lead in temperatures]
-        lead = temperatures[int(np.argmin(missed))]
-        return cls(tuple(runs), (lead, *(name for name in temperatures if name != lead)), others)
+        if not temperatures:
+            raise InputError(f"{', '.join(run.name for run in runs)} have no thermometer in common; record one in all of them")
+        answers = {lead: {name: _answer(runs, lead, name) for name in temperatures if name != lead} for lead in temperatures}
+        lead = min(temperatures, key=lambda name: sum(missed for _, missed in answers[name].values()))
+        learnt = np.concatenate([_followed(run.column(lead), run.time_s) for run in runs])
+        longest = max(runs, key=len)
+        own = _followed(longest.column(lead), longest.time_s)
+        others = {}
+        for name in shared:
+            if name not in (TIME, *temperatures, *runs[0].gyro_columns):
+                weights = np.linalg.lstsq(learnt, np.concatenate([run.column(name) for run in runs]), rcond=1e-9)[0]
+                others[name] = weights, longest.column(name) - own @ weights
+        return cls(lead, {name: weights for name, (weights, _) in answers[lead].items()}, others)
 
     def foreseen(self, programme: Programme, plant: ThermalPlant, step_s: float) -> Recording:
         """The monitors in a run of a programme; its gyro reads nothing.
@@ -79,20 +95,13 @@ class Laboratory:
         """
         time_s: Array = np.arange(sample_count(programme.duration_s, step_s), dtype=np.float64) * step_s
         shell_degC, block_degC = plant.temperatures(programme.set_point_degC(time_s), step_s)
-        lead, *followers = self.temperatures
-        leading = shell_degC if followers else block_degC
-        table = {TIME: time_s, "gyro_deg_h": np.zeros(len(time_s)), lead: leading}
-        for name in followers:
-            weights, _ = _answer(self.runs, lead, name)
-            table[name] = np.column_stack([_lagged(leading, time_s), _since_start(time_s)]) @ weights
+        leading = shell_degC if self.followers else block_degC
+        table = {TIME: time_s, "gyro_deg_h": np.zeros(len(time_s)), self.lead: leading}
+        answering = np.column_stack([_lagged(leading, time_s), _since_start(time_s)])
+        table |= {name: answering @ weights for name, weights in self.followers.items()}
         followed = _followed(leading, time_s)
-        learnt = np.concatenate([_followed(run.column(lead), run.time_s) for run in self.runs])
-        longest = max(self.runs, key=len)
-        own = _followed(longest.column(lead), longest.time_s)
-        again = np.pad(np.arange(len(longest)), (0, len(time_s)), mode="symmetric")[: len(time_s)]
-        for name in self.others:
-            weights = np.linalg.lstsq(learnt, np.concatenate([run.column(name) for run in self.runs]), rcond=1e-9)[0]
-            table[name] = followed @ weights + (longest.column(name) - own @ weights)[again]
+        for name, (weights, left) in self.others.items():
+            table[name] = followed @ weights + np.pad(left, (0, len(time_s)), mode="symmetric")[: len(time_s)]
         return Recording(pd.DataFrame(table), Metadata(kind="chamber"), name="next")
 
 

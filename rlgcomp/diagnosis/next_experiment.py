@@ -198,10 +198,9 @@ def _distances(rivals: Sequence[Members], runs: Sequence[_Run], *, refine: bool 
 
 def _unsure(rivals: Sequence[Members], future: _Run) -> Array:
     """What of D² the equations of each truth may be wrong by: no gyro is told by less from what resembles its cause."""
-    sizes = []
+    basis, sizes = np.linalg.qr(future.baseline)[0], []
     for truth in rivals:
         total = sum((_contribution(future.of(one), one) for one in truth), np.zeros(len(future.baseline)))
-        basis = np.linalg.qr(future.baseline)[0]
         sizes.append(float(total @ total - np.sum((basis.T @ total) ** 2)))
     return INADEQUACY**2 * np.array(sizes)[:, None]
 
