@@ -16,6 +16,7 @@ from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Search
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics import CATALOGUE
+from rlgcomp.recording import Recording
 
 STEP_S = 10.0
 WEAK = 0.9e-4  # deg/h/uT: with the seed below, training runs leave it at even odds
@@ -108,7 +109,7 @@ def test_no_number_comes_from_a_held_out_run() -> None:
     assert asked.where == unasked.where
 
 
-def test_each_held_out_run_has_an_offset_of_its_own() -> None:
+def test_a_held_out_run_may_have_an_offset_of_its_own() -> None:
     plain = runs(WEAK, WEAK, WEAK, WEAK)
     switched_on = [
         run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + offset))
@@ -116,7 +117,26 @@ def test_each_held_out_run_has_an_offset_of_its_own() -> None:
     ]
     found, expected = diagnosed(switched_on), diagnosed(plain)
     assert [cause.name for cause in found.causes] == [cause.name for cause in expected.causes]
-    assert found.causes[0].probability == pytest.approx(expected.causes[0].probability, abs=1e-3)
+    assert found.causes[0].probability == pytest.approx(expected.causes[0].probability, abs=0.05)
+
+
+def test_a_drift_that_held_out_runs_go_on_with_is_ageing() -> None:
+    """Two runs that differ by a bias may have one each; four on a line by the clock hardly do."""
+    day_s = 86400.0
+
+    def drifting(per_day: float, *jumps: float) -> list[Recording]:
+        found = []
+        for k, (run, jump) in enumerate(zip(healthy_runs(), jumps, strict=True)):
+            time_s = run.time_s + k * day_s
+            gyro = run.column("gyro_deg_h") + per_day * time_s / day_s + jump
+            found.append(run.replace(table=run.table.assign(time_s=time_s, gyro_deg_h=gyro)))
+        return found
+
+    per_day = 0.0016
+    goes_on = diagnosed(drifting(per_day, 0.0, 0.0, 0.0, 0.0))
+    steps = diagnosed(drifting(0.0, 0.0, per_day, 0.0, per_day))
+    assert [cause.name for cause in goes_on.causes] == ["ageing"]
+    assert "ageing" not in [cause.name for cause in steps.causes]
 
 
 def test_a_held_out_run_without_the_monitor_is_not_asked() -> None:

@@ -136,7 +136,7 @@ def test_an_experiment_that_would_not_tell_is_said_to_be_none(diagnosis: Diagnos
     dull = dataclasses.replace(
         diagnosis, next_experiment=NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60", 0.5)
     )
-    assert "though none in the recorded ranges would tell between thermal_lag and thermal_gradient" in str(dull)
+    assert "though even the best in the recorded ranges would hardly tell between thermal_lag and thermal_gradient" in str(dull)
     assert "to tell between" not in str(dull)
 
 
@@ -180,3 +180,24 @@ def test_its_frame_has_a_row_a_parameter(diagnosis: Diagnosis) -> None:
     frame = diagnosis.to_frame()
     assert list(frame["parameter"]) == ["k_deg_h_K", "time_constant_s"]
     assert dataclasses.replace(diagnosis, verdict="none", causes=()).to_frame().empty
+
+
+def test_a_gain_that_is_mostly_offset_is_said_to_be_so(diagnosis: Diagnosis) -> None:
+    assert diagnosis.test is not None
+    assert "own mean" not in diagnosis.sentence
+    offset = dataclasses.replace(diagnosis, test=dataclasses.replace(diagnosis.test, improvement_std=0.026, baseline_std=0.0033))
+    assert "; 3 % about each run's own mean)" in offset.sentence
+
+
+def test_what_makes_held_out_runs_worse_is_not_to_be_used(diagnosis: Diagnosis) -> None:
+    worse = dataclasses.replace(diagnosis, test=fit(0.0045, 0.009, -1.2, -0.5))
+    assert worse.sentence.endswith("do not use the augmented simulator as it is.")
+
+
+def test_no_probability_is_nothing(diagnosis: Diagnosis) -> None:
+    assert "nothing missing   < 1e-06" in str(diagnosis)
+
+
+def test_an_unknown_driver_is_not_among_the_recorded_ones(diagnosis: Diagnosis) -> None:
+    lost = dataclasses.replace(diagnosis, verdict="unknown", causes=(), unexplained=Unexplained(0.01))
+    assert "drivers none of the recorded columns" in str(lost)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,37 @@ def test_what_could_be_taken_for_it_pays() -> None:
     assert toll["random_telegraph"] >= whole
     assert BY_CHANCE * whole <= toll["magnetic_field"] < 0.6 * whole
     assert all(search.log_prior(frozenset({label})) == prior for label, prior in alone.items())  # alone nothing pays
+
+
+def test_what_hides_another_is_strong_though_it_is_worth_little_alone() -> None:
+    """A lag and a warm-up that undo each other: what both are off by could be taken for ageing."""
+    problem = Problem.of(SIMULATOR, runs())
+    first = CATALOGUE["temperature_rate"]()
+    column = problem.columns(first)[:, 0]
+    ripple = column.std() * np.sin(np.arange(float(len(column))) / 15.0)
+    second = CATALOGUE["thermal_lag"](time_constant_s=900.0)
+    target = problem.target_deg_h + 0.2 * ripple  # the difference of the two columns below
+    problem = dataclasses.replace(problem, target_deg_h=target)
+    tried = [Candidate(first, column[:, None], 0.0), Candidate(second, (column + 0.1 * ripple)[:, None], 0.0)]
+    search = Search(Evidence(problem, tried, (NoiseShape(),)))
+    models = {model.labels: model for model in search.run()}
+    both = models[frozenset({("temperature_rate", False), ("thermal_lag", False)})]
+    alone = [models[frozenset({label})] for label in both.labels]
+    explained = search.evidence.explained_by_each(both.members, 0)
+    assert all(chi > 100.0 * search.evidence.explained(model.members, 0) for chi in explained for model in alone)
+    assert min(explained) == pytest.approx(search.evidence.explained(both.members, 0), rel=0.2)
+
+
+def test_one_that_stands_in_the_place_of_a_strong_cause_pays_what_that_would() -> None:
+    problem = Problem.of(SIMULATOR, runs(RATE, {"magnetic_field": {"k_deg_h_uT": 3e-3}}))
+    kinds = ("temperature_rate", "thermal_lag", "magnetic_field", "ambient_pressure")
+    tried = [Candidate(one, problem.columns(one), 0.0) for name in kinds for one in CATALOGUE[name].grid(problem.runs)[:1]]
+    search = Search(Evidence(problem, tried, (NoiseShape(),)))
+    search.run()
+    rate, lag, field, pressure = ((name, False) for name in kinds)
+    own, instead = (search.log_prior(frozenset({cause, field})) for cause in (rate, lag))
+    assert instead == own
+    assert search.log_prior(frozenset({rate, lag, field})) < search.log_prior(frozenset({rate, pressure, field}))
 
 
 def test_what_is_left_follows_the_drivers() -> None:

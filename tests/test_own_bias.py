@@ -53,6 +53,18 @@ def test_a_run_that_goes_on_where_another_ended_has_its_bias() -> None:
     assert [len(own_bias(Problem.of(SIMULATOR, some, window_s=100.0))) for some in (runs(seed=1), apart, together)] == [1, 1, 0]
 
 
+def test_runs_of_one_session_share_a_bias() -> None:
+    first, second = runs(seed=1)
+    session = by_the_clock([first, second], 100.0)
+    later = second.replace(table=second.table.assign(time_s=second.time_s + 1e6))
+    problem = Problem.of(SIMULATOR, [*session, later], window_s=100.0)
+    (candidate,) = own_bias(problem)
+    assert candidate.columns.shape[1] == 2
+    for column in candidate.columns.T:
+        assert len({tuple(np.unique(column[part])) for part in problem.rows.runs[:2]}) == 1
+    np.testing.assert_allclose(candidate.columns.sum(axis=1), 1.0)
+
+
 def test_it_hides_no_cause() -> None:
     hidden = CATALOGUE["supply_voltage"](k_deg_h_V=0.08)
     found = diagnose(SIMULATOR, switched_on_again(with_effect(runs(seed=2, hours=8.0), hidden)), window_s=100.0, black_box=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
@@ -10,7 +11,7 @@ import numpy as np
 
 from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.explain import Explanations
-from rlgcomp.diagnosis.fit import Fitted, fit
+from rlgcomp.diagnosis.fit import Fitted, FittedCause, fit
 from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
@@ -24,6 +25,7 @@ _ALTERNATIVES: Final = 8
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _RIVALS: Final = 3  # told apart by the next experiment
+_ONE_COURSE: Final = 0.95  # correlation from which a law and a cause are hard to part
 _BEYOND: Final = 0.05  # of the range of a driver in training: a run that leaves it by more is extrapolated
 
 
@@ -129,10 +131,13 @@ def remarks_of(
             f"Something wanders, with standard deviation {noise.wander * after.white_deg_h:.2g} deg/h and correlation time "
             f"about {noise.wander_s:g} s{swing} that no recorded column follows: record more monitors."
         )
-    if any(not cause.mechanism.repeats() for cause in after.causes):
-        remarks.append(
-            "One of the causes is drawn anew in every run: it cannot be predicted, so no gain is promised on other runs."
-        )
+    remarks += [
+        f"What {cause.mechanism.name} does is drawn anew in every run: it cannot be predicted, and adds no gain on other runs."
+        for cause in after.causes
+        if not cause.mechanism.repeats()
+    ]
+    remarks += [said for cause in after.causes for said in _at_the_end(cause)]
+    remarks += _beside_a_law(after.causes)
     if explanations.left_out:
         wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
         remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
@@ -153,6 +158,32 @@ def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
         return [f"The training runs alone would name {said}; the held-out runs do not bear it out."]
     chosen = f"the held-out runs decided for {listing(now)}, so that what is gained on them is not independent of that choice."
     return [f"The training runs alone would name {said}; {chosen}"]
+
+
+def _beside_a_law(causes: Sequence[FittedCause]) -> list[str]:
+    """What to say where a law and a cause that is named take the same course, so that one may undo the other."""
+    laws = [cause for cause in causes if cause.mechanism.open_set]
+    named = [cause for cause in causes if not cause.mechanism.open_set]
+    found = []
+    for cause, law in itertools.product(named, laws):
+        alike = float(np.corrcoef(cause.contribution_deg_h, law.contribution_deg_h)[0, 1])
+        if abs(alike) > _ONE_COURSE:
+            said = f"{cause.mechanism.name} and the law beyond it take one course (correlation {alike:.2f})"
+            found.append(f"{said}: what was found is their sum, and the numbers of neither mean much alone.")
+    return found
+
+
+def _at_the_end(cause: FittedCause) -> list[str]:
+    """What to say of shapes that were found at the end of what is tried."""
+    ends = [
+        (parameter, getattr(cause.mechanism, parameter.name))
+        for parameter in cause.mechanism.parameters()
+        if parameter.role == "shape" and getattr(cause.mechanism, parameter.name) == parameter.high
+    ]
+    return [
+        f"{cause.mechanism.name}: {parameter.name} = {value:g} {parameter.unit} is the largest that is tried; it may be larger."
+        for parameter, value in ends
+    ]
 
 
 def own_biases_of(baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[str, ...]:

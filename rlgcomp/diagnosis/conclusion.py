@@ -77,7 +77,8 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
         if spanned and 1 < len(instead.members) <= _FEW:
             continue  # it is these mechanisms together
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
-        score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(explained)
+        asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
+        score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
         if whole is not None:
             score += log_foreseen(law.mechanism, explanations.candidates(model), windowed, whole, noises, prior)
         if model.members and score - model.log_posterior < _BEYOND:

@@ -27,7 +27,7 @@ from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
 from rlgcomp.diagnosis.conclusion import concluded, healthy, likely_noises, rivals_of, verdict_of
 from rlgcomp.diagnosis.confirm import confirmed
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.explain import considered, explain
+from rlgcomp.diagnosis.explain import Explanations, considered, explain
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.knocks import without_knocks
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
@@ -115,14 +115,12 @@ def diagnose(
     posed = _Posed.of(problem, whole, lines, mechanisms)
     before, mismatches = _calibrated(posed.problem, [*train, *test], gyro, predicted)
     box = learned(mismatches, len(train), executor) if black_box and test else None
-    explanations = explain(posed.problem, mechanisms, lines, among)
+    explanations = posed.explained(mechanisms, lines, among)
     if explanations.own_biases():
         posed = _Posed.of(problem.with_own_biases(), whole and whole.with_own_biases(), lines, mechanisms)
         before, mismatches = _calibrated(posed.problem, [*train, *test], gyro, predicted)
-        explanations = explain(posed.problem, mechanisms, lines, among)
+        explanations = posed.explained(mechanisms, lines, among)
     problem, windowed = posed.problem, posed.windowed
-    if posed.whole is not None and posed.whole_windowed is not None:
-        explanations = confirmed(explanations, posed.whole, posed.whole_windowed)
     told(0.5)
     rng = stream(seed, "diagnosis")
     with ThreadPoolExecutor(1) as beside:  # neither needs the other
@@ -154,8 +152,9 @@ def diagnose(
     told(0.98)
     rivals = rivals_of(explanations, conclusion.model)
     verdict = verdict_of(conclusion, rivals)
-    # a path of jumps or a line is seen by the search alone: the null's own probability then bounds the p-value
-    p_value = min(detection.p_value, healthy(explanations)) if verdict != "none" else detection.p_value
+    # a path of jumps, a line or a law is seen by the search alone: the null's own probability then bounds the p-value
+    nothing = healthy(explanations) * (1.0 - conclusion.lawful)
+    p_value = min(detection.p_value, nothing) if verdict != "none" else detection.p_value
     next_up = what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else None
     model = noise_model(shape, after.white_deg_h, problem.rows.window_s)
     drivers = {column for mechanism in after.simulator.mechanisms for column in mechanism.driver_columns(train[0])} - {TIME}
@@ -204,6 +203,13 @@ class _Posed:
         if windowed.simulator.kind != "turntable" and not lines:
             return cls(windowed, windowed, whole, whole)
         return cls(windowed, contrasted(windowed), whole, whole and contrasted(whole))
+
+    def explained(self, mechanisms: Mapping[str, type[Mechanism]], lines: Sequence[Mechanism], among: float) -> Explanations:
+        """Sets of causes, by the training runs and, where there are any, by held-out runs."""
+        explanations = explain(self.problem, mechanisms, lines, among)
+        if self.whole is None or self.whole_windowed is None:
+            return explanations
+        return confirmed(explanations, self.whole, self.whole_windowed)
 
 
 def _known(

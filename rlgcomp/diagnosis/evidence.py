@@ -305,12 +305,23 @@ class Evidence:
 
     def explained(self, members: Sequence[Member], noise: int) -> float:
         """Chi-square that members take from what the baseline leaves, for one noise."""
+        whole = self._taken(members, noise)
+        return float(self.freedom * whole / max(self.gram[noise][-1, -1] - whole, 1e-300))
+
+    def explained_by_each(self, members: Sequence[Member], noise: int) -> list[float]:
+        """The same of each member, alone or beside the others, whichever is more: causes may hide one another."""
+        whole = self._taken(members, noise)
+        unit = max(self.gram[noise][-1, -1] - whole, 1e-300) / self.freedom
+        others = [[other for other in members if other != member] for member in members]
+        alone = [self._taken([member], noise) for member in members]
+        return [max(taken, whole - self._taken(rest, noise)) / unit for taken, rest in zip(alone, others, strict=True)]
+
+    def _taken(self, members: Sequence[Member], noise: int) -> float:
+        """Whitened square that members take from what the baseline leaves."""
         if not members:
             return 0.0
         inside, amplitudes, _ = self._amplitudes(members, noise)
-        gram = self.gram[noise]
-        taken = gram[inside, -1] @ amplitudes
-        return float(self.freedom * taken / max(gram[-1, -1] - taken, 1e-300))
+        return float(self.gram[noise][inside, -1] @ amplitudes)
 
     def spans(self, members: Sequence[Member], column: Array) -> float:
         """Multiple correlation of a column with members' columns, all less what the baseline absorbs."""

@@ -55,6 +55,8 @@ class Explanations:
         Mechanisms that the recordings cannot show, with the reason.
     proposed : Explanations, optional
         Of the training runs alone, where held-out runs were asked as well.
+    borne_out : float, optional
+        Probability by all runs that they have a bias each, where held-out runs were asked.
     """
 
     models: tuple[Model, ...]
@@ -64,6 +66,7 @@ class Explanations:
     coarse: int
     left_out: Mapping[str, str]
     proposed: Explanations | None = None
+    borne_out: float | None = None
 
     @property
     def evidence(self) -> Evidence:
@@ -95,9 +98,11 @@ class Explanations:
         return next(one for one in proposed if one.labels == model.labels)
 
     def own_biases(self) -> bool:
-        """Whether training runs have a bias each rather than one."""
-        held = [self.search.has_own_biases(model.labels) for model in self.models]
-        return held[0] or float(self.probabilities[held].sum()) > OWN_BIASES
+        """Whether training runs have a bias each rather than one, for all that held-out runs say."""
+        alone = self.proposed or self
+        held = [self.search.has_own_biases(model.labels) for model in alone.models]
+        suspected = held[0] or float(alone.probabilities[held].sum()) > OWN_BIASES
+        return suspected and (self.borne_out is None or self.borne_out > OWN_BIASES)
 
     def probability_of(self, name: str) -> float:
         """That a mechanism is missing: the sum over all sets that hold it."""
@@ -107,15 +112,21 @@ class Explanations:
     def unrecorded(self, model: Model) -> float:
         """Probability, given a model, that something wanders in the training runs which no recorded column follows.
 
-        Held-out runs have no say: what they show beside a cause is what training did not know of its shape. Nor is it a wander what
-        the equations of strong causes leave.
+        Beside causes that are named, held-out runs may deny it, where all runs together show ordinary noise. They cannot affirm it:
+        what they show beside a cause is what training did not know of its shape. Nor is it a wander what the equations of strong
+        causes leave.
         """
         alone = self.in_training(model)
         if not (~self.ordinary).any():
             return 0.0
-        wanders, ordinary = (float(log_sum_exp(alone.noise_log[allowed])) for allowed in (~self.ordinary, self.ordinary))
-        wanders -= inadequacy(self.evidence.explained(alone.members, int(np.argmax(alone.noise_log))))
-        return 1.0 / (1.0 + math.exp(min(700.0, ordinary - wanders)))
+        allowed = inadequacy(self.evidence.explained(alone.members, int(np.argmax(alone.noise_log))))
+        asked = (alone, model) if any(not known for _, known in model.labels) else (alone,)
+        odds = min(self._log_odds_of_a_wander(one) for one in asked) - allowed
+        return 1.0 / (1.0 + math.exp(min(700.0, -odds)))
+
+    def _log_odds_of_a_wander(self, model: Model) -> float:
+        wanders, ordinary = (float(log_sum_exp(model.noise_log[allowed])) for allowed in (~self.ordinary, self.ordinary))
+        return wanders - ordinary
 
 
 def explain(

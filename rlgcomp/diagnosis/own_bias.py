@@ -42,12 +42,18 @@ class OwnBias(Mechanism):
 def own_bias(problem: Problem) -> list[Candidate]:
     """The candidate, among numbers of the simulator that may be wrong; none where runs have their own biases, or there is one.
 
-    Nor where one goes on where another ends: nothing was switched off between them.
+    Where one run goes on where another ends nothing was switched off between them, and they have one bias.
     """
-    if problem.own_biases or len(problem.windows) < 2 or any(itertools.starmap(_goes_on, itertools.pairwise(problem.runs))):
+    if problem.own_biases:
+        return []
+    goes_on = [_goes_on(before, after) for before, after in itertools.pairwise(problem.runs)]
+    session = np.cumsum([0, *(not on for on in goes_on)])
+    if session[-1] == 0:
         return []
     mechanism = OwnBias()
-    return [Candidate(mechanism, problem.columns(mechanism), 0.0, known=True)]
+    by_run = problem.columns(mechanism)
+    by_session = np.column_stack([by_run[:, session == k].sum(axis=1) for k in range(session[-1] + 1)])
+    return [Candidate(mechanism, by_session, 0.0, known=True)]
 
 
 def _goes_on(before: Recording, after: Recording) -> bool:

@@ -63,6 +63,7 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
             for name, fit in (("training", diagnosis.train), ("held out", diagnosis.test))
             if fit is not None and fit.whiteness_p_value is not None
         ],
+        "fleeting": wording.listing([cause.name for cause in diagnosis.causes if not cause.mechanism.repeats()]),
         "baseline": _baseline(diagnosis),
         "noise": _noise(diagnosis),
         "clocks": [(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],

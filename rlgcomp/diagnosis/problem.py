@@ -50,9 +50,11 @@ class Problem:
     contrasts : Contrasts, optional
         Where causes act within windows as well, as on a turning table: further rows that compare samples within windows.
     held_out : int
-        So many runs at the end are held out: no shape is calibrated to them, and each has an offset of its own.
+        So many runs at the end are held out: no shape is calibrated to them.
     own_biases : bool
-        Each training run has a bias of its own as well, as a gyro has after every switch-on.
+        Each training run has a bias of its own, as a gyro has after every switch-on.
+    offsets : bool
+        Each held-out run has one.
     """
 
     windows: tuple[Windows, ...]
@@ -66,6 +68,7 @@ class Problem:
     contrasts: Contrasts | None = None
     held_out: int = 0
     own_biases: bool = False
+    offsets: bool = True
 
     @classmethod
     def of(
@@ -139,6 +142,10 @@ class Problem:
     def with_own_biases(self) -> Self:
         """The problem in which each training run has a bias of its own."""
         return dataclasses.replace(self, own_biases=True).with_free_part()
+
+    def without_offsets(self) -> Self:
+        """The problem in which held-out runs have the bias that training runs have."""
+        return dataclasses.replace(self, offsets=False).with_free_part()
 
     def columns(self, mechanism: Mechanism) -> Array:
         """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
@@ -274,7 +281,7 @@ class Problem:
             inside = self.rows.run == run
             columns.append(inside - np.mean(inside[training]) * training)
             names.append((self.runs[run].name, OWN_BIAS))
-        for run in range(len(self.windows) - self.held_out, len(self.windows)):
+        for run in range(len(self.windows) - self.held_out, len(self.windows)) if self.offsets else ():
             columns.append((self.rows.run == run).astype(np.float64))
             names.append((self.runs[run].name, "constant_deg_h"))
         return dataclasses.replace(self, simulator=simulator, baseline=np.column_stack(columns), baseline_names=tuple(names))

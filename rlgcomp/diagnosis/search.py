@@ -88,13 +88,18 @@ class Search:
         self.noise_log_prior = np.full(noises, -math.log(noises)) if noise_log_prior is None else noise_log_prior
         self.largest = largest
         self._tolls: dict[Label, float] = {}  # of a cause beyond the first
+        self._strong: frozenset[Label] = frozenset()  # the causes that ask them
         self._toll_of_jumps = 0.0  # beyond that
+        self._likenesses: dict[int, dict[Label, float]] = {}
         self.models: dict[frozenset[Label], Model] = {}
         self._log_priors: dict[tuple[int, int], float] = {}
         self._scored: dict[tuple[Member, ...], dict[Label, tuple[float, Member, float, Array]]] = {}
         self._labels = [(candidate.name, candidate.known) for candidate in self.evidence.candidates]
         self._jumping = frozenset(
             label for label, candidate in zip(self._labels, self.evidence.candidates, strict=True) if candidate.mechanism.jumps()
+        )
+        self._own_biases = frozenset(
+            label for label, candidate in zip(self._labels, self.evidence.candidates, strict=True) if candidate.mechanism.open_set
         )
         self._weights = np.array([candidate.log_weight for candidate in self.evidence.candidates])
         self._by_label: dict[Label, npt.NDArray[np.intp]] = {
@@ -114,8 +119,7 @@ class Search:
             level = self._settle(proposals)
             if not level:
                 break
-            if len(level[0].labels) == 1:
-                self._ask_beyond(level)
+            self._ask_beyond(self.models)
         return sorted(self.models.values(), key=lambda model: -model.log_posterior)
 
     def consider(self, models: Iterable[Model]) -> list[Model]:
@@ -128,18 +132,30 @@ class Search:
     def rated(self, sets: Iterable[frozenset[Label]]) -> dict[frozenset[Label], Model]:
         """These sets and the empty one, each at its best point, but those whose members are not all among the candidates.
 
-        Sets of one cause say what further causes must exceed.
+        The likeliest says what further causes must exceed, once sets of one cause have said it.
         """
         found: dict[frozenset[Label], Model] = {frozenset(): self._nothing()}
         for labels in sorted({one for one in sets if one and one <= self._by_label.keys()}, key=len):
             found[labels] = self._refined(labels, self._start(labels, found), {})
-        singles = [model for labels, model in found.items() if len(labels) == 1]
-        self._ask_beyond(sorted(singles, key=lambda model: -model.log_posterior))
-        return {labels: dataclasses.replace(model, log_prior=self.log_prior(labels)) for labels, model in found.items()}
+        for causes in (1, len(self._by_label)):
+            self._ask_beyond(found, causes)
+        return found
 
     def has_own_biases(self, labels: Collection[Label]) -> bool:
         """Whether a set holds a bias of each run's own; no equation of that can be wrong."""
-        return any(self.evidence.candidates[self._by_label[label][0]].mechanism.open_set for label in labels)
+        return not self._own_biases.isdisjoint(labels)
+
+    def whatever_biases(self, models: Iterable[Model]) -> list[Model]:
+        """Sets of causes alone, each with what all models have that hold it with or without a bias of each run's own."""
+        logs: dict[frozenset[Label], list[float]] = {}
+        models = list(models)
+        for model in models:
+            logs.setdefault(model.labels - self._own_biases, []).append(model.log_posterior)
+        return [
+            dataclasses.replace(model, log_evidence=float(log_sum_exp(np.array(logs[model.labels]))) - model.log_prior)
+            for model in models
+            if not self.has_own_biases(model.labels)
+        ]
 
     def without_jumps(self, labels: frozenset[Label]) -> frozenset[Label]:
         """A set without paths of jumps."""
@@ -155,32 +171,53 @@ class Search:
             members = (*members, scores[label][1])
         return members
 
-    def _ask_beyond(self, singles: Sequence[Model]) -> None:
-        """What further causes must exceed beside the best single one, the first: what of its error could be taken for them."""
-        evidence = self.evidence
-        best = next((model for model in singles if not self.has_own_biases(model.labels)), None)
-        if best is None:
+    def _ask_beyond(self, models: dict[frozenset[Label], Model], causes: int = LARGEST) -> None:
+        """What further causes must exceed beside those of the likeliest set of so many at most: what of the error of one could be
+        taken for them. All models have their priors by that."""
+        named = [model for labels, model in models.items() if 0 < len(labels) <= causes and not self.has_own_biases(labels)]
+        if not named:
             return
-        whole = inadequacy(evidence.explained(best.members, int(np.argmax(best.noise_log))))
-        self._tolls = {label: whole for label in self._by_label if not self.has_own_biases({label})}
-        first = evidence.candidates[best.members[0].candidate].mechanism
-        self._toll_of_jumps = 0.0 if first.jumps() else self._beyond_a_path(best)
-        if whole == 0.0:
-            return
-        run = evidence.problem.runs[0]
-        drivers = set(first.driver_columns(run))
-        left = None if follows_anything(first) else leftovers(evidence.problem, first)
-        if left is not None and follows_a_monitor(first, run):  # it leaves what that monitor does, which a path need not be like
-            paths = [k for label in self._jumping for k in self._by_label[label]]
-            alike = min((evidence.likeness([k], left) for k in paths), default=1.0)
-            self._toll_of_jumps = self._beyond_a_path(best, alike)
-        for label, which in self._by_label.items():
-            other = evidence.candidates[which[0]].mechanism
-            if label in best.labels or label not in self._tolls or follows_anything(other):
-                continue
-            if not drivers & set(other.driver_columns(run)):
-                alike = LEFT_BY_JUMPS if left is None else max(BY_CHANCE, evidence.likeness(which, left))
-                self._tolls[label] = whole * alike
+        best = max(named, key=lambda model: model.log_posterior)
+        explained = self._explained_by_each(best)
+        strongest = max(explained, key=lambda cause: explained[cause])
+        tolls = {}
+        for label in self._by_label.keys() - self._own_biases:
+            beside = self._explained_by_each(self._without(label, best, models)) if label in best.labels else explained
+            tolls[label] = max((inadequacy(chi) * self._alike(cause)[label] for cause, chi in beside.items()), default=0.0)
+        tolls[self._labels[strongest]] = max(inadequacy(explained[strongest]), *tolls.values())  # the first, it pays nothing
+        self._tolls, self._strong = tolls, best.labels
+        first = self.evidence.candidates[strongest].mechanism
+        self._toll_of_jumps = 0.0 if first.jumps() else self._beyond_a_path(best, strongest)
+        for labels, model in models.items():
+            models[labels] = dataclasses.replace(model, log_prior=self.log_prior(labels))
+
+    def _without(self, label: Label, model: Model, models: Mapping[frozenset[Label], Model]) -> Model:
+        """A model without a cause, in the noise that is likeliest then: it may hide what that cause is wrong by."""
+        labels = model.labels - {label}
+        if labels in models:
+            return models[labels]
+        return self._refined(labels, tuple(m for m in model.members if self._labels[m.candidate] != label), {})
+
+    def _explained_by_each(self, model: Model) -> dict[int, float]:
+        """Chi-square that each candidate in a model explains."""
+        explained = self.evidence.explained_by_each(model.members, int(np.argmax(model.noise_log)))
+        return {member.candidate: chi for member, chi in zip(model.members, explained, strict=True)}
+
+    def _alike(self, cause: int) -> dict[Label, float]:
+        """Share of what a cause's equation leaves that could be taken for each mechanism."""
+        if cause not in self._likenesses:
+            evidence = self.evidence
+            mechanism = evidence.candidates[cause].mechanism
+            run = evidence.problem.runs[0]
+            drivers = set(mechanism.driver_columns(run))
+            left = None if follows_anything(mechanism) else leftovers(evidence.problem, mechanism)
+            found = dict.fromkeys(self._by_label, 1.0)
+            for label, which in self._by_label.items():
+                other = evidence.candidates[which[0]].mechanism
+                if not follows_anything(other) and not drivers & set(other.driver_columns(run)):
+                    found[label] = LEFT_BY_JUMPS if left is None else max(BY_CHANCE, evidence.likeness(which, left))
+            self._likenesses[cause] = found
+        return self._likenesses[cause]
 
     def log_prior(self, labels: frozenset[Label]) -> float:
         """Log prior probability of a set."""
@@ -189,8 +226,17 @@ class Search:
         if counts not in self._log_priors:
             self._log_priors[counts] = self._log_prior(*counts)
         jumps = len(labels) > 1 and bool(labels & self._jumping)
-        tolls = sorted(self._tolls.get(label, 0.0) for label in labels)[:-1]  # the strongest itself has the largest
-        return self._log_priors[counts] - sum(tolls) - self._toll_of_jumps * jumps
+        return self._log_priors[counts] - self._toll(labels) - self._toll_of_jumps * jumps
+
+    def _toll(self, labels: frozenset[Label]) -> float:
+        """What the causes of a set must exceed together; the first of them nothing.
+
+        One that stands in the place of a cause of the likeliest set pays what that one would: nothing that it left is there.
+        """
+        gone = sorted((self._tolls[label] for label in self._strong - labels), reverse=True)
+        come = sorted((self._tolls.get(label, 0.0) for label in labels - self._strong - self._own_biases), reverse=True)
+        stay = [self._tolls[label] for label in self._strong & labels]
+        return sum(sorted([*stay, *gone[: len(come)], *come[len(gone) :]])[:-1])
 
     def _log_prior(self, missing: int, wrong: int) -> float:
         """The same by how many mechanisms are missing and how many have wrong numbers, but for the toll."""
@@ -200,12 +246,20 @@ class Search:
         ways = gammaln(count + 1) - gammaln(missing + 1) - gammaln(count - missing + 1) if missing <= count else math.inf
         return float(math.log(MISSING[missing]) - ways + wrong * math.log(KNOWN_WRONG / (1.0 - KNOWN_WRONG)))
 
-    def _beyond_a_path(self, best: Model, alike: float = 1.0) -> float:
+    def _beyond_a_path(self, best: Model, strongest: int) -> float:
         """What a path of jumps must exceed beside the strongest cause: what its equation leaves, as far as that may be like a path.
         Noise that walks may hide it."""
-        noises = self.evidence.noises
+        evidence = self.evidence
+        mechanism, alike = evidence.candidates[strongest].mechanism, 1.0
+        if follows_a_monitor(mechanism, evidence.problem.runs[0]):  # which leaves what that monitor does: no path, as a rule
+            left = leftovers(evidence.problem, mechanism)
+            paths = [k for label in self._jumping for k in self._by_label[label]]
+            alike = min((evidence.likeness([k], left) for k in paths), default=1.0)
+        noises = evidence.noises
         calmest = min(range(len(noises)), key=lambda k: noises[k].flicker + noises[k].walk + noises[k].wander)
-        return max(0.0, JUMPS * alike * inadequacy(self.evidence.explained(best.members, calmest)) - JUMPED)
+        explained = evidence.explained_by_each(best.members, calmest)
+        most = max(chi for member, chi in zip(best.members, explained, strict=True) if member.candidate == strongest)
+        return max(0.0, JUMPS * alike * inadequacy(most) - JUMPED)
 
     # --- steps -------------------------------------------------------------------------------------------------------------
 

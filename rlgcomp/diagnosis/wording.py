@@ -17,6 +17,7 @@ PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
 OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
 DECIDES: Final = 0.8  # expected probability of the true explanation from which an experiment is said to tell
 DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
+SMALL: Final = 1e-6  # probability below which only that is said
 SHOWN_PLACES: Final = 6
 SHOWN_ALTERNATIVES: Final = 5
 BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
@@ -83,12 +84,16 @@ def as_text(diagnosis: Diagnosis) -> str:
             rows += [["", "", "", "", value] for value in values[1:]]
         parts.append(_table("What", ["mechanism", *PROBABILITY_COLUMNS, "rms", "parameters"], rows))
     if diagnosis.alternatives:
-        rows = [[set_text(item.mechanisms), f"{item.probability:.3g}"] for item in diagnosis.alternatives[:SHOWN_ALTERNATIVES]]
+        rows = [
+            [set_text(item.mechanisms), probability_text(item.probability)] for item in diagnosis.alternatives[:SHOWN_ALTERNATIVES]
+        ]
         parts.append(_table("Alternatives", ["mechanisms", "probability"], rows))
     left = diagnosis.unexplained
     if diagnosis.verdict == "unknown":
         law = left.equation or "no law found"
-        parts.append(f"Unexplained ({p_text(left.p_value)}): {law}; drivers {', '.join(left.drivers) or 'none recorded'}")
+        parts.append(
+            f"Unexplained ({p_text(left.p_value)}): {law}; drivers {', '.join(left.drivers) or 'none of the recorded columns'}"
+        )
     rows = fit_rows("training", diagnosis.train) + ([] if diagnosis.test is None else fit_rows("held out", diagnosis.test))
     parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", FIT_COLUMNS, rows))
     told = diagnosis.test or diagnosis.train
@@ -110,11 +115,19 @@ def as_text(diagnosis: Diagnosis) -> str:
 
 
 def next_aim(following: NextExperiment) -> str:
-    """What the next experiment is for; where no programme would tell the rivals apart, that is said."""
+    """What the next experiment is for; where even the best programme would hardly tell the rivals apart, that is said."""
     rivals = listing(list(following.separates), "and")
     if following.expected_probability_after >= DECIDES:
         return f"to tell between {rivals}"
-    return f"though none in the recorded ranges would tell between {rivals} (wider ones, or one more thermometer, might)"
+    return (
+        f"though even the best in the recorded ranges would hardly tell between {rivals} (a wider or longer one, or one more "
+        "thermometer, might)"
+    )
+
+
+def probability_text(probability: float) -> str:
+    """A probability as it is printed."""
+    return f"{probability:.3g}" if probability >= SMALL else f"< {SMALL:g}"
 
 
 def probability_cells(cause: Cause) -> list[str]:
@@ -202,12 +215,20 @@ def _gain(fit: Fit | None) -> str:
         return ""
     low, high = fit.improvement_ci95
     numbers = f"from {fit.baseline_rms:.5f} to {fit.augmented_rms:.5f} {fit.unit}"
-    share = f"({100 * fit.improvement:.0f} %, 95 % interval {interval_text(fit.improvement_ci95)})"
+    share = f"({100 * fit.improvement:.0f} %, 95 % interval {interval_text(fit.improvement_ci95)}{_about_own_means(fit)})"
     if low > 0.0:
         return f" On runs held out its error falls {numbers} {share}; the noise floor is {fit.noise_floor_rms:.5f}."
     if high < 0.0:
-        return f" On runs held out no gain can be claimed, the error grows: {numbers} {share}."
+        grows = f"the error grows: {numbers} {share}"
+        return f" On runs held out no gain can be claimed, {grows}; do not use the augmented simulator as it is."
     return f" On runs held out no gain can be claimed: {numbers} {share}."
+
+
+def _about_own_means(fit: Fit) -> str:
+    """The improvement without offsets, where these make much of it."""
+    if fit.improvement_std is None or abs(fit.improvement_std - fit.improvement) <= OFFSETS_COUNT:
+        return ""
+    return f"; {100 * fit.improvement_std:.0f} % about each run's own mean"
 
 
 def _fit_row(name: str, fit: Fit | RunFit) -> list[str]:
