@@ -120,6 +120,10 @@ def test_mechanisms_tells_what_a_simulator_file_may_hold() -> None:
     (entry,) = json.loads(run("mechanisms", "mode_hop", "--json").stdout)
     usual = {parameter["name"]: parameter["usual"] for parameter in entry["parameters"]}
     assert rlg.CATALOGUE["mode_hop"].from_mapping(usual) == rlg.CATALOGUE["mode_hop"]()
+    swallowed = run("mechanisms", "--mechanisms", "mine.py", "mode_hop")
+    assert swallowed.exit_code == 2
+    assert "mode_hop: expected a Python file" in swallowed.stderr
+    assert "the name of a mechanism goes before --mechanisms" in swallowed.stderr
     unknown = run("mechanisms", "phlogiston")
     assert unknown.exit_code == 2
     assert "no mechanism is called 'phlogiston'" in unknown.output

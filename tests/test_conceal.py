@@ -265,6 +265,16 @@ class TestReveal:
         with pytest.raises(rlg.InputError):
             reveal(folder, path)
 
+    @pytest.mark.parametrize(("name", "sd"), [("k_deg_h_min_K", None), ("k_deg_h_min_K", 0.1), ("of_another", 0.1)])
+    def test_text_in_place_of_an_estimate_is_refused(self, folder: Path, name: str, sd: float | None) -> None:
+        edited = finding("temperature_rate", **{name: ("abc", sd)})
+        with pytest.raises(rlg.InputError, match=f"temperature_rate.{name} is 'abc' in the diagnosis; it must be a number"):
+            reveal(folder, self.write(folder, diagnosis("explained", edited)))
+
+    def test_a_choice_is_no_estimate(self, folder: Path) -> None:
+        chosen = finding("thermal_hysteresis", start=("from_above", None))
+        assert reveal(folder, self.write(folder, diagnosis("explained", chosen))).score.errors_sd == {}
+
     @pytest.mark.parametrize(
         ("file", "key", "value"),
         [

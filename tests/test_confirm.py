@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.confirm import _foreseen
+from rlgcomp.diagnosis.confirm import _at_issue, _foreseen
 from rlgcomp.diagnosis.evidence import Evidence
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.search import Search
+from rlgcomp.diagnosis.search import Model, Search
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
@@ -175,3 +176,15 @@ def test_joined_runs_keep_the_shapes_of_training() -> None:
     assert np.linalg.matrix_rank(whole.baseline) == whole.baseline.shape[1]
     calibrated = dataclasses.replace(whole, held_out=0).with_free_part()
     assert calibrated.baseline.shape[1] == problem.baseline.shape[1]
+
+
+def test_held_out_runs_are_asked_about_far_sets_only_where_training_speaks_for_them() -> None:
+    def model(names: str, log_evidence: float, log_prior: float) -> Model:
+        return Model((), frozenset((name, False) for name in names), log_evidence, log_prior, np.zeros(1))
+
+    best, nothing = model("a", 0.0, -3.0), model("", -50.0, -1.0)
+    near, unlikely = model("b", -2.0, -3.0), model("ac", -0.5, -8.5)
+    spoken_for, farther = model("ad", 6.0, -15.0), model("ae", 6.0, -17.0)
+    models = [best, near, unlikely, spoken_for, farther, nothing]
+    explanations = SimpleNamespace(models=models, search=SimpleNamespace(whatever_biases=list))
+    assert _at_issue(explanations) == [best, near, spoken_for, nothing]  # type: ignore[arg-type]

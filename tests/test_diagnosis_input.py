@@ -120,3 +120,26 @@ def test_a_reversed_sense_is_mapped(tmp_path: Path) -> None:
     made.table.assign(gyro_deg_s=-made.column("gyro_deg_s")).to_csv(path, index=False)
     found = rlg.read(path, columns={"gyro_deg_s": "gyro_deg_s [-deg/s]"}, metadata={"kind": "turntable"})
     np.testing.assert_allclose(found.column("gyro_deg_s"), made.column("gyro_deg_s"), rtol=1e-12)
+
+
+def test_a_recording_that_is_its_own_simulation(run: rlg.Recording) -> None:
+    with pytest.raises(rlg.InputError, match="leaves nothing at all of cold, not even noise; give recordings of a gyro"):
+        rlg.diagnose(train=[run], simulated=[run])
+
+
+def test_a_held_out_run_without_the_column_of_a_cause_takes_no_part_in_the_proof(run: rlg.Recording) -> None:
+    def driven(seed: int) -> rlg.Recording:
+        made = rlg.simulated_unit(1).simulate("short", seed=seed, step_s=5.0, name=f"run{seed}")
+        field = 45.0 + 3.0 * np.sin(made.time_s / 900.0 + seed)
+        gyro = made.column("gyro_deg_h") + 0.01 * (field - 45.0)
+        return made.replace(table=made.table.assign(magnetic_field_uT=field, gyro_deg_h=gyro), truth=None)
+
+    simulator = rlg.Simulator(mechanisms=rlg.simulated_unit(1).mechanisms)
+    train, (seen, blind) = [driven(1), driven(2)], [driven(3), driven(4)]
+    blind = blind.replace(table=blind.table.drop(columns="magnetic_field_uT"))
+    found = rlg.diagnose(simulator, train, [seen, blind], black_box=False)
+    assert [cause.name for cause in found.causes] == ["magnetic_field"]
+    assert "run4 lacks magnetic_field_uT, which magnetic_field reads: it takes no part in the proof." in found.remarks
+    assert found.test is not None
+    assert [fit.run for fit in found.test.per_run] == ["run3"]
+    assert rlg.diagnose(simulator, train, [blind], black_box=False).test is None

@@ -52,7 +52,7 @@ def diagnosis() -> Diagnosis:
         unexplained=Unexplained(0.4),
         train=fit(0.0043, 0.0019, 0.5, 0.6),
         test=fit(0.0045, 0.002, 0.48, 0.62),
-        next_experiment=NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60, ramp 50 0.5", 0.99),
+        next_experiment=NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60, ramp 50 0.5", 0.99, (0.985, 0.995)),
         calibrated=calibrated,
         augmented=calibrated.with_mechanism(lag),
         noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003),
@@ -89,6 +89,7 @@ def test_its_mapping_is_the_contract(diagnosis: Diagnosis) -> None:
         "separates": ["thermal_lag", "thermal_gradient"],
         "profile": "start 20, hold 60, ramp 50 0.5",
         "expected_probability_after": 0.99,
+        "if_true": [0.985, 0.995],
     }
 
 
@@ -133,11 +134,14 @@ def test_only_what_cannot_be_told_apart_is_said_to_be_so(diagnosis: Diagnosis) -
 
 def test_an_experiment_that_would_not_tell_is_said_to_be_none(diagnosis: Diagnosis) -> None:
     assert "to tell between thermal_lag and thermal_gradient" in str(diagnosis)
-    dull = dataclasses.replace(
-        diagnosis, next_experiment=NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60", 0.5)
-    )
-    assert "though even the best in the recorded ranges would hardly tell between thermal_lag and thermal_gradient" in str(dull)
-    assert "to tell between" not in str(dull)
+    for expected, said in (
+        (0.5, "though none that was tried would tell between thermal_lag and thermal_gradient: they go together in all of them"),
+        (0.6, "though even the best in the recorded ranges would hardly tell between thermal_lag and thermal_gradient"),
+    ):
+        following = NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60", expected)
+        dull = dataclasses.replace(diagnosis, next_experiment=following)
+        assert said in str(dull)
+        assert "to tell between" not in str(dull)
 
 
 def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:

@@ -21,7 +21,7 @@ from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import SIZES
 from rlgcomp.diagnosis.explain import considered
-from rlgcomp.diagnosis.laws import Dictionary
+from rlgcomp.diagnosis.laws import Dictionary, differences
 from rlgcomp.diagnosis.noises import WANDERS, WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, simulate
@@ -286,6 +286,54 @@ def test_a_law_that_the_design_holds_is_not_found_again() -> None:
 def test_what_did_not_move_and_what_is_no_driver_are_left_out() -> None:
     train = [run.replace(table=run.table.assign(pressure_hPa=1013.0, gyro_x_deg_h=run.time_s)) for run in runs(TRAIN, voltage, 0.0)]
     assert Dictionary(Problem.of(SIMULATOR, train, gyro="gyro_deg_h")).drivers == DRIVERS
+
+
+def with_arms(which: tuple[tuple[int, tuple[float, ...]], ...], size: float) -> list[rlg.Recording]:
+    """Runs with the currents of two arms, alike but for a little; that little times the field is in the gyro."""
+    made = []
+    for run in runs(which, voltage, 0.0):
+        rng = np.random.default_rng(len(run))
+        common, apart = (wander(rng, len(run), 3000.0) for _ in range(2))
+        arm = 0.5 + 0.01 * common
+        table = run.table.assign(discharge_current_a_mA=arm, discharge_current_b_mA=arm - 0.005 * apart)
+        field = (table["magnetic_field_uT"] - 48.0) / 3.0
+        made.append(run.replace(table=table.assign(gyro_deg_h=table["gyro_deg_h"] + size * apart * field)))
+    return made
+
+
+def test_a_product_with_the_difference_of_two_arms_is_found(tmp_path: Path) -> None:
+    discovery = discover(problem := Problem.of(SIMULATOR, with_arms(TRAIN, 1.5 * WHITE_DEG_H)), problem.baseline, NOISES)
+    assert discovery is not None
+    assert set(discovery.drivers) == {"discharge_current_a_mA", "discharge_current_b_mA", "magnetic_field_uT"}
+    assert "(discharge_current_a_mA - discharge_current_b_mA)" in discovery.equation
+    assert discovery.mechanism.driver_names() == discovery.drivers
+    rlg.Simulator(mechanisms=(discovery.mechanism,)).to_yaml(tmp_path / "law.yaml")
+    assert rlg.Simulator.from_yaml(tmp_path / "law.yaml").mechanisms == (discovery.mechanism,)
+    said, true = (Problem.of(SIMULATOR, with_arms(TEST, size)) for size in (0.0, 1.0))
+    column = true.target_deg_h - said.target_deg_h
+    assert np.corrcoef(said.columns(discovery.mechanism)[:, 0], column)[0, 1] ** 2 > 0.95
+
+
+def test_one_arm_is_not_taken_for_the_difference() -> None:
+    train = with_arms(TRAIN, 0.0)
+    arm = [run.table["discharge_current_a_mA"] for run in train]
+    train = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.table["gyro_deg_h"] + 0.4 * np.maximum(a - 0.503, 0.0)))
+        for run, a in zip(train, arm, strict=True)
+    ]
+    discovery = discover(problem := Problem.of(SIMULATOR, train), problem.baseline, NOISES)
+    assert discovery is not None
+    assert discovery.drivers == ("discharge_current_a_mA",)
+
+
+def test_only_columns_that_are_alike_are_taken_off_each_other() -> None:
+    columns = ("a_b_V", "a_c_V", "a_c_mA", "a_c_d_V", "field_x_uT", "field_y_uT", "temperature_a_degC", "temperature_b_degC")
+    moving = rlg.Recording(
+        pd.DataFrame({"time_s": np.arange(9.0), "gyro_deg_h": 0.0} | {c: np.arange(9.0) ** (2 + k) for k, c in enumerate(columns)})
+    )
+    assert differences(columns, [moving]) == [("a_b_V", "a_c_V"), ("a_c_V", "a_c_d_V")]
+    still = moving.replace(table=moving.table.assign(a_b_V=moving.table["a_c_V"] + 1.0))
+    assert differences(columns, [still]) == [("a_c_V", "a_c_d_V")]
 
 
 def test_two_laws_one_after_the_other() -> None:

@@ -148,6 +148,16 @@ def test_a_product_of_two_drivers() -> None:
     assert product.driver_columns(recording()) == ("supply_voltage_V", "magnetic_field_uT")
 
 
+def test_a_difference_is_taken_of_the_first_factor_and_of_the_second() -> None:
+    arms = recording().table.assign(arm_a_mA=3.0, arm_b_mA=1.0, spare_V=5.0)
+    table = rlg.Recording(arms)
+    straight = law(less="spare_V").basis(table)[:, 0] - law().basis(table)[:, 0]
+    assert straight == pytest.approx(-5.0 / 0.05)
+    product = law(driver_2="arm_a_mA", less_2="arm_b_mA", low_2=0.0, high_2=1.0, at_2=1.0)
+    assert product.basis(table)[:, 0] == pytest.approx(2.0 * law().basis(table)[:, 0])
+    assert product.driver_columns(table) == ("supply_voltage_V", "arm_a_mA", "arm_b_mA")
+
+
 def test_the_noise_of_a_reading_is_averaged_and_an_angle_is_not() -> None:
     time_s = np.arange(600.0)
     values = np.tile([0.0, 1.0], 300)
@@ -175,6 +185,10 @@ def test_the_noise_of_a_reading_is_averaged_and_an_angle_is_not() -> None:
             "b = 1 deg/h * (supply_voltage_V - 15 V) / 0.05 V * (magnetic_field_uT - 48 uT) / 4 uT",
         ),
         ({"driver": "heater_state", "form": "step", "at": 0.5}, "b = 1 deg/h * (heater_state > 0.5)"),
+        (
+            {"driver_2": "arm_a_mA", "less_2": "arm_b_mA", "low_2": -1.0, "high_2": 1.0, "at_2": 0.0, "less": "spare_V", "at": 0.0},
+            "b = 1 deg/h * ((supply_voltage_V - spare_V) - 0 V) / 0.05 V * ((arm_a_mA - arm_b_mA) - 0 mA) / 1 mA",
+        ),
     ],
 )
 def test_it_states_its_equation(changes: dict[str, Any], text: str) -> None:
@@ -222,6 +236,7 @@ def test_two_laws_in_one_simulator(tmp_path: Path) -> None:
         ({"low": 2.0, "high": 1.0}, "low and high"),
         ({"low_2": 1.0, "high_2": 1.0}, "low_2 and high_2"),
         ({"width": 0.0}, "width is 0.0"),
+        ({"less_2": "spare_V"}, "less_2 is 'spare_V' and driver_2 is ''"),
         ({"radius": -1.0}, "radius is -1.0"),
     ],
 )

@@ -271,7 +271,13 @@ def test_wrong_numbers_are_not_missing_physics() -> None:
     recordings = with_effect(runs(seed=3, hours=8.0), CATALOGUE["supply_voltage"](k_deg_h_V=0.1))
     diagnosis = rlg.diagnose(stated, train=recordings, window_s=100.0, black_box=False)
     assert diagnosis.verdict == "none"
-    assert any("supply_voltage" in remark and "do not fit" in remark for remark in diagnosis.remarks)
+    assert diagnosis.p_value == diagnosis.unexplained.p_value > 0.02  # that nothing is missing once they are right
+    assert diagnosis.wrong == ("supply_voltage",)
+    assert "supply_voltage, said to be known, do not fit; with those of these runs what it leaves is noise" in str(diagnosis)
+    assert sum("supply_voltage" in remark and "do not fit" in remark for remark in diagnosis.remarks) == 1
+    assert not any("depart from noise" in remark for remark in diagnosis.remarks)
+    assert diagnosis.train.augmented_rms == diagnosis.train.baseline_rms
+    assert any("With its own numbers the simulator is off by" in remark for remark in diagnosis.remarks)
     (voltage,) = (m for m in diagnosis.augmented.mechanisms if m.name == "supply_voltage")
     assert voltage.k_deg_h_V == pytest.approx(0.1, abs=0.02)
 

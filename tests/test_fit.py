@@ -88,3 +88,20 @@ def test_both_edges_of_a_hop_are_found_and_a_late_thermometer_is_allowed_for(lat
         pulls.append([(e.value - getattr(HOP, name)) / e.sd for name, e in cause.estimates.items()])
         assert cause.estimates["dead_band_K"].sd < 0.5
     assert np.sqrt(np.mean(np.square(pulls), axis=0)) == pytest.approx(1.0, abs=0.8)
+
+
+@pytest.mark.parametrize("constant", [{}, {"c0_deg_h": 0.001}])
+def test_what_a_simulator_states_beside_its_constant_is_kept(constant: dict[str, float]) -> None:
+    """A bias that is stated changes from switch-on to switch-on; the slope that is stated beside it is the simulator's own."""
+    slope = {"c1_deg_h_K": 4e-4, "degree": 2, "c2_deg_h_K2": 3e-6}
+    stated = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": slope | constant}]})
+    rng = np.random.default_rng(1)
+    temperature = np.interp(np.arange(1440.0), np.linspace(0.0, 1440.0, 7), rng.uniform(-30.0, 50.0, 7))
+    table = pd.DataFrame({"time_s": STEP_S * np.arange(1440.0), "temperature_block_degC": temperature, "gyro_deg_h": 0.0})
+    truth = stated.predict(rlg.Recording(table)).rate_deg_h() + 0.004
+    made = rlg.Recording(table.assign(gyro_deg_h=truth + 1e-3 * rng.standard_normal(1440)))
+    fitted = fit(Problem.of(stated, [made]), [], NoiseShape())
+    assert fitted.simulator.predict(made).rate_deg_h() == pytest.approx(truth, abs=2e-4)
+    (polynomial,) = fitted.simulator.mechanisms
+    assert (polynomial.c1_deg_h_K, polynomial.c2_deg_h_K2) == (4e-4, 3e-6)
+    assert polynomial.c0_deg_h == pytest.approx(constant.get("c0_deg_h", 0.0) + 0.004, abs=2e-4)

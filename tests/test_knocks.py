@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.knocks import without_knocks
+from rlgcomp.diagnosis.knocks import frozen_in, without_knocks
+from rlgcomp.diagnosis.windows import Windows
 
 ROWS = 4000
 
@@ -78,3 +79,39 @@ def test_a_knock_changes_no_diagnosis() -> None:
     found = rlg.diagnose(simulator, train=[struck(runs[0], slice(700, 703), 50.0), runs[1]], black_box=False)
     assert [cause.name for cause in found.causes] == ["readout_incoherence"]
     assert "3 samples stand up to" in found.remarks[0]
+
+
+def frozen(recording: rlg.Recording, column: str, rows: slice) -> rlg.Recording:
+    values = recording.column(column).copy()
+    values[rows] = values[rows][0]
+    return recording.replace(table=recording.table.assign(**{column: values}))
+
+
+def test_windows_in_which_a_monitor_is_frozen_are_left_out() -> None:
+    sound = run()
+    sound = sound.replace(table=sound.table.assign(supply_voltage_V=sound.column("gyro_deg_h")[::-1]))
+    stuck = frozen(sound, "supply_voltage_V", slice(1050, 2000))
+    assert Windows.of(sound, 100.0).kept.all()
+    assert np.flatnonzero(~Windows.of(stuck, 100.0).kept).tolist() == list(range(10, 20))
+    assert Windows.of(stuck, 100.0).fine_unfrozen.time_s[45:55] == pytest.approx(np.r_[909.5:1000:20, 2009.5:2100:20])
+    assert frozen_in(sound) == []
+    (said,) = frozen_in(stuck)
+    assert said.startswith("cold: supply_voltage_V is frozen at ")
+    assert "from 1050 to 1999 s: windows in which it tells nothing are left out; --drop supply_voltage_V keeps them." in said
+    with pytest.raises(rlg.InputError, match=r"no monitor is frozen; .* or --drop supply_voltage_V"):
+        Windows.of(frozen(sound, "supply_voltage_V", slice(1050, ROWS)), 100.0)
+
+
+def test_a_monitor_that_freezes_spoils_no_estimate() -> None:
+    voltage = rlg.CATALOGUE["supply_voltage"](k_deg_h_V=0.4)
+    base = rlg.Simulator(noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
+    runs = [base.with_mechanism(voltage).simulate("short", seed=seed, step_s=2.0) for seed in (1, 2)]
+    stuck = [frozen(one, "supply_voltage_V", slice(2500, None)) for one in runs]
+    found = rlg.diagnose(base, train=stuck, black_box=False)
+    (cause,) = found.causes
+    (estimate,) = cause.parameters.values()
+    assert estimate.value == pytest.approx(0.4, abs=3.0 * estimate.sd)
+    assert estimate.sd < 0.05
+    assert [remark for remark in found.remarks if "supply_voltage_V is frozen" in remark] == [
+        said for one in stuck for said in frozen_in(one)
+    ]

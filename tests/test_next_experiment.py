@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from rlgcomp.diagnosis.next_experiment import _distances, _expected, _Run, next_
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 from rlgcomp.motion import rate_deg_s
-from rlgcomp.simulation.programme import Programme, Ramp
+from rlgcomp.simulation.programme import Hold, Programme, Ramp
 from rlgcomp.simulation.table_programme import TableProgramme
 
 CATALOGUE = rlg.CATALOGUE
@@ -77,13 +79,13 @@ def test_expected_probability_against_draws() -> None:
     rng = np.random.default_rng(0)
     prior = np.array([0.5, 0.3, 0.2])
     distances = np.array([[0.0, 6.0, 2.0], [5.0, 0.0, 9.0], [1.0, 12.0, 0.0]])
-    total = 0.0
+    each = np.empty(3)
     for k in range(3):
         z = rng.standard_normal(400_000)
         against = sum(prior[j] * np.exp(-0.5 * distances[k, j] - np.sqrt(distances[k, j]) * z) for j in range(3) if j != k)
-        total += prior[k] * np.mean(prior[k] / (prior[k] + against))
-    assert _expected(prior, distances) == pytest.approx(total, abs=3e-3)
-    assert _expected(prior, np.zeros((3, 3))) == pytest.approx(np.sum(prior**2))
+        each[k] = np.mean(prior[k] / (prior[k] + against))
+    assert _expected(prior, distances) == pytest.approx(each, abs=4e-3)
+    assert _expected(prior, np.zeros((3, 3))) == pytest.approx(prior)
     assert _expected(prior, 1e4 * (1.0 - np.eye(3))) == pytest.approx(1.0)
 
 
@@ -106,6 +108,23 @@ def test_the_ratio_of_likelihoods_comes_out_as_foretold() -> None:
         ratios.append(0.5 * (left[1] - left[0]))
     expected = 0.5 * np.mean(squared)
     assert np.mean(ratios) == pytest.approx(expected, abs=4.0 * np.sqrt(2.0 * expected / 40) + 0.5)
+
+
+def test_no_step_of_a_programme_is_empty() -> None:
+    cold_start = BASE.simulate("start -30, hold 20, ramp 45 0.5, hold 20, ramp -30 0.5, hold 20", step_s=10.0)
+    for run in (cold_start, cold_start.replace(metadata=rlg.Metadata())):
+        found = chamber_programmes([run])
+        assert found
+        for programme in found:
+            at = programme.start_degC
+            for step in programme.steps:
+                if isinstance(step, Ramp):
+                    assert abs(step.to_degC - at) > 0.4
+                    at = step.to_degC
+            assert not any(isinstance(a, Hold) and isinstance(b, Hold) for a, b in itertools.pairwise(programme.steps))
+    longest_cycle = chamber_programmes([cold_start])[0]
+    assert str(longest_cycle).endswith("hold 120")
+    assert longest_cycle.duration_s == pytest.approx(60.0 * (30.0 + 60.0 + 120.0 + 2.0 * 75.0 / 0.5), rel=0.02)
 
 
 def test_chamber_programmes_stay_within_what_was_recorded() -> None:
@@ -142,6 +161,7 @@ def test_rivals_on_a_table_get_a_table_programme() -> None:
     assert found is not None
     assert TableProgramme.parse(found.profile).duration_s > 0.0
     assert found.separates == ("lock_in", "scale_factor_nonlinearity")
+    assert found.expected_probability_after == pytest.approx(np.mean(found.if_true))
 
 
 def test_there_is_none_where_nothing_can_be_commanded(problem: Problem) -> None:

@@ -190,6 +190,50 @@ def test_telegraph_has_its_covariance() -> None:
     assert set(np.unique(np.abs(series))) == {0.004}
 
 
+def by_equation(law: str, temperature: np.ndarray, radius: float, centre: float, span: float) -> np.ndarray:
+    """The equation that is stated, for k1 = 1, coded from its text, sample by sample."""
+
+    def play(r: float) -> np.ndarray:
+        held, out = temperature[0], []
+        for t in temperature:
+            held = max(t - r, min(t + r, held))
+            out.append(held)
+        return np.array(out)
+
+    if law == "play":
+        return play(0.25 * radius) - temperature
+    if law == "plays":
+        shares = (np.arange(200) + 0.5) / 200
+        return np.mean([play(-radius * np.log(1.0 - share)) for share in shares], axis=0) - temperature
+    if law == "preisach":
+        edges = np.linspace(centre - 0.5 * span, centre + 0.5 * span, 60)
+        beta, alpha = (grid[np.triu_indices(60, k=1)] for grid in np.meshgrid(edges, edges, indexing="ij"))
+        weight = np.exp(-4.0 * (alpha - beta) / span)
+        up, out = temperature[0] >= 0.5 * (alpha + beta), []
+        for t in temperature:
+            up = (up | (t >= alpha)) & (t > beta)
+            out.append(radius * (weight @ np.where(up, 1.0, -1.0)) / weight.sum())
+        return np.array(out)
+    z, out = 0.0, [0.0]
+    for step in np.diff(temperature):
+        for _ in range(20):
+            z += step / 20.0 * (1.0 - abs(z) / radius * (0.2 + 0.8 * np.sign(z * step)))
+        out.append(z)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("law", ["play", "plays", "preisach", "bouc_wen"])
+def test_the_equation_that_is_stated_is_the_one_that_is_fitted(law: str) -> None:
+    run = rlg.Simulator().simulate("minor-loops", seed=3, step_s=60.0)
+    temperature = run.column(run.temperature_column)
+    mechanism = rlg.CATALOGUE["thermal_hysteresis"](law=law, radius_K=9.0, centre_degC=10.0, span_K=120.0)
+    ours, theirs = mechanism.basis(run)[:, 0], by_equation(law, temperature, 9.0, 10.0, 120.0)
+    assert np.std(ours - theirs) < 0.04 * np.std(theirs)
+    stated = {other: dataclasses.replace(mechanism, law=other).stated() for other in ("play", "plays", "preisach", "bouc_wen")}
+    assert len(set(stated.values())) == 4
+    assert dataclasses.replace(mechanism, start="from_below").stated() == stated[law] + "; T had come from far below"
+
+
 @pytest.mark.parametrize("law", ["play", "preisach", "bouc_wen"])
 def test_hysteresis_opens_a_loop_whatever_the_speed(law: str) -> None:
     """The loop at mid span is equally wide at 1 and at 0.1 degC/min."""

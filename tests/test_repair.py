@@ -238,6 +238,37 @@ def test_a_frozen_thermometer_is_found_by_the_other() -> None:
     assert len(mended) == 1100
 
 
+def noisy_voltage(rows: int = 2000) -> np.ndarray:
+    return np.round(5.0 + 1e-3 * np.random.default_rng(2).standard_normal(rows), 4)
+
+
+def test_a_monitor_that_freezes_is_noted_with_its_stretch() -> None:
+    voltage = noisy_voltage()
+    voltage[300:950], voltage[1200:] = 5.0012, 4.9987
+    mended, report = mend(table().assign(supply_voltage_V=voltage))
+    assert len(mended) == 2000
+    assert "noted: supply_voltage_V, row 300: frozen at 5.0012 from 300 to 949 s, at 4.9987 from 1200 to 1999 s" in report
+    assert "--drop supply_voltage_V" in report
+
+
+def test_what_is_read_seldom_coarsely_or_set_is_not_frozen() -> None:
+    rows = np.arange(2000)
+    voltage = noisy_voltage()
+    briefly = voltage.copy()
+    briefly[300:800] = 5.0
+    alternating = np.where(rows < 900, 5.0, np.round(5.05 + 1e-2 * (voltage - 5.0), 1))  # its last digit flickers by the way
+    for values in (
+        briefly,
+        np.round(voltage + 1e-4 * rows, 2),
+        np.where(rows < 900, 5.0, voltage[rows // 60 * 60]),
+        np.minimum(20.0 + 0.01 * rows, 30.0),
+        alternating,
+    ):
+        assert "frozen" not in mend(table().assign(supply_voltage_V=values))[1]
+    resting = np.where(rows < 900, 0.0, voltage)
+    assert "frozen" not in mend(table().assign(table_rate_deg_s=resting), kind="turntable")[1]
+
+
 def test_encoder_wrap_is_undone() -> None:
     angle = 3.0 * np.arange(2000.0)
     mended, report = mend(table().assign(table_angle_deg=angle % 360.0), kind="turntable")

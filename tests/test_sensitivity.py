@@ -153,3 +153,16 @@ class TestCommand:
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, "--mechanism", "supply_voltage", "--strengths", "a")
         assert refused.exit_code == 2
         assert "--strengths" in refused.stderr
+
+
+def test_what_the_recordings_hold_already_is_taken_off_them() -> None:
+    """A voltage's effect in the recordings would add to what is injected, or undo it."""
+    simulator = rlg.Simulator.from_mapping(SIMULATOR)
+    held = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + 0.1 * (run.column("supply_voltage_V") - 15.0)))
+        for run in recordings()
+    ]
+    study = sensitivity(simulator, held, "supply_voltage", strengths=(1e-6, 1.5), draws=2, seed=1, catalogue=FEW)
+    assert "supply_voltage is found in these recordings before anything is injected; it is taken off them" in study.remarks
+    assert [trial.detected for trial in study.trials] == [False, False, True, True]
+    assert [trial.named for trial in study.trials] == [False, False, True, True]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +14,19 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.align import align
-from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, baseline_prediction
+from rlgcomp.diagnosis.align import align, no_clocks
+from rlgcomp.diagnosis.result import Alignment
+from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, baseline_prediction, scale_remarks
+from rlgcomp.diagnosis.windows import Windows
+from rlgcomp.diagnosis.wording import clock_text
+from rlgcomp.filters import lag
 
 CATALOGUE = rlg.CATALOGUE
 BASE = rlg.Simulator(
     (CATALOGUE["thermal_polynomial"](), CATALOGUE["temperature_rate"]()), noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
 )
 LACKING = BASE.with_mechanism(CATALOGUE["thermal_lag"]())
+STRONG = rlg.Simulator((CATALOGUE["thermal_polynomial"](c1_deg_h_K=1e-3),), noise=BASE.noise)
 GYRO_ALONE = ["time_s", "gyro_deg_h"]
 
 
@@ -57,6 +64,116 @@ def test_a_clock_is_found_and_taken_out(
     assert found.compared != "gyro_deg_h"
     expected = simulated.column("gyro_deg_h")
     assert np.sqrt(np.mean((rate - expected)[300:-300] ** 2)) < 2e-4 * (1 if every == 1 else every) * np.std(expected)
+
+
+@pytest.mark.parametrize("gap_in", ["simulation", "recording"])
+def test_a_gap_costs_no_more_than_what_it_lacks(run: rlg.Recording, simulated: rlg.Recording, gap_in: str) -> None:
+    """One of 1000 s in a ramp, over which no straight line is the temperature."""
+
+    def with_gap(recording: rlg.Recording) -> rlg.Recording:
+        return recording.replace(table=recording.table.drop(index=range(1500, 2000)), truth=None)
+
+    run, simulated = (one.replace(table=one.table[[*GYRO_ALONE, "temperature_block_degC"]], truth=None) for one in (run, simulated))
+    late = moved(simulated, 30.0)
+    _, whole = align(run, late)
+    rate, found = align(*((run, with_gap(late)) if gap_in == "simulation" else (with_gap(run), late)))
+    assert found.offset_s == pytest.approx(30.0, abs=0.01 + 4.0 * found.offset_sd_s)
+    assert found.offset_sd_s < 1.3 * whole.offset_sd_s
+    assert found.drift_ppm_sd < 1.3 * whole.drift_ppm_sd
+    shown = np.isfinite(rate)
+    assert len(run) - 503 <= shown.sum() <= len(run) - 498
+    expected = simulated.column("gyro_deg_h")
+    expected = expected if gap_in == "simulation" else np.delete(expected, np.s_[1500:2000])
+    assert np.abs(rate - expected)[shown][50:-50].max() < 0.01 * np.std(expected)
+
+
+def test_rows_without_a_simulation_are_left_out(run: rlg.Recording, simulated: rlg.Recording) -> None:
+    runs = SimulatedRuns.of([run], [simulated.replace(table=simulated.table.drop(index=range(1500, 2000)), truth=None)])
+    assert runs.remarks == ("warm: 500 rows at which its simulation has a gap are left out.",)
+    assert len(runs.runs[0]) == len(run) - 500
+    assert np.isfinite(runs.predict_deg_h(runs.runs[0])).all()
+
+
+def test_a_wrong_time_constant_is_no_clock() -> None:
+    """The simulator's block follows its shell 10 % too slowly; its clock is right."""
+
+    def followed(recording: rlg.Recording, time_constant_s: float) -> rlg.Recording:
+        shell = recording.column("temperature_shell_degC")
+        block = lag(shell, recording.time_s, time_constant_s)
+        return recording.replace(table=recording.table[GYRO_ALONE].assign(temperature_block_degC=block), truth=None)
+
+    runs = [BASE.simulate(programme, seed=k, step_s=5.0, name=programme) for k, programme in enumerate(("paper", "reversed"))]
+    right, slow = ([followed(one, time_constant_s) for one in runs] for time_constant_s in (2400.0, 2640.0))
+    found = SimulatedRuns.of(right, slow)
+    assert not any(one.taken_out for one in found.alignment)
+    assert all(one.p_value < 0.01 for one in found.alignment)
+    (said,) = found.remarks
+    assert "rather a time constant of the simulator is wrong" in said
+    late = SimulatedRuns.of(right, [moved(one, 30.0, 100.0) for one in right])
+    assert not late.remarks
+    assert all(one.taken_out and abs(one.offset_s - 30.0) < 0.1 for one in late.alignment)
+
+
+def test_a_drift_that_no_clock_has_is_none() -> None:
+    def drifting(drift_ppm: float, *, taken_out: bool = True) -> Alignment:
+        return Alignment("run", 9.0, 0.1, drift_ppm, 10.0, 1e-6, "temperature_block_degC", taken_out=taken_out)
+
+    assert no_clocks([]) is None
+    assert no_clocks([drifting(300.0), drifting(-120.0)]) is None
+    assert no_clocks([drifting(300.0), drifting(-700.0, taken_out=False)]) is None
+    assert "700 ± 10 ppm in run" in str(no_clocks([drifting(-700.0)]))
+
+
+def test_a_clock_is_told_so_that_it_can_be_corrected(run: rlg.Recording, simulated: rlg.Recording) -> None:
+    """What is said is added to the time stamps, and they are right."""
+    late = moved(simulated, 30.0, 100.0)
+    _, found = align(run, late)
+    said = clock_text(found)
+    assert re.fullmatch(
+        r"(30\.0|29\.9)\S* ± \S+ s, and (100|99|101)\S* ± \S+ ppm of the time that passes, must be added to the simulation's time "
+        r"stamps\n  \(judged by temperature_\S+; p < 1e-12\): done",
+        said,
+    ), said
+    time_s = late.time_s
+    corrected = time_s + found.offset_s + 1e-6 * found.drift_ppm * (time_s - time_s[0])
+    assert corrected == pytest.approx(simulated.time_s, abs=0.1)
+    assert "would have to be added" in clock_text(dataclasses.replace(found, taken_out=False))
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [
+        (1.0, None),
+        (1.3, None),
+        (0.0, None),
+        (3600.0, "about 0.00028 times what your simulator says (correlation 0.9"),
+        (3600.0, "): is its unit right (gyro_deg_h holds deg/h)?"),
+        (1.0 / 3600.0, "about 3600 times"),
+        (-1.0, "is its sign right?"),
+        (-3600.0, "are its sign and its unit right"),
+        (1e-300, None),  # as good as a constant
+    ],
+)
+def test_a_wrong_unit_or_sign_is_asked_about(scale: float, said: str | None) -> None:
+    run = STRONG.simulate("short", seed=2, step_s=10.0)
+    expected = STRONG.predict(run).rate_deg_h()
+    found = scale_remarks([Windows.of(run, 100.0)], lambda _: scale * expected)
+    assert found == () if said is None else said in found[0]
+
+
+def test_a_strong_missing_effect_is_no_wrong_unit() -> None:
+    run = BASE.with_mechanism(CATALOGUE["magnetic_field"](k_deg_h_uT=0.05)).simulate("short", seed=2, step_s=10.0)
+    expected = BASE.predict(run).rate_deg_h()
+    assert np.std(run.rate_deg_h() - expected) > 2.0 * np.std(expected)
+    assert scale_remarks([Windows.of(run, 100.0)], lambda _: expected) == ()
+    assert scale_remarks([Windows.of(run, 100.0)], None) == ()
+
+
+def test_a_wrong_sign_comes_first_among_the_remarks() -> None:
+    runs = [STRONG.simulate("short", seed=k, step_s=10.0, name=f"run{k}") for k in range(2)]
+    turned = PythonSimulator(lambda run: -STRONG.predict(run).rate_deg_h(), "my_sim.py:gyro")
+    found = rlg.diagnose(turned, runs[:1], runs[1:], black_box=False)
+    assert "is its sign right?" in found.remarks[0]
 
 
 def test_other_causes_are_not_taken_for_a_clock() -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -87,11 +87,16 @@ class Score:
             findings = [str(finding["mechanism"]) for finding in diagnosis["findings"]]
             classes = [{str(finding["mechanism"]), *finding["indistinguishable_from"]} for finding in diagnosis["findings"]]
             places = [(str(place["run"]), place["start_s"], place["end_s"]) for place in diagnosis["mismatch"]["where"]]
-            parameters = {
-                f"{finding['mechanism']}.{name}": (float(estimate["value"]), float(estimate["sd"] or math.nan))
+            estimates = {
+                f"{finding['mechanism']}.{name}": (estimate["value"], estimate["sd"])
                 for finding in diagnosis["findings"]
                 for name, estimate in finding["parameters"].items()
-                if isinstance(estimate["value"], int | float)
+            }
+            _require_numbers(estimates, hidden.parameters)
+            parameters = {
+                name: (float(value), float(sd or math.nan))
+                for name, (value, sd) in estimates.items()
+                if isinstance(value, int | float)
             }
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
@@ -121,6 +126,13 @@ class Score:
     def to_mapping(self) -> dict[str, Any]:
         """Plain data."""
         return dataclasses.asdict(self) | {"errors_sd": dict(self.errors_sd)}
+
+
+def _require_numbers(estimates: Mapping[str, tuple[Any, Any]], numeric: Container[str]) -> None:
+    """Refuse text where an estimate belongs: a choice has no standard deviation, and is none of the hidden numbers."""
+    for name, (value, sd) in estimates.items():
+        if (sd is not None or name in numeric) and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise InputError(f"{name} is {value!r} in the diagnosis; it must be a number: give diagnosis.json as diagnose wrote it")
 
 
 def _overlap(intervals: Mapping[str, Spans], places: Iterable[tuple[str, Any, Any]]) -> float:

@@ -24,6 +24,7 @@ from scipy import special
 from rlgcomp.challenge.injection import Array, drawn, injected, scaled, unabsorbed, white_deg_h
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
@@ -186,7 +187,8 @@ def sensitivity(
 ) -> Sensitivity:
     """Inject a mechanism into recordings at growing strengths and see from when on it is found.
 
-    What the recordings hold already is diagnosed first and put into the simulator, so that only the injection is sought.
+    What the recordings hold already is diagnosed first: it is put into the simulator, and the mechanism itself is taken off them,
+    so that only the injection is sought.
 
     Parameters
     ----------
@@ -218,15 +220,7 @@ def sensitivity(
     total = 1 + len(strengths) * draws
     background = diagnose(simulator, train=runs, gyro=gyro, mechanisms=catalogue, black_box=False)
     progress(1, total)
-    remarks = []
-    known = [cause.name for cause in background.causes]
-    if mechanism in known:
-        remarks.append(f"{mechanism} is found in these recordings before anything is injected; what is injected comes on top of it")
-    elif known:
-        remarks.append(f"{', '.join(known)} found in these recordings before anything is injected; added to the simulator")
-        simulator = background.augmented
-    elif background.verdict != "none":
-        remarks.append(f"something unexplained is in these recordings before anything is injected (p = {background.p_value:.2g})")
+    simulator, runs, remarks = _cleared(simulator, runs, mechanism, background, gyro)
     problem = Problem.of(simulator, runs, gyro=gyro)
     white = white_deg_h(problem)
     plans = [
@@ -253,6 +247,31 @@ def sensitivity(
         Curve.fit(tried, named),
         tuple(remarks),
     )
+
+
+def _cleared(
+    simulator: Simulator, runs: Sequence[Recording], mechanism: str, background: Diagnosis, gyro: str | None
+) -> tuple[Simulator, Sequence[Recording], list[str]]:
+    """Simulator and recordings less what these hold before anything is injected, and what to say of it."""
+    before = "before anything is injected"
+    if not background.causes:
+        said = f"something unexplained is in these recordings {before} (p = {background.p_value:.2g})"
+        return simulator, runs, [said] * (background.verdict != "none")
+    own = next((cause.mechanism for cause in background.causes if cause.name == mechanism), None)
+    others = [cause.name for cause in background.causes if cause.name != mechanism]
+    remarks = [f"{', '.join(others)} found in these recordings {before}; added to the simulator"] * bool(others)
+    augmented = background.augmented
+    kept = tuple(one for one in augmented.mechanisms if one.name != mechanism)
+    simulator = dataclasses.replace(
+        augmented, mechanisms=kept, free={name: free for name, free in augmented.free.items() if name != mechanism}
+    )
+    if own is None:
+        return simulator, runs, remarks
+    if not own.repeats() or own.each_run:
+        said = f"{mechanism} is found in these recordings {before}; what is injected comes on top of it: the curves mean little"
+        return simulator, runs, [said, *remarks]
+    cleared = [injected(run, -own.contribution(run, np.random.default_rng(0)), gyro) for run in runs]  # it draws nothing
+    return simulator, cleared, [f"{mechanism} is found in these recordings {before}; it is taken off them", *remarks]
 
 
 def _beyond(what: str, strengths: Array, found: Array) -> list[str]:

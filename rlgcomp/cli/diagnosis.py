@@ -54,7 +54,11 @@ def diagnose(
     ] = None,
     simulator: Annotated[
         str | None,
-        typer.Option("--simulator", metavar="SIM.yaml|my_sim.py:function", help="Simulator file, or your own Python function."),
+        typer.Option(
+            "--simulator",
+            metavar="SIM.yaml|my_sim.py:function",
+            help="Simulator file, or your own Python function: of a recording (run.column(NAME), run.table), deg/h a row.",
+        ),
     ] = None,
     simulated: Annotated[
         list[str] | None,

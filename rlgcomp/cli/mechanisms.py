@@ -28,6 +28,9 @@ def mechanisms(
     """
     from rlgcomp.physics.user import user_catalogue
 
+    stray = next((file for file in files or [] if file.suffix != ".py"), None)
+    if stray is not None:
+        raise InputError(f"{stray}: expected a Python file, one that ends in .py; the name of a mechanism goes before --mechanisms")
     catalogue = user_catalogue(files or [])
     if name is not None and name not in catalogue:
         raise InputError(f"no mechanism is called {name!r}; there are {', '.join(catalogue)}")
@@ -44,6 +47,11 @@ def mechanisms(
             typer.echo(f"It reads {', '.join(form.drivers)}.\n")
         if form.parameters():
             show_table("Parameters", [_row(parameter) for parameter in form.parameters()])
+        for parameter in form.parameters():
+            stated = {choice: form(**{parameter.name: choice}).stated() for choice in parameter.choices}
+            if len(set(stated.values())) > 1:
+                rows = [{parameter.name: choice, "equation": equation} for choice, equation in stated.items()]
+                show_table(f"Equation, by {parameter.name}", rows)
 
 
 def _headline(form: type[Mechanism]) -> str:

@@ -9,9 +9,11 @@ from typing import Final
 
 import numpy as np
 
+from rlgcomp.diagnosis.black_box import Mismatch
 from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.explain import Explanations
 from rlgcomp.diagnosis.fit import Fitted, FittedCause, fit
+from rlgcomp.diagnosis.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
@@ -24,7 +26,9 @@ from rlgcomp.units import column_unit
 _ALTERNATIVES: Final = 8
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
-_RIVALS: Final = 3  # told apart by the next experiment
+_SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
+_RIVALS: Final = 4  # told apart by the next experiment
+_AS_LIKELY: Final = 0.8  # relative probability from which training runs prefer neither of two sets
 _ONE_COURSE: Final = 0.95  # correlation from which a law and a cause are hard to part
 _BEYOND: Final = 0.05  # of the range of a driver in training: a run that leaves it by more is extrapolated
 
@@ -118,13 +122,7 @@ def remarks_of(
             "programme, would tell."
         )
     remarks += _turned(explanations, conclusion)
-    for cause in after.causes:
-        if cause.known:
-            numbers = ", ".join(f"{name} = {estimate}" for name, estimate in cause.estimates.items())
-            remarks.append(
-                f"{cause.mechanism.name}: the simulator's numbers, said to be known, do not fit; these runs say {numbers}. "
-                "No physics is missing there."
-            )
+    remarks += _behind(explanations, conclusion)
     if not conclusion.laws and conclusion.unrecorded > UNRECORDED:
         swing = f", part of it to and fro in about {noise.swing_s:g} s," if math.isfinite(noise.swing_s) else ""
         remarks.append(
@@ -151,13 +149,35 @@ def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
         return []
     alone = proposed.nothing if acquitted(proposed) else proposed.models[0]
     before, now = (sorted(name for name, known in model.labels if not known) for model in (alone, conclusion.model))
-    if before == now:
+    shares = {model.labels: p for model, p in zip(proposed.models, proposed.probabilities, strict=True)}
+    if before == now or shares.get(conclusion.model.labels, 0.0) > _AS_LIKELY * shares[alone.labels]:
         return []
     said = f"{listing(before)} (probability {min(proposed.probability_of(name) for name in before):.2f})" if before else "nothing"
     if not now:
         return [f"The training runs alone would name {said}; the held-out runs do not bear it out."]
     chosen = f"the held-out runs decided for {listing(now)}, so that what is gained on them is not independent of that choice."
     return [f"The training runs alone would name {said}; {chosen}"]
+
+
+def _behind(explanations: Explanations, conclusion: Conclusion) -> list[str]:
+    """What to say of a further cause that training runs speak for, though no more than equations of strong ones may be wrong by."""
+    alone = explanations.proposed or explanations
+    search, own = alone.search, explanations.in_training(conclusion.model)
+    further = [model for model in alone.models if model.labels > own.labels and len(model.labels) == len(own.labels) + 1]
+    further = [model for model in further if search.has_own_biases(model.labels) == search.has_own_biases(own.labels)]
+    if not own.labels or not further:
+        return []
+    spared = {model: model.log_posterior + search.toll(model.labels) for model in (own, *further)}
+    best = max(further, key=lambda model: spared[model])
+    if spared[best] - spared[own] < _SPOKEN_FOR:
+        return []
+    ((name, _),) = best.labels - own.labels
+    names = listing(sorted(name for name, _ in own.labels))
+    wrong_by = f"no more than an equation may be wrong by ({100.0 * INADEQUACY:.0f} % of what it does)"
+    return [
+        f"Beside {names}, {name} would explain more, though {wrong_by}. To look for it, diagnose again with augmented.yaml as the "
+        "simulator."
+    ]
 
 
 def _beside_a_law(causes: Sequence[FittedCause]) -> list[str]:
@@ -184,6 +204,20 @@ def _at_the_end(cause: FittedCause) -> list[str]:
         f"{cause.mechanism.name}: {parameter.name} = {value:g} {parameter.unit} is the largest that is tried; it may be larger."
         for parameter, value in ends
     ]
+
+
+def wrong_numbers_of(found: Mapping[str, Mapping[str, Estimate]], stated: Sequence[Mismatch]) -> list[str]:
+    """What to say of mechanisms of the simulator whose numbers do not fit; `stated` is what its own numbers leave of all runs."""
+    said = [
+        f"{name}: the simulator's numbers, said to be known, do not fit; these runs say "
+        f"{', '.join(f'{parameter} = {estimate}' for parameter, estimate in estimates.items())}. No physics is missing there."
+        for name, estimates in found.items()
+    ]
+    if said:
+        left = np.concatenate([one.windows.means(one.mismatch_deg_h) for one in stated])
+        rms = float(np.sqrt(np.mean(left**2)))
+        said.append(f"With its own numbers the simulator is off by {rms:.5f} deg/h rms; they count nowhere above.")
+    return said
 
 
 def own_biases_of(baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ and leave nothing but white noise; otherwise they are nuisance columns, and only
 References
 ----------
 D. Cochrane, G. H. Orcutt, J. Am. Stat. Assoc. 44, 32 (1949) (autoregressive residuals).
+D. Mills et al., Network Time Protocol Version 4, RFC 5905 (2010), appendix A.1.1 (frequency tolerance of clocks).
 """
 
 from __future__ import annotations
@@ -28,16 +29,20 @@ from scipy import special
 from rlgcomp.diagnosis.proof import whiteness_p_value
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.whitening import norms
+from rlgcomp.diagnosis.wording import listing
 from rlgcomp.errors import InputError
 from rlgcomp.filters import lag, rate_per_min
 from rlgcomp.hysteresis import Play
-from rlgcomp.recording import TIME, Recording, is_gyro, rate_name
+from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_gyro, rate_name
 from rlgcomp.units import PPM
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 SIGNIFICANT: Final = 0.01
 _DRIFT_SEEN: Final = 2.6  # standard deviations beyond which a drift is taken out
 _WINDOWS: Final = 2000  # that a run is compared in, at most
+_GAP: Final = 3.0  # sample periods of the simulation from which a step is a gap, and not uneven
+_LONG_GAP_S: Final = DEFAULT_AVERAGING_S  # over less than a window a simulation may be interpolated
 _TRIALS: Final = 81  # offsets that are tried before the steps
 _STEPS: Final = 20
 _PLAIN_STEPS: Final = 6
@@ -48,7 +53,9 @@ _FARTHEST: Final = 0.1  # of the run, how far the clocks may be apart
 _WELL_TOLD: Final = 0.02  # of a period: a clock known so well needs no other column
 _DECISIVE: Final = 5.0  # log likelihood by which a late clock must beat every slow cause
 _CLOCK_DRIFT: Final = 300.0 * PPM  # usual between two clocks, at most
+_ANY_CLOCK_PPM: Final = 500.0  # no computer's or logger's clock is off by more (MAXFREQ in RFC 5905)
 _COARSE: Final = 5  # windows that are put together to see whether white noise is left
+_FEWEST: Final = 8  # of these: fewer cannot show it
 _LAGS_S: Final = (300.0, 1200.0, 4800.0)
 _RADII_OF_SPAN: Final = (0.02, 0.06, 0.2)
 
@@ -86,6 +93,7 @@ def align(recording: Recording, simulated: Recording, *, gyro: str | None = None
     Returns
     -------
     rate_deg_h : ndarray, shape (n,)
+        NaN where the simulation has a gap.
     alignment : Alignment
 
     Raises
@@ -93,13 +101,16 @@ def align(recording: Recording, simulated: Recording, *, gyro: str | None = None
     InputError
         The simulation does not cover the run, or its gyro cannot be told.
     """
+    found = clock_of(recording, simulated, gyro=gyro)
+    return on_rows(recording, simulated, found, gyro=gyro), found
+
+
+def clock_of(recording: Recording, simulated: Recording, *, gyro: str | None = None) -> Alignment:
+    """How the simulation's clock stands, to be taken out where it differs beyond doubt; arguments as in :func:`align`."""
     rate = simulated.rate_deg_h(same_axis(recording.gyro_column(gyro), simulated))
     epoch_s = _epoch(recording, simulated)
     column, clock, certain = _clock(recording, simulated, rate, epoch_s, gyro)
-    taken_out = certain and clock.p_value < SIGNIFICANT
-    offset_s = clock.offset_s if taken_out else 0.0
-    drift = clock.drift if taken_out and abs(clock.drift) > _DRIFT_SEEN * clock.drift_sd else 0.0
-    alignment = Alignment(
+    return Alignment(
         run=recording.name,
         offset_s=clock.offset_s,
         offset_sd_s=clock.offset_sd_s,
@@ -108,9 +119,29 @@ def align(recording: Recording, simulated: Recording, *, gyro: str | None = None
         p_value=clock.p_value,
         compared=column,
         epoch_s=epoch_s,
-        taken_out=taken_out,
+        taken_out=certain and clock.p_value < SIGNIFICANT,
     )
-    return _resampled(recording, simulated, rate, epoch_s + offset_s, drift), alignment
+
+
+def on_rows(recording: Recording, simulated: Recording, found: Alignment, *, gyro: str | None = None) -> Array:
+    """The simulation's gyro on the recording's rows, offset and drift taken out where they are to be; NaN where it has a gap."""
+    rate = simulated.rate_deg_h(same_axis(recording.gyro_column(gyro), simulated))
+    offset_s = found.offset_s if found.taken_out else 0.0
+    drift = found.drift_ppm * PPM if found.taken_out and abs(found.drift_ppm) > _DRIFT_SEEN * found.drift_ppm_sd else 0.0
+    return _resampled(recording, simulated, rate, found.epoch_s + offset_s, drift)
+
+
+def no_clocks(found: Sequence[Alignment]) -> str | None:
+    """What to say where shifts that would be taken out cannot be clocks: one is larger than any clock's drift."""
+    shifts = sorted((one for one in found if one.taken_out), key=lambda one: one.drift_ppm)
+    if not any(abs(one.drift_ppm) - _DRIFT_SEEN * one.drift_ppm_sd > _ANY_CLOCK_PPM for one in shifts):
+        return None
+    told = ", ".join(f"{one.drift} in {one.run}" for one in shifts)
+    return (
+        f"The simulation's {listing(sorted({one.compared for one in shifts}))} would need time stamps that are off by "
+        f"{told}. Clocks are off by less than {_ANY_CLOCK_PPM:g} ppm: rather a time constant of the simulator is wrong, as that of "
+        "its thermal model. No shift was taken out; if it is the clock, correct the time stamps."
+    )
 
 
 def _clock(recording: Recording, simulated: Recording, rate: Array, epoch_s: float, gyro: str | None) -> tuple[str, _Clock, bool]:
@@ -148,13 +179,17 @@ class _Grid:
     time_s: Array  # of the recording
     simulated_s: Array  # of the simulation, its epoch moved to the recording's
     edges_s: Array
+    recorded: Flags  # windows that no gap of the recording reaches
+    gaps_s: Array  # of the simulation, (n, 2): where each begins and ends
 
     @classmethod
     def of(cls, recording: Recording, simulated: Recording, epoch_s: float) -> _Grid:
         time_s, simulated_s = recording.time_s, simulated.time_s + epoch_s
         window_s = max(recording.duration_s / _WINDOWS, 3.0 * recording.period_s, simulated.period_s)
         count = max(2, math.floor((time_s[-1] - time_s[0]) / window_s))
-        return cls(time_s, simulated_s, time_s[0] + window_s * np.arange(count + 1))
+        edges_s = time_s[0] + window_s * np.arange(count + 1)
+        recorded = _clear(edges_s[:-1], edges_s[1:], _gaps(time_s, window_s))
+        return cls(time_s, simulated_s, edges_s, recorded, _gaps(simulated_s, max(window_s, _GAP * simulated.period_s)))
 
     def compare(self, recorded: Array, simulated: Array, nuisance: Sequence[Array] = ()) -> _Clock:
         """Offset and drift between a column of the recording and the simulation's."""
@@ -187,7 +222,7 @@ class _Grid:
 
         left = target[both] - _projected(np.column_stack([ones, moved])[both], target[both])
         coarse = left[: len(left) // _COARSE * _COARSE].reshape(-1, _COARSE).mean(axis=1)
-        if whiteness_p_value([coarse]) < SIGNIFICANT:
+        if len(coarse) < _FEWEST or whiteness_p_value([coarse]) < SIGNIFICANT:
             return False
         best_rival = max((log_likelihood(still, _means(self.time_s, rival, self.edges_s)) for rival in rivals), default=-math.inf)
         return log_likelihood(moved) > best_rival + _DECISIVE
@@ -195,6 +230,8 @@ class _Grid:
     def _misfit(self, target: Array, fixed: Array, simulated: Array, offset_s: float) -> float:
         shown, _, inside = self._shifted(simulated, offset_s, 0.0)
         design = np.column_stack([fixed, shown])[inside]
+        if len(design) <= design.shape[1]:
+            return math.inf
         left = target[inside] - _projected(design, target[inside])
         return float(left @ left) / max(1, int(inside.sum()))
 
@@ -206,6 +243,8 @@ class _Grid:
         for step in range(_STEPS):
             shown, slope, inside = self._shifted(simulated, offset_s, drift)
             design = np.column_stack([fixed, shown, -slope, -slope * along_s])[inside]
+            if len(design) <= design.shape[1]:
+                return _UNSETTLED
             rest = target[inside] - _projected(design[:, :-2], target[inside])
             keep = _autocorrelation(rest) if step >= _PLAIN_STEPS else 0.0  # far from the minimum what is left is no noise yet
             white, aim = _quasi_difference(design, keep), _quasi_difference(target[inside], keep)
@@ -237,10 +276,14 @@ class _Grid:
         p_value = float(special.fdtrc(2, freedom, f_statistic))
         return _Settled(_Clock(offset_s, float(sd[0]), drift, float(sd[1]), p_value, explained), variance)
 
-    def _shifted(self, simulated: Array, offset_s: float, drift: float) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-        """Window means of the simulation at shifted times, their derivative, and which windows it covers."""
+    def _shifted(self, simulated: Array, offset_s: float, drift: float) -> tuple[Array, Array, Flags]:
+        """Window means of the simulation at shifted times, their derivative, and which windows both files cover.
+
+        The derivative asks the neighbours of a window: none of the three may lie in a gap.
+        """
         edges = self.edges_s - offset_s - drift * (self.edges_s - self.edges_s[0])
         inside = (edges[:-1] >= self.simulated_s[0]) & (edges[1:] <= self.simulated_s[-1])
+        inside &= self.recorded & _clear(np.r_[edges[0], edges[:-2]], np.r_[edges[2:], edges[-1]], self.gaps_s)
         means = _means(self.simulated_s, simulated, edges)
         return means, np.gradient(means, 0.5 * (edges[1:] + edges[:-1])), inside
 
@@ -276,7 +319,7 @@ def _epoch(recording: Recording, simulated: Recording) -> float:
 
 
 def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s: float, drift: float) -> Array:
-    """The simulation at the recording's rows; means over a row's period where it is sampled faster."""
+    """The simulation at the recording's rows, means over a row's period where it is sampled faster; NaN where it has a gap."""
     time_s = recording.time_s
     wanted_s = time_s - offset_s - drift * (time_s - time_s[0])
     margin_s = max(recording.period_s, simulated.period_s)
@@ -287,12 +330,27 @@ def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s
             f"{simulated.time_s[-1]:g} s of its own time, {time_s[0]:g} to {time_s[-1]:g} s of the run's); simulate the whole run, "
             "or cut the run with RUN@START:STOP"
         )
-    if simulated.period_s > 0.75 * recording.period_s:
-        return np.interp(wanted_s, simulated.time_s, rate)
-    half_s = 0.5 * recording.period_s
-    return (_integral(simulated.time_s, rate, wanted_s + half_s) - _integral(simulated.time_s, rate, wanted_s - half_s)) / (
-        2.0 * half_s
-    )
+    half_s = 0.5 * recording.period_s if simulated.period_s <= 0.75 * recording.period_s else 0.0
+    early_s, late_s = wanted_s - half_s, wanted_s + half_s
+    if half_s:
+        shown = (_integral(simulated.time_s, rate, late_s) - _integral(simulated.time_s, rate, early_s)) / (2.0 * half_s)
+    else:
+        shown = np.interp(wanted_s, simulated.time_s, rate)
+    gaps_s = _gaps(simulated.time_s, max(_LONG_GAP_S, _GAP * max(simulated.period_s, recording.period_s)))
+    return np.where(_clear(early_s, late_s, gaps_s), shown, np.nan)
+
+
+def _gaps(time_s: Array, longest_s: float) -> Array:
+    """Where steps longer than this begin and end, shape (n, 2)."""
+    before = np.flatnonzero(np.diff(time_s) > longest_s)
+    return np.column_stack([time_s[before], time_s[before + 1]])
+
+
+def _clear(starts_s: Array, stops_s: Array, gaps_s: Array) -> Flags:
+    """Which intervals no gap reaches: every gap that begins before their end is over at their start."""
+    begun = np.searchsorted(gaps_s[:, 0], stops_s, side="left")
+    over = np.searchsorted(gaps_s[:, 1], starts_s, side="right")
+    return np.asarray(begun == over)
 
 
 def _means(time_s: Array, values: Array, edges_s: Array) -> Array:

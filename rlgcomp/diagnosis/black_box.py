@@ -94,10 +94,11 @@ def learned(mismatches: Sequence[Mismatch], training: int, executor: Executor | 
     fine = [one.fine for one in windows]
     rows = sum(int(one.kept.sum()) for one in windows[:training])
     averaging_s = max(windows[0].window_s * math.ceil(rows / _ROWS), *(run.period_s for run in fine))  # windows may be rows
-    future = None if executor is None else executor.submit(_trained, fine, training, averaging_s)
+    taught = [one.fine_unfrozen for one in windows[:training]]
+    future = None if executor is None else executor.submit(_trained, taught, fine, averaging_s)
 
     def means() -> list[Array] | None:
-        said = _trained(fine, training, averaging_s) if future is None else future.result()
+        said = _trained(taught, fine, averaging_s) if future is None else future.result()
         return said and [one.means(values, of_fine=True) for one, values in zip(windows, said, strict=True)]
 
     return means
@@ -117,7 +118,7 @@ def _without_advice() -> Iterator[None]:
 
 @one_blas_thread
 @_without_advice()
-def _trained(fine: Sequence[Recording], training: int, averaging_s: float) -> list[Array] | None:
+def _trained(taught: Sequence[Recording], fine: Sequence[Recording], averaging_s: float) -> list[Array] | None:
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.compensation.lssvm import LSSVMRegressor
 
@@ -125,7 +126,7 @@ def _trained(fine: Sequence[Recording], training: int, averaging_s: float) -> li
     levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns
     for features in (levels,) if fine[0].metadata.kind == "turntable" else ("all", levels):
         try:
-            model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(fine[:training])
+            model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(taught)
             return [model.predict(run)["bias_deg_h"].to_numpy() for run in fine]
         except InputError:
             continue

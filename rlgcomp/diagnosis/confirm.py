@@ -40,7 +40,8 @@ from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
-_BEHIND: Final = math.log(100.0)  # of the likeliest set: held-out runs are not asked about a set that is less likely in training
+_BEHIND: Final = math.log(100.0)  # of the likeliest set: held-out runs are not asked about a set that is less likely in training,
+_FAR_BEHIND: Final = math.log(1000.0)  # nor than this, where training itself speaks for it and its prior alone against
 _ASKED: Final = 40  # sets at most
 _SHOWN: Final = 2.0  # chi-square: with less a cause shows nothing of itself
 _FORESEEN: Final = 0.5  # of what a set can explain of the held-out runs
@@ -113,7 +114,12 @@ def log_foreseen(
 def _at_issue(explanations: Explanations) -> list[Model]:
     """The likeliest sets in training; nothing, and the best single cause, which says what further ones must exceed."""
     models = sorted(explanations.search.whatever_biases(explanations.models), key=lambda model: -model.log_posterior)
-    likely = [model for model in models[:_ASKED] if model.log_posterior > models[0].log_posterior - _BEHIND]
+    best = models[0]
+
+    def behind(model: Model) -> float:
+        return _FAR_BEHIND if model.log_evidence > best.log_evidence else _BEHIND
+
+    likely = [model for model in models[:_ASKED] if model.log_posterior > best.log_posterior - behind(model)]
     strongest = [model for model in models if len(model.labels) == 1][:1]
     return list(dict.fromkeys([*likely, *strongest, next(model for model in models if not model.labels)]))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from typing import Self
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,23 +20,23 @@ from rlgcomp.diagnosis.account import (
     unexplained_of,
     what_to_run,
     whiteness,
+    wrong_numbers_of,
 )
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.black_box import Mismatch, learned
-from rlgcomp.diagnosis.candidates import Candidate, fast_candidates
+from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.conclusion import concluded, healthy, likely_noises, rivals_of, verdict_of
-from rlgcomp.diagnosis.confirm import confirmed
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.explain import Explanations, considered, explain
+from rlgcomp.diagnosis.explain import considered
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
-from rlgcomp.diagnosis.knocks import without_knocks
-from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
+from rlgcomp.diagnosis.knocks import frozen_in, without_knocks
 from rlgcomp.diagnosis.locate import locate
+from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.proof import proved
-from rlgcomp.diagnosis.result import Alignment, Diagnosis
-from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.proof import proved, unreadable
+from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator, scale_remarks
+from rlgcomp.diagnosis.whitening import NoiseShape, norms
 from rlgcomp.errors import InputError
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
@@ -46,12 +46,13 @@ from rlgcomp.recording import TIME, Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
+_NOTHING: Final = 1e-9  # of the largest rate: rounding, no noise
 
 
 @one_blas_thread
 def diagnose(
-    simulator: Simulator | UserSimulator | None,
-    train: Sequence[Recording],
+    simulator: Simulator | UserSimulator | None = None,
+    train: Sequence[Recording] = (),
     test: Sequence[Recording] = (),
     *,
     simulated: Sequence[Recording] | None = None,
@@ -105,21 +106,22 @@ def diagnose(
     told = progress or (lambda fraction: None)
     require_computable(mechanisms, [*train, *test])
     (train, knocks), (test, more) = _undisturbed(train, gyro), _undisturbed(test, gyro)
-    base, predicted, alignment = _known(simulator, simulated, train, test, gyro)
+    base, predicted, own = _known(simulator, simulated, train, test, gyro)
+    if own is not None:
+        train, test = list(own.runs[: len(train)]), list(own.runs[len(train) :])
     base = base if noise is None else dataclasses.replace(base, noise=noise)
-    problem = Problem.of(base, train, gyro=gyro, window_s=window_s, predicted=predicted)
+    asked = Asked(train, test if confirm else (), mechanisms, gyro, window_s, predicted)
+    posed = Posed.of(asked, base)
+    _require_noise(posed.windowed)
     told(0.05)
-    whole = problem.joined(test, gyro=gyro, predicted=predicted) if test and confirm else None
-    within = Within.of(problem)
-    lines, among = mechanisms_at_lines(problem, within, mechanisms)
-    posed = _Posed.of(problem, whole, lines, mechanisms)
-    before, mismatches = _calibrated(posed.problem, [*train, *test], gyro, predicted)
+    before, mismatches = _calibrated(posed, [*train, *test])
     box = learned(mismatches, len(train), executor) if black_box and test else None
-    explanations = posed.explained(mechanisms, lines, among)
-    if explanations.own_biases():
-        posed = _Posed.of(problem.with_own_biases(), whole and whole.with_own_biases(), lines, mechanisms)
-        before, mismatches = _calibrated(posed.problem, [*train, *test], gyro, predicted)
-        explanations = posed.explained(mechanisms, lines, among)
+    stated = mismatches
+    posed, explanations, wrong = posed.answered(base)
+    if wrong or posed.problem.own_biases:
+        before, mismatches = _calibrated(posed, [*train, *test])
+    if wrong and box is not None:
+        box = learned(mismatches, len(train), executor)
     problem, windowed = posed.problem, posed.windowed
     told(0.5)
     rng = stream(seed, "diagnosis")
@@ -137,7 +139,7 @@ def diagnose(
     after = fit(problem, [*chosen, *laws], calm[0][0], calm) if chosen or laws else before  # then nothing is gained
     if shape.wander > 0.0 or after is before:  # a wander is no part of the white noise either
         after = dataclasses.replace(after, white_deg_h=fit(problem, [*chosen, *laws], shape).white_deg_h)
-    where = locate(windowed, within, shape, rng)
+    where = locate(windowed, posed.within, shape, rng)
     told(0.85)
     proof = proved(
         mismatches,
@@ -164,7 +166,7 @@ def diagnose(
         where=where,
         causes=causes_of(explanations, conclusion, after, rivals),
         alternatives=alternatives_of(explanations, conclusion),
-        unexplained=unexplained_of(conclusion, whiteness(problem, after, shape)),
+        unexplained=unexplained_of(conclusion, detection.p_value if verdict == "none" else whiteness(problem, after, shape)),
         train=proof.train,
         test=proof.test,
         next_experiment=next_up,
@@ -172,44 +174,22 @@ def diagnose(
         augmented=dataclasses.replace(after.simulator, noise=model),
         noise=model,
         calibration=before.baseline,
-        alignment=alignment,
+        recalibration=after.baseline,
+        wrong=wrong,
+        alignment=() if own is None else own.alignment,
         remarks=(
+            *scale_remarks(windowed.windows, predicted, gyro),
+            *(() if own is None else own.remarks),
             *knocks,
             *more,
             *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+            *wrong_numbers_of({name: (before.baseline | after.baseline)[name] for name in wrong}, stated),
             *own_biases_of(after.baseline),
+            *(said for said in (unreadable(after.simulator, one.run) for one in mismatches) if said is not None),
             *extrapolations_of(proof.traces, drivers),
         ),
         traces=proof.traces,
     )
-
-
-@dataclasses.dataclass(frozen=True)
-class _Posed:
-    """The problem of the training runs, by window means alone and with what differs within windows; and that of all runs."""
-
-    windowed: Problem
-    problem: Problem
-    whole_windowed: Problem | None
-    whole: Problem | None
-
-    @classmethod
-    def of(
-        cls, windowed: Problem, whole: Problem | None, lines: Sequence[Mechanism], mechanisms: Mapping[str, type[Mechanism]]
-    ) -> Self:
-        def contrasted(problem: Problem) -> Problem:
-            return problem.with_contrasts(lines or fast_candidates(problem, mechanisms))
-
-        if windowed.simulator.kind != "turntable" and not lines:
-            return cls(windowed, windowed, whole, whole)
-        return cls(windowed, contrasted(windowed), whole, whole and contrasted(whole))
-
-    def explained(self, mechanisms: Mapping[str, type[Mechanism]], lines: Sequence[Mechanism], among: float) -> Explanations:
-        """Sets of causes, by the training runs and, where there are any, by held-out runs."""
-        explanations = explain(self.problem, mechanisms, lines, among)
-        if self.whole is None or self.whole_windowed is None:
-            return explanations
-        return confirmed(explanations, self.whole, self.whole_windowed)
 
 
 def _known(
@@ -218,44 +198,57 @@ def _known(
     train: Sequence[Recording],
     test: Sequence[Recording],
     gyro: str | None,
-) -> tuple[Simulator, Callable[[Recording], Array] | None, tuple[Alignment, ...]]:
-    """The simulator whose parameters are free, what else is predicted, and how clocks were aligned."""
+) -> tuple[Simulator, Callable[[Recording], Array] | None, SimulatedRuns | None]:
+    """The simulator whose parameters are free, what else is predicted, and the simulated runs where these were given."""
     if not train:
         raise InputError("no training runs; give at least one with --train")
     kinds = {run.metadata.kind for run in (*train, *test)}
     if simulator is not None and simulated is not None:
         raise InputError("a simulator and simulated runs were given; give one of them")
     if isinstance(simulator, Simulator):
-        base, predicted, alignment = simulator, None, ()
+        base, predicted = simulator, None
     else:
         base = Simulator(kind="turntable" if kinds == {"turntable"} else "chamber", unit=train[0].metadata.unit or "recorded")
         if simulated is not None:
             runs = SimulatedRuns.of([*train, *test], simulated, gyro=gyro)
-            return base, runs.predict_deg_h, runs.alignment
+            return base, runs.predict_deg_h, runs
         if simulator is None:
             raise InputError("no simulator; give one with --simulator, or its output with --simulated")
-        predicted, alignment = simulator.predict_deg_h, ()
+        predicted = simulator.predict_deg_h
     if ("turntable" in kinds) != (base.kind == "turntable"):
         raise InputError(
             f"the simulator is of kind {base.kind!r}, the recordings of kind {', '.join(sorted(kinds))}; "
             "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
         )
-    return base, predicted, alignment
+    return base, predicted, None
+
+
+def _require_noise(problem: Problem) -> None:
+    """Refuse runs of which the simulator leaves nothing at all: no gyro is without noise."""
+    design = problem.baseline / norms(problem.baseline)
+    left = problem.target_deg_h - design @ np.linalg.lstsq(design, problem.target_deg_h, rcond=None)[0]
+    rates = np.concatenate([run.rate_deg_h(problem.channel) for run in problem.runs])
+    if float(np.abs(left).max()) <= _NOTHING * float(np.abs(rates).max()):
+        runs = ", ".join(run.name for run in problem.runs)
+        raise InputError(
+            f"the simulator leaves nothing at all of {runs}, not even noise; give recordings of a gyro, no simulation of it, nor "
+            "a constant"
+        )
 
 
 def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
-    """Runs without knocks, and what to say of these."""
+    """Runs without knocks, and what to say of these and of monitors that freeze."""
     found = [without_knocks(run, gyro) for run in runs]
-    return [run for run, _ in found], [said for _, said in found if said is not None]
+    undisturbed = [run for run, _ in found]
+    return undisturbed, [said for _, said in found if said is not None] + [said for run in undisturbed for said in frozen_in(run)]
 
 
-def _calibrated(
-    problem: Problem, runs: Sequence[Recording], gyro: str | None, predicted: Callable[[Recording], Array] | None
-) -> tuple[Fitted, list[Mismatch]]:
+def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[Mismatch]]:
     """The simulator with nothing added, and what runs hold beyond it."""
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
-    before = fit(problem, [], dataclasses.replace(_noise_of_nothing(problem), wander=0.0))
-    return before, [Mismatch.of(before.simulator, run, gyro, predicted, problem.rows.window_s) for run in runs]
+    before = fit(posed.problem, [], dataclasses.replace(_noise_of_nothing(posed.problem), wander=0.0))
+    asked, window_s = posed.asked, posed.problem.rows.window_s
+    return before, [Mismatch.of(before.simulator, run, asked.gyro, asked.predicted, window_s) for run in runs]
 
 
 def _noise_of_nothing(problem: Problem) -> NoiseShape:

@@ -42,8 +42,9 @@ class Discovery:
     p_value : float
         Bound on the probability of as much from noise alone.
     drivers : tuple of str
+        Columns that it reads.
     driver_probabilities : mapping of tuple of str to float
-        Posterior of each set of drivers, given that there is a law.
+        Posterior of each set of quantities, columns or differences of two, given that there is a law.
     memory : {"static", "dynamic", "rate-independent"}
     memory_probabilities : mapping of str to float
     amplitude_sd_deg_h : float
@@ -137,7 +138,7 @@ def discover(
         mechanism=dataclasses.replace(law, amplitude_deg_h=value),
         log_bayes_factor=log_bayes_factor,
         p_value=math.exp(-max(0.0, log_bayes_factor)),
-        drivers=drivers,
+        drivers=dictionary.read_by(chosen.family),
         driver_probabilities=dict(sorted(by_drivers.items(), key=lambda item: -item[1])[:6]),
         memory=memory,
         memory_probabilities=by_memory,

@@ -26,6 +26,7 @@ from rlgcomp.physics.mechanism import Mechanism
 Array = npt.NDArray[np.float64]
 UNRECORDED: Final = 0.15  # before the data are seen: that something wanders which no recorded column follows
 UNTRIED: Final = 0.20  # the same, where a mechanism of the catalogue cannot be tried for want of a column: it may be that one
+WRONG: Final = 0.5  # probability from which numbers that are said to be known are found anew
 OWN_BIASES: Final = 0.5  # probability of runs that have a bias each from which they are given one
 _ZOOMS: Final = 3
 _ZOOM: Final = 3  # a spacing becomes so many
@@ -103,6 +104,13 @@ class Explanations:
         held = [self.search.has_own_biases(model.labels) for model in alone.models]
         suspected = held[0] or float(alone.probabilities[held].sum()) > OWN_BIASES
         return suspected and (self.borne_out is None or self.borne_out > OWN_BIASES)
+
+    def wrong_numbers(self) -> tuple[str, ...]:
+        """Mechanisms of the simulator whose numbers, said to be known, do not fit: more likely so than not."""
+        labels = sorted({label for model in self.models for label in model.labels if label[1]})
+        labels = [label for label in labels if not self.search.has_own_biases({label})]
+        held = {name: [(name, known) in model.labels for model in self.models] for name, known in labels}
+        return tuple(name for name, where in held.items() if float(self.probabilities[where].sum()) > WRONG)
 
     def probability_of(self, name: str) -> float:
         """That a mechanism is missing: the sum over all sets that hold it."""

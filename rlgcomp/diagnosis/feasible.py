@@ -13,12 +13,13 @@ from rlgcomp.motion import rate_deg_s
 from rlgcomp.recording import Recording
 from rlgcomp.simulation import programme as chamber
 from rlgcomp.simulation import table_programme as table
-from rlgcomp.simulation.programme import Programme, Ramp
+from rlgcomp.simulation.programme import Hold, Programme, Ramp
 from rlgcomp.simulation.table_programme import TableProgramme
 
 LONGEST_S: Final = 14.0 * 3600.0
 _MARGIN_K: Final = 2.0
 _SLOWEST_DEG_C_MIN: Final = 0.05
+_SAME_K: Final = 0.5  # thermometers and chambers are no surer of where they are
 
 
 def chamber_programmes(runs: Sequence[Recording]) -> list[Programme]:
@@ -45,7 +46,7 @@ def chamber_programmes(runs: Sequence[Recording]) -> list[Programme]:
         f"ramp {cold:.3g} {slow:.3g}, hold 45",
         ", ".join([f"ramp {middle + quarter:.3g} {rate:.3g}, ramp {middle - quarter:.3g} {rate:.3g}"] * 6),
     ]
-    made = [Programme.parse(f"start {start:.3g}, hold 30, {text}") for text in texts]
+    made = [_without_empty_steps(Programme.parse(f"start {start:.3g}, hold 30, {text}")) for text in texts]
     made += [Programme.parse(name) for name in chamber.PRESETS]
     return [one for one in made if one.duration_s <= LONGEST_S and _within(one, cold, hot, rate)]
 
@@ -89,6 +90,21 @@ def _chamber_limits(runs: Sequence[Recording]) -> tuple[float, float, float, flo
         rates += [step.rate_degC_min for step in ramps]
     rate = max(*rates, _SLOWEST_DEG_C_MIN)
     return min(lows), max(highs), float(np.median(starts)), min(rate, chamber.FASTEST_DEG_C_MIN)
+
+
+def _without_empty_steps(programme: Programme) -> Programme:
+    """The programme without ramps to where the chamber is already; two holds in a row become one."""
+    at_degC, steps = programme.start_degC, list[Hold | Ramp]()
+    for step in programme.steps:
+        if isinstance(step, Ramp):
+            if abs(step.to_degC - at_degC) >= _SAME_K:
+                at_degC = step.to_degC
+                steps.append(step)
+        elif steps and isinstance(steps[-1], Hold):
+            steps[-1] = Hold(steps[-1].minutes + step.minutes)
+        else:
+            steps.append(step)
+    return Programme(programme.start_degC, tuple(steps))
 
 
 def _within(one: Programme, cold: float, hot: float, rate: float) -> bool:

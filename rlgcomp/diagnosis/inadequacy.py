@@ -24,6 +24,8 @@ Array = npt.NDArray[np.float64]
 INADEQUACY: Final = 0.15
 BY_CHANCE: Final = 0.1  # of a slow effect that another, driven by nothing in common, follows as well
 LEFT_BY_JUMPS: Final = 0.03  # the same of what a path of jumps or a line leaves, which is short or a line
+_ENOUGH: Final = 1000  # rows that show how a mechanism remembers
+_ALIKE: Final = 0.02
 _LAGS_S: Final = (1800.0, 7200.0)
 _LINE_HZ: Final = 1e-3
 
@@ -38,11 +40,20 @@ def follows_anything(mechanism: Mechanism) -> bool:
     return mechanism.jumps() or bool(mechanism.at_line(_LINE_HZ, 0.1 * _LINE_HZ))
 
 
-def follows_a_monitor(mechanism: Mechanism, run: Recording) -> bool:
-    """Whether it is a plain function of monitors other than thermometers: without memory, without a shape."""
-    drivers = mechanism.driver_columns(run)
-    shapes = any(parameter.role == "shape" for parameter in mechanism.parameters())
-    return bool(drivers) and not shapes and not any(name.startswith("temperature_") for name in drivers)
+def leaves_jumps(mechanism: Mechanism, run: Recording) -> bool:
+    """Whether what it leaves may jump, or be a line: that of one sought in what others leave; of a relay; of a loop, whose memory a
+    stretched time leaves and a reversed one changes."""
+    if follows_anything(mechanism) or mechanism.edges():
+        return True
+    table = run.table.iloc[:: max(1, len(run) // _ENOUGH)]
+    reversed_ = table.iloc[::-1].assign(**{TIME: table[TIME].to_numpy()})
+    tables = table, table.assign(**{TIME: 2.0 * table[TIME]}), reversed_
+    try:
+        own, slow, back = (mechanism.basis(run.replace(table=one, truth=None)) for one in tables)
+    except Exception:  # noqa: BLE001  a user's mechanism need not answer for runs that never were
+        return True
+    alike = _ALIKE * float(np.linalg.norm(own - own.mean(axis=0)))
+    return bool(np.linalg.norm(slow - own) <= alike < np.linalg.norm(back[::-1] - own))
 
 
 def leftovers(problem: Problem, mechanism: Mechanism) -> Array:

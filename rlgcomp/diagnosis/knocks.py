@@ -1,4 +1,4 @@
-"""Knocks at the chamber and faults of the logger: a few samples far beyond any noise, which no bias of a gyro makes."""
+"""Knocks at the chamber and faults of the logger: samples far beyond any noise, which no bias makes, and monitors that freeze."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.recording import Recording
+from rlgcomp.repair.frozen import frozen_stretches, said_of
 
 _FAR: Final = 30.0  # standard deviations of a sample: at 1 Hz one such sample shifts the mean of 100 s by three of its own
 _LASTS_S: Final = 60.0  # a knock is over by then
@@ -47,3 +48,11 @@ def without_knocks(run: Recording, gyro: str | None) -> tuple[Recording, str | N
         f"{run.time_s[far][0]:.6g} s: a knock or a fault of the logger, left out."
     )
     return run.replace(table=run.table[~far], truth=None if run.truth is None else run.truth[~far]), said
+
+
+def frozen_in(run: Recording) -> list[str]:
+    """What to say of monitors that freeze part-way through a run: its windows leave those stretches out."""
+    return [
+        f"{run.name}: {column} is {said}: windows in which it tells nothing are left out; --drop {column} keeps them."
+        for column, said in said_of(frozen_stretches(run.table)).items()
+    ]

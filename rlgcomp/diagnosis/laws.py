@@ -2,7 +2,8 @@ r"""The dictionary of laws: drivers × memory × form, with the shapes to try an
 
 Before the data are seen, a law is in one driver or in the product of two (three to one), every driver counts equally, then every
 memory (static, dynamic, rate-independent), every form, every point of the form's grid. A straight line in a monitor is so not
-swamped by thousands of bumps.
+swamped by thousands of bumps. Beside every column stand the differences of two alike (two arms' currents, two photodiodes), each
+with a share of a column's weight.
 
 Columns are computed on the recordings' fine rows and averaged over the windows, many at once.
 """
@@ -24,12 +25,14 @@ from rlgcomp.diagnosis.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.hysteresis import STARTS
-from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, played, remembered, smoothed
+from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, named, played, reading, remembered
 from rlgcomp.recording import TIME, Recording, is_gyro
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 ONE_DRIVER: Final = 0.75
+_DIFFERENCE: Final = 0.3  # weight of a difference of two columns, that of a column being one
+_AXES: Final = frozenset("xyz")  # of one vector, whose difference is nothing
 MEMORY_CLASS: Final = {
     "static": "static",
     "lag": "dynamic",
@@ -91,15 +94,23 @@ class Dictionary:
     problem : Problem
     drivers : sequence of str, optional
         Columns to try; every recorded column that moves, unless given.
+
+    Attributes
+    ----------
+    drivers : tuple of str
+        Quantities: these columns, and differences of two that are alike.
     """
 
     def __init__(self, problem: Problem, drivers: Sequence[str] | None = None) -> None:
         self.problem = problem
-        self.drivers = recorded_drivers(problem.runs) if drivers is None else tuple(drivers)
+        columns = recorded_drivers(problem.runs) if drivers is None else tuple(drivers)
+        quantities = [*((column,) for column in columns), *differences(columns, problem.runs)]
+        self._columns: dict[str, tuple[str, ...]] = {named(*which): which for which in quantities}
+        self.drivers = tuple(self._columns)
         self._pieces = [_Pieces.of(part) for part in problem.windows]
         self._values = {
-            name: [piece.means(smoothed(part.fine, name)) for piece, part in zip(self._pieces, problem.windows, strict=True)]
-            for name in self.drivers
+            name: [piece.means(reading(part.fine, *which)) for piece, part in zip(self._pieces, problem.windows, strict=True)]
+            for name, which in self._columns.items()
         }
         self._windows = _joined(self._pieces)
         self._remembered: dict[Held, tuple[Array, float, float]] = {}
@@ -153,10 +164,13 @@ class Dictionary:
         if family.driver_2:
             _, low_2, high_2 = self._series(Held(family.driver_2))
             given |= {"low_2": low_2, "high_2": high_2, "at_2": low_2 + (high_2 - low_2) * shapes["at_2"]}
+        (driver, less), (driver_2, less_2) = self._pair(family.driver), self._pair(family.driver_2)
         return EmpiricalLaw(
             amplitude_deg_h=1.0,
-            driver=family.driver,
-            driver_2=family.driver_2,
+            driver=driver,
+            less=less,
+            driver_2=driver_2,
+            less_2=less_2,
             memory=family.memory,
             start=family.start,
             form=family.form,
@@ -165,6 +179,15 @@ class Dictionary:
             high=high,
             **given,
         )
+
+    def _pair(self, quantity: str) -> tuple[str, str]:
+        """The column of a quantity, and that which is taken off it; empty where there is none."""
+        column, less, *_ = (*self._columns.get(quantity, ()), "", "")
+        return column, less
+
+    def read_by(self, family: Family) -> tuple[str, ...]:
+        """The recorded columns that a family reads."""
+        return tuple(column for quantity in family.drivers for column in self._columns[quantity])
 
     def spans(self, family: Family) -> list[tuple[float, float]]:
         """Ranges of the two factors of a product."""
@@ -209,7 +232,8 @@ class Dictionary:
         lag = Axis("lag", _SHORTEST_LAG_WINDOWS * rows.window_s, max(0.25 * longest_s, 4.0 * rows.window_s), 10, ratio=True)
         radius = Axis("radius", *_RADII, 8, ratio=True)
         wide = Axis("width", 0.2, 0.8, 2, ratio=True)
-        single = math.log(ONE_DRIVER / max(1, len(self.drivers)))
+        shares = {name: _DIFFERENCE if len(which) > 1 else 1.0 for name, which in self._columns.items()}
+        every = sum(shares.values()) or 1.0
         found: list[Family] = []
         for driver in self.drivers:
             static = self._static(driver)
@@ -226,12 +250,18 @@ class Dictionary:
                 Family(driver, "", "play", "step", 1, (radius, Axis("at", 0.0, 1.0, 9))),
             ]
             for members in (static, dynamic, slipping):
-                weight = single - math.log(3 * sum(math.exp(family.log_prior) for family in members))
+                together = 3 * sum(math.exp(family.log_prior) for family in members)
+                weight = math.log(ONE_DRIVER * shares[driver] / every / together)
                 found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
-        pairs = list(itertools.permutations(self.drivers, 2))
+        pairs = [
+            (one, two)
+            for one, two in itertools.permutations(self.drivers, 2)
+            if not set(self._columns[one]) & set(self._columns[two])
+        ]
+        every = sum(shares[one] * shares[two] for one, two in pairs)
         for one, two in pairs:
             ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))
-            weight = math.log((1.0 - ONE_DRIVER) / len(pairs))
+            weight = math.log((1.0 - ONE_DRIVER) * shares[one] * shares[two] / every)
             if one < two:
                 found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight))
             if one.startswith("temperature_"):
@@ -301,3 +331,18 @@ def recorded_drivers(runs: Sequence[Recording]) -> tuple[str, ...]:
         and not column.startswith("acc")
         and any(np.ptp(run.column(column)) > 0.0 for run in runs)
     )
+
+
+def differences(columns: Sequence[str], runs: Sequence[Recording]) -> list[tuple[str, str]]:
+    """Pairs of columns of one quantity at two places, as their names say, whose difference moves.
+
+    Not of thermometers, whose differences follow from what one of them remembers.
+    """
+    found = []
+    for one, two in itertools.combinations(sorted(columns), 2):
+        (*parts, unit), (*others, unit_2) = one.split("_"), two.split("_")
+        tags = [set(pair) for pair in itertools.zip_longest(parts, others) if len(set(pair)) > 1]
+        alike = unit == unit_2 and len(tags) == 1 and not tags[0] & _AXES and not one.startswith("temperature_")
+        if alike and any(np.ptp(run.column(one) - run.column(two)) > 0.0 for run in runs):
+            found.append((one, two))
+    return found

@@ -96,7 +96,7 @@ def next_experiment(
         ]
     except InputError:
         return None
-    scored.sort(key=lambda item: _preference(item[0], item[1]))
+    scored.sort(key=lambda item: _preference(float(prior @ item[0]), item[1]))
     known = _distances(rivals, [past], refine=True)
     refined = [
         (_expected(prior, _distances(rivals, [past, future], refine=True) - known - _unsure(rivals, future)), programme)
@@ -104,9 +104,9 @@ def next_experiment(
     ]
     if not refined:
         return None
-    expected, programme = min(refined, key=lambda item: _preference(*item))
-    separates = dict.fromkeys(" + ".join(names) for names in _distinct(rivals))
-    return NextExperiment(tuple(separates), str(programme), float(expected))
+    if_true, programme = min(refined, key=lambda item: _preference(float(prior @ item[0]), item[1]))
+    separates = [" + ".join(names) for names in _distinct(rivals)]
+    return NextExperiment(tuple(separates), str(programme), float(prior @ if_true), tuple(if_true.tolist()))
 
 
 class _Run:
@@ -272,16 +272,16 @@ def _diagonal(parts: Sequence[Array]) -> Array:
     return table
 
 
-def _expected(prior: Array, distances: Array) -> float:
-    """Expected probability of whichever rival is true: the log likelihood ratios are normal, mean D²/2, variance D²."""
-    total = 0.0
+def _expected(prior: Array, distances: Array) -> Array:
+    """Expected probability of each rival, were it true: the log likelihood ratios are normal, mean D²/2, variance D²."""
+    found = np.empty(len(prior))
     for k, probability in enumerate(prior):
         squared = np.maximum(distances[k], 0.0)
         ratios = 0.5 * squared[:, None] + np.sqrt(squared)[:, None] * _NODES
         against = np.exp(-np.clip(ratios, -700.0, 700.0)) * prior[:, None] / max(probability, 1e-300)
         after = 1.0 / (1.0 + np.delete(against, k, axis=0).sum(axis=0))
-        total += probability * float(after @ _WEIGHTS / _WEIGHTS.sum())
-    return total
+        found[k] = after @ _WEIGHTS / _WEIGHTS.sum()
+    return found
 
 
 def _preference(expected: float, programme: Programme | TableProgramme) -> tuple[float, float]:

@@ -16,8 +16,9 @@ from rlgcomp.noise import NoiseModel
 from rlgcomp.units import arw_rate_sd_deg_h
 
 Array = npt.NDArray[np.float64]
-# Strengths that are tried, and how likely each is before the data are seen: at 100 s a ring laser gyro is mostly white.
-FLICKERS: Final = {0.0: 0.31, 0.1: 0.26, 0.25: 0.23, 0.6: 0.15, 1.3: 0.05}
+# Strengths that are tried, and how likely each is before the data are seen: at 100 s a ring laser gyro is mostly white. What falls
+# between two of them is taken for something that wanders where they are far apart.
+FLICKERS: Final = {0.0: 0.31, 0.1: 0.22, 0.2: 0.15, 0.35: 0.13, 0.55: 0.10, 0.9: 0.06, 1.4: 0.03}
 WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.04, 1.3: 0.02, 1.8: 0.01}
 # Of what wanders unrecorded: a weaker one cannot be told from flicker, and would be said of every healthy gyro that is a little so.
 WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.4}

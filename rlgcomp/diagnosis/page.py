@@ -110,9 +110,15 @@ def _fits(diagnosis: Diagnosis) -> pd.DataFrame:
 
 
 def _baseline(diagnosis: Diagnosis) -> pd.DataFrame:
+    together = diagnosis.recalibration
     return pd.DataFrame(
         [
-            {"mechanism": mechanism or "constant", "parameter": name, "calibrated": str(estimate)}
+            {
+                "mechanism": mechanism or "constant",
+                "parameter": name,
+                "with nothing added": str(estimate),
+                "with what was found": str(together.get(mechanism, {}).get(name, "")),
+            }
             for mechanism, parameters in diagnosis.calibration.items()
             for name, estimate in parameters.items()
         ]

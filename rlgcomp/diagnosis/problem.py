@@ -211,9 +211,13 @@ class Problem:
         return part.means(mechanism.basis(part.fine), of_fine=True)
 
     def constant(self, value_deg_h: float) -> Mechanism | None:
-        """The mechanism that adds a constant bias and nothing else; None where the catalogue has none of this kind."""
+        """The mechanism that adds a constant bias: the simulator's own with that much more, else one that adds nothing else; None
+        where the catalogue has none of this kind."""
         for kind in CATALOGUE.values():
             if kind.kind == self.simulator.kind and kind.constant:
+                for own in self.simulator.mechanisms:
+                    if isinstance(own, kind):
+                        return dataclasses.replace(own, **{kind.constant: getattr(own, kind.constant) + value_deg_h})  # type: ignore[type-var]
                 nothing = {parameter.name: 0.0 for parameter in kind.parameters() if parameter.role == "amplitude"}
                 return kind(**(nothing | {kind.constant: value_deg_h}))
         return None

@@ -28,6 +28,7 @@ from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.result import Fit, RunFit, Trace
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
 from rlgcomp.diagnosis.windows import Windows
+from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.simulation.simulator import Simulator
 
@@ -121,9 +122,12 @@ def proved(
         As in :func:`prove`.
     box : callable, optional
         As :func:`rlgcomp.diagnosis.black_box.learned` gives it.
+
+    Runs of which `after` reads a column that they lack take no part in it: see :func:`unreadable`.
     """
-    left = [_left(before, after, one) for one in mismatches]
-    biases: Sequence[Array | None] = (box() if box is not None else None) or [None] * len(left)
+    whole: Sequence[Array | None] = (box() if box is not None else None) or [None] * len(mismatches)
+    readable = [k for k, one in enumerate(mismatches) if unreadable(after, one.run) is None]
+    left, biases = [_left(before, after, mismatches[k]) for k in readable], [whole[k] for k in readable]
     traces = tuple(
         Trace(
             run=one.run.name,
@@ -146,6 +150,17 @@ def proved(
         if traces[part]
     ]
     return Proof(fits[0], fits[1] if len(fits) > 1 else None, traces)
+
+
+def unreadable(simulator: Simulator, run: Recording) -> str | None:
+    """Why a simulator cannot be proved on a run, where it reads a column that this lacks; None where it can."""
+    for mechanism in simulator.mechanisms:
+        try:
+            mechanism.driver_columns(run)
+        except InputError:
+            wanted = ", ".join(name for name in mechanism.driver_names() if name not in run)
+            return f"{run.name} lacks {wanted}, which {mechanism.name} reads: it takes no part in the proof."
+    return None
 
 
 def noise_floor(rows: Rows, shape: NoiseShape) -> float:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from scipy.special import gammaln
 
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member, log_sum_exp
-from rlgcomp.diagnosis.inadequacy import BY_CHANCE, LEFT_BY_JUMPS, follows_a_monitor, follows_anything, inadequacy, leftovers
+from rlgcomp.diagnosis.inadequacy import BY_CHANCE, LEFT_BY_JUMPS, follows_anything, inadequacy, leaves_jumps, leftovers
 
 Array = npt.NDArray[np.float64]
 # Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
@@ -186,8 +186,7 @@ class Search:
             tolls[label] = max((inadequacy(chi) * self._alike(cause)[label] for cause, chi in beside.items()), default=0.0)
         tolls[self._labels[strongest]] = max(inadequacy(explained[strongest]), *tolls.values())  # the first, it pays nothing
         self._tolls, self._strong = tolls, best.labels
-        first = self.evidence.candidates[strongest].mechanism
-        self._toll_of_jumps = 0.0 if first.jumps() else self._beyond_a_path(best, strongest)
+        self._toll_of_jumps = self._beyond_a_path(best, strongest)
         for labels, model in models.items():
             models[labels] = dataclasses.replace(model, log_prior=self.log_prior(labels))
 
@@ -214,7 +213,7 @@ class Search:
             found = dict.fromkeys(self._by_label, 1.0)
             for label, which in self._by_label.items():
                 other = evidence.candidates[which[0]].mechanism
-                if not follows_anything(other) and not drivers & set(other.driver_columns(run)):
+                if not drivers & set(other.driver_columns(run)) and not (follows_anything(other) and leaves_jumps(mechanism, run)):
                     found[label] = LEFT_BY_JUMPS if left is None else max(BY_CHANCE, evidence.likeness(which, left))
             self._likenesses[cause] = found
         return self._likenesses[cause]
@@ -225,10 +224,9 @@ class Search:
         counts = missing, len(labels) - missing
         if counts not in self._log_priors:
             self._log_priors[counts] = self._log_prior(*counts)
-        jumps = len(labels) > 1 and bool(labels & self._jumping)
-        return self._log_priors[counts] - self._toll(labels) - self._toll_of_jumps * jumps
+        return self._log_priors[counts] - self.toll(labels)
 
-    def _toll(self, labels: frozenset[Label]) -> float:
+    def toll(self, labels: frozenset[Label]) -> float:
         """What the causes of a set must exceed together; the first of them nothing.
 
         One that stands in the place of a cause of the likeliest set pays what that one would: nothing that it left is there.
@@ -236,7 +234,8 @@ class Search:
         gone = sorted((self._tolls[label] for label in self._strong - labels), reverse=True)
         come = sorted((self._tolls.get(label, 0.0) for label in labels - self._strong - self._own_biases), reverse=True)
         stay = [self._tolls[label] for label in self._strong & labels]
-        return sum(sorted([*stay, *gone[: len(come)], *come[len(gone) :]])[:-1])
+        jumps = len(labels) > 1 and bool(labels & self._jumping)
+        return sum(sorted([*stay, *gone[: len(come)], *come[len(gone) :]])[:-1]) + self._toll_of_jumps * jumps
 
     def _log_prior(self, missing: int, wrong: int) -> float:
         """The same by how many mechanisms are missing and how many have wrong numbers, but for the toll."""
@@ -250,16 +249,17 @@ class Search:
         """What a path of jumps must exceed beside the strongest cause: what its equation leaves, as far as that may be like a path.
         Noise that walks may hide it."""
         evidence = self.evidence
-        mechanism, alike = evidence.candidates[strongest].mechanism, 1.0
-        if follows_a_monitor(mechanism, evidence.problem.runs[0]):  # which leaves what that monitor does: no path, as a rule
-            left = leftovers(evidence.problem, mechanism)
-            paths = [k for label in self._jumping for k in self._by_label[label]]
-            alike = min((evidence.likeness([k], left) for k in paths), default=1.0)
+        mechanism = evidence.candidates[strongest].mechanism
         noises = evidence.noises
         calmest = min(range(len(noises)), key=lambda k: noises[k].flicker + noises[k].walk + noises[k].wander)
         explained = evidence.explained_by_each(best.members, calmest)
-        most = max(chi for member, chi in zip(best.members, explained, strict=True) if member.candidate == strongest)
-        return max(0.0, JUMPS * alike * inadequacy(most) - JUMPED)
+        toll = JUMPS * inadequacy(max(chi for m, chi in zip(best.members, explained, strict=True) if m.candidate == strongest))
+        if not self._jumping or mechanism.jumps() or toll < JUMPED:
+            return 0.0
+        if not leaves_jumps(mechanism, evidence.problem.runs[0]):  # but what its drivers do: no path, as a rule
+            left = leftovers(evidence.problem, mechanism)
+            toll *= min(evidence.likeness([k], left) for label in self._jumping for k in self._by_label[label])
+        return max(0.0, toll - JUMPED)
 
     # --- steps -------------------------------------------------------------------------------------------------------------
 

@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.diagnosis.align import align, same_axis
+from rlgcomp.diagnosis.align import clock_of, no_clocks, on_rows, same_axis
 from rlgcomp.diagnosis.result import Alignment
+from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
 from rlgcomp.plugins import load_python, said_line
 from rlgcomp.recording import TIME, Recording, is_gyro
@@ -28,6 +29,8 @@ Array = npt.NDArray[np.float64]
 _PARTS: Final = 200  # in which the courses of two runs are compared
 _FITS: Final = 0.9  # correlation of a simulation with its run
 _FITS_NOT: Final = 0.5
+_FOLLOWS: Final = 0.9  # correlation from which a gyro is a multiple of what its simulator says
+_LARGEST_SCALE: Final = 1.5  # ratio up to which a missing effect or a rough simulator explains it
 _PLAIN_NAMES: Final = ("gyro", "rate", "prediction", "predicted")
 
 
@@ -51,6 +54,34 @@ def baseline_prediction(simulator: Simulator | UserSimulator, recording: Recordi
     return simulator.predict_deg_h(recording)
 
 
+def scale_remarks(
+    windows: Sequence[Windows], predicted: Callable[[Recording], Array] | None, gyro: str | None = None
+) -> tuple[str, ...]:
+    """What to say where runs follow what the user's simulator says, but multiplied: its unit or its sign is wrong."""
+    if predicted is None:
+        return ()
+    measured = _courses([part.means(part.full.rate_deg_h(gyro)) for part in windows])
+    simulated = _courses([part.means(predicted(part.full)) for part in windows])
+    scale, unit = float(np.linalg.norm(simulated)), float(np.linalg.norm(measured))
+    if not (scale > 0.0 and unit > 0.0):
+        return ()
+    alike = float((measured / unit) @ (simulated / scale))
+    ratio = alike * unit / scale
+    if abs(alike) < _FOLLOWS or 1.0 / _LARGEST_SCALE < ratio < _LARGEST_SCALE:
+        return ()
+    of_size = 1.0 / _LARGEST_SCALE < abs(ratio) < _LARGEST_SCALE
+    doubt = "is its sign right?" if of_size else "is its unit right (gyro_deg_h holds deg/h)?"
+    if ratio < 0.0 and not of_size:
+        doubt = "are its sign and its unit right (gyro_deg_h holds deg/h)?"
+    times = f"{float(f'{ratio:.2g}'):g}"
+    return (f"The recordings are about {times} times what your simulator says (correlation {alike:.2f}): {doubt}",)
+
+
+def _courses(runs: Sequence[Array]) -> Array:
+    """All runs in a row, each about its mean."""
+    return np.concatenate([values - values.mean() for values in runs])
+
+
 @dataclasses.dataclass(frozen=True)
 class SimulatedRuns:
     """The output of the user's simulator, aligned with the runs that it simulates.
@@ -58,15 +89,19 @@ class SimulatedRuns:
     Parameters
     ----------
     runs : tuple of Recording
+        Less the rows at which the simulation has a gap.
     rates_deg_h : tuple of ndarray
         Simulated gyro at each run's rows.
     alignment : tuple of Alignment
         How its clock stood, one entry a run.
+    remarks : tuple of str
+        What a careful reader should know of both.
     """
 
     runs: tuple[Recording, ...]
     rates_deg_h: tuple[Array, ...]
     alignment: tuple[Alignment, ...]
+    remarks: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, runs: Sequence[Recording], simulated: Sequence[Recording], *, gyro: str | None = None) -> Self:
@@ -83,8 +118,15 @@ class SimulatedRuns:
                 f"those held out: {', '.join(run.name for run in runs)}"
             )
         _require_order(runs, simulated, gyro)
-        aligned = [align(run, simulation, gyro=gyro) for run, simulation in zip(runs, simulated, strict=True)]
-        return cls(tuple(runs), tuple(rate for rate, _ in aligned), tuple(alignment for _, alignment in aligned))
+        pairs = list(zip(runs, simulated, strict=True))
+        clocks = [clock_of(run, simulation, gyro=gyro) for run, simulation in pairs]
+        doubted = no_clocks(clocks)
+        if doubted is not None:
+            clocks = [dataclasses.replace(clock, taken_out=False) for clock in clocks]
+        rates = [on_rows(*pair, clock, gyro=gyro) for pair, clock in zip(pairs, clocks, strict=True)]
+        kept, told = zip(*(_without_gaps(run, rate) for run, rate in zip(runs, rates, strict=True)), strict=True)
+        remarks = tuple(said for said in (doubted, *told) if said is not None)
+        return cls(kept, tuple(rate[np.isfinite(rate)] for rate in rates), tuple(clocks), remarks)
 
     def predict_deg_h(self, recording: Recording) -> Array:
         """The simulated gyro at a run's rows; of a part of a run, or of means over its rows, at their times."""
@@ -97,6 +139,15 @@ class SimulatedRuns:
                 f"{recording.name}: no simulation of it was given; simulated are {', '.join(run.name for run in self.runs)}"
             )
         return np.interp(recording.time_s, self.runs[same[0]].time_s, self.rates_deg_h[same[0]])
+
+
+def _without_gaps(run: Recording, simulated_deg_h: Array) -> tuple[Recording, str | None]:
+    """A run less the rows at which its simulation has a gap, and what to say of them."""
+    shown = np.isfinite(simulated_deg_h)
+    if shown.all():
+        return run, None
+    said = f"{run.name}: {np.sum(~shown)} rows at which its simulation has a gap are left out."
+    return run.replace(table=run.table[shown], truth=None if run.truth is None else run.truth[shown]), said
 
 
 def _require_order(runs: Sequence[Recording], simulated: Sequence[Recording], gyro: str | None) -> None:
@@ -177,8 +228,8 @@ class PythonSimulator:
         except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever the user's code raises is the input's fault
             place = said_line(error, self.name.rpartition(":")[0])
             raise InputError(
-                f"{self.name} failed on {recording.name}{place}: {type(error).__name__}: {error}; correct it, or try it by itself "
-                "on rlgcomp.read(RUN)"
+                f"{self.name} failed on {recording.name}{place}: {type(error).__name__}: {error}; it gets a Recording, of which "
+                ".column(NAME) is an array and .table a pandas table; correct it, or try it by itself on rlgcomp.read(RUN)"
             ) from None
         rate = self._understood(answer, recording)
         self._said.append((recording, rate))

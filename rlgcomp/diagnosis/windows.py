@@ -15,6 +15,7 @@ import pandas as pd
 from rlgcomp.diagnosis.whitening import IntArray
 from rlgcomp.errors import InputError
 from rlgcomp.recording import LEAST_COVERAGE, Recording
+from rlgcomp.repair.frozen import frozen_stretches, said_of
 
 Array = npt.NDArray[np.float64]
 FEWEST_WINDOWS: Final = 20
@@ -35,6 +36,7 @@ class Windows:
     of_fine: IntArray
     counts: IntArray  # rows in each window
     kept: npt.NDArray[np.bool_]
+    frozen: IntArray  # windows in which a monitor is frozen: they are not kept
     window_s: float
 
     @classmethod
@@ -53,12 +55,17 @@ class Windows:
         fine, of_fine, of_full = _decimated(run, first_s, window_s)
         counts = np.unique(of_full[of_full >= 0], return_counts=True)[1]
         kept = counts >= LEAST_COVERAGE * window_s / run.period_s
+        stretches = frozen_stretches(run.table)
+        frozen = np.unique(np.concatenate([of_full[:0], *(of_full[one.start : one.stop] for one in stretches)]))
+        kept &= ~np.isin(np.unique(of_full[of_full >= 0]), frozen)
         if kept.sum() < FEWEST_WINDOWS:
+            columns = " or ".join(f"--drop {column}" for column in said_of(stretches))
             raise InputError(
-                f"{run.name}: {run.duration_s:g} s fill {int(kept.sum())} windows of {window_s:g} s; at least {FEWEST_WINDOWS} are "
-                "needed; give a longer run or a smaller --averaging-s"
+                f"{run.name}: {run.duration_s:g} s fill {int(kept.sum())} windows of {window_s:g} s"
+                f"{' in which no monitor is frozen' if columns else ''}; at least {FEWEST_WINDOWS} are "
+                f"needed; give a longer run or a smaller --averaging-s{f', or {columns}' if columns else ''}"
             )
-        return cls(run, fine, of_full, of_fine, counts, kept, window_s)
+        return cls(run, fine, of_full, of_fine, counts, kept, frozen, window_s)
 
     def led(self, by_s: float) -> Self:
         """The windows with all temperatures so much earlier."""
@@ -99,6 +106,12 @@ class Windows:
     @functools.cached_property
     def _fine_counts(self) -> IntArray:
         return np.diff(np.r_[self.fine_starts, len(self.fine)])
+
+    @property
+    def fine_unfrozen(self) -> Recording:
+        """The fine rows less those of windows in which a monitor is frozen."""
+        unfrozen = ~np.isin(self.of_fine, self.frozen)
+        return self.fine if unfrozen.all() else self.fine.replace(table=self.fine.table[unfrozen])
 
     @property
     def middles_s(self) -> Array:

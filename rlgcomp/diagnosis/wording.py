@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval")
 PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
 OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
+GAINED: Final = 0.1  # relative gain over an even chance below which an experiment is said to tell nothing
 DECIDES: Final = 0.8  # expected probability of the true explanation from which an experiment is said to tell
 DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
 SMALL: Final = 1e-6  # probability below which only that is said
@@ -36,6 +37,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict, the causes with their probability, and what they gain held out."""
     who = subject(diagnosis)
     who = who[:1].upper() + who[1:] if who == "the simulator" else who
+    if diagnosis.verdict == "none" and diagnosis.wrong:
+        hardly = "hardly noise alone" if diagnosis.p_value < DOUBTFUL else "noise"
+        return (
+            f"{who} lacks no physics that these runs show, but its numbers of {listing(list(diagnosis.wrong))}, said to be known, "
+            f"do not fit; with those of these runs what it leaves is {hardly} ({p_text(diagnosis.p_value)})."
+        )
     if diagnosis.verdict == "none" and diagnosis.p_value < DOUBTFUL:
         return (
             f"{who} lacks nothing that these runs could name, though what it leaves is hardly noise alone "
@@ -47,17 +54,20 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             "once its free parameters are calibrated."
         )
     named = listing([_named(cause) for cause in diagnosis.causes])
+    gain = _gain(diagnosis.test)
+    if diagnosis.wrong:
+        gain = f" Its numbers of {listing(list(diagnosis.wrong))}, said to be known, do not fit either.{gain}"
     if diagnosis.verdict == "unknown":
         left = diagnosis.unexplained
         driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
         memory = f" ({left.memory})" if left.drivers and left.memory != "none" else ""
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
-        return f"{start} that no known mechanism explains; it {driven}{memory}.{_gain(diagnosis.test)}"
+        return f"{start} that no known mechanism explains; it {driven}{memory}.{gain}"
     if diagnosis.verdict == "ambiguous":
         apart = [cause for cause in diagnosis.causes if cause.indistinguishable_from]
         rivals = ", nor between ".join(listing([cause.name, *cause.indistinguishable_from]) for cause in apart)
-        return f"{who} lacks {named}; these runs cannot tell between {rivals}.{_gain(diagnosis.test)}"
-    return f"{who} lacks {named}.{_gain(diagnosis.test)}"
+        return f"{who} lacks {named}; these runs cannot tell between {rivals}.{gain}"
+    return f"{who} lacks {named}.{gain}"
 
 
 def methods(diagnosis: Diagnosis) -> list[str]:
@@ -109,6 +119,8 @@ def as_text(diagnosis: Diagnosis) -> str:
         parts.append(
             f"Next experiment, {next_aim(following)}: {following.profile}\n"
             f"  expected probability of the true one afterwards: {following.expected_probability_after:.3f}"
+            + f" ({following.by_truth}, were it the true one)"
+            * bool(following.if_true)
         )
     parts += [f"- {remark}" for remark in diagnosis.remarks]
     return "\n\n".join(parts)
@@ -117,6 +129,8 @@ def as_text(diagnosis: Diagnosis) -> str:
 def next_aim(following: NextExperiment) -> str:
     """What the next experiment is for; where even the best programme would hardly tell the rivals apart, that is said."""
     rivals = listing(list(following.separates), "and")
+    if following.expected_probability_after < (1.0 + GAINED) / len(following.separates):
+        return f"though none that was tried would tell between {rivals}: they go together in all of them"
     if following.expected_probability_after >= DECIDES:
         return f"to tell between {rivals}"
     return (
@@ -179,12 +193,13 @@ def clock_text(shift: Alignment) -> str:
     """How the clock of a simulation stands, and what was done about it."""
     if not math.isfinite(shift.offset_sd_s):
         return f"the simulation's clock cannot be judged by {shift.compared}; give its own monitors to compare"
-    found = (
-        f"the simulation's clock is {shift.offset} late and drifts by "
-        f"{shift.drift}, judged by {shift.compared} ({p_text(shift.p_value)})"
+    must = "must be" if shift.taken_out else "would have to be"
+    apart = f", beside the {shift.epoch_s:.10g} s that put their starts together" if shift.epoch_s else ""
+    judged = f"judged by {shift.compared}; {p_text(shift.p_value)}"
+    return (
+        f"{shift.offset}, and {shift.drift} of the time that passes, {must} added to the simulation's time stamps{apart}"
+        f"\n  ({judged}): {'done' if shift.taken_out else 'left as they are'}"
     )
-    apart = f", time scales {shift.epoch_s:.10g} s apart (starts put together)" if shift.epoch_s else ""
-    return f"{found}{apart}; {'taken out' if shift.taken_out else 'left as it is'}"
 
 
 def interval_text(interval: tuple[float, float]) -> str:

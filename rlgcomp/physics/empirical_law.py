@@ -1,4 +1,4 @@
-"""A law that was found in recordings and not in a book: one term in one or two recorded columns."""
+"""A law that was found in recordings and not in a book: one term in one or two recorded quantities."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class EmpiricalLaw(Mechanism):
 
     .. math:: b = A \, f(m) \, \frac{u_2 - a_2}{h_2}, \qquad m = M[u + \tau_s \dot u]
 
-    u is a recorded column, its mean over 20 s taken; of a sensor that is late by :math:`\tau_s` (`lead_s`), what it will read. The
-    memory M is "static" (m = u), "lag"
+    u is a recorded column (`driver`), or the difference of two (`driver` less `less`), its mean over 20 s taken; of a sensor that
+    is late by :math:`\tau_s` (`lead_s`), what it will read. The memory M is "static" (m = u), "lag"
     (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the given radius: rate independent) or "plays"
     (the mean of play operators whose radii are distributed as exp(-r / radius): a Prandtl-Ishlinskii operator, and what relays
     that are the rarer the wider they are add up to); what these hold at first is told by `start`. With x = (m - at) / h,
@@ -64,7 +64,9 @@ class EmpiricalLaw(Mechanism):
 
     amplitude_deg_h: float = amplitude(0.005, "deg/h", limit=1e15)
     driver: str = setting(TEMPERATURE)
+    less: str = setting("")
     driver_2: str = setting("")
+    less_2: str = setting("")
     memory: str = setting("static", choices=MEMORIES)
     start: str = setting("rested", choices=tuple(STARTS))
     form: str = setting("power", choices=FORMS)
@@ -84,6 +86,8 @@ class EmpiricalLaw(Mechanism):
         Mechanism.__post_init__(self)
         if not self.driver:
             raise InputError("empirical_law: driver is ''; give the name of a recorded column")
+        if self.less_2 and not self.driver_2:
+            raise InputError(f"empirical_law: less_2 is {self.less_2!r} and driver_2 is ''; give driver_2, which it is taken off")
         for low, high, names in ((self.low, self.high, "low and high"), (self.low_2, self.high_2, "low_2 and high_2")):
             if not low < high:
                 raise InputError(f"empirical_law: {names} are {low:g} and {high:g}; the first must be less than the second")
@@ -95,11 +99,16 @@ class EmpiricalLaw(Mechanism):
         return ()
 
     def driver_names(self) -> tuple[str, ...]:
-        return (self.driver, self.driver_2) if self.driver_2 else (self.driver,)
+        return tuple(name for pair in self._quantities() for name in pair if name)
+
+    def _quantities(self) -> tuple[tuple[str, str], ...]:
+        """The columns of each factor: the second of a pair is taken off the first, where there is one."""
+        pairs = (self.driver, self.less), (self.driver_2, self.less_2)
+        return pairs if self.driver_2 else pairs[:1]
 
     def basis(self, recording: Recording) -> Array:
-        columns = self.driver_columns(recording)
-        first, *second = (smoothed(recording, column) for column in columns)
+        columns = iter(self.driver_columns(recording))
+        first, *second = (reading(recording, *(next(columns) for name in pair if name)) for pair in self._quantities())
         first = ahead(first, recording.time_s, self.lead_s)
         swept = STARTS[self.start]
         column = self.shaped(remembered(first, recording.time_s, self.memory, self.lag_s, self.radius, swept))
@@ -119,7 +128,8 @@ class EmpiricalLaw(Mechanism):
         """The equation with its numbers, drivers and units."""
         unit = self._unit(self.driver) + ("/min" if self.memory == "rate" else "")
         half = 0.5 * (self.high - self.low)
-        u = f"ahead({self.driver}, {self.lead_s:.3g} s)" if self.lead_s else self.driver
+        first, *second = (named(*(name for name in pair if name)) for pair in self._quantities())
+        u = f"ahead({first}, {self.lead_s:.3g} s)" if self.lead_s else first
         began = "" if self.start == "rested" else f", {self.start.replace('_', ' ')}"
         m = {
             "static": u,
@@ -141,14 +151,29 @@ class EmpiricalLaw(Mechanism):
             "dispersion": f"2 z / (1 + z^2) with z = {z}",
             "periodic": f"cos(2 pi {z})",
         }[self.form]
-        if self.driver_2:
+        for quantity in second:
             other = self._unit(self.driver_2)
-            text += f" * ({self.driver_2} - {_with(self.at_2, other)}) / {_with(0.5 * (self.high_2 - self.low_2), other)}"
+            text += f" * ({quantity} - {_with(self.at_2, other)}) / {_with(0.5 * (self.high_2 - self.low_2), other)}"
         return f"b = {self.amplitude_deg_h:.4g} deg/h * {text}"
 
     @staticmethod
     def _unit(driver: str) -> str:
         return "degC" if driver == TEMPERATURE else column_unit(driver) or ""
+
+
+def named(column: str, less: str = "") -> str:
+    """What a quantity is called: a column, or the difference of two.
+
+    >>> named("readout_a_V", "readout_b_V")
+    '(readout_a_V - readout_b_V)'
+    """
+    return f"({column} - {less})" if less else column
+
+
+def reading(recording: Recording, column: str, less: str = "") -> Array:
+    """A quantity: a column, or the difference of two, less the noise of their readings."""
+    values = smoothed(recording, column)
+    return values - smoothed(recording, less) if less else values
 
 
 def smoothed(recording: Recording, column: str) -> Array:

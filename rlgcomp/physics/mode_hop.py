@@ -25,7 +25,7 @@ class ModeHop(Mechanism):
 
     name = "mode_hop"
     kind = "chamber"
-    equation = "b = step_deg_h * relay(T; threshold_degC, dead_band_K)"
+    equation = "b = step_deg_h * relay(T; up at threshold_degC, down at dead_band_K below)"
     reference = (
         "A. D. V. Di Virgilio et al., Eur. Phys. J. C 80, 163 (2020) (mode jumps of a ring laser); F. "
         "Aronowitz, W. L. Lim, Opt. Eng. 18, 184376 (1979) (bias against detuning)."

@@ -13,6 +13,17 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, 
 from rlgcomp.recording import Recording
 
 _RADII: Final = 12  # of the law "plays"
+_CONCENTRATION: Final = 4.0  # of relays about narrow loops
+_EQUATIONS: Final = {
+    "play": "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)",
+    "plays": "b = k1_deg_h_K (mean over r ~ exp(-r / radius_K) of play(T; r) - T)",
+    "preisach": (
+        "b = k1_deg_h_K radius_K * mean of relays(T; 1 from alpha up, -1 from beta down) over centre_degC - span_K / 2 <= beta "
+        f"< alpha <= centre_degC + span_K / 2, weighted by exp(-{_CONCENTRATION:g} (alpha - beta) / span_K)"
+    ),
+    "bouc_wen": "b = k1_deg_h_K z, dz/dT = 1 - |z| / radius_K (0.2 + 0.8 sgn(z dT/dt))",
+}
+_BEGUN: Final = {start: "" if start == "rested" else f"; T had come {start.replace('_', ' far ')}" for start in STARTS}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +43,7 @@ class ThermalHysteresis(Mechanism):
 
     name = "thermal_hysteresis"
     kind = "chamber"
-    equation = "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)"
+    equation = _EQUATIONS["play"]
     reference = (
         "A. Visintin, Differential Models of Hysteresis, Springer, 1994 (operators); H. W. Seon et al., The compensation method "
         "for thermal bias of ring laser gyro, IEEE LEOS 2008, 724 (bias hysteresis of a ring laser gyro)."
@@ -50,6 +61,9 @@ class ThermalHysteresis(Mechanism):
 
     def amplitude_parameters(self) -> tuple[Parameter, ...]:
         return super().amplitude_parameters()[: 3 if self.law == "play" else 1]
+
+    def stated(self) -> str:
+        return _EQUATIONS[self.law] + _BEGUN[self.start]
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
@@ -75,7 +89,8 @@ class ThermalHysteresis(Mechanism):
             states = play_paths(temperature[:, None], radii, temperature[0] - swept * radii)
             return np.asarray((states.mean(axis=1) - temperature)[:, None])
         if self.law == "preisach":
-            relays = Preisach(self.centre_degC - 0.5 * self.span_K, self.centre_degC + 0.5 * self.span_K, concentration=4.0)
+            half = 0.5 * self.span_K
+            relays = Preisach(self.centre_degC - half, self.centre_degC + half, concentration=_CONCENTRATION)
             output, _ = relays.run(relays.init(temperature[0], swept), temperature)
             return np.asarray(self.radius_K * output[:, None])
         bouc_wen = BoucWen(slope=1.0, saturation=self.radius_K)

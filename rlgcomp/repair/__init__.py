@@ -13,11 +13,12 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import FEWEST_ROWS, Finding, Metadata
-from rlgcomp.repair.channels import clipped_gyros, constant_columns, encoder_wrap, frozen_thermometers, stuck_gyros
+from rlgcomp.repair.channels import clipped_gyros, constant_columns, encoder_wrap, stuck_gyros
 from rlgcomp.repair.clock import sampling, time_order, time_unit
 from rlgcomp.repair.context import Context
 from rlgcomp.repair.entries import LARGEST_VALUE as LARGEST_VALUE
 from rlgcomp.repair.entries import empty_channels, numbers, structure
+from rlgcomp.repair.frozen import frozen_monitors, frozen_thermometers
 from rlgcomp.repair.gaps import LONGEST_HOLD_S as LONGEST_HOLD_S
 from rlgcomp.repair.gaps import ROUNDING as ROUNDING
 from rlgcomp.repair.gaps import missing_values
@@ -34,6 +35,7 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     stuck_gyros,
     clipped_gyros,
     frozen_thermometers,
+    frozen_monitors,
     missing_values,
     encoder_wrap,
     sampling,

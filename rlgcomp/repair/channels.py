@@ -15,8 +15,6 @@ from rlgcomp.scan import may_hold
 STUCK_SAMPLES: Final = 20
 CLIPPED: Final = 0.002  # of the samples at one end of the range,
 MORE_OFTEN: Final = 10.0  # times as often as at any value beside it: a converter's steps are not saturation
-FROZEN_S: Final = 600.0
-FROZEN_WHILE_OTHERS_MOVE_K: Final = 2.0
 ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
 
 
@@ -85,32 +83,6 @@ def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                 int(np.argmax(values == rail)),
             )
     return table
-
-
-def frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    thermometers = [str(column) for column in table.columns if str(column).endswith("_degC")]
-    if len(thermometers) < 2:
-        return table
-    spoilt = np.zeros(len(table), dtype=np.bool_)
-    time_s = table[TIME].to_numpy()
-    fewest = 1 + int(FROZEN_S / context.steps(table).greatest)
-    for column in (name for name in thermometers if may_hold(table[name].to_numpy(), fewest)):
-        starts, stops = _repeats(table[column].to_numpy())
-        long = time_s[stops - 1] - time_s[starts] >= FROZEN_S
-        for start, stop in zip(starts[long], stops[long], strict=True):
-            others = table[[other for other in thermometers if other != column]].iloc[start:stop]
-            if float((others.max() - others.min()).max()) > FROZEN_WHILE_OTHERS_MOVE_K:
-                lasted = time_s[stop - 1] - time_s[start]
-                context.add("repaired", f"frozen for {lasted:.0f} s while another thermometer moved, rows left out", column, start)
-                spoilt[start:stop] = True
-    return table[~spoilt] if spoilt.any() else table
-
-
-def _repeats(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Starts and stops of the runs of two and more equal consecutive values."""
-    same = np.flatnonzero(values[1:] == values[:-1])
-    apart = np.diff(same) > 1
-    return same[np.r_[True, apart][: len(same)]], same[np.r_[apart, True][: len(same)]] + 2
 
 
 def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:

@@ -7,7 +7,7 @@ add, but for what acts on the total rate (lock-in): that sees the rate with all 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, Self, get_args
 
@@ -218,6 +218,15 @@ class Simulator:
         """The same simulator with one mechanism more, or with that one's parameters changed; laws are one where settings agree."""
         others = tuple(other for other in self.mechanisms if not _same(other, mechanism))
         return dataclasses.replace(self, mechanisms=(*others, mechanism))
+
+    def freed(self, names: Collection[str]) -> Self:
+        """The same simulator with all that is fitted of some mechanisms to be calibrated."""
+        fitted = {
+            mechanism.name: frozenset(p.name for p in mechanism.parameters() if p.role != "setting")
+            for mechanism in self.mechanisms
+            if mechanism.name in names
+        }
+        return dataclasses.replace(self, free={**self.free, **fitted})
 
     # --- its file ----------------------------------------------------------------------------------------------------------
 

@@ -56,7 +56,11 @@ class Diagnosis:
     noise : NoiseModel
         As estimated or given.
     calibration : mapping
-        Fitted baseline parameters by mechanism and name, as :class:`Estimate`.
+        Fitted baseline parameters by mechanism and name, as :class:`Estimate`, as if nothing were missing.
+    recalibration : mapping
+        The same, fitted together with the causes.
+    wrong : tuple of str
+        Mechanisms of the simulator whose numbers, said to be known, do not fit.
     alignment : tuple of Alignment
         Of the user's own simulation, one entry a run.
     remarks : tuple of str
@@ -87,6 +91,8 @@ class Diagnosis:
     augmented: Simulator
     noise: NoiseModel
     calibration: Mapping[str, Mapping[str, Estimate]] = dataclasses.field(default_factory=dict)
+    recalibration: Mapping[str, Mapping[str, Estimate]] = dataclasses.field(default_factory=dict)
+    wrong: tuple[str, ...] = ()
     alignment: tuple[Alignment, ...] = ()
     remarks: tuple[str, ...] = ()
     traces: tuple[Trace, ...] = dataclasses.field(default=(), repr=False, compare=False)
@@ -144,10 +150,8 @@ class Diagnosis:
             "sentence": self.sentence,
             "simulator": self.simulator,
             "recordings": {part: dict(files) for part, files in self.recordings.items()},
-            "baseline": {
-                mechanism: {name: dataclasses.asdict(estimate) for name, estimate in parameters.items()}
-                for mechanism, parameters in self.calibration.items()
-            },
+            "baseline": _plain(self.calibration),
+            "baseline_with_findings": _plain(self.recalibration),
             "noise": self.noise.strengths(),
             "alignment": [dataclasses.asdict(alignment) for alignment in self.alignment],
             "remarks": list(self.remarks),
@@ -190,3 +194,7 @@ class Diagnosis:
         from rlgcomp.diagnosis.page import write_diagnosis_report
 
         write_diagnosis_report(path, self, executor)
+
+
+def _plain(parameters: Mapping[str, Mapping[str, Estimate]]) -> dict[str, dict[str, Any]]:
+    return {name: {key: dataclasses.asdict(estimate) for key, estimate in of.items()} for name, of in parameters.items()}

@@ -156,8 +156,16 @@ class NextExperiment:
         A chamber or turntable programme that `rlgcomp simulate --profile` takes.
     expected_probability_after : float
         Of whichever explanation is true, once that programme was run.
+    if_true : tuple of float
+        The same of each of those it separates, were it the true one.
     """
 
     separates: tuple[str, ...]
     profile: str
     expected_probability_after: float
+    if_true: tuple[float, ...] = ()
+
+    @property
+    def by_truth(self) -> str:
+        """The expected probability of each, were it the true one."""
+        return ", ".join(f"{name} {p:.2f}" for name, p in zip(self.separates, self.if_true, strict=False))

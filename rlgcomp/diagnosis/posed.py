@@ -1,0 +1,99 @@
+"""What runs ask of a simulator: problems by window means and within windows, of training runs and of all; and the sets that answer.
+
+What the first answer shows about the question is taken in and asked again: numbers that were said to be known and are wrong, and a
+bias of each run's own. Neither is missing physics, and both would pass for some.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.candidates import fast_candidates
+from rlgcomp.diagnosis.confirm import confirmed
+from rlgcomp.diagnosis.explain import Explanations, explain
+from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """Runs, and what is tried on them.
+
+    Parameters
+    ----------
+    train, test : sequence of Recording
+        Held-out runs that decide nothing are not among them.
+    mechanisms : mapping of str to type
+    gyro, window_s, predicted
+        As in :meth:`rlgcomp.diagnosis.problem.Problem.of`.
+    """
+
+    train: Sequence[Recording]
+    test: Sequence[Recording]
+    mechanisms: Mapping[str, type[Mechanism]]
+    gyro: str | None = None
+    window_s: float | None = None
+    predicted: Callable[[Recording], Array] | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Posed:
+    """The problem of the training runs, by window means alone and with what differs within windows; and that of all runs."""
+
+    asked: Asked
+    windowed: Problem
+    problem: Problem
+    whole_windowed: Problem | None
+    whole: Problem | None
+    within: Within | None
+    lines: Sequence[Mechanism]
+    among: float
+
+    @classmethod
+    def of(cls, asked: Asked, base: Simulator, *, own_biases: bool = False) -> Self:
+        """What runs ask of a simulator, each with a bias of its own where that is said.
+
+        Raises
+        ------
+        InputError
+            As :meth:`rlgcomp.diagnosis.problem.Problem.of` and :meth:`~rlgcomp.diagnosis.problem.Problem.joined` do.
+        """
+        windowed = Problem.of(base, asked.train, gyro=asked.gyro, window_s=asked.window_s, predicted=asked.predicted)
+        within = Within.of(windowed)
+        lines, among = mechanisms_at_lines(windowed, within, asked.mechanisms)
+        windowed = windowed.with_own_biases() if own_biases else windowed
+        whole = windowed.joined(asked.test, gyro=asked.gyro, predicted=asked.predicted) if asked.test else None
+
+        def contrasted(problem: Problem) -> Problem:
+            return problem.with_contrasts(lines or fast_candidates(problem, asked.mechanisms))
+
+        if base.kind != "turntable" and not lines:
+            return cls(asked, windowed, windowed, whole, whole, within, lines, among)
+        return cls(asked, windowed, contrasted(windowed), whole, whole and contrasted(whole), within, lines, among)
+
+    def answered(self, base: Simulator) -> tuple[Self, Explanations, tuple[str, ...]]:
+        """What was asked in the end, of a simulator with its wrong numbers set free; the sets that answer it; and whose numbers,
+        said to be known, were wrong."""
+        explanations = self.explained()
+        wrong, own_biases = explanations.wrong_numbers(), explanations.own_biases()
+        if not wrong and not own_biases:
+            return self, explanations, ()
+        again = type(self).of(self.asked, base.freed(wrong), own_biases=own_biases)
+        return again, again.explained(), wrong
+
+    def explained(self) -> Explanations:
+        """Sets of causes, by the training runs and, where there are any, by held-out runs."""
+        explanations = explain(self.problem, self.asked.mechanisms, self.lines, self.among)
+        if self.whole is None or self.whole_windowed is None:
+            return explanations
+        return confirmed(explanations, self.whole, self.whole_windowed)
