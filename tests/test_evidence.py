@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.detect import _of_each, _of_many, _own_p_values, detect, 
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import fit
-from rlgcomp.diagnosis.noises import log_prior, ordinary_noise, stated_noise, unrecorded_cause
+from rlgcomp.diagnosis.noises import FLICKERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
 from rlgcomp.diagnosis.problem import Problem, default_window_s
 from rlgcomp.diagnosis.search import Search, posterior
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate
@@ -169,7 +169,7 @@ def test_stated_noise_is_believed_but_not_blindly() -> None:
     prior = np.exp(log_prior(noises, stated))
     assert prior.sum() == pytest.approx(1.0)
     assert noises[int(np.argmax(prior))] == stated
-    assert noises[int(np.argsort(prior)[-2])] == NoiseShape(0.25, 0.0)
+    assert noises[int(np.argsort(prior)[-2])] == NoiseShape(min(FLICKERS, key=lambda one: abs(one - 1.0 / 3.0)), 0.0)
     usual = np.exp(log_prior(ordinary_noise()))
     assert (prior[: len(usual)] > 0.19 * usual).all()  # what the file says is wrong one time in five
     assert stated_noise(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4), 100.0) is None  # it does not say that noise is white
