@@ -211,9 +211,11 @@ class Search:
             drivers = set(mechanism.driver_columns(run))
             left = None if follows_anything(mechanism) else leftovers(evidence.problem, mechanism)
             found = dict.fromkeys(self._by_label, 1.0)
+            slow = not drivers or any(name.startswith("temperature_") for name in drivers)  # programmes come back as lines do
             for label, which in self._by_label.items():
                 other = evidence.candidates[which[0]].mechanism
-                if not drivers & set(other.driver_columns(run)) and not (follows_anything(other) and leaves_jumps(mechanism, run)):
+                wholly = follows_anything(other) and (leaves_jumps(mechanism, run) or (slow and not other.jumps()))
+                if not wholly and not drivers & set(other.driver_columns(run)):
                     found[label] = LEFT_BY_JUMPS if left is None else max(BY_CHANCE, evidence.likeness(which, left))
             self._likenesses[cause] = found
         return self._likenesses[cause]
