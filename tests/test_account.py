@@ -5,15 +5,18 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.account import _at_the_end, _behind, _beside_a_law
+from rlgcomp.diagnosis.account import _about, _as_noise, _at_the_end, _behind, _beside_a_law
 from rlgcomp.diagnosis.conclusion import concluded
 from rlgcomp.diagnosis.explain import explain
-from rlgcomp.diagnosis.fit import FittedCause
+from rlgcomp.diagnosis.fit import FittedCause, fit
 from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
+from tests.test_evidence import SIMULATOR, runs
 
 
 def found(mechanism: Mechanism) -> FittedCause:
@@ -56,3 +59,22 @@ def test_what_hides_behind_a_strong_cause_is_spoken_of_and_found_once_that_is_co
     assert said in first.remarks
     again = rlg.diagnose(first.augmented, train, black_box=False)
     assert [cause.name for cause in again.causes] == ["thermal_lag"]
+
+
+def test_what_passes_for_noise_because_slow_noise_does_is_said_to() -> None:
+    shape = NoiseShape(walk=0.9)
+    problem = Problem.of(SIMULATOR, runs(shape, seed=5, hours=10.0), window_s=100.0)
+    (said,) = _as_noise(problem, fit(problem, [], shape), shape)
+    assert "times the white noise, passes for noise with bias instability 0 deg/h and rate random walk" in said
+    assert said.endswith("give its noise (--noise): then something unrecorded wanders.")
+    calm = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.002 / 6.0, bias_instability_deg_h=1e-6)
+    stated = Problem.of(dataclasses.replace(SIMULATOR, noise=calm), problem.runs, window_s=100.0)
+    (said,) = _as_noise(stated, fit(stated, [], shape), shape)
+    assert said.endswith("; 1e-06 and 0 are stated. If these are right, something unrecorded wanders.")
+    white = Problem.of(SIMULATOR, runs(seed=5), window_s=100.0)
+    assert not _as_noise(white, fit(white, [], NoiseShape()), NoiseShape())
+
+
+@pytest.mark.parametrize(("time_s", "said"), [(500.0, "500 s or less"), (1500.0, "of the order of"), (13500.0, "13500 s or more")])
+def test_a_time_tried_on_a_grid_is_no_estimate(time_s: float, said: str) -> None:
+    assert said in _about(time_s)

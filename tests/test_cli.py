@@ -85,6 +85,12 @@ def test_every_command_has_help_with_an_example(command: str) -> None:
     assert f"rlgcomp {command}" in result.output.replace("\n", " ")
 
 
+def test_the_version_is_printed() -> None:
+    result = run("--version")
+    assert result.exit_code == 0
+    assert result.output == f"rlgcomp {rlg.__version__}\n"
+
+
 def test_the_whole_way(folder: Path, tmp_path: Path) -> None:
     result = run("evaluate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "report", "--no-comparison")
     assert result.exit_code == 0

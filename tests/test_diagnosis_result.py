@@ -159,6 +159,12 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     assert "no gain can be claimed, the error grows" in worse.sentence
     unproven = dataclasses.replace(diagnosis, verdict="explained", test=fit(0.0045, 0.0044, -0.02, 0.06))
     assert "no gain can be claimed" in unproven.sentence
+    doubted = dataclasses.replace(diagnosis, alternatives=(Alternative((), 0.2),))
+    assert ", unless nothing is missing (probability 0.200);" in doubted.sentence
+    flips = dataclasses.replace(diagnosis.causes[0], mechanism=rlg.CATALOGUE["random_telegraph"](), indistinguishable_from=())
+    fleeting = dataclasses.replace(diagnosis, verdict="explained", causes=(flips,), test=fit(0.0078, 0.0057, 0.1, 0.4))
+    assert "No run foretells it in another: what changes held out is the mean alone" in fleeting.sentence
+    assert "error falls" not in fleeting.sentence
     with pytest.raises(rlg.InputError, match="verdict is 'maybe'"):
         dataclasses.replace(diagnosis, verdict="maybe")
 

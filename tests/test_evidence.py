@@ -282,6 +282,65 @@ def test_wrong_numbers_are_not_missing_physics() -> None:
     assert voltage.k_deg_h_V == pytest.approx(0.1, abs=0.02)
 
 
+def test_a_shape_of_the_simulator_that_missing_causes_pulled_away_is_found_beside_them() -> None:
+    """Without the causes the lag's time constant would be 1000 s, and once they are known 60 s from there on."""
+    polynomial = {"thermal_polynomial": {"degree": 3}}
+    k, tau = -6e-4, 3700.0
+    free = {"k_deg_h_K": {"value": -3e-4, "free": True}, "time_constant_s": {"value": 3000.0, "free": True}}
+    stated = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [polynomial, {"thermal_lag": free}]})
+    gyro = [
+        polynomial,
+        {"thermal_lag": {"k_deg_h_K": k, "time_constant_s": tau}},
+        {"mode_hop": {"step_deg_h": 0.025, "threshold_degC": 18.0, "dead_band_K": 1.0}},
+        {"rate_asymmetry": {"k_deg_h_min_K": -0.03}},
+    ]
+    made = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": gyro, "noise": {"angle_random_walk_deg_sqrt_h": 8e-4}})
+    train = [made.simulate(programme, seed=seed, step_s=10.0) for seed, programme in enumerate(("paper", "minor-loops"))]
+    diagnosis = rlg.diagnose(stated, train=train, black_box=False)
+    assert {cause.name for cause in diagnosis.causes} == {"mode_hop", "rate_asymmetry"}
+    assert diagnosis.calibration["thermal_lag"]["time_constant_s"].value < 1500.0
+    for name, true in (("k_deg_h_K", k), ("time_constant_s", tau)):
+        found = diagnosis.recalibration["thermal_lag"][name]
+        assert abs(found.value - true) < 3.0 * found.sd, name
+        assert found.sd < 0.2 * abs(true), name
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "true", "stated"),
+    [("thermal_lag", "time_constant_s", 1700.0, 600.0), ("thermal_hysteresis", "radius_K", 9.0, 25.0)],
+)
+def test_a_shape_that_is_stated_wrong_is_a_wrong_number(name: str, shape: str, true: float, stated: float) -> None:
+    """Its amplitudes free: a gradient and a rate had been named in place of a lag's time constant."""
+    polynomial = {"thermal_polynomial": {"degree": 3}}
+    sizes = [p.name for p in CATALOGUE[name].parameters() if p.role == "amplitude"]
+    gyro = {name: dict.fromkeys(sizes, 0.0008) | {shape: true}}
+    noise = {"angle_random_walk_deg_sqrt_h": 3e-4}
+    made = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [polynomial, gyro], "noise": noise})
+    said = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [polynomial, {name: {shape: stated}}]})
+    train = [made.simulate(programme, seed=seed, step_s=10.0) for seed, programme in enumerate(("paper", "minor-loops"))]
+    diagnosis = rlg.diagnose(said, train, black_box=False)
+    assert diagnosis.verdict == "none"
+    assert diagnosis.wrong == (name,)
+    assert diagnosis.p_value > 0.01
+    found = diagnosis.recalibration[name][shape]
+    assert abs(found.value - true) < 4.0 * found.sd < 0.5 * true
+
+
+@pytest.mark.parametrize("radius_K", [9.0, 14.0])
+def test_a_free_shape_is_found_across_valleys_of_the_misfit(radius_K: float) -> None:
+    """From the stated 27 K on the misfit falls into a valley at 19 or 27 K."""
+    amplitudes = {"k1_deg_h_K": 6.5e-4, "k2_deg_h_K": -1.3e-3, "k3_deg_h_K": -9.6e-4}
+    loop = {"thermal_hysteresis": amplitudes | {"radius_K": radius_K}}
+    free = {name: {"value": value, "free": True} for name, value in (amplitudes | {"radius_K": 27.0}).items()}
+    polynomial = {"thermal_polynomial": {"degree": 3}}
+    stated = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [polynomial, {"thermal_hysteresis": free}]})
+    noise = {"angle_random_walk_deg_sqrt_h": 3e-4}
+    made = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [polynomial, loop], "noise": noise})
+    train = [made.simulate(programme, seed=seed, step_s=10.0) for seed, programme in enumerate(("paper", "minor-loops"))]
+    (found,) = (m for m in Problem.of(stated, train).simulator.mechanisms if m.name == "thermal_hysteresis")
+    assert found.radius_K == pytest.approx(radius_K, rel=0.02)
+
+
 def test_an_unrecorded_wander_is_unknown_without_a_name() -> None:
     recordings = runs(NoiseShape(wander=1.5, wander_s=1500.0), seed=4, hours=10.0)
     diagnosis = rlg.diagnose(SIMULATOR, train=recordings, window_s=100.0, black_box=False)

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from rlgcomp import __version__
 from rlgcomp.errors import InputError
 
 app = typer.Typer(
@@ -52,6 +53,19 @@ MechanismFiles = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"rlgcomp {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _application(
+    version: Annotated[bool, typer.Option("--version", help="Print it and end.", callback=_version, is_eager=True)] = False,
+) -> None:
+    pass
 
 
 def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -12,9 +12,10 @@ import numpy as np
 from rlgcomp.diagnosis.black_box import Mismatch
 from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.explain import Explanations
-from rlgcomp.diagnosis.fit import Fitted, FittedCause, fit
+from rlgcomp.diagnosis.fit import Fitted, FittedCause, fit, noise_model
 from rlgcomp.diagnosis.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.next_experiment import next_experiment
+from rlgcomp.diagnosis.noises import WANDERS_S, stated_noise
 from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
 from rlgcomp.diagnosis.result import Alternative, Cause, Estimate, NextExperiment, Trace, Unexplained
@@ -25,6 +26,7 @@ from rlgcomp.units import column_unit
 
 _ALTERNATIVES: Final = 8
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
+_SLOW: Final = 1.3  # times the white noise, from which it is said that slow noise accounts for what is left
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _RIVALS: Final = 4  # told apart by the next experiment
@@ -60,7 +62,7 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
     own = None if conclusion.laws else tuple(sorted(name for name, known in conclusion.model.labels if not known))
     for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
         names = tuple(sorted(name for name, known in model.labels if not known))
-        if names != own:
+        if names != own and not set(names) & set(conclusion.misnamed):
             shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 - conclusion.lawful)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
     return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
@@ -121,14 +123,18 @@ def remarks_of(
             f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
             "programme, would tell."
         )
+    if verdict_of(conclusion, {}) == "none":
+        remarks += _as_noise(explanations.evidence.problem, after, noise)
     remarks += _turned(explanations, conclusion)
     remarks += _behind(explanations, conclusion)
     if not conclusion.laws and conclusion.unrecorded > UNRECORDED:
         swing = f", part of it to and fro in about {noise.swing_s:g} s," if math.isfinite(noise.swing_s) else ""
+        size = math.sqrt(max(float(np.var(after.residual_deg_h)) - after.white_deg_h**2, 0.0))
         remarks.append(
-            f"Something wanders, with standard deviation {noise.wander * after.white_deg_h:.2g} deg/h and correlation time "
-            f"about {noise.wander_s:g} s{swing} that no recorded column follows: record more monitors."
+            f"Something wanders that no recorded column follows, with standard deviation {size:.2g} deg/h in these runs and a "
+            f"correlation time {_about(noise.wander_s)}{swing} (probability {conclusion.unrecorded:.2f}): record more monitors."
         )
+    remarks += [f"What there is takes after {name} and is none: {why}." for name, why in conclusion.misnamed.items()]
     remarks += [
         f"What {cause.mechanism.name} does is drawn anew in every run: it cannot be predicted, and adds no gain on other runs."
         for cause in after.causes
@@ -140,6 +146,31 @@ def remarks_of(
         wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
         remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
     return tuple(remarks)
+
+
+def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:
+    """What to say where what is left passes for noise because slow noise does."""
+    times = float(np.std(after.residual_deg_h)) / after.white_deg_h
+    if times < _SLOW:
+        return []
+    found, stated = noise_model(shape, after.white_deg_h, problem.rows.window_s), problem.simulator.noise
+    slow = (
+        f"bias instability {found.bias_instability_deg_h:.2g} deg/h and rate random walk "
+        f"{found.rate_random_walk_deg_h_sqrt_h:.2g} deg/h/sqrt(h)"
+    )
+    left = f"What is left, {times:.1f} times the white noise, passes for noise with {slow}"
+    if stated is None or stated_noise(stated, problem.rows.window_s) is None:
+        return [f"{left}. If this gyro is known to be calmer at rest, give its noise (--noise): then something unrecorded wanders."]
+    said = f"{stated.bias_instability_deg_h:.2g} and {stated.rate_random_walk_deg_h_sqrt_h:.2g}"
+    return [f"{left}; {said} are stated. If these are right, something unrecorded wanders."]
+
+
+def _about(time_s: float) -> str:
+    """A time that was tried on a grid, in words."""
+    shortest, longest = min(WANDERS_S), max(WANDERS_S)
+    if shortest < time_s < longest:
+        return f"of the order of {time_s:g} s"
+    return f"of {time_s:g} s or {'less' if time_s == shortest else 'more'}"
 
 
 def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:

@@ -16,6 +16,7 @@ from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 _RICHER: Final = math.log(0.5)  # a simulator that has a mechanism has it in a form too simple less often than it lacks another
+_RESTATED: Final = math.log(0.25)  # a shape that is stated is wrong less often than an amplitude
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,8 +69,10 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
     for name, kind in catalogue.items():
         if kind.kind != problem.simulator.kind or kind.open_set:
             continue
+        own = inside.get(name)
         try:
-            tried = [inside[name], *inside[name].extensions()] if name in inside else list(kind.grid(problem.runs))
+            stated = [] if own is None else [own, *_otherwise(problem, own)]
+            tried = list(kind.grid(problem.runs)) if own is None else [*stated, *own.extensions()]
             for mechanism in tried:
                 mechanism.driver_columns(problem.runs[0])
             columns = [problem.columns(mechanism) for mechanism in tried]
@@ -80,7 +83,18 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
             (m, c) for m, c in zip(tried, columns, strict=True) if c.shape[1] and np.isfinite(c).all() and np.ptp(c, axis=0).any()
         ]
         for mechanism, block in shown:
-            known = name in inside and mechanism is inside[name]
-            richer = _RICHER if name in inside and not known else 0.0
-            found.append(Candidate(mechanism, block, richer - math.log(len(shown)), known))
+            known = mechanism in stated
+            rarer = 0.0 if own is None or mechanism == own else _RESTATED if known else _RICHER
+            found.append(Candidate(mechanism, block, rarer - math.log(len(shown)), known))
     return found, left_out
+
+
+def _otherwise(problem: Problem, own: Mechanism) -> list[Mechanism]:
+    """A mechanism of the simulator with other values of shapes that are said to be known."""
+    free = problem.simulator.free.get(own.name, frozenset())
+    stated = [parameter.name for parameter in own.parameters() if parameter.role == "shape" and parameter.name not in free]
+    if not stated or not own.amplitude_parameters():
+        return []
+    points = ({name: getattr(point, name) for name in stated} for point in type(own).grid(problem.runs))
+    others = dict.fromkeys(dataclasses.replace(own, **point) for point in points)  # type: ignore[type-var]
+    return [one for one in others if one != own]

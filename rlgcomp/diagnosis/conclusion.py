@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.noises import WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Verdict
 from rlgcomp.diagnosis.search import Model
+from rlgcomp.diagnosis.signatures import misnamed
 from rlgcomp.diagnosis.whitening import NoiseShape
 
 Array = npt.NDArray[np.float64]
@@ -38,13 +39,14 @@ _RARE: Final = 0.01  # of the probability: noises with less are not reckoned wit
 
 @dataclasses.dataclass(frozen=True)
 class Conclusion:
-    """What the evidence says: the set, laws that are needed beyond it and how probable they are, and whether something unrecorded
-    wanders."""
+    """What the evidence says: the set, laws that are needed beyond it and how probable they are, whether something unrecorded
+    wanders, and causes that take after it without being what they are named for."""
 
     model: Model
     laws: tuple[Discovery, ...]
     lawful: float
     unrecorded: float
+    misnamed: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 def concluded(windowed: Problem, explanations: Explanations, whole: Problem | None = None) -> Conclusion:
@@ -61,9 +63,13 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     best, innocent = explanations.likeliest, explanations.innocent
     if acquitted(explanations):
         best = innocent
-    wanders = min(explanations.unrecorded(best), explanations.unrecorded(innocent)) > UNRECORDED
-    if wanders and best.log_posterior - innocent.log_posterior < _BESIDE:
-        best = innocent  # a wander that is nobody's looks a little like many a cause
+    false = misnamed(explanations, best)  # no noise either
+    unrecorded = 1.0 if false else explanations.unrecorded(best)
+    if unrecorded > UNRECORDED:  # jumps beside a wander are one thing that is nobody's
+        labels = explanations.search.without_jumps(best.labels) - false.keys()
+        best = next((model for model in explanations.models if model.labels == labels), innocent)
+        if best.log_posterior - innocent.log_posterior < _BESIDE:
+            best = innocent  # a wander looks a little like many a cause
     dictionary = Dictionary(windowed)
     noises, prior = _noises_beside_laws(windowed)
     chosen, first, highest = None, None, best.log_posterior
@@ -90,7 +96,7 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
         if score > highest:
             chosen, first, highest = model, law, score
     if chosen is None:
-        return Conclusion(best, (), 0.0, explanations.unrecorded(best))
+        return Conclusion(best, (), 0.0, unrecorded, {name: why for (name, _), why in false.items()})
     laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary, first=first)
     lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
     return Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)

@@ -106,11 +106,13 @@ class Explanations:
         return suspected and (self.borne_out is None or self.borne_out > OWN_BIASES)
 
     def wrong_numbers(self) -> tuple[str, ...]:
-        """Mechanisms of the simulator whose numbers, said to be known, do not fit: more likely so than not."""
+        """Mechanisms of the simulator whose numbers, said to be known, do not fit: more likely so than not, or in the likeliest
+        set."""
         labels = sorted({label for model in self.models for label in model.labels if label[1]})
         labels = [label for label in labels if not self.search.has_own_biases({label})]
-        held = {name: [(name, known) in model.labels for model in self.models] for name, known in labels}
-        return tuple(name for name, where in held.items() if float(self.probabilities[where].sum()) > WRONG)
+        held = {label: [label in model.labels for model in self.models] for label in labels}
+        likely = {label for label, where in held.items() if float(self.probabilities[where].sum()) > WRONG}
+        return tuple(name for name, known in labels if (name, known) in likely | self.likeliest.labels)
 
     def probability_of(self, name: str) -> float:
         """That a mechanism is missing: the sum over all sets that hold it."""

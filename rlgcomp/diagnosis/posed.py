@@ -1,14 +1,16 @@
 """What runs ask of a simulator: problems by window means and within windows, of training runs and of all; and the sets that answer.
 
-What the first answer shows about the question is taken in and asked again: numbers that were said to be known and are wrong, and a
-bias of each run's own. Neither is missing physics, and both would pass for some.
+What an answer shows about the question is taken in and asked again: numbers that were said to be known and are wrong, a bias of
+each run's own, and shapes of the simulator that were calibrated before its missing causes were known. None of these is missing
+physics, and all would pass for some.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +18,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.candidates import fast_candidates
 from rlgcomp.diagnosis.confirm import confirmed
 from rlgcomp.diagnosis.explain import Explanations, explain
+from rlgcomp.diagnosis.linearised import solve
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.physics.mechanism import Mechanism
@@ -23,6 +26,8 @@ from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
+_ROUNDS: Final = 2
+_PULLED: Final = 0.1  # log units: weak causes are told apart by little more
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,8 +65,8 @@ class Posed:
     among: float
 
     @classmethod
-    def of(cls, asked: Asked, base: Simulator, *, own_biases: bool = False) -> Self:
-        """What runs ask of a simulator, each with a bias of its own where that is said.
+    def of(cls, asked: Asked, base: Simulator, *, own_biases: bool = False, beside: Sequence[Mechanism] = ()) -> Self:
+        """What runs ask of a simulator, each with a bias of its own where that is said; its free shapes calibrated beside causes.
 
         Raises
         ------
@@ -72,6 +77,7 @@ class Posed:
         within = Within.of(windowed)
         lines, among = mechanisms_at_lines(windowed, within, asked.mechanisms)
         windowed = windowed.with_own_biases() if own_biases else windowed
+        windowed = windowed.calibrated_beside(beside) if beside else windowed
         whole = windowed.joined(asked.test, gyro=asked.gyro, predicted=asked.predicted) if asked.test else None
 
         def contrasted(problem: Problem) -> Problem:
@@ -84,12 +90,32 @@ class Posed:
     def answered(self, base: Simulator) -> tuple[Self, Explanations, tuple[str, ...]]:
         """What was asked in the end, of a simulator with its wrong numbers set free; the sets that answer it; and whose numbers,
         said to be known, were wrong."""
-        explanations = self.explained()
-        wrong, own_biases = explanations.wrong_numbers(), explanations.own_biases()
-        if not wrong and not own_biases:
-            return self, explanations, ()
-        again = type(self).of(self.asked, base.freed(wrong), own_biases=own_biases)
-        return again, again.explained(), wrong
+        posed, explanations, wrong = self, self.explained(), dict[str, None]()
+        for _ in range(_ROUNDS):
+            known, own_biases, causes = explanations.wrong_numbers(), explanations.own_biases(), posed._pulled(explanations)
+            if not (known or own_biases or causes):
+                break
+            wrong |= dict.fromkeys(known)
+            own_biases = own_biases or posed.windowed.own_biases
+            posed = type(self).of(self.asked, base.freed(tuple(wrong)), own_biases=own_biases, beside=causes)
+            explanations = posed.explained()
+        return posed, explanations, tuple(wrong)
+
+    def _pulled(self, explanations: Explanations) -> list[Mechanism]:
+        """Causes that pulled the simulator's free shapes away, which were calibrated without them: with these where they belong all
+        explains more."""
+        model = explanations.in_training(explanations.likeliest)
+        causes = [one for one in explanations.candidates(model) if not one.known and not one.mechanism.jumps()]
+        noise = explanations.evidence.noises[int(np.argmax(model.noise_log))]
+        beside = self.problem.calibrated_beside([one.mechanism for one in causes])
+        if beside.simulator == self.problem.simulator:
+            return []
+        squares = [
+            solve(problem, np.column_stack([problem.baseline, *(one.columns for one in causes)]), noise)[2]
+            for problem in (self.problem, beside)
+        ]
+        gained = 0.5 * len(self.problem.rows) * math.log(squares[0] / squares[1])
+        return [one.mechanism for one in causes] if gained > _PULLED else []
 
     def explained(self) -> Explanations:
         """Sets of causes, by the training runs and, where there are any, by held-out runs."""

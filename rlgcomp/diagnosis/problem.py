@@ -24,6 +24,8 @@ OWN_BIAS: Final = "own_bias_deg_h"
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _RELATIVE_STEP: Final = 1e-3
 _UNLIKE: Final = 300.0  # between the sample periods of runs
+_STARTS: Final = 4  # from which a shape is sought
+_SWEEPS: Final = 3  # over mechanisms whose shapes are free, each beside the others
 _FARTHEST: Final = 0.3  # that a shape is moved at once, as the logarithm of a ratio
 
 
@@ -55,6 +57,8 @@ class Problem:
         Each training run has a bias of its own, as a gyro has after every switch-on.
     offsets : bool
         Each held-out run has one.
+    beside : tuple of Mechanism
+        Causes beside which the simulator's free shapes are calibrated.
     """
 
     windows: tuple[Windows, ...]
@@ -69,6 +73,7 @@ class Problem:
     held_out: int = 0
     own_biases: bool = False
     offsets: bool = True
+    beside: tuple[Mechanism, ...] = ()
 
     @classmethod
     def of(
@@ -142,6 +147,10 @@ class Problem:
     def with_own_biases(self) -> Self:
         """The problem in which each training run has a bias of its own."""
         return dataclasses.replace(self, own_biases=True).with_free_part()
+
+    def calibrated_beside(self, causes: Sequence[Mechanism]) -> Self:
+        """The problem with the simulator's free shapes calibrated beside causes, which may have pulled them away."""
+        return dataclasses.replace(self, beside=tuple(causes)).with_free_part()
 
     def without_offsets(self) -> Self:
         """The problem in which held-out runs have the bias that training runs have."""
@@ -237,10 +246,10 @@ class Problem:
     def with_free_part(self) -> Self:
         """The problem with the simulator's free parameters as columns, free shapes calibrated first."""
         simulator = self.simulator
-        for mechanism in () if self.held_out else simulator.mechanisms:
-            shapes = _free(simulator, mechanism, "shape")
-            if shapes and mechanism.amplitude_parameters():
-                simulator = simulator.with_mechanism(self._calibrated(simulator, mechanism, shapes))
+        free = [m.name for m in simulator.mechanisms if _free(simulator, m, "shape") and m.amplitude_parameters()]
+        for name in () if self.held_out else free * (_SWEEPS if len(free) > 1 else 1):
+            mechanism = next(one for one in simulator.mechanisms if one.name == name)
+            simulator = simulator.with_mechanism(self._calibrated(simulator, mechanism, _free(simulator, mechanism, "shape")))
         return self._linearised(simulator, lambda mechanism: self._amplitudes(simulator, mechanism))
 
     def moved(self, weights: Array) -> Self:
@@ -292,10 +301,10 @@ class Problem:
 
     def _others(self, simulator: Simulator, mechanism: Mechanism) -> Array:
         others = [other for other in simulator.mechanisms if other.name != mechanism.name and _free(simulator, other, "amplitude")]
-        return np.column_stack([self.ones, *(self.columns(other) for other in others)])
+        return np.column_stack([self.ones, *(self.columns(other) for other in (*others, *self.beside))])
 
     def _calibrated(self, simulator: Simulator, mechanism: Mechanism, shapes: tuple[str, ...]) -> Mechanism:
-        """Shapes by separable least squares: the grid's best point, then ever smaller steps about it."""
+        """Shapes by separable least squares: the grid's best points, then ever smaller steps about each; a misfit has valleys."""
         others = self._others(simulator, mechanism)
         free = _free(simulator, mechanism, "amplitude")
         in_use = [parameter.name for parameter in mechanism.amplitude_parameters()]
@@ -313,15 +322,10 @@ class Problem:
             left = _residual(np.column_stack([others, *columns]), self.target_deg_h + said - known)
             return float(left @ left)
 
-        best = mechanism
-        lowest = misfit(best)
         settings = {p.name: getattr(mechanism, p.name) for p in mechanism.parameters() if p.name not in shapes}
-        for point in type(mechanism).grid(self.runs):
-            trial = type(mechanism)(**(settings | {name: getattr(point, name) for name in shapes}))
-            found = misfit(trial)
-            if found < lowest:
-                best, lowest = trial, found
-        return refined(best, shapes, misfit)
+        points = ({name: getattr(point, name) for name in shapes} for point in type(mechanism).grid(self.runs))
+        starts = dict.fromkeys([mechanism, *(type(mechanism)(**(settings | point)) for point in points)])
+        return min((refined(one, shapes, misfit) for one in sorted(starts, key=misfit)[:_STARTS]), key=misfit)
 
     def _amplitudes(self, simulator: Simulator, mechanism: Mechanism) -> Array:
         columns = self.columns(mechanism)

@@ -255,7 +255,8 @@ def _fit(windows: Sequence[Windows], traces: Sequence[Trace], shape: NoiseShape,
     window_s = windows[0].window_s
     block = max(1, round(BLOCK_S / window_s))
     rows = [_rows(one) for one in windows]
-    floors = [white_deg_h * noise_floor(one, shape) for one in rows]
+    calm = dataclasses.replace(shape, wander=0.0)  # what wanders unrecorded is no noise of the gyro
+    floors = [white_deg_h * noise_floor(one, calm) for one in rows]
     per_run = tuple(_run_fit(trace, floor, block, seed) for trace, floor in zip(traces, floors, strict=True))
     before = [trace.before_deg_h for trace in traces]
     after = [trace.after_deg_h for trace in traces]

@@ -26,7 +26,7 @@ from rlgcomp.diagnosis.loops import forward_backward
 from rlgcomp.diagnosis.whitening import Rows
 
 Array = npt.NDArray[np.float64]
-_DWELLS: Final = (400.0, 1200.0, 3600.0, 10800.0)
+DWELLS_S: Final = (400.0, 1200.0, 3600.0, 10800.0)
 _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation
 _ITERATIONS: Final = 12
 _FINE: Final = 25  # mean times between flips, from which the likeliest is read
@@ -59,7 +59,7 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
     """The likeliest path in a target whose smooth part lies in the span of orthonormal columns, shape (n, p)."""
     left = target - orthonormal @ (orthonormal.T @ target)
     spread = float(np.std(left))
-    dwell, step = (grid.ravel() for grid in np.meshgrid(_DWELLS, _STEPS, indexing="ij"))
+    dwell, step = (grid.ravel() for grid in np.meshgrid(DWELLS_S, _STEPS, indexing="ij"))
     half_step, noise = spread * step, np.full(len(dwell), 0.7 * spread)
     smooth = np.zeros((len(target), len(dwell)))
     flip = _flip_probability(rows, dwell)
@@ -78,16 +78,22 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
     flips = sum(int((np.diff(signs[part]) != 0.0).sum()) for part in rows.runs)
     return Path(
         signs,
-        float(log_likelihood[best]) - _log_likelihood_given(signs, left, orthonormal) - math.log(len(_DWELLS)),
+        float(log_likelihood[best]) - _log_likelihood_given(signs, left, orthonormal) - math.log(len(DWELLS_S)),
         float(half_step[best]),
         _likeliest_dwell_s(rows, target - smooth[:, best], float(half_step[best]), float(noise[best])),
         flips,
     )
 
 
+def log_likelihood(rows: Rows, values: Array, half_step: float, noise: float) -> Array:
+    """Of jumps between two values in white noise, all paths summed, for each of :data:`DWELLS_S`."""
+    many = np.ones(len(DWELLS_S))
+    return _smoothed(values[:, None] * many, half_step * many, noise * many, _flip_probability(rows, np.array(DWELLS_S)))[1]
+
+
 def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> float:
     """Where the likelihood, all paths summed, is largest: the top of a parabola through the best of a grid and its neighbours."""
-    dwell_s = np.geomspace(_DWELLS[0] / 2.0, _DWELLS[-1] * 4.0, _FINE)
+    dwell_s = np.geomspace(DWELLS_S[0] / 2.0, DWELLS_S[-1] * 4.0, _FINE)
     flip = _flip_probability(rows, dwell_s)
     many = np.ones(_FINE)
     _, log_likelihood = _smoothed(values[:, None] * many, half_step * many, noise * many, flip)

@@ -17,6 +17,7 @@ PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
 OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
 GAINED: Final = 0.1  # relative gain over an even chance below which an experiment is said to tell nothing
 DECIDES: Final = 0.8  # expected probability of the true explanation from which an experiment is said to tell
+DOUBTED: Final = 0.1  # probability that nothing is missing from which it is said beside what is named
 DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
 SMALL: Final = 1e-6  # probability below which only that is said
 SHOWN_PLACES: Final = 6
@@ -54,7 +55,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             "once its free parameters are calibrated."
         )
     named = listing([_named(cause) for cause in diagnosis.causes])
-    gain = _gain(diagnosis.test)
+    healthy = sum(item.probability for item in diagnosis.alternatives if not item.mechanisms)
+    named += f", unless nothing is missing (probability {healthy:.3f})" * (healthy > DOUBTED)
+    repeats = [cause.mechanism.repeats() for cause in diagnosis.causes]
+    gain = _gain(diagnosis.test, foretold=not repeats or any(repeats))
     if diagnosis.wrong:
         gain = f" Its numbers of {listing(list(diagnosis.wrong))}, said to be known, do not fit either.{gain}"
     if diagnosis.verdict == "unknown":
@@ -225,12 +229,14 @@ def _named(cause: Cause) -> str:
     return f"{cause.name} (probability {cause.probability:.3f})"
 
 
-def _gain(fit: Fit | None) -> str:
+def _gain(fit: Fit | None, *, foretold: bool) -> str:
     if fit is None:
         return ""
     low, high = fit.improvement_ci95
     numbers = f"from {fit.baseline_rms:.5f} to {fit.augmented_rms:.5f} {fit.unit}"
     share = f"({100 * fit.improvement:.0f} %, 95 % interval {interval_text(fit.improvement_ci95)}{_about_own_means(fit)})"
+    if not foretold and high >= 0.0:
+        return f" No run foretells it in another: what changes held out is the mean alone, {numbers} {share}."
     if low > 0.0:
         return f" On runs held out its error falls {numbers} {share}; the noise floor is {fit.noise_floor_rms:.5f}."
     if high < 0.0:

@@ -1,0 +1,107 @@
+"""Whether what follows no recorded column is what its name says."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import multivariate_normal
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.signatures import _log_likelihood_of_any_level
+from rlgcomp.diagnosis.whitening import Rows
+
+Array = NDArray[np.float64]
+SIMULATOR = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+WHITE_DEG_H = 0.002
+
+
+def test_all_ways_to_jump_are_summed_over() -> None:
+    """Against every partition of eight rows in two runs, levels integrated out as a covariance."""
+    rng = np.random.default_rng(4)
+    time_s = np.array([0.0, 100.0, 200.0, 400.0, 500.0, 0.0, 100.0, 200.0])
+    rows = Rows(time_s, np.array([0, 0, 0, 0, 0, 1, 1, 1]), np.ones(8), 100.0)
+    values = rng.standard_normal(8)
+    level, noise, dwell_s = 1.3, 0.7, 350.0
+    total = 0.0
+    for part in rows.runs:
+        steps, y = np.diff(rows.time_s[part]), values[part]
+        likelihoods = []
+        for jumps in itertools.product((False, True), repeat=len(steps)):
+            jumped = -np.expm1(-steps / dwell_s)
+            prior = np.prod(np.where(jumps, jumped, 1.0 - jumped))
+            stay = np.r_[0, np.cumsum(jumps)]
+            covariance = level**2 * (stay[:, None] == stay) + noise**2 * np.eye(len(y))
+            likelihoods.append(prior * multivariate_normal.pdf(y, cov=covariance))
+        total += np.log(np.sum(likelihoods))
+    found = _log_likelihood_of_any_level(rows, values, np.array([level]), np.array([noise]), np.array([dwell_s]))
+    assert found == pytest.approx([total], rel=1e-12)
+
+
+def sawtooth(time_s: Array, rng: np.random.Generator) -> Array:
+    """Ramps that fall back at irregular times."""
+    starts = np.cumsum(rng.uniform(2000.0, 5000.0, 60))
+    since = time_s - np.r_[0.0, starts][np.searchsorted(starts, time_s, side="right")]
+    return np.asarray(since / 2000.0)
+
+
+def blows(time_s: Array, rng: np.random.Generator) -> Array:
+    """Blows at irregular times, each of which dies away."""
+    since = time_s[:, None] - np.cumsum(rng.uniform(5400.0, 12600.0, 60))
+    return np.asarray(np.sum(np.where(since >= 0.0, 6.0 * np.exp(-np.maximum(since, 0.0) / 3000.0), 0.0), axis=1))
+
+
+def telegraph(time_s: Array, rng: np.random.Generator) -> Array:
+    return np.asarray(np.where(np.cumsum(rng.random(len(time_s)) < np.diff(time_s)[0] / 3000.0) % 2, 1.2, -1.2))
+
+
+def hum(time_s: Array, rng: np.random.Generator) -> Array:
+    """A swing whose period wanders by an eighth."""
+    keep = np.exp(-np.diff(time_s)[0] / 9000.0)
+    wander = np.zeros(len(time_s))
+    for k in range(1, len(wander)):
+        wander[k] = keep * wander[k - 1] + np.sqrt(1.0 - keep**2) * rng.standard_normal()
+    return np.asarray(2.0 * np.sin(2.0 * np.pi / 2200.0 * np.cumsum(np.diff(time_s)[0] * (1.0 + 0.125 * wander))))
+
+
+def steady(time_s: Array, rng: np.random.Generator) -> Array:
+    return np.asarray(2.0 * np.sin(2.0 * np.pi * time_s / 2200.0 + rng.uniform(0.0, 6.0)))
+
+
+def diagnosed(effect: Callable[[Array, np.random.Generator], Array], seed: int) -> rlg.Diagnosis:
+    rng = np.random.default_rng(seed)
+    train = []
+    for k in range(2):
+        time_s = 100.0 * np.arange(400.0)
+        gyro = WHITE_DEG_H * (effect(time_s, rng) + rng.standard_normal(400))
+        block = 10.0 + 30.0 * np.sin(2.0 * np.pi * time_s / (3600.0 * (2.3 + 0.7 * k)))
+        table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": gyro, "temperature_block_degC": block})
+        train.append(rlg.Recording(table, name=f"run{k}"))
+    return rlg.diagnose(SIMULATOR, train, window_s=100.0, black_box=False)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("effect", "named", "why"),
+    [
+        (sawtooth, set(), None),
+        (blows, set(), "random_telegraph and is none: it has more than two levels"),
+        (telegraph, {"random_telegraph"}, None),
+        (hum, set(), "periodic_interference and is none: its frequency does not stay the same"),
+        (steady, {"periodic_interference"}, None),
+    ],
+)
+def test_what_only_takes_after_it_is_not_named(
+    effect: Callable[[Array, np.random.Generator], Array], named: set[str], why: str | None, seed: int
+) -> None:
+    diagnosis = diagnosed(effect, seed)
+    assert {cause.name for cause in diagnosis.causes} == named
+    assert diagnosis.verdict == ("explained" if named else "unknown")
+    assert diagnosis.p_value < 0.01
+    if why is not None:
+        assert any(f"What there is takes after {why}" in remark for remark in diagnosis.remarks)
+        assert not any(why.split()[0] in item.mechanisms for item in diagnosis.alternatives)
