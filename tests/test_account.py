@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.account import _about, _as_noise, _at_the_end, _behind, _beside_a_law
+from rlgcomp.diagnosis.account import _about, _as_noise, _at_the_end, _behind, _beside_a_law, off_held_out
 from rlgcomp.diagnosis.conclusion import concluded
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import FittedCause, fit
 from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.result import Fit
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -78,3 +79,16 @@ def test_what_passes_for_noise_because_slow_noise_does_is_said_to() -> None:
 @pytest.mark.parametrize(("time_s", "said"), [(500.0, "500 s or less"), (1500.0, "of the order of"), (13500.0, "13500 s or more")])
 def test_a_time_tried_on_a_grid_is_no_estimate(time_s: float, said: str) -> None:
     assert said in _about(time_s)
+
+
+@pytest.mark.parametrize(
+    ("rms", "std", "said"),
+    [(0.0012, 0.001, None), (0.003, 0.0011, "bias of each run's own accounts for it"), (0.003, 0.003, "Take one of them among")],
+)
+def test_held_out_runs_that_are_off_though_nothing_is_named_are_spoken_of(rms: float, std: float, said: str | None) -> None:
+    left = Fit(rms, rms, 0.001, "deg/h", 100.0, 0.0, (0.0, 0.0), baseline_std=std)
+    found = off_held_out("none", left)
+    assert len(found) == (said is not None)
+    assert all(said is not None and said in one for one in found)
+    assert not off_held_out("explained", left)
+    assert not off_held_out("none", None)

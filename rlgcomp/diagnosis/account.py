@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.noises import WANDERS_S, stated_noise
 from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
-from rlgcomp.diagnosis.result import Alternative, Cause, Estimate, NextExperiment, Trace, Unexplained
+from rlgcomp.diagnosis.result import Alternative, Cause, Estimate, Fit, NextExperiment, Trace, Unexplained, Verdict
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 from rlgcomp.diagnosis.wording import listing
@@ -27,6 +27,7 @@ from rlgcomp.units import column_unit
 _ALTERNATIVES: Final = 8
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
 _SLOW: Final = 1.3  # times the white noise, from which it is said that slow noise accounts for what is left
+_OFF: Final = 1.5  # times the noise floor, from which held-out runs are said to be off
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _RIVALS: Final = 4  # told apart by the next experiment
@@ -260,6 +261,23 @@ def own_biases_of(baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[str, 
     return (
         f"Training runs have a bias each ({told} off the last one's), as a gyro has after every switch-on: no physics is missing "
         "there, and no other run's bias can be foretold from it.",
+    )
+
+
+def off_held_out(verdict: Verdict, test: Fit | None) -> tuple[str, ...]:
+    """What to say where nothing is named and held-out runs are off by more than noise all the same."""
+    if verdict != "none" or test is None or test.baseline_std is None or test.baseline_rms < _OFF * test.noise_floor_rms:
+        return ()
+    times = test.baseline_rms / test.noise_floor_rms
+    off = f"Held-out runs are off by {test.baseline_rms:.2g} {test.unit} rms, {times:.1f} times the noise"
+    if test.baseline_std < _OFF * test.noise_floor_rms:
+        return (
+            f"{off}: a bias of each run's own accounts for it. If this gyro is known to repeat its bias better from switch-on to "
+            "switch-on, something that differs between runs is missing.",
+        )
+    return (
+        f"{off}, and by {test.baseline_std:.2g} about each run's own mean: they show what the training runs do not. Take one of "
+        "them among the training runs.",
     )
 
 
