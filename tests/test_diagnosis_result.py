@@ -161,6 +161,9 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     assert "no gain can be claimed" in unproven.sentence
     doubted = dataclasses.replace(diagnosis, alternatives=(Alternative((), 0.2),))
     assert ", unless nothing is missing (probability 0.200);" in doubted.sentence
+    lawful = dataclasses.replace(unknown, alternatives=(Alternative((), 0.3),))
+    assert lawful.sentence.startswith("The simulator lacks something that no known mechanism explains; it follows light")
+    assert "(static), unless nothing is missing (probability 0.300)." in lawful.sentence
     flips = dataclasses.replace(diagnosis.causes[0], mechanism=rlg.CATALOGUE["random_telegraph"](), indistinguishable_from=())
     fleeting = dataclasses.replace(diagnosis, verdict="explained", causes=(flips,), test=fit(0.0078, 0.0057, 0.1, 0.4))
     assert "No run foretells it in another: what changes held out is the mean alone" in fleeting.sentence

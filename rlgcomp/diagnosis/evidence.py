@@ -298,6 +298,11 @@ class Evidence:
         """The part of the log evidence that does not depend on the target."""
         return float(self._constant[noise])
 
+    @property
+    def calmest(self) -> int:
+        """The noise that has least of all that is slow."""
+        return min(range(len(self.noises)), key=lambda k: self.noises[k].flicker + self.noises[k].walk + self.noises[k].wander)
+
     def unexplained(self, members: Sequence[Member]) -> tuple[Array, Array]:
         """The target in units of `scale_deg_h`, shape (n,), and an orthonormal basis of baseline and members, shape (n, p)."""
         design = np.column_stack([self._orthogonal, self._table[:, self._places(members)]])

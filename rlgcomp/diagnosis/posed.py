@@ -106,6 +106,8 @@ class Posed:
         explains more."""
         model = explanations.in_training(explanations.likeliest)
         causes = [one for one in explanations.candidates(model) if not one.known and not one.mechanism.jumps()]
+        if not causes:
+            return []
         noise = explanations.evidence.noises[int(np.argmax(model.noise_log))]
         beside = self.problem.calibrated_beside([one.mechanism for one in causes])
         if beside.simulator == self.problem.simulator:

@@ -252,9 +252,7 @@ class Search:
         Noise that walks may hide it."""
         evidence = self.evidence
         mechanism = evidence.candidates[strongest].mechanism
-        noises = evidence.noises
-        calmest = min(range(len(noises)), key=lambda k: noises[k].flicker + noises[k].walk + noises[k].wander)
-        explained = evidence.explained_by_each(best.members, calmest)
+        explained = evidence.explained_by_each(best.members, evidence.calmest)
         toll = JUMPS * inadequacy(max(chi for m, chi in zip(best.members, explained, strict=True) if m.candidate == strongest))
         if not self._jumping or mechanism.jumps() or toll < JUMPED:
             return 0.0

@@ -62,7 +62,7 @@ def misnamed(explanations: Explanations, model: Model) -> dict[Label, str]:
 
 def _log_odds_of_any_level(explanations: Explanations, model: Model, path: Member) -> float:
     """Of jumps to any level against jumps between two values, slow noise beside the latter."""
-    rows, noises = explanations.evidence.problem.rows, explanations.evidence.noises
+    rows = explanations.evidence.problem.rows
     values, left = _alone(explanations, model, path)
     half_step, noise = float(np.sqrt(np.mean(values**2))), float(np.std(left))
     two = [
@@ -74,9 +74,8 @@ def _log_odds_of_any_level(explanations: Explanations, model: Model, path: Membe
     )
     any_level = _log_likelihood_of_any_level(rows, values + left, levels, shares, dwells)
     odds = _mean_of_logs(any_level) - _mean_of_logs(np.concatenate(two))
-    calmest = min(range(len(noises)), key=lambda k: noises[k].flicker + noises[k].walk + noises[k].wander)
     in_training = explanations.in_training(model).noise_log
-    return odds - float(in_training.max() - in_training[calmest])
+    return odds - float(in_training.max() - in_training[explanations.evidence.calmest])
 
 
 def _log_likelihood_of_any_level(rows: Rows, values: Array, level: Array, noise: Array, dwell_s: Array) -> Array:

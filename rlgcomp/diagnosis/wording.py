@@ -56,7 +56,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         )
     named = listing([_named(cause) for cause in diagnosis.causes])
     healthy = sum(item.probability for item in diagnosis.alternatives if not item.mechanisms)
-    named += f", unless nothing is missing (probability {healthy:.3f})" * (healthy > DOUBTED)
+    doubt = f", unless nothing is missing (probability {healthy:.3f})" if healthy > DOUBTED else ""
     repeats = [cause.mechanism.repeats() for cause in diagnosis.causes]
     gain = _gain(diagnosis.test, foretold=not repeats or any(repeats))
     if diagnosis.wrong:
@@ -66,12 +66,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
         memory = f" ({left.memory})" if left.drivers and left.memory != "none" else ""
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
-        return f"{start} that no known mechanism explains; it {driven}{memory}.{gain}"
+        return f"{start} that no known mechanism explains; it {driven}{memory}{doubt}.{gain}"
     if diagnosis.verdict == "ambiguous":
         apart = [cause for cause in diagnosis.causes if cause.indistinguishable_from]
         rivals = ", nor between ".join(listing([cause.name, *cause.indistinguishable_from]) for cause in apart)
-        return f"{who} lacks {named}; these runs cannot tell between {rivals}.{gain}"
-    return f"{who} lacks {named}.{gain}"
+        return f"{who} lacks {named}{doubt}; these runs cannot tell between {rivals}.{gain}"
+    return f"{who} lacks {named}{doubt}.{gain}"
 
 
 def methods(diagnosis: Diagnosis) -> list[str]:
