@@ -189,6 +189,18 @@ def test_runs_of_one_name_are_told_apart(files: Path, engine: dict, tmp_path: Pa
     assert engine["train"][0].name != engine["test"][0].name
 
 
+def test_a_run_in_another_format_is_no_other_run(files: Path, tmp_path: Path) -> None:
+    """A CSV file rounds."""
+    run0 = rlg.read(files / "run0.parquet")
+    rounded = tmp_path / "held_out.csv"
+    run0.table.to_csv(rounded, index=False, float_format="%.6g")
+    done = run(
+        "diagnose", "--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--test", rounded, "--out", tmp_path / "o"
+    )
+    assert done.exit_code == 2, done.output
+    assert "both to train and to test" in " ".join(done.output.split())
+
+
 SIM, RUN0, RUN1 = "{files}/sim.yaml", "{files}/run0.parquet", "{files}/run1.parquet"
 WRONG = {
     "no simulator": (["--train", RUN0], "no simulator"),

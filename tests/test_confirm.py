@@ -188,3 +188,16 @@ def test_held_out_runs_are_asked_about_far_sets_only_where_training_speaks_for_t
     models = [best, near, unlikely, spoken_for, farther, nothing]
     explanations = SimpleNamespace(models=models, search=SimpleNamespace(whatever_biases=list))
     assert _at_issue(explanations) == [best, near, spoken_for, nothing]  # type: ignore[arg-type]
+
+
+def test_a_cause_that_training_is_sure_of_can_be_denied() -> None:
+    """Held-out runs are asked about the likeliest set without each of its causes, however far behind that is in training."""
+
+    def model(causes: str, log_posterior: float) -> Model:
+        return Model((), frozenset((cause, False) for cause in causes), log_posterior, 0.0, np.zeros(1))
+
+    best, far, farther = model("abc", 0.0), model("ab", -12.0), model("ac", -80.0)
+    single, other, nothing = model("a", -90.0), model("d", -95.0), model("", -99.0)
+    models = [best, far, model("abd", -20.0), farther, single, other, nothing]
+    explanations = SimpleNamespace(models=models, search=SimpleNamespace(whatever_biases=list))
+    assert _at_issue(explanations) == [best, far, farther, single, nothing]  # type: ignore[arg-type]

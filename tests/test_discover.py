@@ -411,3 +411,19 @@ def test_the_bayes_factor_against_dense_matrices() -> None:
     )
     background = Background(problem, problem.baseline, shapes)
     assert background.log_bayes_factors(column[:, None])[0] == pytest.approx(with_law - math.log(len(SIZES)) - nothing, abs=1e-5)
+
+
+def test_what_stood_in_for_a_law_is_given_up_once_the_law_is_there() -> None:
+    """A resonance beside a sensitivity: the catalogue alone would make it of a polynomial, a hop and whatever bends."""
+
+    def both(table: pd.DataFrame) -> np.ndarray:
+        resonance = 1.0 / (1.0 + ((table["temperature_block_degC"].to_numpy() - 26.0) / 2.0) ** 2)
+        return 0.012 * resonance + 0.002 * voltage(table)
+
+    found = rlg.diagnose(SIMULATOR, runs(TRAIN, both, 1.0), runs(TEST, both, 1.0), black_box=False)
+    assert found.verdict == "unknown"
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    assert found.unexplained.drivers == ("temperature_block_degC",)
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.15 * found.test.noise_floor_rms
+    assert all("supply_voltage" in other.mechanisms for other in found.alternatives if other.probability > 0.01)

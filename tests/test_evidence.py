@@ -19,10 +19,10 @@ from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import fit
 from rlgcomp.diagnosis.noises import FLICKERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
-from rlgcomp.diagnosis.problem import Problem, default_window_s
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import Search, posterior
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate
-from rlgcomp.diagnosis.windows import FEWEST_WINDOWS
+from rlgcomp.diagnosis.windows import FEWEST_WINDOWS, default_window_s
 from rlgcomp.noise import NoiseModel
 from rlgcomp.physics import CATALOGUE
 

@@ -380,7 +380,7 @@ class TestWhatTheTableRecords:
         def noise() -> np.ndarray:
             return rng.standard_normal(n) + blue * np.diff(rng.standard_normal(n + 1))
 
-        contrasts = Contrasts.made((part,), (columns,), (noise(),))
+        contrasts = Contrasts.made((part,), (columns,), (noise(),), (np.zeros((n, 0)),))
         assert contrasts is not None
         assert contrasts.count == 4
         values = np.array([contrasts.of([noise()[:, None]])[:, 0] for _ in range(draws)])

@@ -337,3 +337,27 @@ def test_any_answer_is_taken_or_refused(run: rlg.Recording, answer: object) -> N
     else:
         assert rate.shape == (len(run),)
         assert np.isfinite(rate).all()
+
+
+@pytest.mark.parametrize("offset_s", [0.0, -20.0])
+@pytest.mark.parametrize("lock_in_deg_s", [0.0, 0.02])
+def test_the_clock_of_a_turning_table_is_told_by_its_gyro(offset_s: float, lock_in_deg_s: float) -> None:
+    """The simulation has other rows, on another clock, which drifts: rows in which the table speeds up are left out."""
+    said = [{"scale_factor": {"k_ppm": 0.0, "bias_deg_h": 5.5}}]
+    lock_in = [{"lock_in": {"lock_in_deg_s": lock_in_deg_s, "fraction": 1.0}}] if lock_in_deg_s else []
+    noise = {"angle_random_walk_deg_sqrt_h": 0.003}
+    gyro = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": said + lock_in, "noise": noise})
+    ideal = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": said})
+    runs = [gyro.simulate("rates", seed=seed, name=f"run{seed}") for seed in range(2)]
+    finer = [ideal.predict(gyro.simulate("rates", seed=seed, step_s=0.5, name=f"sim{seed}")) for seed in range(2)]
+    theirs = [
+        run.replace(table=moved(run, offset_s, 20.0).table[["time_s", "gyro_deg_s"]], truth=None, name=run.name) for run in finer
+    ]
+    found = rlg.diagnose(None, runs, simulated=theirs, black_box=False)
+    assert [cause.name for cause in found.causes] == ["lock_in"] * bool(lock_in_deg_s)
+    assert found.verdict == ("explained" if lock_in_deg_s else "none")
+    for clock in found.alignment:
+        assert clock.taken_out
+        assert clock.drift_ppm == pytest.approx(20.0, abs=5.0 * clock.drift_ppm_sd)
+        assert clock.offset_s == pytest.approx(offset_s, abs=0.5)  # a row's time is that of its end, and rows differ in length
+    assert all("speeds up" in remark for remark in found.remarks[:2])

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rlgcomp.simulation.simulator import Simulator
 
 RUNS = "RUN..."
+_ROUNDED: Final = 1e-3  # of a sample period, and of a gyro's range: files of one run differ by less
 _BESIDE = (  # imported beside: for the LS-SVM, then for the pictures
     "rlgcomp.compensation.compensator",
     "rlgcomp.diagnosis.black_box",
@@ -181,7 +182,7 @@ def told_apart(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recordin
 
 
 def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> None:
-    """Refuse a run that is both trained on and held out, or given twice: it would count as two that agree.
+    """Refuse a run that is both trained on and held out, or given twice, were it rounded: it would count as two that agree.
 
     Raises
     ------
@@ -196,9 +197,10 @@ def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> N
         column = one.gyro_columns[0]
         if column not in other:
             continue
-        _, ours, theirs = np.intersect1d(one.time_s[one.scored], other.time_s[other.scored], return_indices=True)
-        same = one.column(column)[one.scored][ours] == other.column(column)[other.scored][theirs]
-        if len(same) and same.all() and np.ptp(one.column(column)) > 0.0:
+        at, at_too = (np.round(run.time_s[run.scored] / (_ROUNDED * one.period_s)) for run in (one, other))
+        _, ours, theirs = np.intersect1d(at, at_too, return_indices=True)
+        apart = np.abs(one.column(column)[one.scored][ours] - other.column(column)[other.scored][theirs])
+        if len(apart) and apart.max() <= _ROUNDED * np.ptp(one.column(column)) > 0.0:
             where = "both to train and to test" if one in test else "twice to train"
             raise InputError(
                 f"{one.name} is given {where}, at least in part; give another run, or another interval as RUN@START:STOP"

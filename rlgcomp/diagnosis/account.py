@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
+from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.black_box import Mismatch
 from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, acquitted, healthy, verdict_of
+from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations
 from rlgcomp.diagnosis.fit import Fitted, FittedCause, fit, noise_model
 from rlgcomp.diagnosis.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.next_experiment import next_experiment
-from rlgcomp.diagnosis.noises import WANDERS_S, stated_noise
+from rlgcomp.diagnosis.noises import stated_noise
 from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
 from rlgcomp.diagnosis.result import Alternative, Cause, Estimate, Fit, NextExperiment, Trace, Unexplained, Verdict
 from rlgcomp.diagnosis.search import Model
-from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+from rlgcomp.diagnosis.whitening import NoiseShape, norms, whiten
 from rlgcomp.diagnosis.wording import listing
 from rlgcomp.units import column_unit
+
+Array = npt.NDArray[np.float64]
 
 _ALTERNATIVES: Final = 8
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
@@ -32,12 +38,15 @@ _NOTED: Final = 0.01  # p-value below which it is said that something is there, 
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _RIVALS: Final = 4  # told apart by the next experiment
 _AS_LIKELY: Final = 0.8  # relative probability from which training runs prefer neither of two sets
+_TIMES: Final = 15  # correlation times that are tried, and sizes
+_SIZES_APART: Final = 4.0  # from the likeliest, at most
+_ONE_SIDE: Final = 0.05  # of a posterior, beyond either bound
 _ONE_COURSE: Final = 0.95  # correlation from which a law and a cause are hard to part
 _BEYOND: Final = 0.05  # of the range of a driver in training: a run that leaves it by more is extrapolated
 
 
 def causes_of(
-    explanations: Explanations, conclusion: Conclusion, after: Fitted, rivals: Mapping[str, Mapping[str, float]]
+    problem: Problem, explanations: Explanations, conclusion: Conclusion, after: Fitted, rivals: Mapping[str, Mapping[str, float]]
 ) -> tuple[Cause, ...]:
     """The chosen causes, the most probable first."""
     causes = []
@@ -46,25 +55,33 @@ def causes_of(
             continue
         name = cause.mechanism.name
         probability = explanations.probability_of(name)
-        if conclusion.laws:
+        if conclusion.laws and not conclusion.reweighed:
             within = (name, False) in conclusion.model.labels
             probability = conclusion.lawful * within + (1.0 - conclusion.lawful) * probability
         drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
         others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
-        rms = float(np.sqrt(np.mean((cause.contribution_deg_h - cause.contribution_deg_h.mean()) ** 2)))
+        rms = _beyond(problem.baseline, cause.contribution_deg_h)
         alone = None if explanations.proposed is None else explanations.proposed.probability_of(name)
         causes.append(Cause(cause.mechanism.settled(), probability, cause.estimates, rms, others, drivers, alone))
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 
+def _beyond(baseline: Array, contribution_deg_h: Array) -> float:
+    """Root mean square of the part of a cause that the simulator's free parameters cannot take up."""
+    scaled = baseline / norms(baseline)
+    left = contribution_deg_h - scaled @ np.linalg.lstsq(scaled, contribution_deg_h, rcond=1e-10)[0]
+    return float(np.sqrt(np.mean(left**2)))
+
+
 def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple[Alternative, ...]:
-    """Other sets of the catalogue; beside a law beyond it, the catalogue's own best as well."""
+    """Other sets of the catalogue, beside a law where they were weighed beside it; where not, the catalogue's own best as well."""
     shares: dict[tuple[str, ...], float] = {}
-    own = None if conclusion.laws else tuple(sorted(name for name, known in conclusion.model.labels if not known))
+    weighed = conclusion.reweighed or not conclusion.laws
+    own = None if not weighed else tuple(sorted(name for name, known in conclusion.model.labels if not known))
     for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
         names = tuple(sorted(name for name, known in model.labels if not known))
         if names != own and not set(names) & set(conclusion.misnamed):
-            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 - conclusion.lawful)
+            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 if weighed else 1.0 - conclusion.lawful)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
     return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
 
@@ -124,16 +141,19 @@ def remarks_of(
             f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
             "programme, would tell."
         )
-    if verdict_of(conclusion, {}) == "none":
+    if verdict_of(conclusion, {}) != "unknown":
         remarks += _as_noise(explanations.evidence.problem, after, noise)
     remarks += _turned(explanations, conclusion)
     remarks += _behind(explanations, conclusion)
     if not conclusion.laws and conclusion.unrecorded > UNRECORDED:
         swing = f", part of it to and fro in about {noise.swing_s:g} s," if math.isfinite(noise.swing_s) else ""
+        problem = explanations.evidence.problem
+        design = np.column_stack([problem.baseline, *(one.columns for one in explanations.candidates(conclusion.model))])
+        time = _about(*correlation_time_s(problem, design, noise))
         size = math.sqrt(max(float(np.var(after.residual_deg_h)) - after.white_deg_h**2, 0.0))
         remarks.append(
             f"Something wanders that no recorded column follows, with standard deviation {size:.2g} deg/h in these runs and a "
-            f"correlation time {_about(noise.wander_s)}{swing} (probability {conclusion.unrecorded:.2f}): record more monitors."
+            f"correlation time {time}{swing} (probability {conclusion.unrecorded:.2f}): record more monitors."
         )
     remarks += [f"What there is takes after {name} and is none: {why}." for name, why in conclusion.misnamed.items()]
     remarks += [
@@ -166,12 +186,30 @@ def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:
     return [f"{left}; {said} are stated. If these are right, something unrecorded wanders."]
 
 
-def _about(time_s: float) -> str:
-    """A time that was tried on a grid, in words."""
-    shortest, longest = min(WANDERS_S), max(WANDERS_S)
-    if shortest < time_s < longest:
-        return f"of the order of {time_s:g} s"
-    return f"of {time_s:g} s or {'less' if time_s == shortest else 'more'}"
+def correlation_time_s(problem: Problem, design: Array, noise: NoiseShape) -> tuple[float, float]:
+    """How long what wanders beside a design remembers: bounds of nine tenths of its posterior, all times and sizes being as likely
+    in their logarithms; zero and infinite where these runs set none."""
+    longest = max(float(np.ptp(problem.rows.time_s[part])) for part in problem.rows.runs)
+    times = np.geomspace(problem.rows.window_s, longest, _TIMES)
+    sizes = noise.wander * np.geomspace(1.0 / _SIZES_APART, _SIZES_APART, _TIMES)
+    tried = [dataclasses.replace(noise, wander=float(size), wander_s=float(time)) for time in times for size in sizes]
+    logs = Background(problem, design, tried).log_evidence.reshape(_TIMES, -1)
+    of_times = np.exp(log_sum_exp(logs) - log_sum_exp(logs.ravel()))
+    below = np.cumsum(of_times) - 0.5 * of_times
+    low, high = np.exp(np.interp([_ONE_SIDE, 1.0 - _ONE_SIDE], below, np.log(times)))
+    return float(low if below[0] < _ONE_SIDE else 0.0), float(high if below[-1] > 1.0 - _ONE_SIDE else math.inf)
+
+
+def _about(low_s: float, high_s: float) -> str:
+    """Bounds of a time, in words.
+
+    >>> _about(870.0, 2140.0), _about(0.0, 310.0), _about(5200.0, math.inf)
+    ('between 900 and 2000 s', 'of 300 s or less', 'of 5000 s or more')
+    """
+    low, high = (f"{float(f'{time_s:.1g}'):g}" for time_s in (low_s, high_s))
+    if low_s == 0.0 or high_s == math.inf:
+        return f"of {high} s or less" if high_s < math.inf else f"of {low} s or more" if low_s else "that these runs do not tell"
+    return f"of about {low} s" if low == high else f"between {low} and {high} s"
 
 
 def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
@@ -242,7 +280,8 @@ def wrong_numbers_of(found: Mapping[str, Mapping[str, Estimate]], stated: Sequen
     """What to say of mechanisms of the simulator whose numbers do not fit; `stated` is what its own numbers leave of all runs."""
     said = [
         f"{name}: the simulator's numbers, said to be known, do not fit; these runs say "
-        f"{', '.join(f'{parameter} = {estimate}' for parameter, estimate in estimates.items())}. No physics is missing there."
+        f"{', '.join(f'{parameter} = {estimate}' for parameter, estimate in estimates.items())}. No physics is missing there, "
+        "unless the stated numbers are certain: then something is that goes as this does."
         for name, estimates in found.items()
     ]
     if said:
@@ -260,23 +299,25 @@ def own_biases_of(baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[str, 
     told = ", ".join(f"{name.removeprefix(f'{OWN_BIAS}:')} {one}" for name, one in own.items())
     return (
         f"Training runs have a bias each ({told} off the last one's), as a gyro has after every switch-on: no physics is missing "
-        "there, and no other run's bias can be foretold from it.",
+        "there, unless something does it that differs between runs and is steady in them. No other run's bias can be foretold from "
+        "it.",
     )
 
 
 def off_held_out(verdict: Verdict, test: Fit | None) -> tuple[str, ...]:
-    """What to say where nothing is named and held-out runs are off by more than noise all the same."""
-    if verdict != "none" or test is None or test.baseline_std is None or test.baseline_rms < _OFF * test.noise_floor_rms:
+    """What to say where held-out runs are off by more than noise, though nothing is named, or for all that is."""
+    if verdict == "unknown" or test is None or test.augmented_std is None or test.augmented_rms < _OFF * test.noise_floor_rms:
         return ()
-    times = test.baseline_rms / test.noise_floor_rms
-    off = f"Held-out runs are off by {test.baseline_rms:.2g} {test.unit} rms, {times:.1f} times the noise"
-    if test.baseline_std < _OFF * test.noise_floor_rms:
+    times = test.augmented_rms / test.noise_floor_rms
+    named = "" if verdict == "none" else ", with all that is named,"
+    off = f"Held-out runs{named} are off by {test.augmented_rms:.2g} {test.unit} rms, {times:.1f} times the noise"
+    if test.augmented_std < _OFF * test.noise_floor_rms:
         return (
             f"{off}: a bias of each run's own accounts for it. If this gyro is known to repeat its bias better from switch-on to "
             "switch-on, something that differs between runs is missing.",
         )
     return (
-        f"{off}, and by {test.baseline_std:.2g} about each run's own mean: they show what the training runs do not. Take one of "
+        f"{off}, and by {test.augmented_std:.2g} about each run's own mean: they show what the training runs do not. Take one of "
         "them among the training runs.",
     )
 

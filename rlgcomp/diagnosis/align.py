@@ -7,7 +7,9 @@ A column r(t) of the recording is compared with the simulation's s(t) in the mod
 e being first-order autoregressive; delta and epsilon follow from Gauss–Newton steps of generalised least squares at window means.
 Monitors tell best, because both files hold the same quantity. Where they share none the gyro must serve, and there slow physics
 that the simulation lacks (a rate term, a lag, hysteresis) looks like a late clock. So a late clock must beat each of these by far
-and leave nothing but white noise; otherwise they are nuisance columns, and only what they cannot explain counts as time.
+and leave nothing but white noise; otherwise they are nuisance columns, and only what they cannot explain counts as time. On a
+turning table no physics moves as the gyro does: it tells the time itself. Rows in which the table speeds up or slows down by more
+than what is left unknown of the clock, or of what a simulation of other rows does within them, are not compared.
 
 References
 ----------
@@ -47,8 +49,11 @@ _TRIALS: Final = 81  # offsets that are tried before the steps
 _STEPS: Final = 20
 _PLAIN_STEPS: Final = 6
 _LIKE: Final = 0.95  # share of a monitor's variance that the simulation's must explain to be the same quantity
+_TURNS: Final = 0.99  # the same of a gyro that turns with its table
+_UNKNOWN: Final = 0.3  # of a row's noise, that the simulation may be off by where the table speeds up
 _LEAST_OVERLAP: Final = 0.8
 _LEAST_COVERED: Final = 0.98
+_MAD: Final = 0.6745  # of a normal deviate, the median of its size
 _FARTHEST: Final = 0.1  # of the run, how far the clocks may be apart
 _WELL_TOLD: Final = 0.02  # of a period: a clock known so well needs no other column
 _DECISIVE: Final = 5.0  # log likelihood by which a late clock must beat every slow cause
@@ -131,6 +136,24 @@ def on_rows(recording: Recording, simulated: Recording, found: Alignment, *, gyr
     return _resampled(recording, simulated, rate, found.epoch_s + offset_s, drift)
 
 
+def turning_evenly(recording: Recording, simulated: Recording, shown: Array, found: Alignment, *, gyro: str | None = None) -> Flags:
+    """Rows that can be compared with the simulation's gyro, `shown` at them: all but those in which a table speeds up or slows down
+    by more than is known of the clock, or than a simulation of other rows tells."""
+    known = np.isfinite(shown)
+    if recording.metadata.kind != "turntable" or np.array_equal(recording.time_s, simulated.time_s):
+        return np.ones(len(known), dtype=np.bool_)
+    rate, time_s = np.interp(recording.time_s, recording.time_s[known], shown[known]), recording.time_s
+    steps = np.abs(np.diff(rate))
+    slope = np.maximum(np.r_[0.0, steps], np.r_[steps, 0.0]) / recording.period_s
+    bend = np.abs(np.diff(rate, 2, prepend=rate[0], append=rate[-1]))
+    bend = np.maximum(bend, np.maximum(np.r_[0.0, bend[:-1]], np.r_[bend[1:], 0.0]))  # a corner is in a row or beside it
+    clock_s = np.hypot(found.offset_sd_s, found.drift_ppm_sd * PPM * (time_s - time_s[0]))
+    off = slope * clock_s + bend * min(1.0, simulated.period_s / recording.period_s) / 8.0
+    left = np.diff((recording.rate_deg_h(gyro) - rate)[known])
+    noise = float(np.median(np.abs(left - np.median(left)))) / (_MAD * math.sqrt(2.0))
+    return np.asarray(off <= _UNKNOWN * noise)
+
+
 def no_clocks(found: Sequence[Alignment]) -> str | None:
     """What to say where shifts that would be taken out cannot be clocks: one is larger than any clock's drift."""
     shifts = sorted((one for one in found if one.taken_out), key=lambda one: one.drift_ppm)
@@ -157,8 +180,12 @@ def _clock(recording: Recording, simulated: Recording, rate: Array, epoch_s: flo
                 break
     if told:
         return *min(told, key=lambda pair: pair[1].offset_sd_s), True
-    measured, slow = recording.rate_deg_h(gyro), _slow_physics(recording)
+    measured = recording.rate_deg_h(gyro)
     clock = grid.compare(measured, rate)
+    if recording.metadata.kind == "turntable" and clock.explained > _TURNS and math.isfinite(clock.offset_sd_s):
+        same_rows = epoch_s == 0.0 and np.array_equal(recording.time_s, simulated.time_s)  # made from this run, on its clock
+        return recording.gyro_column(gyro), clock, not same_rows or abs(clock.offset_s) > recording.period_s
+    slow = _slow_physics(recording)
     certain = clock.p_value < SIGNIFICANT and grid.settles(measured, rate, clock, slow)
     return recording.gyro_column(gyro), clock if certain else _doubted(grid.compare(measured, rate, slow), clock), certain
 

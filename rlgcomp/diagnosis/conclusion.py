@@ -20,7 +20,7 @@ from rlgcomp.diagnosis.laws import Dictionary
 from rlgcomp.diagnosis.noises import WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Verdict
-from rlgcomp.diagnosis.search import Model
+from rlgcomp.diagnosis.search import Label, Model
 from rlgcomp.diagnosis.signatures import misnamed
 from rlgcomp.diagnosis.whitening import NoiseShape
 
@@ -40,13 +40,14 @@ _RARE: Final = 0.01  # of the probability: noises with less are not reckoned wit
 @dataclasses.dataclass(frozen=True)
 class Conclusion:
     """What the evidence says: the set, laws that are needed beyond it and how probable they are, whether something unrecorded
-    wanders, and causes that take after it without being what they are named for."""
+    wanders, causes that take after it without being what they are named for, and whether the set was weighed beside the laws."""
 
     model: Model
     laws: tuple[Discovery, ...]
     lawful: float
     unrecorded: float
     misnamed: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    reweighed: bool = False
 
 
 def concluded(windowed: Problem, explanations: Explanations, whole: Problem | None = None) -> Conclusion:
@@ -60,16 +61,8 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     whole : Problem, optional
         The same of training and held-out runs, where these are asked whether they bear a law out.
     """
-    best, innocent = explanations.likeliest, explanations.innocent
-    if acquitted(explanations):
-        best = innocent
-    false = misnamed(explanations, best)  # no noise either
-    unrecorded = 1.0 if false else explanations.unrecorded(best)
-    if unrecorded > UNRECORDED:  # jumps beside a wander are one thing that is nobody's
-        labels = explanations.search.without_jumps(best.labels) - false.keys()
-        best = next((model for model in explanations.models if model.labels == labels), innocent)
-        if best.log_posterior - innocent.log_posterior < _BESIDE:
-            best = innocent  # a wander looks a little like many a cause
+    best, unrecorded, false = _set_of(explanations)
+    innocent = explanations.innocent
     dictionary = Dictionary(windowed)
     noises, prior = _noises_beside_laws(windowed)
     chosen, first, highest = None, None, best.log_posterior
@@ -100,6 +93,40 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary, first=first)
     lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
     return Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
+
+
+def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Conclusion) -> Conclusion:
+    """A conclusion whose set is weighed again with its laws in place: what stood in for a law is none the likelier for that.
+
+    Parameters
+    ----------
+    windowed : Problem
+        As for :func:`concluded`.
+    explanations : Explanations
+        Of what is left to a simulator that has the laws.
+    conclusion : Conclusion
+        Whose laws they are; they are sought anew beside the set that is likeliest now.
+    """
+    best, _, false = _set_of(explanations)
+    noises, prior = _noises_beside_laws(windowed)
+    laws = discover_laws(windowed, _design(windowed, explanations, best), noises, prior) or conclusion.laws
+    misnamed_beside = {name: why for (name, _), why in false.items()}
+    return dataclasses.replace(conclusion, model=best, laws=laws, misnamed=misnamed_beside, reweighed=True)
+
+
+def _set_of(explanations: Explanations) -> tuple[Model, float, Mapping[Label, str]]:
+    """The set that is likeliest, for all that is asked of who accuses; the probability of a wander; what is falsely named."""
+    best, innocent = explanations.likeliest, explanations.innocent
+    if acquitted(explanations):
+        best = innocent
+    false = misnamed(explanations, best)  # no noise either
+    unrecorded = 1.0 if false else explanations.unrecorded(best)
+    if unrecorded > UNRECORDED:  # jumps beside a wander are one thing that is nobody's
+        labels = explanations.search.without_jumps(best.labels) - false.keys()
+        best = next((model for model in explanations.models if model.labels == labels), innocent)
+        if best.log_posterior - innocent.log_posterior < _BESIDE:
+            best = innocent  # a wander looks a little like many a cause
+    return best, unrecorded, false
 
 
 def _noises_beside_laws(problem: Problem) -> tuple[tuple[NoiseShape, ...], Array]:

@@ -73,10 +73,11 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
     for model in at_issue:
         if model.labels in judged:
             by_all = judged[model.labels]
-            gained = by_all.log_posterior - judged[frozenset()].log_posterior - (model.log_posterior - nothing.log_posterior)
             by_training, by_whole = explanations.candidates(model), [held[member.candidate] for member in by_all.members]
             noise = explanations.evidence.noises[int(np.argmax(by_all.noise_log))]
-            shares = [_foreseen(candidates, by_whole, windowed, noise) for candidates in (by_training, by_whole) if gained > 0.0]
+            gained = by_all.log_posterior - judged[frozenset()].log_posterior - (model.log_posterior - nothing.log_posterior)
+            asked_of = (by_training, by_whole) if gained > 0.0 else ()
+            shares = [_foreseen(causes, by_whole, windowed, noise, gained) for causes in asked_of]
             if max(shares, default=1.0) < _FORESEEN:
                 by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - gained)
         else:  # held-out runs do not bear on it
@@ -112,7 +113,8 @@ def log_foreseen(
 
 
 def _at_issue(explanations: Explanations) -> list[Model]:
-    """The likeliest sets in training; nothing, and the best single cause, which says what further ones must exceed."""
+    """The likeliest sets in training; the likeliest without one of its causes, however sure training is of that one; nothing, and
+    the best single cause, which says what further ones must exceed."""
     models = sorted(explanations.search.whatever_biases(explanations.models), key=lambda model: -model.log_posterior)
     best = models[0]
 
@@ -120,8 +122,14 @@ def _at_issue(explanations: Explanations) -> list[Model]:
         return _FAR_BEHIND if model.log_evidence > best.log_evidence else _BEHIND
 
     likely = [model for model in models[:_ASKED] if model.log_posterior > best.log_posterior - behind(model)]
+    without_one = [model for model in models if _without_one(model, best)]
     strongest = [model for model in models if len(model.labels) == 1][:1]
-    return list(dict.fromkeys([*likely, *strongest, next(model for model in models if not model.labels)]))
+    return list(dict.fromkeys([*likely, *without_one, *strongest, next(model for model in models if not model.labels)]))
+
+
+def _without_one(less: Model, model: Model) -> bool:
+    """Whether a set is another one without one of its causes."""
+    return less.labels < model.labels and len(less.labels) == len(model.labels) - 1
 
 
 def _shown(explanations: Explanations, model: Model, whole: Problem) -> bool:
@@ -135,10 +143,13 @@ def _shown(explanations: Explanations, model: Model, whole: Problem) -> bool:
     return True
 
 
-def _foreseen(candidates: Sequence[Candidate], beside: Sequence[Candidate], windowed: Problem, noise: NoiseShape) -> float:
+def _foreseen(
+    candidates: Sequence[Candidate], beside: Sequence[Candidate], windowed: Problem, noise: NoiseShape, gained: float = 0.0
+) -> float:
     """Share of what causes can explain of the held-out runs that they explain with the amplitudes of the training runs.
 
-    Beside them is what no run repeats: paths of jumps, waves of each run's own. All of it where they show nothing there.
+    Beside them is what no run repeats: paths of jumps, waves of each run's own. All of it where window means show nothing of it, or
+    not what was gained, of what acts within windows.
     """
     repeated = [one.mechanism for one in candidates if one.mechanism.repeats()]
     if not repeated:
@@ -162,7 +173,7 @@ def _foreseen(candidates: Sequence[Candidate], beside: Sequence[Candidate], wind
     seen = seen - offsets @ (offsets.T @ seen)
     possible, missed = float(np.sum((seen @ own) ** 2)), float(np.sum((seen @ (own - trained)) ** 2))
     left = whitened[:, -1] - whitened[:, :-1] @ (amplitudes * norms(design))
-    return 1.0 - missed / possible if possible > _SHOWN * float(left @ left) / len(left) else 1.0
+    return 1.0 - missed / possible if possible > max(_SHOWN, gained) * float(left @ left) / len(left) else 1.0
 
 
 def _judged(

@@ -26,16 +26,16 @@ from rlgcomp.diagnosis.account import (
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.conclusion import concluded, healthy, likely_noises, rivals_of, verdict_of
+from rlgcomp.diagnosis.conclusion import Conclusion, beside_laws, concluded, healthy, likely_noises, rivals_of, verdict_of
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.explain import considered
+from rlgcomp.diagnosis.explain import Explanations, considered
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.knocks import frozen_in, without_knocks
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import proved, unreadable
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.result import Diagnosis, Estimate
 from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator, scale_remarks
 from rlgcomp.diagnosis.whitening import NoiseShape, norms
 from rlgcomp.errors import InputError
@@ -47,6 +47,7 @@ from rlgcomp.recording import TIME, Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
+_AGREE: Final = 2.0  # standard deviations within which a number is what it was said to be
 _NOTHING: Final = 1e-9  # of the largest rate: rounding, no noise
 
 
@@ -131,6 +132,8 @@ def diagnose(
         detecting = beside.submit(detect, explanations.evidence, *given)
         conclusion = concluded(windowed, explanations, posed.whole_windowed)
     detection = detecting.result()
+    nothing = healthy(explanations) * (1.0 - conclusion.lawful)
+    explanations, conclusion = _beside_laws(posed, explanations, conclusion)
     told(0.75)
     noises = likely_noises(windowed, explanations, conclusion)
     shape = next(iter(noises))
@@ -156,8 +159,8 @@ def diagnose(
     rivals = rivals_of(explanations, conclusion.model)
     verdict = verdict_of(conclusion, rivals)
     # a path of jumps, a line or a law is seen by the search alone: the null's own probability then bounds the p-value
-    nothing = healthy(explanations) * (1.0 - conclusion.lawful)
     p_value = min(detection.p_value, nothing) if verdict != "none" else detection.p_value
+    differing = tuple(name for name in wrong if _differs(base, name, (before.baseline | after.baseline)[name]))
     next_up = what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else None
     model = noise_model(shape, after.white_deg_h, problem.rows.window_s)
     drivers = {column for mechanism in after.simulator.mechanisms for column in mechanism.driver_columns(train[0])} - {TIME}
@@ -165,7 +168,7 @@ def diagnose(
         verdict=verdict,
         p_value=p_value,
         where=where,
-        causes=causes_of(explanations, conclusion, after, rivals),
+        causes=causes_of(problem, explanations, conclusion, after, rivals),
         alternatives=alternatives_of(explanations, conclusion),
         unexplained=unexplained_of(conclusion, detection.p_value if verdict == "none" else whiteness(problem, after, shape)),
         train=proof.train,
@@ -176,7 +179,7 @@ def diagnose(
         noise=model,
         calibration=before.baseline,
         recalibration=after.baseline,
-        wrong=wrong,
+        wrong=differing,
         alignment=() if own is None else own.alignment,
         remarks=(
             *scale_remarks(windowed.windows, predicted, gyro),
@@ -184,7 +187,7 @@ def diagnose(
             *knocks,
             *more,
             *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
-            *wrong_numbers_of({name: (before.baseline | after.baseline)[name] for name in wrong}, stated),
+            *wrong_numbers_of({name: (before.baseline | after.baseline)[name] for name in differing}, stated),
             *own_biases_of(after.baseline),
             *off_held_out(verdict, proof.test),
             *(said for said in (unreadable(after.simulator, one.run) for one in mismatches) if said is not None),
@@ -251,6 +254,21 @@ def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[M
     before = fit(posed.problem, [], dataclasses.replace(_noise_of_nothing(posed.problem), wander=0.0))
     asked, window_s = posed.asked, posed.problem.rows.window_s
     return before, [Mismatch.of(before.simulator, run, asked.gyro, asked.predicted, window_s) for run in runs]
+
+
+def _beside_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -> tuple[Explanations, Conclusion]:
+    """Sets of causes, and the conclusion, once laws that were found beside causes are in place."""
+    if not (conclusion.laws and conclusion.model.labels):
+        return explanations, conclusion
+    explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained()
+    return explanations, beside_laws(posed.windowed, explanations, conclusion)
+
+
+def _differs(simulator: Simulator, name: str, found: Mapping[str, Estimate]) -> bool:
+    """Whether a number that a simulator states of a mechanism is not what was found of it."""
+    stated = next(mechanism for mechanism in simulator.mechanisms if mechanism.name == name)
+    free = simulator.free.get(name, frozenset())
+    return any(abs(one.value - getattr(stated, key)) > _AGREE * one.sd for key, one in found.items() if key not in free)
 
 
 def _noise_of_nothing(problem: Problem) -> NoiseShape:

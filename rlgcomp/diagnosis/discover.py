@@ -20,7 +20,7 @@ from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.inadequacy import inadequacy
 from rlgcomp.diagnosis.laws import MEMORY_CLASS, Dictionary
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.problem import Problem, tangents
 from rlgcomp.diagnosis.sift import Judged, refine, screen, with_round_references
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.empirical_law import EmpiricalLaw
@@ -172,7 +172,7 @@ def discover_laws(
     dictionary = Dictionary(problem) if dictionary is None else dictionary
     found = [] if first is None else [first]
     while len(found) < largest:
-        held = np.column_stack([design, *(_tangents(problem, one.mechanism) for one in found)])
+        held = np.column_stack([design, *(tangents(problem, one.mechanism) for one in found)])
         toll = inadequacy(2.0 * sum(one.log_bayes_factor for one in found))
         one = discover(problem, held, noises, noise_log_prior, dictionary=dictionary, least=least + toll)
         if one is None:
@@ -196,18 +196,6 @@ def _together(
         rms = float(np.std(value * columns[k]))
         together.append(dataclasses.replace(one, mechanism=law, amplitude_sd_deg_h=sd, rms_deg_h=rms))
     return tuple(together)
-
-
-def _tangents(problem: Problem, law: EmpiricalLaw) -> Array:
-    """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
-    columns = [problem.columns(law)]
-    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width", "lead_s")}
-    steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
-    for name, step in steps.items():
-        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]
-        if np.ptp(change) > 1e-9 * np.ptp(columns[0]):
-            columns.append(change)
-    return np.column_stack(columns)
 
 
 def _posterior(start: dict[Any, list[float]], judged: Sequence[Judged], key: Any) -> dict[Any, float]:

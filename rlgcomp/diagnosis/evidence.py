@@ -366,9 +366,10 @@ class Evidence:
         return float(np.sum(log_ndtr(np.array(signed)) + math.log(2.0)))
 
     def _positive(self, member: Member) -> bool:
-        mechanism = self.candidates[member.candidate].mechanism
-        parameters = mechanism.amplitude_parameters()
-        return len(parameters) == 1 and parameters[0].low >= 0.0
+        """Whether it has one amplitude, which cannot be negative; what a stated number is wrong by can."""
+        candidate = self.candidates[member.candidate]
+        parameters = candidate.mechanism.amplitude_parameters()
+        return not candidate.known and len(parameters) == 1 and parameters[0].low >= 0.0
 
     def beside(self, members: Sequence[Member], noise: int, columns: Array) -> Array:
         """Whitened columns less what baseline and members absorb of them, for one noise, shape (n, k)."""

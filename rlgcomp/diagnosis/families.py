@@ -66,6 +66,8 @@ class Family:
         plays those that had rested.
     log_prior : float
     start : str
+    parity : str
+        As in the law; even and odd ones have the size of a column for their driver.
     """
 
     driver: str
@@ -77,6 +79,7 @@ class Family:
     screened: bool = True
     log_prior: float = 0.0
     start: str = "rested"
+    parity: str = "none"
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -88,7 +91,8 @@ class Family:
 
     def is_sibling(self, other: Family) -> bool:
         """Whether it stands where the other did well."""
-        if (self.driver, self.driver_2, self.memory) != (other.driver, other.driver_2, other.memory):
+        alike = (self.driver, self.driver_2, self.memory, self.parity)
+        if alike != (other.driver, other.driver_2, other.memory, other.parity):
             return False
         return other.form == "bump" if self.form in NARROW else other.form == self.form
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Collection, Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,7 @@ from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
+_TOLD: Final = 1e-6  # of a derivative: with less beyond its own amplitudes a shape is not told
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,8 +101,10 @@ def fit(
         weights, _, lowest = solve(problem, plain, noise)
         parts = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
         derived = [
-            slopes(problem, mechanism, part) if _steady(candidate) and not mechanism.open_set else []  # a law's are at their best
-            for candidate, mechanism, part in zip(chosen, mechanisms, parts, strict=True)
+            _told(slopes(problem, mechanism, part), mechanism, block)
+            if _steady(candidate) and not mechanism.open_set  # a law's are at their best
+            else []
+            for candidate, mechanism, part, block in zip(chosen, mechanisms, parts, columns, strict=True)
         ]
         design = np.column_stack([plain, *(column for found in derived for _, column in found)])
         weights = solve(problem, design, noise)[0]
@@ -124,12 +128,26 @@ def fit(
     answer = solve(dataclasses.replace(problem, target_deg_h=lateness), design, noise)[0]
     sd = np.sqrt(np.square(widened) * _variances(problem, design, weights, likely or [(noise, 1.0)]) + answer**2)
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
+    beside = [*columns, *(column[:, None] for found in derived for _, column in found)]
+    baseline, simulator = _own_settled(problem, baseline, simulator, beside, noise)
     causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
         causes = _settled(problem, chosen, causes, columns, noise)
     for cause in causes:
         simulator = _joined(simulator, cause)
     return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), problem.target_deg_h - plain @ final)
+
+
+def _told(derived: list[tuple[str, Array]], mechanism: Mechanism, columns: Array) -> list[tuple[str, Array]]:
+    """Derivatives by shapes that do what amplitudes cannot; mechanisms that settle tell of both."""
+    if type(mechanism).settled is not Mechanism.settled:
+        return derived
+    basis = np.linalg.qr(columns)[0]
+    return [
+        (name, slope)
+        for name, slope in derived
+        if np.linalg.norm(slope - basis @ (basis.T @ slope)) > _TOLD * np.linalg.norm(slope)
+    ]
 
 
 def _variances(problem: Problem, design: Array, weights: Array, likely: Sequence[tuple[NoiseShape, float]]) -> Array:
@@ -246,6 +264,23 @@ def _settled(
             taken = whole(problem, candidate.mechanism) if has else np.zeros(len(problem.rows))
             found[k] = settle(problem, cause, taken, others, noise)
     return found
+
+
+def _own_settled(
+    problem: Problem, baseline: dict[str, dict[str, Estimate]], simulator: Simulator, beside: Sequence[Array], noise: NoiseShape
+) -> tuple[dict[str, dict[str, Estimate]], Simulator]:
+    """The simulator's own mechanisms, those settled whose parameters trade against each other, all of them free."""
+    found = dict(baseline)
+    for mechanism in simulator.mechanisms:
+        fitted = {parameter.name for parameter in mechanism.parameters() if parameter.role != "setting"}
+        if mechanism.settled() == mechanism or fitted != baseline.get(mechanism.name, {}).keys():
+            continue
+        theirs = [k for k, (name, _) in enumerate(problem.baseline_names) if name != mechanism.name]
+        nothing = np.zeros(len(problem.rows))
+        cause = FittedCause(mechanism, baseline[mechanism.name], nothing, known=True)
+        settled = settle(problem, cause, nothing, np.column_stack([problem.baseline[:, theirs], *beside]), noise)
+        simulator, found[mechanism.name] = simulator.with_mechanism(settled.mechanism), settled.estimates
+    return found, simulator
 
 
 def settle(problem: Problem, cause: FittedCause, taken: Array, others: Array, noise: NoiseShape) -> FittedCause:

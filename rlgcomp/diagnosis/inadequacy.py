@@ -17,12 +17,14 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.filters import lag
+from rlgcomp.motion import rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import TIME, Recording
 
 Array = npt.NDArray[np.float64]
 INADEQUACY: Final = 0.15
 BY_CHANCE: Final = 0.1  # of a slow effect that another, driven by nothing in common, follows as well
+ON_A_TABLE: Final = 0.01  # the same of an effect of rotation, which laws of the rate share
 LEFT_BY_JUMPS: Final = 0.03  # the same of what a path of jumps or a line leaves, which is short or a line
 _ENOUGH: Final = 1000  # rows that show how a mechanism remembers
 _ALIKE: Final = 0.02
@@ -66,6 +68,18 @@ def leftovers(problem: Problem, mechanism: Mechanism) -> Array:
         columns += [np.concatenate(parts) for parts in zip(*(_remembered(problem, driver, run) for run in runs), strict=True)]
     found = np.column_stack(columns)
     return np.concatenate([found, np.zeros((problem.rows.contrasts, found.shape[1]))])
+
+
+def turning_leftovers(problem: Problem, mechanism: Mechanism) -> Array:
+    """The same of an effect of rotation, shape (n, k): the effect itself where it acts, more of it one way round than the other, or
+    the more the faster the table turns; and what its law leaves open."""
+    bases = []
+    for part in problem.windows:
+        rate = rate_deg_s(part.full)[:, None]
+        faster = np.abs(rate) / (np.abs(rate).max() or 1.0)
+        basis = mechanism.basis(part.full)
+        bases.append(np.column_stack([basis * np.sign(rate), basis * faster, basis * np.sign(rate) * faster]))
+    return np.column_stack([problem.fast_columns(bases), problem.scatter(mechanism)])
 
 
 def _remembered(problem: Problem, driver: Array, run: slice) -> list[Array]:

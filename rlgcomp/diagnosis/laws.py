@@ -3,7 +3,7 @@ r"""The dictionary of laws: drivers × memory × form, with the shapes to try an
 Before the data are seen, a law is in one driver or in the product of two (three to one), every driver counts equally, then every
 memory (static, dynamic, rate-independent), every form, every point of the form's grid. A straight line in a monitor is so not
 swamped by thousands of bumps. Beside every column stand the differences of two alike (two arms' currents, two photodiodes), each
-with a share of a column's weight.
+with a share of a column's weight; beside a table's rate its size, whose laws are the same either way round or turned round with it.
 
 Columns are computed on the recordings' fine rows and averaged over the windows, many at once.
 """
@@ -25,6 +25,7 @@ from rlgcomp.diagnosis.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.hysteresis import STARTS
+from rlgcomp.motion import RATE
 from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, named, played, reading, remembered
 from rlgcomp.recording import TIME, Recording, is_gyro
 
@@ -41,7 +42,7 @@ MEMORY_CLASS: Final = {
     "plays": "rate-independent",
 }
 _SHORTEST_LAG_WINDOWS: Final = 2.0
-_PIECES_A_WINDOW: Final = 5
+_PIECES_A_WINDOW: Final = (5, 50)  # in a chamber; of a table that turns, whose rate jumps
 _RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
 _LATE_S: Final = (2.0, 60.0)  # a thermometer: as likely as not, so late that a narrow law sees it
 
@@ -60,7 +61,8 @@ class _Pieces:
     @classmethod
     def of(cls, part: Windows) -> Self:
         windows = np.r_[0, part.fine_starts, len(part.fine)]
-        longest = max(1, int(np.diff(part.fine_starts).max(initial=1)) // _PIECES_A_WINDOW)
+        pieces = _PIECES_A_WINDOW[part.full.metadata.kind == "turntable"]
+        longest = max(1, int(np.diff(part.fine_starts).max(initial=1)) // pieces)
         starts = np.concatenate([np.arange(a, b, longest) for a, b in itertools.pairwise(windows)])
         counts = np.diff(np.r_[starts, len(part.fine)])
         time_s = np.add.reduceat(part.fine.time_s, starts) / counts
@@ -106,12 +108,19 @@ class Dictionary:
         columns = recorded_drivers(problem.runs) if drivers is None else tuple(drivers)
         quantities = [*((column,) for column in columns), *differences(columns, problem.runs)]
         self._columns: dict[str, tuple[str, ...]] = {named(*which): which for which in quantities}
-        self.drivers = tuple(self._columns)
+        self._sizes = {f"|{column}|": column for column in columns if column == RATE and _either_way(column, problem.runs)}
+        self.drivers = (*self._columns, *self._sizes)
         self._pieces = [_Pieces.of(part) for part in problem.windows]
         self._values = {
             name: [piece.means(reading(part.fine, *which)) for piece, part in zip(self._pieces, problem.windows, strict=True)]
             for name, which in self._columns.items()
         }
+        self._signs = {
+            size: np.concatenate([np.sign(v)[p.begin :] for v, p in zip(self._values[column], self._pieces, strict=True)])
+            for size, column in self._sizes.items()
+        }
+        self._values |= {size: [np.abs(values) for values in self._values[column]] for size, column in self._sizes.items()}
+        self._columns |= {size: (column,) for size, column in self._sizes.items()}
         self._windows = _joined(self._pieces)
         self._remembered: dict[Held, tuple[Array, float, float]] = {}
         self.families = self._families()
@@ -148,6 +157,8 @@ class Dictionary:
                 second, low_2, high_2 = self._series(Held(family.driver_2))
                 half_2 = 0.5 * (high_2 - low_2)
                 factor = second / half_2, low_2 / half_2 + 2.0 * shapes["at_2"][which]
+            elif family.parity == "odd":
+                factor = self._signs[family.driver], np.zeros(len(which))
             table[:, which] = self._windows.means(series, family.form, family.exponent, (low, high), at, width, *factor)
         return table
 
@@ -171,6 +182,7 @@ class Dictionary:
             less=less,
             driver_2=driver_2,
             less_2=less_2,
+            parity=family.parity,
             memory=family.memory,
             start=family.start,
             form=family.form,
@@ -235,7 +247,13 @@ class Dictionary:
         shares = {name: _DIFFERENCE if len(which) > 1 else 1.0 for name, which in self._columns.items()}
         every = sum(shares.values()) or 1.0
         found: list[Family] = []
-        for driver in self.drivers:
+        for driver in self._sizes:
+            shaped = [one for one in self._static(driver) if one.form != "power"]  # powers of the rate itself are as good
+            members = [dataclasses.replace(one, parity=parity) for parity in ("even", "odd") for one in shaped]
+            weight = math.log(ONE_DRIVER * shares[driver] / every / sum(math.exp(family.log_prior) for family in members))
+            found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
+        single = [driver for driver in self.drivers if driver not in self._sizes]
+        for driver in single:
             static = self._static(driver)
             dynamic = [
                 Family(driver, "", "rate", "power", 1, ()),
@@ -254,9 +272,7 @@ class Dictionary:
                 weight = math.log(ONE_DRIVER * shares[driver] / every / together)
                 found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
         pairs = [
-            (one, two)
-            for one, two in itertools.permutations(self.drivers, 2)
-            if not set(self._columns[one]) & set(self._columns[two])
+            (one, two) for one, two in itertools.permutations(single, 2) if not set(self._columns[one]) & set(self._columns[two])
         ]
         every = sum(shares[one] * shares[two] for one, two in pairs)
         for one, two in pairs:
@@ -331,6 +347,11 @@ def recorded_drivers(runs: Sequence[Recording]) -> tuple[str, ...]:
         and not column.startswith("acc")
         and any(np.ptp(run.column(column)) > 0.0 for run in runs)
     )
+
+
+def _either_way(column: str, runs: Sequence[Recording]) -> bool:
+    """Whether a column goes to both sides of zero."""
+    return min(float(run.column(column).min()) for run in runs) < 0.0 < max(float(run.column(column).max()) for run in runs)
 
 
 def differences(columns: Sequence[str], runs: Sequence[Recording]) -> list[tuple[str, str]]:

@@ -16,7 +16,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.problem import Problem, neighbours
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.shapes import neighbours
 from rlgcomp.diagnosis.whitening import NoiseShape, whiten
 from rlgcomp.physics.mechanism import Mechanism, Parameter
 

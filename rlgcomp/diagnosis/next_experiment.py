@@ -25,8 +25,9 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.feasible import chamber_programmes, table_programmes
 from rlgcomp.diagnosis.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.laboratory import Laboratory
-from rlgcomp.diagnosis.problem import Problem, neighbours
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import NextExperiment
+from rlgcomp.diagnosis.shapes import neighbours
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, Whitener
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError

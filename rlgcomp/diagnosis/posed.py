@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.linearised import solve
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
@@ -65,8 +66,17 @@ class Posed:
     among: float
 
     @classmethod
-    def of(cls, asked: Asked, base: Simulator, *, own_biases: bool = False, beside: Sequence[Mechanism] = ()) -> Self:
-        """What runs ask of a simulator, each with a bias of its own where that is said; its free shapes calibrated beside causes.
+    def of(
+        cls,
+        asked: Asked,
+        base: Simulator,
+        *,
+        own_biases: bool = False,
+        beside: Sequence[Mechanism] = (),
+        laws: Sequence[EmpiricalLaw] = (),
+    ) -> Self:
+        """What runs ask of a simulator, each with a bias of its own where that is said; its free shapes calibrated beside causes;
+        laws part of it.
 
         Raises
         ------
@@ -78,6 +88,7 @@ class Posed:
         lines, among = mechanisms_at_lines(windowed, within, asked.mechanisms)
         windowed = windowed.with_own_biases() if own_biases else windowed
         windowed = windowed.calibrated_beside(beside) if beside else windowed
+        windowed = windowed.beside_laws(laws) if laws else windowed
         whole = windowed.joined(asked.test, gyro=asked.gyro, predicted=asked.predicted) if asked.test else None
 
         def contrasted(problem: Problem) -> Problem:
@@ -100,6 +111,14 @@ class Posed:
             posed = type(self).of(self.asked, base.freed(tuple(wrong)), own_biases=own_biases, beside=causes)
             explanations = posed.explained()
         return posed, explanations, tuple(wrong)
+
+    def beside_laws(self, laws: Sequence[EmpiricalLaw]) -> Self:
+        """The same asked of a simulator that has laws as well; of training runs alone where held-out runs lack what a law reads."""
+        columns = {column for law in laws for column in law.driver_names()}
+        readable = all(column in run for run in self.asked.test for column in columns)
+        asked = self.asked if readable else dataclasses.replace(self.asked, test=())
+        beside, own_biases = self.windowed.beside, self.windowed.own_biases
+        return type(self).of(asked, self.windowed.simulator, own_biases=own_biases, beside=beside, laws=laws)
 
     def _pulled(self, explanations: Explanations) -> list[Mechanism]:
         """Causes that pulled the simulator's free shapes away, which were calibrated without them: with these where they belong all

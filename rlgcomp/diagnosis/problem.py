@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.departures import departures_deg_h
+from rlgcomp.diagnosis.shapes import neighbours, refined, shifted
 from rlgcomp.diagnosis.whitening import Rows, norms
-from rlgcomp.diagnosis.windows import FEWEST_WINDOWS, Contrasts, Windows
+from rlgcomp.diagnosis.windows import Contrasts, Windows, default_window_s
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
+from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording
+from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 OWN_BIAS: Final = "own_bias_deg_h"
-_WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _RELATIVE_STEP: Final = 1e-3
-_UNLIKE: Final = 300.0  # between the sample periods of runs
 _STARTS: Final = 4  # from which a shape is sought
 _SWEEPS: Final = 3  # over mechanisms whose shapes are free, each beside the others
-_FARTHEST: Final = 0.3  # that a shape is moved at once, as the logarithm of a ratio
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +57,8 @@ class Problem:
         Each held-out run has one.
     beside : tuple of Mechanism
         Causes beside which the simulator's free shapes are calibrated.
+    laws : tuple of EmpiricalLaw
+        Laws that count as part of the simulator, free as far as a straight line goes: amplitudes, and derivatives by shapes.
     """
 
     windows: tuple[Windows, ...]
@@ -74,6 +74,7 @@ class Problem:
     own_biases: bool = False
     offsets: bool = True
     beside: tuple[Mechanism, ...] = ()
+    laws: tuple[EmpiricalLaw, ...] = ()
 
     @classmethod
     def of(
@@ -107,6 +108,8 @@ class Problem:
             raise InputError("no training runs; give at least one with --train")
         window_s = default_window_s(runs) if window_s is None else window_s
         windows = tuple(Windows.of(run, window_s) for run in runs)
+        informed = tuple(mechanism.informed_by(runs) for mechanism in simulator.mechanisms)
+        simulator = dataclasses.replace(simulator, mechanisms=informed)
         departures = departures_deg_h(simulator, windows, gyro, predicted)
         return cls._posed(simulator, windows, departures, runs[0].gyro_column(gyro)).with_free_part()
 
@@ -142,7 +145,7 @@ class Problem:
         more = tuple(Windows.of(run, self.rows.window_s) for run in runs)
         departures = (*self.unexplained_deg_h, *departures_deg_h(self.simulator, more, gyro, predicted))
         bare = self._posed(self.simulator, (*self.windows, *more), departures, self.channel)
-        return dataclasses.replace(bare, held_out=len(runs), own_biases=self.own_biases).with_free_part()
+        return dataclasses.replace(bare, held_out=len(runs), own_biases=self.own_biases, laws=self.laws).with_free_part()
 
     def with_own_biases(self) -> Self:
         """The problem in which each training run has a bias of its own."""
@@ -152,14 +155,19 @@ class Problem:
         """The problem with the simulator's free shapes calibrated beside causes, which may have pulled them away."""
         return dataclasses.replace(self, beside=tuple(causes)).with_free_part()
 
+    def beside_laws(self, laws: Sequence[EmpiricalLaw]) -> Self:
+        """The problem to a simulator that has laws as well."""
+        return dataclasses.replace(self, laws=tuple(laws)).with_free_part()
+
     def without_offsets(self) -> Self:
         """The problem in which held-out runs have the bias that training runs have."""
         return dataclasses.replace(self, offsets=False).with_free_part()
 
     def columns(self, mechanism: Mechanism) -> Array:
         """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
-        if self.contrasts is not None and mechanism.fast:
-            return self._fast_columns([mechanism.basis(part.full) for part in self.windows], each_run=mechanism.each_run)
+        of_the_rate = mechanism.open_set and self.simulator.kind == "turntable"  # a law of what jumps within windows
+        if self.contrasts is not None and (mechanism.fast or of_the_rate):
+            return self.fast_columns([mechanism.basis(part.full) for part in self.windows], each_run=mechanism.each_run)
         blocks = [self.run_columns(mechanism, part) for part in self.windows]
         width = blocks[0].shape[1]
         if not mechanism.each_run:
@@ -175,14 +183,14 @@ class Problem:
         bases = [basis for basis in found if basis is not None]
         if len(bases) < len(found):
             return np.zeros((len(self.rows), 0))
-        columns = self._fast_columns(bases, each_run=True)
+        columns = self.fast_columns(bases, each_run=True)
         return np.asarray(columns[:, columns.any(axis=0)])
 
-    def _fast_columns(self, bases: Sequence[Array], *, each_run: bool) -> Array:
+    def fast_columns(self, bases: Sequence[Array], *, each_run: bool = False) -> Array:
         """Window means, and contrasts where there are any, of columns at the full rate."""
         if each_run:
             alone = [[basis * (k == j) for j, basis in enumerate(bases)] for k in range(len(bases))]
-            return np.column_stack([self._fast_columns(one, each_run=False) for one in alone])
+            return np.column_stack([self.fast_columns(one, each_run=False) for one in alone])
         means = [part.means(basis) for part, basis in zip(self.windows, bases, strict=True)]
         return np.concatenate([*means, *([] if self.contrasts is None else [self.contrasts.of(bases)])])
 
@@ -197,20 +205,33 @@ class Problem:
         bases = [np.column_stack([mechanism.basis(part.full) for mechanism in fast]) for part in self.windows]
         if any(mechanism.each_run for mechanism in fast):  # directions of each run by itself
             bases = [np.column_stack([basis * (k == j) for j in range(len(bases))]) for k, basis in enumerate(bases)]
-        contrasts = Contrasts.made(self.windows, bases, self.unexplained_deg_h)
+        scatter = self._scatter()
+        contrasts = Contrasts.made(self.windows, bases, self.unexplained_deg_h, scatter)
         if contrasts is None:
             return self
         more = contrasts.count
+        disturbed = [(part.means(values) ** 2).sum(axis=1) for part, values in zip(self.windows, scatter, strict=True)]
+        of_samples = np.concatenate(
+            [part.window_s / part.full.period_s * values for part, values in zip(self.windows, disturbed, strict=True)]
+        )
         rows = dataclasses.replace(
             self.rows,
             time_s=np.r_[self.rows.time_s, np.zeros(more)],
             run=np.r_[self.rows.run, np.full(more, len(self.windows))],
-            white=np.r_[self.rows.white, np.ones(more)],
+            white=np.r_[self.rows.white + (of_samples / contrasts.level if contrasts.level > 0.0 else 0.0), np.ones(more)],
             contrasts=more,
         )
         target = np.r_[self.target_deg_h, contrasts.of([values[:, None] for values in self.unexplained_deg_h])[:, 0]]
         wider = dataclasses.replace(self, rows=rows, target_deg_h=target, contrasts=contrasts, baseline=np.empty((len(rows), 0)))
         return wider.with_free_part()
+
+    def _scatter(self) -> list[Array]:
+        """What the simulator's own laws leave open in each run at its full rate, shape (rows, k)."""
+        found = [[m.scatter(part.full) for m in self.simulator.mechanisms if m.fast] for part in self.windows]
+        none = [np.zeros((len(part.full), 0)) for part in self.windows]
+        return [
+            np.column_stack([empty, *(one for one in every if one is not None)]) for empty, every in zip(none, found, strict=True)
+        ]
 
     @staticmethod
     def run_columns(mechanism: Mechanism, part: Windows) -> Array:
@@ -265,7 +286,7 @@ class Problem:
             shapes = _free(simulator, mechanism, "shape")
             if shapes and in_use and all(name in found for name in in_use):
                 amplitudes[mechanism.name] = np.array([found[name] for name in in_use])
-                simulator = simulator.with_mechanism(_shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
+                simulator = simulator.with_mechanism(shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
         if not amplitudes:
             return self
         return self._linearised(simulator, lambda m: amplitudes[m.name] if m.name in amplitudes else self._amplitudes(simulator, m))
@@ -286,6 +307,10 @@ class Problem:
             for name in shapes:
                 columns.append(self._derivative(mechanism, name, amplitudes))
                 names.append((mechanism.name, name))
+        for law in self.laws:
+            found = tangents(self, law)
+            columns += list(found.T)
+            names += [(law.name, "")] * found.shape[1]
         if not columns or not _spans(np.column_stack(columns), self.ones):
             columns.append(self.ones)
             names.append(("", "constant_deg_h"))
@@ -301,7 +326,7 @@ class Problem:
 
     def _others(self, simulator: Simulator, mechanism: Mechanism) -> Array:
         others = [other for other in simulator.mechanisms if other.name != mechanism.name and _free(simulator, other, "amplitude")]
-        return np.column_stack([self.ones, *(self.columns(other) for other in (*others, *self.beside))])
+        return np.column_stack([self.ones, *(self.columns(other) for other in (*others, *self.beside, *self.laws))])
 
     def _calibrated(self, simulator: Simulator, mechanism: Mechanism, shapes: tuple[str, ...]) -> Mechanism:
         """Shapes by separable least squares: the grid's best points, then ever smaller steps about each; a misfit has valleys."""
@@ -316,10 +341,11 @@ class Problem:
             return np.asarray(known), [columns[name] for name in free]
 
         said, _ = parts(mechanism)
+        weight = 1.0 / np.sqrt(self.rows.white)
 
         def misfit(candidate: Mechanism) -> float:
             known, columns = parts(candidate)
-            left = _residual(np.column_stack([others, *columns]), self.target_deg_h + said - known)
+            left = _residual(weight[:, None] * np.column_stack([others, *columns]), weight * (self.target_deg_h + said - known))
             return float(left @ left)
 
         settings = {p.name: getattr(mechanism, p.name) for p in mechanism.parameters() if p.name not in shapes}
@@ -340,62 +366,16 @@ class Problem:
         return np.asarray((self.columns(high) - self.columns(low)) @ amplitudes / step)
 
 
-def default_window_s(runs: Sequence[Recording]) -> float:
-    """100 s, or what gives the longest run two hundred windows and every run enough; never less than a sample.
-
-    Raises
-    ------
-    InputError
-        Runs are sampled so differently that one of them is hardly in seconds.
-    """
-    slowest, fastest = (extreme(runs, key=lambda run: run.period_s) for extreme in (max, min))
-    if slowest.period_s > _UNLIKE * fastest.period_s:
-        raise InputError(
-            f"{slowest.name} has a sample every {slowest.period_s:g} s, {fastest.name} every {fastest.period_s:g} s; if the times "
-            f"of {slowest.name} are in milliseconds, say --map time_s='time_s [ms]'; else give runs sampled more alike"
-        )
-    lengths = [run.duration_s - run.metadata.lead_in_s for run in runs]
-    period = max(run.period_s for run in runs)
-    wanted = min(DEFAULT_AVERAGING_S, max(lengths) / _WINDOWS, min(lengths) / (2 * FEWEST_WINDOWS))
-    return period * max(1, round(wanted / period))
-
-
-def refined(best: Mechanism, names: Sequence[str], misfit: Callable[[Mechanism], float], *, sweeps: int = 6) -> Mechanism:
-    """Shapes moved by ever smaller steps, one after the other, as long as the misfit falls."""
-    lowest = misfit(best)
-    step = 0.2
-    for _ in range(sweeps):
-        for name in names:
-            for _ in range(4):
-                trials = [(misfit(trial), trial) for trial in neighbours(best, name, step)]
-                found, trial = min(trials, key=lambda pair: pair[0])
-                if found >= lowest:
-                    break
-                best, lowest = trial, found
-        step *= 0.4
-    return best
-
-
-def neighbours(mechanism: Mechanism, name: str, relative: float) -> tuple[Mechanism, Mechanism]:
-    """The mechanism with one shape a little smaller and a little larger: by a ratio where its bounds are positive."""
-    parameter = next(parameter for parameter in mechanism.parameters() if parameter.name == name)
-    value = getattr(mechanism, name)
-    if parameter.low > 0.0:
-        values = (value * math.exp(-relative), value * math.exp(relative))
-    else:
-        width = relative * 0.25 * (parameter.high - parameter.low)
-        values = (value - width, value + width)
-    low, high = (min(max(v, parameter.low), parameter.high) for v in values)
-    return dataclasses.replace(mechanism, **{name: low}), dataclasses.replace(mechanism, **{name: high})  # type: ignore[type-var]
-
-
-def _shifted(mechanism: Mechanism, shifts: Mapping[str, float]) -> Mechanism:
-    """A mechanism with its shapes moved, none by more than a third."""
-    changes = {}
-    for name, shift in shifts.items():
-        low, high = neighbours(mechanism, name, _FARTHEST)
-        changes[name] = float(np.clip(getattr(mechanism, name) + shift, getattr(low, name), getattr(high, name)))
-    return dataclasses.replace(mechanism, **changes)  # type: ignore[type-var]
+def tangents(problem: Problem, law: EmpiricalLaw) -> Array:
+    """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
+    columns = [problem.columns(law)]
+    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width", "lead_s")}
+    steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
+    for name, step in steps.items():
+        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]
+        if np.ptp(change) > 1e-9 * np.ptp(columns[0]):
+            columns.append(change)
+    return np.column_stack(columns)
 
 
 def _free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, ...]:

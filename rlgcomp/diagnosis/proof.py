@@ -145,7 +145,7 @@ def proved(
         for k, (one, bias) in enumerate(zip(left, biases, strict=True))
     )
     fits = [
-        _fit([one.windows for one in left[part]], traces[part], shape, white_deg_h, seed)
+        _fit([one.windows for one in left[part]], traces[part], after, shape, white_deg_h, seed)
         for part in (slice(0, training), slice(training, None))
         if traces[part]
     ]
@@ -251,12 +251,15 @@ def _without(values: Array, blocks: Sequence[Array]) -> Array:
     return np.asarray(values - design @ (design.T @ values))
 
 
-def _fit(windows: Sequence[Windows], traces: Sequence[Trace], shape: NoiseShape, white_deg_h: float, seed: int) -> Fit:
+def _fit(
+    windows: Sequence[Windows], traces: Sequence[Trace], simulator: Simulator, shape: NoiseShape, white_deg_h: float, seed: int
+) -> Fit:
     window_s = windows[0].window_s
     block = max(1, round(BLOCK_S / window_s))
-    rows = [_rows(one) for one in windows]
+    rows = [_rows(one, simulator, white_deg_h) for one in windows]
     calm = dataclasses.replace(shape, wander=0.0)  # what wanders unrecorded is no noise of the gyro
-    floors = [white_deg_h * noise_floor(one, calm) for one in rows]
+    expected = [white_deg_h * noise_floor(one, calm) for one in rows]
+    floors = [min(floor, _rms(_centred([trace.after_deg_h]))) for floor, trace in zip(expected, traces, strict=True)]  # not above
     per_run = tuple(_run_fit(trace, floor, block, seed) for trace, floor in zip(traces, floors, strict=True))
     before = [trace.before_deg_h for trace in traces]
     after = [trace.after_deg_h for trace in traces]
@@ -300,8 +303,12 @@ def _run_fit(trace: Trace, floor: float, block: int, seed: int) -> RunFit:
     )
 
 
-def _rows(windows: Windows) -> Rows:
+def _rows(windows: Windows, simulator: Simulator, white_deg_h: float) -> Rows:
+    """The windows of a run, whose noise is the greater where a law of the simulator leaves something open."""
     white = np.asarray(windows.window_s / (windows.counts[windows.kept] * windows.full.period_s), dtype=np.float64)
+    for left_open in (mechanism.scatter(windows.full) for mechanism in simulator.mechanisms):
+        if left_open is not None:
+            white += (windows.means(left_open) ** 2).sum(axis=1) / white_deg_h**2
     time_s = windows.middles_s
     return Rows(time_s, np.zeros(len(time_s), dtype=np.intp), white, windows.window_s)
 

@@ -23,7 +23,16 @@ import numpy.typing as npt
 from scipy.special import gammaln
 
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member, log_sum_exp
-from rlgcomp.diagnosis.inadequacy import BY_CHANCE, LEFT_BY_JUMPS, follows_anything, inadequacy, leaves_jumps, leftovers
+from rlgcomp.diagnosis.inadequacy import (
+    BY_CHANCE,
+    LEFT_BY_JUMPS,
+    ON_A_TABLE,
+    follows_anything,
+    inadequacy,
+    leaves_jumps,
+    leftovers,
+    turning_leftovers,
+)
 
 Array = npt.NDArray[np.float64]
 # Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
@@ -173,8 +182,10 @@ class Search:
 
     def _ask_beyond(self, models: dict[frozenset[Label], Model], causes: int = LARGEST) -> None:
         """What further causes must exceed beside those of the likeliest set of so many at most: what of the error of one could be
-        taken for them. All models have their priors by that."""
-        named = [model for labels, model in models.items() if 0 < len(labels) <= causes and not self.has_own_biases(labels)]
+        taken for them; a simulator's own equations, whose numbers alone are wrong, err no more than where they are free. All models
+        have their priors by that."""
+        named = [model for labels, model in models.items() if len(labels) <= causes and any(not known for _, known in labels)]
+        named = [model for model in named if not self.has_own_biases(model.labels)]
         if not named:
             return
         best = max(named, key=lambda model: model.log_posterior)
@@ -198,9 +209,10 @@ class Search:
         return self._refined(labels, tuple(m for m in model.members if self._labels[m.candidate] != label), {})
 
     def _explained_by_each(self, model: Model) -> dict[int, float]:
-        """Chi-square that each candidate in a model explains."""
+        """Chi-square that each cause in a model explains."""
         explained = self.evidence.explained_by_each(model.members, int(np.argmax(model.noise_log)))
-        return {member.candidate: chi for member, chi in zip(model.members, explained, strict=True)}
+        of_each = {member.candidate: chi for member, chi in zip(model.members, explained, strict=True)}
+        return {candidate: chi for candidate, chi in of_each.items() if not self._labels[candidate][1]}
 
     def _alike(self, cause: int) -> dict[Label, float]:
         """Share of what a cause's equation leaves that could be taken for each mechanism."""
@@ -209,8 +221,12 @@ class Search:
             mechanism = evidence.candidates[cause].mechanism
             run = evidence.problem.runs[0]
             drivers = set(mechanism.driver_columns(run))
-            left = None if follows_anything(mechanism) else leftovers(evidence.problem, mechanism)
             found = dict.fromkeys(self._by_label, 1.0)
+            if mechanism.kind == "turntable" and not follows_anything(mechanism):
+                turning = turning_leftovers(evidence.problem, mechanism)
+                found = {label: max(ON_A_TABLE, evidence.likeness(which, turning)) for label, which in self._by_label.items()}
+                return self._likenesses.setdefault(cause, found)
+            left = None if follows_anything(mechanism) else leftovers(evidence.problem, mechanism)
             slow = not drivers or any(name.startswith("temperature_") for name in drivers)  # programmes come back as lines do
             for label, which in self._by_label.items():
                 other = evidence.candidates[which[0]].mechanism
@@ -231,13 +247,16 @@ class Search:
     def toll(self, labels: frozenset[Label]) -> float:
         """What the causes of a set must exceed together; the first of them nothing.
 
-        One that stands in the place of a cause of the likeliest set pays what that one would: nothing that it left is there.
+        One that stands in the place of a cause of the likeliest set pays what that one would: nothing that it left is there. So do
+        wrong numbers, which pay beside such a cause alone.
         """
-        gone = sorted((self._tolls[label] for label in self._strong - labels), reverse=True)
-        come = sorted((self._tolls.get(label, 0.0) for label in labels - self._strong - self._own_biases), reverse=True)
-        stay = [self._tolls[label] for label in self._strong & labels]
+        fresh = labels - self._strong - self._own_biases
+        gone = sorted((self._tolls[label] for label in self._strong - labels if not label[1]), reverse=True)
+        come = sorted((self._tolls.get(label, 0.0) for label in fresh if not label[1]), reverse=True)
+        stay = [self._tolls[label] for label in self._strong & labels if not label[1]]
+        wrong = [self._tolls.get(label, 0.0) for label in labels - self._own_biases if label[1]] if stay else []
         jumps = len(labels) > 1 and bool(labels & self._jumping)
-        return sum(sorted([*stay, *gone[: len(come)], *come[len(gone) :]])[:-1]) + self._toll_of_jumps * jumps
+        return sum(sorted([*stay, *gone[: len(come)], *come[len(gone) :]])[:-1]) + sum(wrong) + self._toll_of_jumps * jumps
 
     def _log_prior(self, missing: int, wrong: int) -> float:
         """The same by how many mechanisms are missing and how many have wrong numbers, but for the toll."""

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.diagnosis.align import clock_of, no_clocks, on_rows, same_axis
+from rlgcomp.diagnosis.align import clock_of, no_clocks, on_rows, same_axis, turning_evenly
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
@@ -124,7 +124,9 @@ class SimulatedRuns:
         if doubted is not None:
             clocks = [dataclasses.replace(clock, taken_out=False) for clock in clocks]
         rates = [on_rows(*pair, clock, gyro=gyro) for pair, clock in zip(pairs, clocks, strict=True)]
-        kept, told = zip(*(_without_gaps(run, rate) for run, rate in zip(runs, rates, strict=True)), strict=True)
+        even = [turning_evenly(*pair, rate, clock, gyro=gyro) for pair, rate, clock in zip(pairs, rates, clocks, strict=True)]
+        rates = [np.where(rows, rate, np.nan) for rows, rate in zip(even, rates, strict=True)]
+        kept, told = zip(*(_without_gaps(run, rate, rows) for run, rate, rows in zip(runs, rates, even, strict=True)), strict=True)
         remarks = tuple(said for said in (doubted, *told) if said is not None)
         return cls(kept, tuple(rate[np.isfinite(rate)] for rate in rates), tuple(clocks), remarks)
 
@@ -141,12 +143,19 @@ class SimulatedRuns:
         return np.interp(recording.time_s, self.runs[same[0]].time_s, self.rates_deg_h[same[0]])
 
 
-def _without_gaps(run: Recording, simulated_deg_h: Array) -> tuple[Recording, str | None]:
-    """A run less the rows at which its simulation has a gap, and what to say of them."""
+def _without_gaps(run: Recording, simulated_deg_h: Array, even: npt.NDArray[np.bool_]) -> tuple[Recording, str | None]:
+    """A run less the rows at which its simulation has a gap or its table turns unevenly, and what to say of them."""
     shown = np.isfinite(simulated_deg_h)
     if shown.all():
         return run, None
-    said = f"{run.name}: {np.sum(~shown)} rows at which its simulation has a gap are left out."
+    gaps = int(np.sum(~shown & even))
+    told = [f"{gaps} rows at which its simulation has a gap"] if gaps else []
+    if not even.all():
+        told.append(
+            f"{int(np.sum(~even))} rows in which its table speeds up or slows down by more than is known of its simulation's clock "
+            "and rows"
+        )
+    said = f"{run.name}: {' and '.join(told)} are left out."
     return run.replace(table=run.table[shown], truth=None if run.truth is None else run.truth[shown]), said
 
 

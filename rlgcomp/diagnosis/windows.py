@@ -14,7 +14,7 @@ import pandas as pd
 
 from rlgcomp.diagnosis.whitening import IntArray
 from rlgcomp.errors import InputError
-from rlgcomp.recording import LEAST_COVERAGE, Recording
+from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
 from rlgcomp.repair.frozen import frozen_stretches, said_of
 
 Array = npt.NDArray[np.float64]
@@ -23,7 +23,29 @@ _FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
 _DEPENDENT: Final = 1e-9
 _BANDS: Final = 24
+_WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
+_UNLIKE: Final = 300.0  # between the sample periods of runs
 _SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
+
+
+def default_window_s(runs: Sequence[Recording]) -> float:
+    """100 s, or what gives the longest run two hundred windows and every run enough; never less than a sample.
+
+    Raises
+    ------
+    InputError
+        Runs are sampled so differently that one of them is hardly in seconds.
+    """
+    slowest, fastest = (extreme(runs, key=lambda run: run.period_s) for extreme in (max, min))
+    if slowest.period_s > _UNLIKE * fastest.period_s:
+        raise InputError(
+            f"{slowest.name} has a sample every {slowest.period_s:g} s, {fastest.name} every {fastest.period_s:g} s; if the times "
+            f"of {slowest.name} are in milliseconds, say --map time_s='time_s [ms]'; else give runs sampled more alike"
+        )
+    lengths = [run.duration_s - run.metadata.lead_in_s for run in runs]
+    period = max(run.period_s for run in runs)
+    wanted = min(DEFAULT_AVERAGING_S, max(lengths) / _WINDOWS, min(lengths) / (2 * FEWEST_WINDOWS))
+    return period * max(1, round(wanted / period))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,15 +148,18 @@ class Contrasts:
 
     V spans what the fast columns do within windows; x̄ is the mean of each sample's window, Δt the sample period, tau the window.
     P is the spectrum of what V leaves within windows over white noise of the level seen at their length, one at least: rounding to
-    whole pulses and an encoder's own noise make it large, and larger the faster.
+    whole pulses and an encoder's own noise make it large, and larger the faster. To it comes what laws of the simulator leave open.
     """
 
     windows: tuple[Windows, ...]
     directions: tuple[Array, ...]  # D, a part for each run: (rows in kept windows, count)
+    level: float  # variance of a sample, in (deg/h)², were all noise white
 
     @classmethod
-    def made(cls, windows: tuple[Windows, ...], columns: Sequence[Array], noise: Sequence[Array]) -> Self | None:
-        """From fast columns of each run; None where they do nothing within windows."""
+    def made(
+        cls, windows: tuple[Windows, ...], columns: Sequence[Array], noise: Sequence[Array], scatter: Sequence[Array]
+    ) -> Self | None:
+        """From fast columns of each run and independent disturbances in deg/h; None where columns do nothing within windows."""
         inside = [part.within(block) for part, block in zip(windows, columns, strict=True)]
         norm = np.sqrt(sum(((block**2).sum(axis=0) for block in inside), np.zeros(inside[0].shape[1])))
         whole = np.sqrt(sum(((block**2).sum(axis=0) for block in columns), np.zeros(len(norm))))
@@ -147,9 +172,13 @@ class Contrasts:
         spanning = [block @ (vectors[:, kept] / np.sqrt(values[kept])) for block in scaled]
         seen = [part.within(values) for part, values in zip(windows, noise, strict=True)]
         size = sum((block.T @ values for block, values in zip(spanning, seen, strict=True)), np.zeros(int(kept.sum())))
-        bands = _bands([values - block @ size for block, values in zip(spanning, seen, strict=True)], windows)
-        sizes, turned = np.linalg.eigh(sum((_in_noise(block, bands) for block in spanning), np.zeros((int(kept.sum()),) * 2)))
-        return cls(windows, tuple(block @ (turned / np.sqrt(np.maximum(sizes, 1.0))) for block in spanning))
+        bands, level = _bands([values - block @ size for block, values in zip(spanning, seen, strict=True)], windows)
+        covariance = sum((_in_noise(block, bands) for block in spanning), np.zeros((int(kept.sum()),) * 2))
+        for block, part, disturbances in zip(spanning, windows, scatter, strict=True):
+            disturbed = block.T @ part.within(disturbances)
+            covariance += disturbed @ disturbed.T / level if level > 0.0 else 0.0
+        sizes, turned = np.linalg.eigh(covariance)
+        return cls(windows, tuple(block @ (turned / np.sqrt(np.maximum(sizes, 1.0))) for block in spanning), level)
 
     @property
     def count(self) -> int:
@@ -162,9 +191,9 @@ class Contrasts:
         return np.asarray(scale * sum(parts, np.zeros((self.count, columns[0].shape[1]))))
 
 
-def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> Array:
+def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, float]:
     """Power within windows over that of white noise of the level seen at their length, in bands of equal width: ratios of medians,
-    in which lines do not count; one where a window holds but two samples."""
+    in which lines do not count; one where a window holds but two samples. And that level."""
     powers, slow, of_band = [], [], []
     for values, part in zip(inside, windows, strict=True):
         power = np.abs(np.fft.rfft(values))[1:] ** 2 / len(values)
@@ -175,9 +204,10 @@ def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> Array:
     every, band, at_length = (np.concatenate(parts) for parts in (powers, of_band, slow))
     level = float(np.median(at_length)) if len(at_length) else 0.0
     if level <= 0.0:
-        return np.ones(_BANDS)
+        return np.ones(_BANDS), 0.0
     found = np.array([float(np.median(every[band == k])) / level if (band == k).any() else 1.0 for k in range(_BANDS)])
-    return np.maximum(np.maximum(found, 1.0), 1.0 + _rounding(windows[0].full) * math.log(2.0) / level)
+    bands = np.maximum(np.maximum(found, 1.0), 1.0 + _rounding(windows[0].full) * math.log(2.0) / level)
+    return bands, level / math.log(2.0)
 
 
 def _rounding(run: Recording) -> Array:
@@ -211,13 +241,14 @@ def _led(run: Recording, by_s: float) -> Recording:
 
 
 def _decimated(run: Recording, first_s: float, window_s: float) -> tuple[Recording, IntArray, IntArray]:
-    """Means over 20 s, lead-in included, or the run itself where it is not finer; and the window of each row of either."""
+    """Means over 20 s, lead-in included, or the run itself where it is not finer, or a table turns, whose rate jumps; the window of
+    each row of either."""
     time_s = run.time_s
     pieces = max(1, math.floor(window_s / max(_FINE_S, run.period_s)))
     piece_s = window_s / pieces
     piece = np.floor((time_s - first_s + 1e-6 * run.period_s) / piece_s).astype(np.intp)
     window = np.maximum(piece // pieces, -1)
-    if piece_s < 2.0 * run.period_s:
+    if piece_s < 2.0 * run.period_s or run.metadata.kind == "turntable":
         return run, window, window
     starts = np.flatnonzero(np.r_[True, np.diff(piece) > 0])
     counts = np.diff(np.r_[starts, len(piece)])

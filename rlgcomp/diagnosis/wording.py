@@ -65,6 +65,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         left = diagnosis.unexplained
         driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
         memory = f" ({left.memory})" if left.drivers and left.memory != "none" else ""
+        if not (doubt or left.drivers) and left.p_value > DOUBTFUL:
+            doubt = f", unless it is noise after all ({p_text(left.p_value)})"
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
         return f"{start} that no known mechanism explains; it {driven}{memory}{doubt}.{gain}"
     if diagnosis.verdict == "ambiguous":

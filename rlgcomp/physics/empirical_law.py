@@ -17,11 +17,13 @@ from rlgcomp.units import SECONDS_PER_MINUTE, column_unit
 
 SMOOTHING_S: Final = 20.0  # a law answers to the quantity, not to the noise of its reading
 MEMORIES: Final = ("static", "lag", "rate", "play", "plays")
+PARITIES: Final = ("none", "even", "odd")
 FORMS: Final = ("power", "above", "below", "step", "saturation", "bump", "resonance", "dispersion", "periodic")
 NARROW: Final = ("saturation", "bump", "resonance", "dispersion", "periodic")  # forms that have a width
 RATE_INDEPENDENT: Final = ("play", "plays")
 _SHARES: Final = -np.log1p(-(np.arange(8) + 0.5) / 8)  # radii at equal steps of an exponential distribution of mean one
 _LARGEST: Final = 1e9
+_AS_THEY_ARE: Final = ("deg", "deg/s")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +36,8 @@ class EmpiricalLaw(Mechanism):
     is late by :math:`\tau_s` (`lead_s`), what it will read. The memory M is "static" (m = u), "lag"
     (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the given radius: rate independent) or "plays"
     (the mean of play operators whose radii are distributed as exp(-r / radius): a Prandtl-Ishlinskii operator, and what relays
-    that are the rarer the wider they are add up to); what these hold at first is told by `start`. With x = (m - at) / h,
+    that are the rarer the wider they are add up to); what these hold at first is told by `start`. With a `parity` the law is one of
+    \|u\|, the same for either sign ("even"), or turned round with it ("odd"), as laws of a rate are. With x = (m - at) / h,
     z = (m - at) / width and h half the range that m had where the law was found, the form f is
 
     =============  ==========================  ================================================
@@ -67,6 +70,7 @@ class EmpiricalLaw(Mechanism):
     less: str = setting("")
     driver_2: str = setting("")
     less_2: str = setting("")
+    parity: str = setting("none", choices=PARITIES)
     memory: str = setting("static", choices=MEMORIES)
     start: str = setting("rested", choices=tuple(STARTS))
     form: str = setting("power", choices=FORMS)
@@ -109,12 +113,13 @@ class EmpiricalLaw(Mechanism):
     def basis(self, recording: Recording) -> Array:
         columns = iter(self.driver_columns(recording))
         first, *second = (reading(recording, *(next(columns) for name in pair if name)) for pair in self._quantities())
-        first = ahead(first, recording.time_s, self.lead_s)
+        sign = np.sign(first) if self.parity == "odd" else 1.0
+        first = ahead(np.abs(first) if self.parity != "none" else first, recording.time_s, self.lead_s)
         swept = STARTS[self.start]
         column = self.shaped(remembered(first, recording.time_s, self.memory, self.lag_s, self.radius, swept))
         for other in second:
             column = column * self.factor(other)
-        return column[:, None]
+        return np.asarray(sign * column)[:, None]
 
     def shaped(self, m: Array) -> Array:
         """The form of what is remembered, dimensionless."""
@@ -128,7 +133,8 @@ class EmpiricalLaw(Mechanism):
         """The equation with its numbers, drivers and units."""
         unit = self._unit(self.driver) + ("/min" if self.memory == "rate" else "")
         half = 0.5 * (self.high - self.low)
-        first, *second = (named(*(name for name in pair if name)) for pair in self._quantities())
+        signed, *second = (named(*(name for name in pair if name)) for pair in self._quantities())
+        first = f"|{signed}|" if self.parity != "none" else signed
         u = f"ahead({first}, {self.lead_s:.3g} s)" if self.lead_s else first
         began = "" if self.start == "rested" else f", {self.start.replace('_', ' ')}"
         m = {
@@ -151,6 +157,8 @@ class EmpiricalLaw(Mechanism):
             "dispersion": f"2 z / (1 + z^2) with z = {z}",
             "periodic": f"cos(2 pi {z})",
         }[self.form]
+        if self.parity == "odd":
+            text = f"sgn({signed}) * {text}"
         for quantity in second:
             other = self._unit(self.driver_2)
             text += f" * ({quantity} - {_with(self.at_2, other)}) / {_with(0.5 * (self.high_2 - self.low_2), other)}"
@@ -177,9 +185,9 @@ def reading(recording: Recording, column: str, less: str = "") -> Array:
 
 
 def smoothed(recording: Recording, column: str) -> Array:
-    """A driver less the noise of its reading: its mean over 20 s; an angle, which wraps, as it is."""
+    """A driver less the noise of its reading: its mean over 20 s; an angle, which wraps, and a rate, which jumps, as they are."""
     values = recording.column(column)
-    return values if column_unit(column) == "deg" else running_mean(values, recording.time_s, SMOOTHING_S)
+    return values if column_unit(column) in _AS_THEY_ARE else running_mean(values, recording.time_s, SMOOTHING_S)
 
 
 def ahead(values: Array, time_s: Array, lead_s: float) -> Array:

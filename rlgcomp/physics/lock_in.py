@@ -10,7 +10,7 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.motion import rate_deg_s, reference_rate_deg_s, stilled
+from rlgcomp.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s, stilled
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 from rlgcomp.units import ARCSEC_PER_DEG, SECONDS_PER_HOUR
@@ -115,6 +115,14 @@ class LockIn(Mechanism):
         rate = self.lock_in_deg_s * math.sqrt(self.fraction)
         return dataclasses.replace(self, lock_in_deg_s=min(max(rate, 1e-5), 10.0), fraction=1.0)
 
+    def informed_by(self, recordings: Sequence[Recording]) -> Self:
+        """With what the light feels beside the table: the bias shown while it turns; where it never rests, the Earth's rate."""
+        if self.acts_on == "table" or any(FELT_RATE_DEG_S in run for run in recordings):
+            return self
+        shown = _shown(recordings)
+        offsets = () if shown is None else _locked_offset(*shown, float(np.abs(shown[0]).max()))
+        return dataclasses.replace(self, offset_deg_h=(*offsets, earth_rate_deg_h(recordings[0]))[0])
+
     def basis(self, recording: Recording) -> Array:
         return _mean_error_deg_h(self._rate_deg_s(recording), self.lock_in_deg_s)[:, None]
 
@@ -161,7 +169,7 @@ def _error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
 def _integral(rate: Array, lock_in_deg_s: float) -> Array:
     """The error's integral over the rate from zero, but for a constant, in (deg/s)²; it is even."""
     size = np.maximum(np.abs(rate), lock_in_deg_s)
-    root = np.sqrt(size**2 - lock_in_deg_s**2)
+    root = np.sqrt((size - lock_in_deg_s) * (size + lock_in_deg_s))
     running = -0.5 * lock_in_deg_s**2 * (size / (root + size) + np.log((root + size) / lock_in_deg_s))
     return np.asarray(np.where(np.abs(rate) < lock_in_deg_s, -0.5 * rate**2, running))
 

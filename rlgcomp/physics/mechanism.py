@@ -223,6 +223,11 @@ class Mechanism(abc.ABC):
         """The same error in the numbers that people use, where two parameters trade against each other when fitted."""
         return self
 
+    def informed_by(self, recordings: Sequence[Recording]) -> Self:
+        """With what recordings of a real gyro tell in place of what the simulator knows when it simulates."""
+        del recordings
+        return self
+
     def scatter(self, recording: Recording) -> Array | None:
         """What the law leaves open: independent disturbances in deg/h, of unit variance each, shape (n, k); None where nothing.
 

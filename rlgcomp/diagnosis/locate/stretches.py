@@ -19,6 +19,7 @@ from rlgcomp.diagnosis.whitening import Rows, whiten
 Array = npt.NDArray[np.float64]
 _EDGES: Final = 64  # in each run, between which intervals lie
 SHORTEST: Final = 4  # rows
+NOISIER: Final = "noisier than elsewhere"
 _SHORTEST_STAY: Final = 3  # rows in a regime that are worth a place of their own
 
 
@@ -104,7 +105,7 @@ def scatter(residual: Residual) -> Iterator[Answer]:
         here = slice(part.start + int(start[k]), part.start + int(stop[k]))
 
         def places(share: float, p_value: float, _: Array, here: slice = here) -> list[Place]:
-            return [_place(problem, here, share, p_value)]
+            return [_place(problem, here, share, p_value, NOISIER)]
 
         yield Answer(float(score[k, 0]), highest(score), np.zeros((len(problem.rows), 0)), places, here, scatter=True)
 
