@@ -201,3 +201,13 @@ def test_a_cause_that_training_is_sure_of_can_be_denied() -> None:
     models = [best, far, model("abd", -20.0), farther, single, other, nothing]
     explanations = SimpleNamespace(models=models, search=SimpleNamespace(whatever_biases=list))
     assert _at_issue(explanations) == [best, far, farther, single, nothing]  # type: ignore[arg-type]
+
+
+def test_what_acts_within_windows_is_not_held_against_a_set() -> None:
+    """Their means show less than what was gained: what they miss of it is nothing that training failed to foresee."""
+    recordings = runs(0.2 * WEAK, 0.2 * WEAK, 5.0 * WEAK, 5.0 * WEAK)
+    whole = Problem.of(SIMULATOR, recordings[:2]).joined(recordings[2:])
+    field = CATALOGUE["magnetic_field"]()
+    candidate = Candidate(field, whole.columns(field), 0.0)
+    assert _foreseen([candidate], [], whole, NoiseShape(), gained=1.0) < 0.5
+    assert _foreseen([candidate], [], whole, NoiseShape(), gained=1e6) == 1.0

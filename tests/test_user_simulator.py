@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from scipy import stats
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.align import align, no_clocks
+from rlgcomp.diagnosis.resampling import turning_evenly
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, baseline_prediction, scale_remarks
 from rlgcomp.diagnosis.windows import Windows
@@ -361,3 +363,19 @@ def test_the_clock_of_a_turning_table_is_told_by_its_gyro(offset_s: float, lock_
         assert clock.drift_ppm == pytest.approx(20.0, abs=5.0 * clock.drift_ppm_sd)
         assert clock.offset_s == pytest.approx(offset_s, abs=0.5)  # a row's time is that of its end, and rows differ in length
     assert all("speeds up" in remark for remark in found.remarks[:2])
+
+
+def test_rows_stay_where_nothing_is_known_of_the_clock() -> None:
+    """Of a table at rest the gyro tells no time."""
+    gyro = rlg.Simulator.from_mapping(
+        {"kind": "turntable", "mechanisms": ["scale_factor"], "noise": {"angle_random_walk_deg_sqrt_h": 0.003}}
+    )
+    run = gyro.simulate("rates", seed=1, name="rest")
+    still = run.table.assign(
+        table_rate_deg_s=0.0, table_angle_deg=0.0, gyro_deg_s=run.column("gyro_deg_s") - run.column("table_rate_deg_s")
+    )
+    run = run.replace(table=still, truth=None)
+    constant = run.replace(table=still.assign(gyro_deg_s=1e-3)[["time_s", "gyro_deg_s"]].iloc[::2], truth=None)
+    rate, found = align(run, constant)
+    assert not math.isfinite(found.offset_sd_s)
+    assert turning_evenly(run, constant, rate, found).all()

@@ -8,8 +8,7 @@ e being first-order autoregressive; delta and epsilon follow from Gauss–Newton
 Monitors tell best, because both files hold the same quantity. Where they share none the gyro must serve, and there slow physics
 that the simulation lacks (a rate term, a lag, hysteresis) looks like a late clock. So a late clock must beat each of these by far
 and leave nothing but white noise; otherwise they are nuisance columns, and only what they cannot explain counts as time. On a
-turning table no physics moves as the gyro does: it tells the time itself. Rows in which the table speeds up or slows down by more
-than what is left unknown of the clock, or of what a simulation of other rows does within them, are not compared.
+turning table no physics moves as the gyro does: it tells the time itself.
 
 References
 ----------
@@ -29,31 +28,25 @@ import numpy.typing as npt
 from scipy import special
 
 from rlgcomp.diagnosis.proof import whiteness_p_value
+from rlgcomp.diagnosis.resampling import DRIFT_SEEN, GAP, clear, gaps, means, on_rows, same_axis
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.whitening import norms
 from rlgcomp.diagnosis.wording import listing
-from rlgcomp.errors import InputError
 from rlgcomp.filters import lag, rate_per_min
 from rlgcomp.hysteresis import Play
-from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_gyro, rate_name
+from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.units import PPM
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 SIGNIFICANT: Final = 0.01
-_DRIFT_SEEN: Final = 2.6  # standard deviations beyond which a drift is taken out
 _WINDOWS: Final = 2000  # that a run is compared in, at most
-_GAP: Final = 3.0  # sample periods of the simulation from which a step is a gap, and not uneven
-_LONG_GAP_S: Final = DEFAULT_AVERAGING_S  # over less than a window a simulation may be interpolated
 _TRIALS: Final = 81  # offsets that are tried before the steps
 _STEPS: Final = 20
 _PLAIN_STEPS: Final = 6
 _LIKE: Final = 0.95  # share of a monitor's variance that the simulation's must explain to be the same quantity
 _TURNS: Final = 0.99  # the same of a gyro that turns with its table
-_UNKNOWN: Final = 0.3  # of a row's noise, that the simulation may be off by where the table speeds up
 _LEAST_OVERLAP: Final = 0.8
-_LEAST_COVERED: Final = 0.98
-_MAD: Final = 0.6745  # of a normal deviate, the median of its size
 _FARTHEST: Final = 0.1  # of the run, how far the clocks may be apart
 _WELL_TOLD: Final = 0.02  # of a period: a clock known so well needs no other column
 _DECISIVE: Final = 5.0  # log likelihood by which a late clock must beat every slow cause
@@ -128,36 +121,10 @@ def clock_of(recording: Recording, simulated: Recording, *, gyro: str | None = N
     )
 
 
-def on_rows(recording: Recording, simulated: Recording, found: Alignment, *, gyro: str | None = None) -> Array:
-    """The simulation's gyro on the recording's rows, offset and drift taken out where they are to be; NaN where it has a gap."""
-    rate = simulated.rate_deg_h(same_axis(recording.gyro_column(gyro), simulated))
-    offset_s = found.offset_s if found.taken_out else 0.0
-    drift = found.drift_ppm * PPM if found.taken_out and abs(found.drift_ppm) > _DRIFT_SEEN * found.drift_ppm_sd else 0.0
-    return _resampled(recording, simulated, rate, found.epoch_s + offset_s, drift)
-
-
-def turning_evenly(recording: Recording, simulated: Recording, shown: Array, found: Alignment, *, gyro: str | None = None) -> Flags:
-    """Rows that can be compared with the simulation's gyro, `shown` at them: all but those in which a table speeds up or slows down
-    by more than is known of the clock, or than a simulation of other rows tells."""
-    known = np.isfinite(shown)
-    if recording.metadata.kind != "turntable" or np.array_equal(recording.time_s, simulated.time_s):
-        return np.ones(len(known), dtype=np.bool_)
-    rate, time_s = np.interp(recording.time_s, recording.time_s[known], shown[known]), recording.time_s
-    steps = np.abs(np.diff(rate))
-    slope = np.maximum(np.r_[0.0, steps], np.r_[steps, 0.0]) / recording.period_s
-    bend = np.abs(np.diff(rate, 2, prepend=rate[0], append=rate[-1]))
-    bend = np.maximum(bend, np.maximum(np.r_[0.0, bend[:-1]], np.r_[bend[1:], 0.0]))  # a corner is in a row or beside it
-    clock_s = np.hypot(found.offset_sd_s, found.drift_ppm_sd * PPM * (time_s - time_s[0]))
-    off = slope * clock_s + bend * min(1.0, simulated.period_s / recording.period_s) / 8.0
-    left = np.diff((recording.rate_deg_h(gyro) - rate)[known])
-    noise = float(np.median(np.abs(left - np.median(left)))) / (_MAD * math.sqrt(2.0))
-    return np.asarray(off <= _UNKNOWN * noise)
-
-
 def no_clocks(found: Sequence[Alignment]) -> str | None:
     """What to say where shifts that would be taken out cannot be clocks: one is larger than any clock's drift."""
     shifts = sorted((one for one in found if one.taken_out), key=lambda one: one.drift_ppm)
-    if not any(abs(one.drift_ppm) - _DRIFT_SEEN * one.drift_ppm_sd > _ANY_CLOCK_PPM for one in shifts):
+    if not any(abs(one.drift_ppm) - DRIFT_SEEN * one.drift_ppm_sd > _ANY_CLOCK_PPM for one in shifts):
         return None
     told = ", ".join(f"{one.drift} in {one.run}" for one in shifts)
     return (
@@ -215,13 +182,13 @@ class _Grid:
         window_s = max(recording.duration_s / _WINDOWS, 3.0 * recording.period_s, simulated.period_s)
         count = max(2, math.floor((time_s[-1] - time_s[0]) / window_s))
         edges_s = time_s[0] + window_s * np.arange(count + 1)
-        recorded = _clear(edges_s[:-1], edges_s[1:], _gaps(time_s, window_s))
-        return cls(time_s, simulated_s, edges_s, recorded, _gaps(simulated_s, max(window_s, _GAP * simulated.period_s)))
+        recorded = clear(edges_s[:-1], edges_s[1:], gaps(time_s, window_s))
+        return cls(time_s, simulated_s, edges_s, recorded, gaps(simulated_s, max(window_s, GAP * simulated.period_s)))
 
     def compare(self, recorded: Array, simulated: Array, nuisance: Sequence[Array] = ()) -> _Clock:
         """Offset and drift between a column of the recording and the simulation's."""
-        target = _means(self.time_s, recorded, self.edges_s)
-        fixed = np.column_stack([np.ones(len(target)), *(_means(self.time_s, column, self.edges_s) for column in nuisance)])
+        target = means(self.time_s, recorded, self.edges_s)
+        fixed = np.column_stack([np.ones(len(target)), *(means(self.time_s, column, self.edges_s) for column in nuisance)])
         if np.ptp(simulated) == 0.0 or np.ptp(target) == 0.0:
             return _UNTOLD
         span_s = self.edges_s[-1] - self.edges_s[0]
@@ -234,7 +201,7 @@ class _Grid:
 
     def settles(self, recorded: Array, simulated: Array, clock: _Clock, rivals: Sequence[Array]) -> bool:
         """Whether a clock explains a column to its noise, and far better than any one of the rivals on the clock as it is."""
-        target = _means(self.time_s, recorded, self.edges_s)
+        target = means(self.time_s, recorded, self.edges_s)
         moved, _, inside = self._shifted(simulated, clock.offset_s, clock.drift)
         still, _, there = self._shifted(simulated, 0.0, 0.0)
         both = inside & there
@@ -251,7 +218,7 @@ class _Grid:
         coarse = left[: len(left) // _COARSE * _COARSE].reshape(-1, _COARSE).mean(axis=1)
         if len(coarse) < _FEWEST or whiteness_p_value([coarse]) < SIGNIFICANT:
             return False
-        best_rival = max((log_likelihood(still, _means(self.time_s, rival, self.edges_s)) for rival in rivals), default=-math.inf)
+        best_rival = max((log_likelihood(still, means(self.time_s, rival, self.edges_s)) for rival in rivals), default=-math.inf)
         return log_likelihood(moved) > best_rival + _DECISIVE
 
     def _misfit(self, target: Array, fixed: Array, simulated: Array, offset_s: float) -> float:
@@ -310,9 +277,9 @@ class _Grid:
         """
         edges = self.edges_s - offset_s - drift * (self.edges_s - self.edges_s[0])
         inside = (edges[:-1] >= self.simulated_s[0]) & (edges[1:] <= self.simulated_s[-1])
-        inside &= self.recorded & _clear(np.r_[edges[0], edges[:-2]], np.r_[edges[2:], edges[-1]], self.gaps_s)
-        means = _means(self.simulated_s, simulated, edges)
-        return means, np.gradient(means, 0.5 * (edges[1:] + edges[:-1])), inside
+        inside &= self.recorded & clear(np.r_[edges[0], edges[:-2]], np.r_[edges[2:], edges[-1]], self.gaps_s)
+        shown = means(self.simulated_s, simulated, edges)
+        return shown, np.gradient(shown, 0.5 * (edges[1:] + edges[:-1])), inside
 
 
 def _slow_physics(recording: Recording) -> list[Array]:
@@ -332,68 +299,11 @@ def _slow_physics(recording: Recording) -> list[Array]:
     return columns
 
 
-def same_axis(column: str, simulated: Recording) -> str | None:
-    """The simulation's gyro column of the same axis; None where it has none of that name."""
-    same = [other for other in simulated.gyro_columns if rate_name(other) == rate_name(column)]
-    return same[0] if same else None
-
-
 def _epoch(recording: Recording, simulated: Recording) -> float:
     """What to add to the simulation's time: 0 where both count from one epoch, otherwise their starts are put together."""
     first, last = recording.time_s[[0, -1]]
     overlap_s = min(last, simulated.time_s[-1]) - max(first, simulated.time_s[0])
     return 0.0 if overlap_s >= _LEAST_OVERLAP * (last - first) else float(first - simulated.time_s[0])
-
-
-def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s: float, drift: float) -> Array:
-    """The simulation at the recording's rows, means over a row's period where it is sampled faster; NaN where it has a gap."""
-    time_s = recording.time_s
-    wanted_s = time_s - offset_s - drift * (time_s - time_s[0])
-    margin_s = max(recording.period_s, simulated.period_s)
-    covered = np.mean((wanted_s >= simulated.time_s[0] - margin_s) & (wanted_s <= simulated.time_s[-1] + margin_s))
-    if covered < _LEAST_COVERED:
-        raise InputError(
-            f"{simulated.name}: it covers {100 * covered:.0f} % of {recording.name} ({simulated.time_s[0]:g} to "
-            f"{simulated.time_s[-1]:g} s of its own time, {time_s[0]:g} to {time_s[-1]:g} s of the run's); simulate the whole run, "
-            "or cut the run with RUN@START:STOP"
-        )
-    half_s = 0.5 * recording.period_s if simulated.period_s <= 0.75 * recording.period_s else 0.0
-    early_s, late_s = wanted_s - half_s, wanted_s + half_s
-    if half_s:
-        shown = (_integral(simulated.time_s, rate, late_s) - _integral(simulated.time_s, rate, early_s)) / (2.0 * half_s)
-    else:
-        shown = np.interp(wanted_s, simulated.time_s, rate)
-    gaps_s = _gaps(simulated.time_s, max(_LONG_GAP_S, _GAP * max(simulated.period_s, recording.period_s)))
-    return np.where(_clear(early_s, late_s, gaps_s), shown, np.nan)
-
-
-def _gaps(time_s: Array, longest_s: float) -> Array:
-    """Where steps longer than this begin and end, shape (n, 2)."""
-    before = np.flatnonzero(np.diff(time_s) > longest_s)
-    return np.column_stack([time_s[before], time_s[before + 1]])
-
-
-def _clear(starts_s: Array, stops_s: Array, gaps_s: Array) -> Flags:
-    """Which intervals no gap reaches: every gap that begins before their end is over at their start."""
-    begun = np.searchsorted(gaps_s[:, 0], stops_s, side="left")
-    over = np.searchsorted(gaps_s[:, 1], starts_s, side="right")
-    return np.asarray(begun == over)
-
-
-def _means(time_s: Array, values: Array, edges_s: Array) -> Array:
-    return np.asarray(np.diff(_integral(time_s, values, edges_s)) / np.diff(edges_s))
-
-
-def _integral(time_s: Array, values: Array, at_s: Array) -> Array:
-    """Integral of the broken line through the samples, from the first of them; beyond its ends the line stays level."""
-    steps = np.diff(time_s)
-    total = np.r_[0.0, np.cumsum(0.5 * steps * (values[1:] + values[:-1]))]
-    held = np.clip(at_s, time_s[0], time_s[-1])
-    k = np.clip(np.searchsorted(time_s, held, side="right") - 1, 0, len(steps) - 1)
-    into_s = held - time_s[k]
-    slope = (values[k + 1] - values[k]) / steps[k]
-    beyond = np.minimum(at_s - time_s[0], 0.0) * values[0] + np.maximum(at_s - time_s[-1], 0.0) * values[-1]
-    return np.asarray(total[k] + values[k] * into_s + 0.5 * slope * into_s**2 + beyond)
 
 
 def _autocorrelation(left: Array) -> float:

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.diagnosis.align import clock_of, no_clocks, on_rows, same_axis, turning_evenly
+from rlgcomp.diagnosis.align import clock_of, no_clocks
+from rlgcomp.diagnosis.resampling import on_rows, same_axis, turning_evenly
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
