@@ -23,6 +23,7 @@ from rlgcomp.recording import GAP_PERIODS, Recording
 from rlgcomp.units import DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 RATE: Final = "table_rate_deg_s"
 ANGLES: Final = ("table_angle_deg", "angle_inner_deg")
@@ -33,6 +34,7 @@ _STILL: Final = 31  # samples, an odd number, by which it is judged whether a ta
 _STANDS_OUT: Final = 12.0  # median deviations: no noise is so far out
 _STRAYS: Final = 8.0  # of the root mean square step of an angle
 _SLOWEST: Final = 1e-3  # of the highest rate
+_SAME_RATE: Final = 1e-9  # of the highest: rounding
 _WINDOWS: Final = 50  # in which readings of the motion are compared, of at most so many seconds each:
 _LONGEST_WINDOW_S: Final = 100.0
 
@@ -69,6 +71,33 @@ def rate_deg_s(recording: Recording) -> Array:
     """
     column = rate_column(recording)
     return recording.column(column) if column == RATE else _steps_deg(recording) / _spans_s(recording)
+
+
+def untold(recording: Recording) -> Flags:
+    r"""Rows whose rate an angle does not tell, so that they cannot be compared with it, shape (n,).
+
+    The first row has no angle before it, and the second's acceleration hangs on the first's rate; the last has none after it, where
+    the gyro's samples begin at their time. Across a gap an angle tells the mean rate of the gap: it is the sample's own where
+
+    .. math:: \max\big(|W_k - W_{k-1}|, |W_{k+1} - W_k|\big) \le r \, \mathrm{med}\,|\Delta W|, \qquad r = 12,
+
+    that is where the table turned evenly. Of a recorded rate all rows are told.
+
+    Raises
+    ------
+    InputError
+        The recording has neither rate nor angle.
+    """
+    found = np.zeros(len(recording), dtype=np.bool_)
+    if rate_column(recording) == RATE:
+        return found
+    rate = rate_deg_s(recording)
+    steps = np.abs(np.diff(rate))
+    uneven = steps > max(_STANDS_OUT * float(np.median(steps)), _SAME_RATE * float(np.abs(rate).max()))
+    after = recording.gaps + 1
+    found[after] = uneven[after - 1] | np.r_[uneven, False][after]
+    found[[0, 1, -1]] = True
+    return found
 
 
 def angle_deg(recording: Recording) -> Array:
@@ -215,15 +244,15 @@ def earth_rate_deg_h(recording: Recording) -> float:
 
 
 def unwrapped_deg(angle: Array, time_s: Array, period_s: float, rate: Array | None = None) -> Array:
-    """An encoder's angle without jumps of 360 degrees.
+    """An encoder's angle without jumps of whole turns: of one, or of more than half its range where that is more than a turn.
 
     Parameters
     ----------
     angle, time_s : ndarray, shape (n,)
     period_s : float
     rate : ndarray, shape (n,), optional
-        In deg/s; without it less than half a turn is taken to lie between two rows, and across a gap the angle goes on at the rate
-        of the second before.
+        In deg/s; without it less than half a turn is taken to lie between two rows, unless the angle runs on past a turn and says
+        so itself, and across a gap the angle goes on at the rate of the second before.
 
     Returns
     -------
@@ -231,18 +260,21 @@ def unwrapped_deg(angle: Array, time_s: Array, period_s: float, rate: Array | No
     """
     steps, spans = np.diff(angle), np.diff(time_s)
     expected = np.zeros_like(steps)
+    folded = np.abs(steps) > 0.5 * max(DEG_PER_TURN, float(np.ptp(angle)))
     if rate is not None:
-        expected = rate[1:] * spans
+        expected, folded = rate[1:] * spans, np.ones_like(folded)
     else:
         gaps = np.flatnonzero(spans > GAP_PERIODS * period_s)
-        if not len(gaps) and np.abs(steps).max() <= 0.5 * DEG_PER_TURN:
+        if not len(gaps) and not folded.any():
             return angle
         near = max(1, round(1.0 / period_s))
         for gap in gaps.tolist():
             before = steps[max(0, gap - near) : gap]
-            usual = before - DEG_PER_TURN * np.rint(before / DEG_PER_TURN)
+            usual = before - folded[max(0, gap - near) : gap] * DEG_PER_TURN * np.rint(before / DEG_PER_TURN)
             expected[gap] = float(np.median(usual)) / period_s * spans[gap] if len(usual) else 0.0
-    steps = expected + np.remainder(steps - expected + 0.5 * DEG_PER_TURN, DEG_PER_TURN) - 0.5 * DEG_PER_TURN
+        folded[gaps] = True
+    nearest = expected + np.remainder(steps - expected + 0.5 * DEG_PER_TURN, DEG_PER_TURN) - 0.5 * DEG_PER_TURN
+    steps = np.where(folded, nearest, steps)
     return np.asarray(angle[0] + np.r_[0.0, np.cumsum(steps)])
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import traceback
 import types
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any, Final, Self
 
 from rlgcomp.errors import InputError
+
+_PREFIX: Final = "rlgcomp_plugin_"
 
 
 def load_python(path: str | Path) -> types.ModuleType:
@@ -35,7 +40,7 @@ def load_python(path: str | Path) -> types.ModuleType:
         raise InputError(f"{path} does not exist; give the path of a Python file") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}; give the path of a Python file") from None
-    name = f"rlgcomp_plugin_{path.stem}_{zlib.crc32(str(path.resolve()).encode() + source):08x}"
+    name = f"{_PREFIX}{path.stem}_{zlib.crc32(str(path.resolve()).encode() + source):08x}"
     if name in sys.modules:
         return sys.modules[name]
     try:
@@ -57,6 +62,28 @@ def load_python(path: str | Path) -> types.ModuleType:
     finally:
         sys.path.remove(folder)
     return module
+
+
+@dataclasses.dataclass(frozen=True)
+class LoadedFirst:
+    """Files that another process loads as it receives this, so that it knows what they define in whatever comes after."""
+
+    paths: tuple[Path, ...]
+
+    @classmethod
+    def of(cls, defined: Iterable[type]) -> Self:
+        """The users' files in which classes are defined; those of the package are passed over."""
+        modules = {one.__module__ for one in defined if one.__module__.startswith(_PREFIX)}
+        return cls(tuple(Path(str(sys.modules[name].__file__)).resolve() for name in sorted(modules)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _loaded_first, (self.paths,)
+
+
+def _loaded_first(paths: tuple[Path, ...]) -> LoadedFirst:
+    for path in paths:
+        load_python(path)
+    return LoadedFirst(paths)
 
 
 def said_line(error: BaseException, path: str | Path) -> str:

@@ -16,7 +16,7 @@ from rlgcomp.diagnosis.conclusion import concluded
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import FittedCause, fit
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.result import Fit, Verdict
+from rlgcomp.diagnosis.result import Fit, RunFit, Verdict
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -79,6 +79,24 @@ def test_what_passes_for_noise_because_slow_noise_does_is_said_to() -> None:
     assert not _as_noise(white, fit(white, [], NoiseShape()), NoiseShape())
 
 
+def test_where_no_programme_would_tell_that_is_said_and_none_is_proposed() -> None:
+    """A supply that follows the pressure: two causes of one course, whatever the chamber does."""
+    pressure, supply = CATALOGUE["ambient_pressure"](k_deg_h_hPa=0.002), CATALOGUE["supply_voltage"]
+    train = [SIMULATOR.with_mechanism(pressure).simulate(text, seed=k, step_s=20.0) for k, text in enumerate(("short", "paper"))]
+    followed = [15.0 + 0.01 * (run.column("pressure_hPa") - 1010.0) for run in train]
+    train = [run.replace(table=run.table.assign(supply_voltage_V=volts)) for run, volts in zip(train, followed, strict=True)]
+    rivals = {one.name: one for one in (type(pressure), supply, CATALOGUE["temperature_rate"])}
+    diagnosis = rlg.diagnose(SIMULATOR, train, mechanisms=rivals, black_box=False)
+    assert diagnosis.verdict == "ambiguous"
+    assert diagnosis.to_mapping()["next_experiment"] is None
+    (said,) = (
+        remark for remark in diagnosis.remarks if remark.startswith("No programme within the recorded ranges would tell between")
+    )
+    assert {name for name in rivals if name in said} == {"ambient_pressure", "supply_voltage"}
+    assert said in str(diagnosis)
+    assert "Next experiment" not in str(diagnosis)
+
+
 @pytest.mark.parametrize("time_s", [300.0, 1200.0, 5000.0])
 def test_the_correlation_time_of_what_wanders_is_within_its_bounds(time_s: float) -> None:
     """In twenty pairs of runs, nine tenths of the posterior hold it nine times in ten."""
@@ -115,3 +133,14 @@ def test_held_out_runs_that_are_still_off_are_spoken_of(verdict: Verdict, rms: f
     assert all(("with all that is named" in one) == (verdict != "none") for one in found)
     assert not off_held_out("unknown", left)
     assert not off_held_out(verdict, None)
+    jumps = rlg.CATALOGUE["random_telegraph"](half_step_deg_h=0.001, dwell_s=3600.0)
+    assert not off_held_out(verdict, left, [jumps])
+
+
+@pytest.mark.parametrize(("std", "p_value", "said"), [(0.0014, 0.001, True), (0.0014, 0.2, False), (0.0011, 0.001, False)])
+def test_one_held_out_run_that_is_off_is_spoken_of(std: float, p_value: float, said: bool) -> None:
+    runs = tuple(RunFit(name, 0.005, own, 0.001, 0.005, own, 0.0, (0.0, 0.0)) for name, own in (("run2", 0.001), ("run3", std)))
+    left = Fit(0.005, 0.0012, 0.001, "deg/h", 100.0, 0.0, (0.0, 0.0), runs, augmented_std=0.0012, whiteness_p_value=p_value)
+    found = off_held_out("explained", left)
+    assert len(found) == said
+    assert all(one.startswith("run3 is off by 0.0014 deg/h about its own mean, 1.4 times the noise") for one in found)

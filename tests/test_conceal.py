@@ -27,6 +27,7 @@ from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.files import sha256
 from rlgcomp.physics import CATALOGUE
+from rlgcomp.physics.user import user_catalogue
 
 CHAMBER = [name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.open_set]
 SIMULATOR = {
@@ -37,6 +38,25 @@ SIMULATOR = {
     ],
     "noise": {"angle_random_walk_deg_sqrt_h": 0.0004},
 }
+
+
+OWN = """
+import dataclasses
+from rlgcomp.physics.mechanism import Mechanism, amplitude
+
+@dataclasses.dataclass(frozen=True)
+class Bellows(Mechanism):
+    name = "bellows"
+    kind = "KIND"
+    equation = "b = k_deg_h_hPa2 * (pressure_hPa - 1010)^2"
+    reference = "A note of this laboratory."
+    drivers = ("pressure_hPa",)
+    k_deg_h_hPa2: float = amplitude(1e-4, "deg/h/hPa^2", positive=True)
+
+    def basis(self, recording):
+        (pressure,) = self.read(recording)
+        return ((pressure - 1010.0) ** 2)[:, None]
+"""
 
 
 @functools.cache
@@ -354,6 +374,24 @@ class TestCommands:
     def run(self, *arguments: object) -> Result:
         register_commands()
         return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+    @pytest.mark.parametrize("kind", ["chamber", "any"])
+    def test_ones_own_physics_is_sealed_found_and_revealed(self, tmp_path: Path, kind: str) -> None:
+        (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
+        (tmp_path / "own.py").write_text(OWN.replace("KIND", kind))
+        options = ["--mechanisms", tmp_path / "own.py"]
+        hidden = ["--hide", "bellows", "--strength", 2, "--seed", 5, "--step-s", 10, "--out", tmp_path / "c"]
+        assert self.run("conceal", tmp_path / "gyro.yaml", *hidden).exit_code == 2
+        done = self.run("conceal", tmp_path / "gyro.yaml", *options, *hidden)
+        assert done.exit_code == 0, done.output
+        assert f"--mechanisms {tmp_path / 'own.py'} --out DIAGNOSIS" in done.stderr
+        sealed = rlg.Simulator.from_yaml(tmp_path / "c" / "simulator.yaml")
+        runs = {part: [rlg.read(tmp_path / "c" / f"{part}{k}.parquet") for k in (0, 1)] for part in ("train", "test")}
+        found = rlg.diagnose(sealed, **runs, mechanisms=user_catalogue([tmp_path / "own.py"]), black_box=False)
+        (tmp_path / "diagnosis.json").write_text(json.dumps(found.to_mapping()))
+        revealed = reveal(tmp_path / "c", tmp_path / "diagnosis.json")
+        assert revealed.score.exact
+        assert revealed.hidden["bellows"]["k_deg_h_hPa2"] > 0.0
 
     def test_conceal_and_reveal(self, tmp_path: Path) -> None:
         (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))

@@ -16,7 +16,7 @@ import rlgcomp as rlg
 from experiments.concealed import __main__ as program
 from experiments.concealed import tables, turntable
 from experiments.concealed.__main__ import main
-from experiments.concealed.cases import KINDS, STRENGTHS, dump, make_case, means, plan, stream
+from experiments.concealed.cases import KINDS, STRENGTHS, dump, make_case, means, plan, read_in_pulses, stream
 from experiments.concealed.chamber import Unit, two_halves
 from experiments.concealed.effects import INDEPENDENT, OUTSIDE, catalogued
 from experiments.concealed.noise import Noise
@@ -314,8 +314,8 @@ class TestManyCases:
         """Keys of the cases that are diagnosed, which is not done here."""
         keys: list[str] = []
 
-        def run(arguments: Any, stated: bool) -> dict[str, Any]:
-            keys.append(key_of(arguments, stated))
+        def run(arguments: Any, **how: Any) -> dict[str, Any]:
+            keys.append(key_of(arguments, **how))
             return {"key": keys[-1], "kind": "null", "verdict": "none", "name": "n", "findings": [], "seconds": 1.0}
 
         monkeypatch.setattr(program, "run_case", run)
@@ -339,12 +339,23 @@ class TestManyCases:
         assert [json.loads(line)["key"] for line in rows.read_text().splitlines()] == [before[0], *made]
         assert capsys.readouterr().out.startswith("# Concealed physics: `python -m experiments.concealed --only null")
 
-    def test_cases_with_their_noise_stated_are_others(self, made: list[str], tmp_path: Path) -> None:
+    def test_cases_with_their_noise_stated_or_in_pulses_are_others(self, made: list[str], tmp_path: Path) -> None:
         options = ["--only", "null", "--cases", "2", "--jobs", "1", "--resume", "--rows", str(tmp_path / "rows.jsonl")]
         main(options)
         main([*options, "--noise-stated"])
         main([*options, "--noise-stated"])
-        assert len(made) == len(set(made)) == 4
+        main([*options, "--pulse-arcsec", "1.13"])
+        assert len(made) == len(set(made)) == 6
+
+    def test_a_gyro_in_pulses_is_the_same_gyro(self) -> None:
+        case = make_case("null", (), 0.0, 400_000, True)
+        read = read_in_pulses(case, 1.13)
+        for before, after in zip((*case.train, *case.test), (*read.train, *read.test), strict=True):
+            turned = np.cumsum(after.column("gyro_deg_h") - before.column("gyro_deg_h"))  # arcsec
+            assert np.ptp(turned) <= 2.0 * 2.0 * 1.13  # rounding and dither, at the beginning and now
+            assert np.std(turned) == pytest.approx(1.13 / np.sqrt(6.0), rel=0.05)
+            assert len(np.unique(np.round(after.column("gyro_deg_h"), 6))) < 12
+        assert [one.name for one in read.train] == [one.name for one in case.train]
 
     def test_a_scheduler_that_does_not_answer_ends_with_a_message(
         self, made: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -63,6 +63,21 @@ def test_a_mechanism_whose_column_is_not_recorded_is_passed_over(run: rlg.Record
     require_computable(user_catalogue([tmp_path / "own.py"]), [run])
 
 
+def test_a_mechanism_whose_place_the_simulator_takes_is_said_not_to_be_tried(run: rlg.Recording, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN.replace("BASIS", "np.ones((len(temperature), 1))"))
+    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=user_catalogue([tmp_path / "own.py"]), black_box=False)
+    (said,) = [remark for remark in found.remarks if "not tried" in remark]
+    assert said == "own was not tried: the simulator's own terms can take its place in these runs."
+
+
+def test_a_scale_factor_that_differs_by_sense_is_not_tried_where_a_table_turns_one_way() -> None:
+    simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
+    one_way, both = (simulator.simulate(f"rate 10 900, rate {rate} 900", seed=1, step_s=5.0) for rate in (30, -30))
+    for run, passed_over in ((one_way, True), (both, False)):
+        found = rlg.diagnose(simulator, [run], black_box=False)
+        assert any("scale_factor_asymmetry" in said and "not tried" in said for said in found.remarks) is passed_over
+
+
 def test_complex_columns_are_no_mechanism(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(OWN.replace("BASIS", "1j * temperature[:, None]"))
     with pytest.raises(rlg.InputError, match="returns complex128 values; it must return real numbers"):
@@ -112,6 +127,23 @@ def test_a_gyro_that_does_not_turn_with_its_table_is_refused(changed: dict[str, 
     table = made.table.assign(**{column: factor * made.column(column) for column, factor in changed.items()})
     with pytest.raises(rlg.InputError, match=re.escape(said)):
         rlg.diagnose(simulator, [made.replace(table=table, truth=None)], black_box=False)
+
+
+@pytest.mark.parametrize("fast_deg_s", [40.0, 60.0])
+def test_an_angle_that_turns_too_far_between_rows_is_said_to(tmp_path: Path, fast_deg_s: float) -> None:
+    """40 deg/s every 5 s are 200 deg, or 160 deg backwards; the angle that runs on, and a rate, tell which."""
+    simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
+    made = simulator.simulate(f"rate 10 900, rate {fast_deg_s} 900, rate -10 900", seed=1, step_s=5.0, name="fast")
+    wrapped = made.table.drop(columns="table_rate_deg_s")
+    wrapped.to_parquet(tmp_path / "fast.parquet")
+    read = rlg.read(tmp_path / "fast.parquet", metadata={"kind": "turntable"})
+    said = rf"fast: by gyro_deg_s the table turns up to {5.0 * fast_deg_s:.0f}[.\d]* deg from row to row, more than half a turn"
+    with pytest.raises(rlg.InputError, match=said):
+        rlg.diagnose(simulator, [read], black_box=False)
+    running = wrapped.assign(table_angle_deg=np.cumsum(made.column("table_rate_deg_s") * 5.0))
+    running.to_parquet(tmp_path / "fast.parquet")
+    for table in (rlg.read(tmp_path / "fast.parquet", metadata={"kind": "turntable"}).table, made.table):
+        assert rlg.diagnose(simulator, [made.replace(table=table, truth=None)], black_box=False).verdict == "none"
 
 
 def test_a_reversed_sense_is_mapped(tmp_path: Path) -> None:

@@ -132,16 +132,12 @@ def test_only_what_cannot_be_told_apart_is_said_to_be_so(diagnosis: Diagnosis) -
     assert both.sentence.count("magnetic_field") == 1
 
 
-def test_an_experiment_that_would_not_tell_is_said_to_be_none(diagnosis: Diagnosis) -> None:
+def test_an_experiment_that_would_hardly_tell_is_said_to(diagnosis: Diagnosis) -> None:
     assert "to tell between thermal_lag and thermal_gradient" in str(diagnosis)
-    for expected, said in (
-        (0.5, "though none that was tried would tell between thermal_lag and thermal_gradient: they go together in all of them"),
-        (0.6, "though even the best in the recorded ranges would hardly tell between thermal_lag and thermal_gradient"),
-    ):
-        following = NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60", expected)
-        dull = dataclasses.replace(diagnosis, next_experiment=following)
-        assert said in str(dull)
-        assert "to tell between" not in str(dull)
+    following = NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60", 0.6)
+    dull = dataclasses.replace(diagnosis, next_experiment=following)
+    assert "though even the best in the recorded ranges would hardly tell between thermal_lag and thermal_gradient" in str(dull)
+    assert "to tell between" not in str(dull)
 
 
 def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:

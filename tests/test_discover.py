@@ -25,6 +25,8 @@ from rlgcomp.diagnosis.laws import Dictionary, differences
 from rlgcomp.diagnosis.noises import WANDERS, WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, simulate
+from rlgcomp.physics.empirical_law import EmpiricalLaw
+from rlgcomp.physics.mechanism import Mechanism
 
 STEP_S = 20.0
 WHITE_DEG_H = 0.002  # standard deviation of a 100 s mean
@@ -155,6 +157,28 @@ def found(name: str) -> tuple[Discovery | None, Problem, float]:
     return discover(problem, problem.baseline, NOISES), problem, size
 
 
+def test_held_out_runs_say_which_of_the_laws_it_is_that_training_hardly_tells_apart() -> None:
+    """Not that there is one, nor one that training refuses."""
+    problem, _ = problem_of(LAWS["threshold"][0], 0.6)
+    plain = discover(problem, problem.baseline, NOISES)
+    assert plain is not None
+    asked: list[str] = []
+
+    def foreseen(law: Mechanism) -> float:
+        assert isinstance(law, EmpiricalLaw)
+        asked.append(law.form)
+        return 0.0 if law.form == plain.mechanism.form else 20.0
+
+    other = discover(problem, problem.baseline, NOISES, foreseen=foreseen)
+    assert other is not None
+    assert 2 <= len(asked) <= 8
+    assert other.mechanism.form in set(asked) - {plain.mechanism.form}
+    assert other.log_bayes_factor == plain.log_bayes_factor
+    same = discover(problem, problem.baseline, NOISES, foreseen=lambda law: 3.0)
+    assert same is not None
+    assert same.mechanism == plain.mechanism
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_found_with_its_drivers_and_its_memory(name: str) -> None:
     discovery, _, _ = found(name)
@@ -247,6 +271,21 @@ def test_noise_alone_makes_no_law(seed: int) -> None:
     quiet, _ = problem_of(voltage, 0.0)
     noise = simulate(quiet.rows, NoiseShape(0.32, 0.25), 1, np.random.default_rng(seed))[:, 0]
     problem = dataclasses.replace(quiet, target_deg_h=WHITE_DEG_H * noise)
+    assert discover(problem, problem.baseline, NOISES) is None
+
+
+def test_no_law_rests_on_one_window() -> None:
+    """A monitor that leaves its range once, in the very window in which the gyro is wrong, does not say how they go together."""
+    recordings = runs(TRAIN, lambda table: np.zeros(len(table)), 0.0)
+    once = np.isin(np.arange(len(recordings[0])), np.arange(505, 510))
+    table = recordings[0].table
+    wrong = table.assign(
+        gyro_deg_h=table["gyro_deg_h"] + 100.0 * WHITE_DEG_H * once, supply_voltage_V=table["supply_voltage_V"] + 0.5 * once
+    )
+    problem = Problem.of(SIMULATOR, [recordings[0].replace(table=wrong), recordings[1]])
+    column = problem.driver("supply_voltage_V")
+    background = Background(problem, problem.baseline, NOISES)
+    assert background.log_bayes_factors(column[:, None])[0] > 100.0
     assert discover(problem, problem.baseline, NOISES) is None
 
 

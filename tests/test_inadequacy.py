@@ -10,7 +10,7 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.evidence import Evidence
-from rlgcomp.diagnosis.inadequacy import BY_CHANCE, follows_anything, inadequacy, leaves_jumps, leftovers
+from rlgcomp.diagnosis.inadequacy import A_RELAY, BY_CHANCE, follows_anything, inadequacy, is_loop, leaves_jumps, leftovers
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import JUMPED, JUMPS, Search
 from rlgcomp.diagnosis.whitening import NoiseShape
@@ -112,6 +112,25 @@ def test_relays_and_loops_leave_jumps_and_what_runs_smoothly_leaves_none() -> No
     jumping = {kind.name for kind in kinds if leaves_jumps((kind.grid([run]) or (kind(),))[0], run)}
     assert jumping == {"thermal_hysteresis", "mode_hop", "periodic_interference", "random_telegraph"}
     assert all(leaves_jumps(loop, run) for loop in CATALOGUE["thermal_hysteresis"].grid([run]))
+
+
+def test_a_relay_beside_a_loop_pays_more_for_it_may_be_one_of_its_relays() -> None:
+    (run, _) = found = runs()
+    kinds = [kind for kind in CATALOGUE.values() if kind.kind == "chamber" and not kind.open_set]
+    assert {kind.name for kind in kinds if is_loop((kind.grid([run]) or (kind(),))[0], run)} == {"thermal_hysteresis"}
+    loop, relay = CATALOGUE["thermal_hysteresis"](radius_K=8.0), CATALOGUE["mode_hop"](threshold_degC=25.3, dead_band_K=4.4)
+    shown = 0.002 * loop.basis(run)[:, 0]
+    tables = [one.table.assign(gyro_deg_h=one.column("gyro_deg_h") + shown) for one in found]
+    problem = Problem.of(SIMULATOR, [one.replace(table=table) for one, table in zip(found, tables, strict=True)])
+    rate = CATALOGUE["temperature_rate"]()
+    tried = [Candidate(one, problem.columns(one), 0.0) for one in (loop, relay, rate)]
+    search = Search(Evidence(problem, tried, (NoiseShape(),)))
+    models = {model.labels: model for model in search.run()}
+    label = ("thermal_hysteresis", False)
+    whole = inadequacy(search.evidence.explained(models[frozenset({label})].members, 0))
+    assert whole > 1.0
+    assert search.toll(frozenset({label, ("mode_hop", False)})) == pytest.approx(A_RELAY * whole)
+    assert search.toll(frozenset({label, ("temperature_rate", False)})) == pytest.approx(whole)
 
 
 def test_what_could_be_taken_for_it_pays() -> None:

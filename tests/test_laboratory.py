@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,7 +13,7 @@ from rlgcomp.diagnosis.laboratory import Laboratory
 from rlgcomp.diagnosis.next_experiment import next_experiment
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape
-from rlgcomp.filters import lag
+from rlgcomp.filters import lag, rate_per_min
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import Programme
 
@@ -90,10 +92,36 @@ def test_no_programme_is_promised_to_tell_what_none_can(runs: list[rlg.Recording
     gradient = CATALOGUE["thermal_gradient"](k_deg_h_K=0.001)
     rate = CATALOGUE["temperature_rate"](k_deg_h_min_K=0.001 * BLOCK_LAG_S / 60.0)
     asymmetry = CATALOGUE["rate_asymmetry"](k_deg_h_min_K=0.001 * BLOCK_LAG_S / 60.0)
-    promised = []
-    for rival in (gradient, asymmetry):
-        found = next_experiment(problem, [(rate,), (rival,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H)
-        assert found is not None
-        promised.append(found.expected_probability_after)
-    assert promised[0] < 0.55
-    assert promised[1] > 0.99
+    assert next_experiment(problem, [(rate,), (gradient,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H) is None
+    found = next_experiment(problem, [(rate,), (asymmetry,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H)
+    assert found is not None
+    assert found.expected_probability_after > 0.99
+
+
+@pytest.mark.parametrize("begins_s", [0.0, 50_000.0])
+def test_what_follows_the_clock_or_a_rate_does_so_again(runs: list[rlg.Recording], begins_s: float) -> None:
+    """A pressure that is a straight line in time is no ageing's rival that a programme parts; what wanders by itself is."""
+    first, second = (run.replace(table=run.table.assign(time_s=run.time_s + begins_s * k)) for k, run in enumerate(runs))
+
+    def with_pressure(run: rlg.Recording) -> rlg.Recording:
+        rate = rate_per_min(run.column("temperature_block_degC"), run.time_s)
+        followed = {
+            "pressure_hPa": 1010.0 - 4e-4 * run.time_s,
+            "light_intensity_V": 2.0 - 0.02 * rate,
+            "supply_voltage_V": np.abs(rate),
+        }
+        return run.replace(table=run.table.assign(**followed))
+
+    problem = Problem.of(BASE, [with_pressure(first), with_pressure(second)])
+    found = Laboratory.of([windows.fine for windows in problem.windows]).foreseen(Programme.parse("paper"), ThermalPlant(), 20.0)
+    np.testing.assert_allclose(found.column("pressure_hPa"), 1010.0 - 4e-4 * found.time_s, atol=0.02)
+    ageing = CATALOGUE["ageing"].grid(problem.runs)[-1]
+    ageing = dataclasses.replace(ageing, k_deg_h_day=0.1)
+    pressure = CATALOGUE["ambient_pressure"](k_deg_h_hPa=-0.1 / 86400.0 / 4e-4)
+    rate, light = CATALOGUE["temperature_rate"](k_deg_h_min_K=0.02), CATALOGUE["light_intensity"](k_deg_h_V=-1.0)
+    magnitude, supply = CATALOGUE["rate_asymmetry"](k_deg_h_min_K=0.02), CATALOGUE["supply_voltage"](k_deg_h_V=0.02)
+    field = CATALOGUE["magnetic_field"]()
+    alike = ((ageing, pressure), (rate, light), (magnitude, supply))
+    for rivals, apart in (*((pair, False) for pair in alike), ((ageing, field), True), ((rate, magnitude), True)):
+        promised = next_experiment(problem, [(one,) for one in rivals], shape=NoiseShape(), white_deg_h=WHITE_DEG_H)
+        assert (promised is not None) == apart

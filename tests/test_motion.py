@@ -47,6 +47,16 @@ def test_the_rate_unwraps_what_the_angle_alone_cannot() -> None:
     assert motion.rate_deg_s(angle)[-20] == pytest.approx(170.0 - 180.0)
 
 
+def test_an_angle_that_runs_on_needs_no_rate() -> None:
+    """It says itself how many turns lie between two rows; one that wraps at ten turns has them undone."""
+    true = recording("table_angle_deg", step_s=2.0, wrapped=False).column("table_angle_deg")
+    time_s = np.arange(len(true), dtype=float)
+    assert np.abs(np.diff(true)).max() > 180.0
+    assert np.array_equal(motion.unwrapped_deg(true, time_s, 1.0), true)
+    slow = true / 4.0
+    assert motion.unwrapped_deg(slow % 1800.0, time_s, 1.0) == pytest.approx(slow, abs=1e-9)
+
+
 @given(st.lists(st.floats(-170.0, 170.0), min_size=4, max_size=60), st.floats(0.0, 360.0))
 def test_any_wrapped_angle_runs_on(steps: list[float], start: float) -> None:
     true = start + np.concatenate([[0.0], np.cumsum(steps)])
@@ -94,6 +104,18 @@ def test_the_recorded_rate_stays_where_nothing_is_clearly_better() -> None:
     run = recording(*BOTH, step_s=0.1)
     late = run.column("table_rate_deg_s") + 0.005 * motion.acceleration_deg_s2(run)
     assert np.array_equal(motion.reference_rate_deg_s(run, 3600.0 * late), run.column("table_rate_deg_s"))
+
+
+def test_rows_whose_rate_an_angle_does_not_tell() -> None:
+    """The ends; and after a gap, unless the table turned as evenly before it as after it."""
+    assert not motion.untold(recording(*BOTH)).any()
+    run = recording("table_angle_deg")
+    ends = np.isin(np.arange(len(run)), [0, 1, len(run) - 1])
+    assert np.array_equal(motion.untold(run), ends)
+    uneven, even = slice(58, 75), slice(100, 110)  # 7 to -25 deg/s, and -25 deg/s all along
+    gapped = run.replace(table=run.table.drop(index=[*range(uneven.start, uneven.stop), *range(even.start, even.stop)]))
+    after = np.isin(gapped.time_s, [run.time_s[uneven.stop]])
+    assert np.array_equal(motion.untold(gapped), np.isin(np.arange(len(gapped)), [0, 1, len(gapped) - 1]) | after)
 
 
 def test_the_earth_turns_a_table_that_says_where_it_is() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -9,12 +10,13 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.feasible import chamber_programmes, table_programmes
+from rlgcomp.diagnosis.feasible import LONGEST_S, chamber_programmes, table_programmes
 from rlgcomp.diagnosis.next_experiment import _distances, _expected, _Run, next_experiment
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape, whiten
-from rlgcomp.motion import rate_deg_s
-from rlgcomp.simulation.programme import Hold, Programme, Ramp
+from rlgcomp.motion import angle_deg, rate_deg_s
+from rlgcomp.physics.mechanism import Mechanism, amplitude
+from rlgcomp.simulation.programme import PRESETS, Hold, Programme, Ramp
 from rlgcomp.simulation.table_programme import TableProgramme
 
 CATALOGUE = rlg.CATALOGUE
@@ -149,6 +151,78 @@ def test_table_programmes_turn_no_faster_than_recorded() -> None:
         assert np.abs(programme.corners[1]).max() <= 21.1
         assert TableProgramme.parse(str(programme)) == programme
     assert float(np.abs(rate_deg_s(run)).max()) == pytest.approx(20.0, rel=1e-3)
+
+
+def test_programmes_are_in_numbers_that_can_be_set() -> None:
+    """Thermometers that err, and a chamber that does not quite follow: whole degrees, two digits of a rate, nothing beyond."""
+    told = BASE.simulate("start 0, hold 20, ramp 40 0.5, hold 20, ramp -10 0.5, hold 20, ramp 0 0.5", step_s=10.0)
+    odd = told.table.assign(temperature_block_degC=0.971 * told.column("temperature_block_degC") + 0.00312)
+    for programme in chamber_programmes([rlg.Recording(odd, rlg.Metadata(kind="chamber"), name="odd")]):
+        if str(programme) in PRESETS.values():
+            continue
+        ramps = [step for step in programme.steps if isinstance(step, Ramp)]
+        assert all(value == round(value) for value in (programme.start_degC, *(ramp.to_degC for ramp in ramps)))
+        assert all(ramp.rate_degC_min == float(f"{ramp.rate_degC_min:.2g}") <= 0.5 for ramp in ramps)
+        assert odd["temperature_block_degC"].min() - 0.1 <= programme.corners[1].min()
+        assert programme.corners[1].max() <= odd["temperature_block_degC"].max() + 0.1
+        assert "-0," not in str(programme)
+    narrow = odd.assign(temperature_block_degC=20.0 + 0.08 * odd["temperature_block_degC"])
+    few_degrees = chamber_programmes([rlg.Recording(narrow, rlg.Metadata(kind="chamber"), name="narrow")])
+    assert few_degrees[0].start_degC == 20.0
+    assert all(10.0 * one.corners[1][1:] == pytest.approx(np.rint(10.0 * one.corners[1][1:])) for one in few_degrees)
+    table = rlg.Simulator(kind="turntable")
+    for turning in table_programmes([table.simulate("rate 37.77 200, rate -37.77 200, rest 100")]):
+        rates = np.abs(turning.corners[1])
+        assert all(float(f"{rate:.2g}") == rate <= 37.77 for rate in rates)
+    assert not table_programmes([table.simulate("rest 300")])
+
+
+def test_a_slow_chamber_goes_less_far_before_nothing_is_proposed() -> None:
+    """Runs that only heat, at 0.2 K/min: to cool as well tells a rate from its magnitude, and nothing less does."""
+    rate, magnitude = CATALOGUE["temperature_rate"](k_deg_h_min_K=0.02), CATALOGUE["rate_asymmetry"](k_deg_h_min_K=0.02)
+    heating = ("start 20, hold 60, ramp 60 0.2, hold 60", "start -10, hold 60, ramp 40 0.2, hold 60")
+    runs = [BASE.with_mechanism(rate).simulate(text, seed=k, step_s=10.0) for k, text in enumerate(heating)]
+    made = chamber_programmes(runs)
+    assert len(made) >= 8
+    assert all(programme.duration_s <= LONGEST_S for programme in made)
+    assert min(np.ptp(programme.corners[1]) for programme in made) >= 10.0
+    found = next_experiment(Problem.of(BASE, runs), [(rate,), (magnitude,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H)
+    assert found is not None
+    assert found.expected_probability_after > 0.99
+
+
+@dataclasses.dataclass(frozen=True)
+class RateCubed(Mechanism):
+    """What a user may write beside the catalogue's cubic, from the encoder."""
+
+    name = "rate_cubed"
+    kind = "turntable"
+    equation = "b = k * W^3"
+    reference = "test"
+    drivers = ("table_angle_deg",)
+    fast = True
+
+    k_ppm: float = amplitude(3.0, "ppm")
+
+    def basis(self, recording: rlg.Recording) -> np.ndarray:
+        (angle,) = self.read(recording)
+        rate = np.diff(angle, prepend=2.0 * angle[0] - angle[1]) / recording.period_s
+        return np.asarray(3.6e-3 * rate * (rate / 40.0) ** 2)[:, None]
+
+
+@pytest.mark.parametrize("encoder_alone", [True, False])
+def test_one_physics_written_twice_is_not_told_apart(encoder_alone: bool) -> None:
+    """The encoder runs on in the run that is foreseen as in those that were read, and turns less than half a turn a sample."""
+    table = rlg.Simulator((CATALOGUE["scale_factor"](),), free={"scale_factor": frozenset({"k_ppm"})}, kind="turntable")
+    run = table.simulate("rest 300, rate 30 600, rate -20 600, rate 60 600, rate -60 600, rest 300", step_s=1.0)
+    read = run.table.assign(table_angle_deg=angle_deg(run))
+    run = run.replace(table=read.drop(columns="table_rate_deg_s") if encoder_alone else read)
+    cubic = CATALOGUE["scale_factor_nonlinearity"](k_ppm=18.75, order=3)
+    given = {"shape": NoiseShape(), "white_deg_h": 0.003}
+    assert next_experiment(Problem.of(table, [run]), [(RateCubed(),), (cubic,)], **given) is None
+    quadratic = dataclasses.replace(cubic, order=2)
+    found = next_experiment(Problem.of(table, [run]), [(RateCubed(),), (quadratic,)], **given)
+    assert found is not None
 
 
 def test_rivals_on_a_table_get_a_table_programme() -> None:

@@ -19,6 +19,7 @@ from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
+from tests.test_conceal import OWN
 
 SIMULATOR = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
 FEW = {name: CATALOGUE[name] for name in ("thermal_polynomial", "supply_voltage", "magnetic_field", "thermal_lag")}
@@ -153,6 +154,23 @@ class TestCommand:
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, "--mechanism", "supply_voltage", "--strengths", "a")
         assert refused.exit_code == 2
         assert "--strengths" in refused.stderr
+
+    @pytest.mark.parametrize("jobs", [1, 2])
+    def test_ones_own_physics_has_a_detection_limit(self, tmp_path: Path, jobs: int) -> None:
+        """In worker processes too, which know nothing of the file until they are told."""
+        (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
+        (tmp_path / "own.py").write_text(OWN.replace("KIND", "chamber"))
+        rlg.write(recordings()[0], tmp_path / "run.parquet")
+        options = ["--mechanism", "bellows", "--strengths", "3", "--draws", 1, "--jobs", jobs, "--json"]
+        refused = self.run("sensitivity", tmp_path / "gyro.yaml", tmp_path / "run.parquet", *options)
+        assert refused.exit_code == 2
+        assert "'bellows' is not in the catalogue" in refused.stderr
+        options += ["--mechanisms", tmp_path / "own.py"]
+        done = self.run("sensitivity", tmp_path / "gyro.yaml", tmp_path / "run.parquet", *options)
+        assert done.exit_code == 0, done.output
+        (trial,) = json.loads(done.stdout)["trials"]
+        assert trial["found"] == ["bellows"]
+        assert trial["mechanism"]["k_deg_h_hPa2"] > 0.0
 
 
 def test_what_the_recordings_hold_already_is_taken_off_them() -> None:

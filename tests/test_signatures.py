@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.signatures import _log_likelihood_of_any_level
+from rlgcomp.diagnosis.signatures import _keeps_time, _log_likelihood_of_any_level
 from rlgcomp.diagnosis.whitening import Rows
 
 Array = NDArray[np.float64]
@@ -40,6 +40,24 @@ def test_all_ways_to_jump_are_summed_over() -> None:
         total += np.log(np.sum(likelihoods))
     found = _log_likelihood_of_any_level(rows, values, np.array([level]), np.array([noise]), np.array([dwell_s]))
     assert found == pytest.approx([total], rel=1e-12)
+
+
+def stays_to_path(stays: Array, rows: int) -> Array:
+    """A sign for each window of 100 s, flipped after each stay."""
+    return np.asarray(1.0 - 2.0 * (np.searchsorted(np.cumsum(stays), np.arange(rows)) % 2))
+
+
+@pytest.mark.parametrize("mean", [12.0, 30.0])
+def test_stays_of_chance_are_not_too_alike_and_those_of_a_clock_are(mean: float) -> None:
+    rng = np.random.default_rng(3)
+    rows = Rows(100.0 * np.arange(432.0), np.zeros(432, dtype=np.intp), np.ones(432), 100.0)
+    random = [rng.exponential(mean, 400) for _ in range(400)]
+    seen = [one[one > 3.0] for one in random]  # short stays are missed
+    alike = [_keeps_time(stays_to_path(one, 432), rows) for one in (*random, *seen)]
+    assert sum(alike) <= 2  # of eight hundred, at five in ten thousand
+    kept = [_keeps_time(stays_to_path(mean * rng.uniform(0.9, 1.1, 400), 432), rows) for _ in range(50)]
+    assert np.mean(kept) > 0.9
+    assert not _keeps_time(stays_to_path(np.full(9, 100.0), 432), rows)  # three stays tell nothing
 
 
 def sawtooth(time_s: Array, rng: np.random.Generator) -> Array:

@@ -95,6 +95,40 @@ def test_the_angle_alone_will_do() -> None:
     assert named(runs("scale_factor_nonlinearity", 1.0, "table_rate_deg_s")) == {"scale_factor_nonlinearity"}
 
 
+def accelerating(cut: slice | None = None) -> list[rlg.Recording]:
+    """A healthy gyro on a table that speeds up as the recording begins, and stops as it ends, with an encoder alone."""
+    made = []
+    for k, target in enumerate((10.0, 30.0)):
+        speeding = np.arange(0.0, target, 2.0)
+        rate = np.r_[speeding, np.tile(np.repeat([target, -target], 450), 2), speeding[::-1]]
+        noise = NOISE_1S_DEG_H * np.random.default_rng(k).standard_normal(len(rate))
+        table = {
+            "time_s": np.arange(len(rate), dtype=float),
+            "gyro_deg_s": rate * (1.0 + 5e-6) + (BIAS_DEG_H + noise) / 3600.0,
+            "table_angle_deg": np.cumsum(rate) % 360.0,
+        }
+        frame = pd.DataFrame(table)
+        if cut is not None:
+            frame = frame.drop(index=range(cut.start, cut.stop))
+        made.append(rlg.Recording(frame, rlg.Metadata(kind="turntable"), name=f"run{k}"))
+    return made
+
+
+@pytest.mark.parametrize("cut", [None, slice(445, 470)], ids=["whole", "a gap in which the table turns round"])
+def test_a_rate_that_an_angle_does_not_tell_is_not_used(cut: slice | None) -> None:
+    """Before the first row, or within a gap, the table may have turned at any rate: the gyro is not compared with a guess."""
+    recordings = accelerating(cut)
+    problem = Problem.of(SIMULATOR, recordings)
+    scaled = problem.baseline / np.sqrt((problem.baseline**2).mean(axis=0))
+    left = problem.target_deg_h - scaled @ np.linalg.lstsq(scaled, problem.target_deg_h, rcond=None)[0]
+    window_s = problem.rows.window_s
+    assert np.std(left) < 1.3 * NOISE_1S_DEG_H / np.sqrt(window_s)
+    found = rlg.diagnose(SIMULATOR, recordings[:1], recordings[1:])
+    assert found.verdict == "none"
+    assert found.test is not None
+    assert found.test.baseline_std == pytest.approx(NOISE_1S_DEG_H / np.sqrt(found.test.averaging_s), rel=0.3)
+
+
 @pytest.mark.parametrize("effect", ["lock_in", "lock_in of the total rate"])
 def test_lock_in_is_named_and_its_rate_recovered_within_its_error(effect: str) -> None:
     problem = Problem.of(SIMULATOR, runs(effect), window_s=50.0)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp import motion
+from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE
 from rlgcomp.physics.user import user_catalogue
 
 GOOD = '''"""My physics."""
@@ -91,6 +94,8 @@ def test_what_is_imported_does_not_count(tmp_path: Path) -> None:
         ("(pressure,) = self.read(recording)", "pressure = recording.nothing", "line 27: AttributeError"),
         ("(pressure,) = self.read(recording)", "pressure = recording.column('gyro_deg_h')", "changes with the gyro"),
         ("def basis", "def bases", "it lacks basis"),
+        ("(pressure - self.at_hPa)", "0.0 * pressure", "basis is zero for k_deg_h_hPa whatever the monitors read"),
+        ('"hPa", 900.0, 1100.0', '"hPa", 1100.0, 900.0', "at_hPa has its bounds reversed: from 1100 to 900"),
         ("(pressure - self.at_hPa)[:, None]", "np.empty((len(recording), 0))", "shape"),
     ],
 )
@@ -103,10 +108,81 @@ def test_what_breaks_the_contract_is_named(tmp_path: Path, old: str, new: str, m
         user_catalogue([write(tmp_path, GOOD.replace(old, new, 1))])
 
 
+ALIASES = {
+    TEMPERATURE: "temperature_block_degC",
+    TABLE_RATE: "table_rate_deg_s",
+    TABLE_ANGLE: "table_angle_deg",
+}
+
+
+@pytest.mark.parametrize("driver", [*ALIASES, *ALIASES.values(), "angle_inner_deg", "angle_outer_deg", "felt_rate_deg_s"])
+@pytest.mark.parametrize("kind", ["chamber", "turntable"])
+def test_every_alias_is_read_on_a_table_and_in_a_chamber(tmp_path: Path, kind: str, driver: str) -> None:
+    text = GOOD.replace('kind = "chamber"', f'kind = "{kind}"').replace('drivers = ("pressure_hPa",)', f'drivers = ("{driver}",)')
+    pump = user_catalogue([write(tmp_path, text)])["pump"]
+    assert pump.drivers == (driver,)
+    programme = "short" if kind == "chamber" else "rate 7 60, rate -25 90"
+    if driver in ALIASES and (kind == "turntable" or driver == TEMPERATURE):
+        run = rlg.Simulator.from_mapping({"kind": kind, "mechanisms": []}).simulate(programme)
+        turns = (pump().basis(run)[:, 0] + 1000.0 - run.column(ALIASES[driver])) / 360.0
+        assert turns == pytest.approx(np.rint(turns) * (driver == TABLE_ANGLE), abs=1e-9)
+
+
+def test_rate_and_angle_of_a_table_fit_together(tmp_path: Path) -> None:
+    """On the trial recording as on real ones, so that a mechanism may take either from the other."""
+    text = GOOD.replace('kind = "chamber"', 'kind = "turntable"')
+    text = text.replace('drivers = ("pressure_hPa",)', 'drivers = ("table_rate", "table_angle")')
+    text = text.replace("(pressure,) = self.read(recording)", "rate, angle = self.read(recording)")
+    apart = "np.log(1e-6 - np.abs(rate[1:] - np.diff(angle) / np.diff(recording.time_s)).max())"  # not finite where they differ
+    fitting = text.replace("(pressure - self.at_hPa)", f"(rate * np.cos(2.0 * np.deg2rad(angle)) + {apart})")
+    assert "pump" in user_catalogue([write(tmp_path, fitting)])
+
+
+@pytest.mark.parametrize(("drivers", "fast"), [(("table_rate",), True), (("table_angle_deg",), True), (("pressure_hPa",), False)])
+def test_what_reads_how_a_table_turned_is_computed_at_the_full_rate(tmp_path: Path, drivers: tuple[str, ...], fast: bool) -> None:
+    """Unless it says otherwise: at window means it would lose to a mechanism of the catalogue with the very same equation."""
+    text = GOOD.replace('kind = "chamber"', 'kind = "turntable"').replace('("pressure_hPa",)', repr(drivers))
+    assert user_catalogue([write(tmp_path, text)])["pump"].fast is fast
+    said = text.replace('name = "pump"', 'name = "pump"\n    fast = False')
+    assert not user_catalogue([write(tmp_path, said)])["pump"].fast
+
+
+@pytest.mark.parametrize(("driver", "read"), [("table_rate", motion.rate_deg_s), ("table_angle", motion.angle_deg)])
+@pytest.mark.parametrize("left_out", ["table_angle_deg", "table_rate_deg_s"])
+def test_rate_and_angle_are_read_in_their_units_whichever_was_recorded(
+    tmp_path: Path, driver: str, read: Callable[[rlg.Recording], np.ndarray], left_out: str
+) -> None:
+    text = GOOD.replace('kind = "chamber"', 'kind = "turntable"').replace('("pressure_hPa",)', f'("{driver}",)')
+    pump = user_catalogue([write(tmp_path, text)])["pump"]
+    run = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": []}).simulate("rate 7 60, rate -25 90")
+    run = run.replace(table=run.table.drop(columns=left_out))
+    assert pump().basis(run)[:, 0] == pytest.approx(read(run) - 1000.0, abs=1e-9)
+
+
+def test_a_threshold_is_not_taken_for_nothing(tmp_path: Path) -> None:
+    """What begins above 990 hPa is zero where a trial's pressure is about 1."""
+    text = GOOD.replace("(pressure - self.at_hPa)", "np.maximum(0.0, pressure - self.at_hPa)")
+    assert "pump" in user_catalogue([write(tmp_path, text)])
+
+
 def test_all_faults_at_once(tmp_path: Path) -> None:
     text = GOOD.replace('kind = "chamber"', 'kind = "oven"').replace('"deg/h/hPa"', '""')
     with pytest.raises(rlg.InputError, match=r"(?s)kind is 'oven'.*has no unit"):
         user_catalogue([write(tmp_path, text)])
+
+
+def test_the_readmes_example_is_found_on_a_table_with_an_encoder_alone(tmp_path: Path) -> None:
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    (example,) = (block.partition("```")[0] for block in readme.split("```python\n") if "class Stretch" in block)
+    catalogue = user_catalogue([write(tmp_path, example)])
+    said = {"kind": "turntable", "mechanisms": [{"scale_factor": {"k_ppm": 5.0}}, {"centrifugal_stretch": {"k_deg_h": 0.05}}]}
+    made = rlg.Simulator.from_mapping(said, catalogue).simulate("rates", seed=1)
+    run = made.replace(table=made.table.drop(columns="table_rate_deg_s"), truth=None)
+    simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
+    found = rlg.diagnose(simulator, [run], mechanisms=catalogue, black_box=False)
+    assert [cause.name for cause in found.causes] == ["centrifugal_stretch"]
+    estimate = found.causes[0].parameters["k_deg_h"]
+    assert abs(estimate.value - 0.05) < 4.0 * estimate.sd < 0.01
 
 
 def test_a_syntax_error_is_said_with_its_line(tmp_path: Path) -> None:

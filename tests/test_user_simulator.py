@@ -18,7 +18,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.align import align, no_clocks
 from rlgcomp.diagnosis.resampling import turning_evenly
 from rlgcomp.diagnosis.result import Alignment
-from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, baseline_prediction, scale_remarks
+from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, baseline_prediction, clock_remarks, scale_remarks
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.diagnosis.wording import clock_text
 from rlgcomp.filters import lag
@@ -228,6 +228,35 @@ def test_a_simulation_that_covers_too_little_is_refused(run: rlg.Recording, simu
     half = simulated.between(0.0, 0.5 * run.duration_s, name="half")
     with pytest.raises(rlg.InputError, match=r"half: it covers 50 % of warm"):
         align(run, half)
+
+
+def test_what_led_up_to_the_rows_that_count_need_not_be_simulated(run: rlg.Recording, simulated: rlg.Recording) -> None:
+    late = simulated.between(0.3 * run.duration_s, run.duration_s, name="late")
+    with pytest.raises(rlg.InputError, match=r"late: it covers .* of warm"):
+        align(run, late)
+    cut = run.between(0.35 * run.duration_s, run.duration_s, keep_history=True)
+    shown, _ = align(cut, late)
+    whole, _ = align(cut, simulated)
+    np.testing.assert_allclose(shown[cut.scored], whole[cut.scored], atol=0.01 * np.ptp(whole))
+    own = simulated.between(0.35 * run.duration_s, run.duration_s, name="own")  # of the rows that count alone, from zero
+    own = own.replace(table=own.table.assign(time_s=own.time_s - own.time_s[0]))
+    shown, _ = align(cut, own)
+    np.testing.assert_allclose(shown[cut.scored], whole[cut.scored], atol=0.01 * np.ptp(whole))
+
+
+def test_causes_that_do_what_a_late_clock_does_are_doubted(run: rlg.Recording, simulated: rlg.Recording) -> None:
+    blind = simulated.replace(table=simulated.table[["time_s", "gyro_deg_h"]])
+    runs = SimulatedRuns.of([run], [blind])
+    windows = [Windows.of(run, 100.0)]
+    slope = np.gradient(windows[0].means(runs.rates_deg_h[0]), windows[0].middles_s)
+    rate, volts = rlg.CATALOGUE["temperature_rate"](), rlg.CATALOGUE["supply_voltage"]()
+    (said,) = clock_remarks(windows, runs, {rate: 50.0 * slope, volts: slope})
+    assert said.startswith("What temperature_rate adds is much what a simulation does whose clock is about 50 s off")
+    course = windows[0].means(run.column("temperature_block_degC"))
+    assert not clock_remarks(windows, runs, {rate: course - 20.0})  # goes as the temperature, not as its rate
+    assert not clock_remarks(windows, runs, {volts: 50.0 * slope})
+    assert not clock_remarks(windows, None, {rate: 50.0 * slope})
+    assert not clock_remarks(windows, SimulatedRuns.of([run], [simulated]), {rate: 50.0 * slope})  # its monitors tell the clock
 
 
 def test_one_simulation_a_run(run: rlg.Recording, simulated: rlg.Recording) -> None:

@@ -30,6 +30,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first case: others than those tuned on")
     parser.add_argument("--only", choices=KINDS, action="append", help="only this kind; may be given again")
     parser.add_argument("--noise-stated", action="store_true", help="tell the diagnosis each unit's true noise")
+    parser.add_argument("--pulse-arcsec", type=float, default=0.0, help="the gyros are read in whole pulses of so much, dithered")
     Work.add_options(parser, "concealed")
     parser.add_argument("--dump", type=Path, metavar="DIR", help="write the cases as files for the command line; score nothing")
     options = parser.parse_args(argv)
@@ -43,8 +44,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             dump(case, options.dump / case.name)
             print(options.dump / case.name)
         return
-    cases = {key_of(arguments, options.noise_stated): arguments for arguments in wanted}
-    run, lost = (functools.partial(function, stated=options.noise_stated) for function in (run_case, died))
+    how = {"stated": options.noise_stated, "pulse_arcsec": options.pulse_arcsec}
+    cases = {key_of(arguments, **how): arguments for arguments in wanted}
+    run, lost = (functools.partial(function, **how) for function in (run_case, died))
     rows = Work.of(options).rows(run, cases, died=lost, told=tables.mark)
     print(f"# Concealed physics: `python -m experiments.concealed {shlex.join(sys.argv[1:] if argv is None else argv)}`\n")
     tables.show(rows)

@@ -21,7 +21,7 @@ from scipy import linalg
 from experiments.concealed import turntable
 from experiments.concealed.chamber import Chamber, Unit
 from experiments.concealed.effects import DRIVERLESS, INDEPENDENT, OUTSIDE, Effect, catalogued
-from experiments.concealed.noise import Noise
+from experiments.concealed.noise import Noise, in_pulses
 from experiments.concealed.operators import first_order
 from rlgcomp.files import write_json
 from rlgcomp.formats import write
@@ -248,6 +248,17 @@ def _on_a_table(effects: Sequence[str], strength: float, seed: int) -> Case:
         repeats=True,
         information_nats=0.5 * strength**2 * sum(map(len, rates[: len(TRAINING)])) / MEAN_S if effects else 0.0,
     )
+
+
+def read_in_pulses(case: Case, pulse_arcsec: float) -> Case:
+    """The same case with a gyro read in whole pulses; strengths stay those without."""
+
+    def read(recording: Recording) -> Recording:
+        rng = stream(case.seed, f"pulses:{recording.name}")
+        pulses = in_pulses(recording.column("gyro_deg_h"), pulse_arcsec, rng)
+        return recording.replace(table=recording.table.assign(gyro_deg_h=pulses))
+
+    return dataclasses.replace(case, train=tuple(map(read, case.train)), test=tuple(map(read, case.test)))
 
 
 def dump(case: Case, folder: Path) -> None:

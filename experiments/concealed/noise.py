@@ -69,3 +69,9 @@ class Noise:
             between = -ratio * math.expm1(-1.0 / ratio)  # each of the two windows, as seen from where they face each other
             total += variance * np.where(apart == 0.0, within, between**2 * np.exp(-np.maximum(apart - 1.0, 0.0) / ratio))
         return np.asarray(total)
+
+
+def in_pulses(rate_deg_h: Array, pulse_arcsec: float, rng: np.random.Generator, earth_deg_h: float = 10.0) -> Array:
+    """A gyro at 1 Hz read in whole pulses, whose phase dither leaves to chance; the Earth's rate is taken off."""
+    angle_arcsec = np.r_[0.0, np.cumsum(rate_deg_h + earth_deg_h)] + rng.uniform(0.0, pulse_arcsec, len(rate_deg_h) + 1)
+    return np.asarray(np.diff(np.floor(angle_arcsec / pulse_arcsec)) * pulse_arcsec - earth_deg_h)

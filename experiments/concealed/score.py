@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from experiments.concealed.cases import Case, make_case, means
+from experiments.concealed.cases import Case, make_case, means, read_in_pulses
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.noise import NoiseModel
 from rlgcomp.simulation.simulator import Simulator
@@ -19,23 +19,25 @@ Array = npt.NDArray[np.float64]
 Arguments = tuple[Any, tuple[str, ...], float, int, bool]
 
 
-def run_case(arguments: Arguments, stated: bool = False) -> dict[str, Any]:
+def run_case(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0) -> dict[str, Any]:
     """Make a case, diagnose it, score it. A failure is an answer too: it is scored as such and the rest goes on."""
+    asked = _asked(arguments, stated, pulse_arcsec)
     try:
-        return _asked(arguments, stated) | diagnosed(make_case(*arguments), stated)
+        case = make_case(*arguments)
+        return asked | diagnosed(read_in_pulses(case, pulse_arcsec) if pulse_arcsec else case, stated)
     except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
-        return _asked(arguments, stated) | {"failure": f"{type(error).__name__}: {error}"}
+        return asked | {"failure": f"{type(error).__name__}: {error}"}
 
 
-def died(arguments: Arguments, stated: bool = False) -> dict[str, Any]:
+def died(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0) -> dict[str, Any]:
     """The line of a case that takes its worker with it each time."""
-    return _asked(arguments, stated) | {"failure": DIED}
+    return _asked(arguments, stated, pulse_arcsec) | {"failure": DIED}
 
 
-def _asked(arguments: Arguments, stated: bool) -> dict[str, Any]:
+def _asked(arguments: Arguments, stated: bool, pulse_arcsec: float) -> dict[str, Any]:
     kind, effects, strength, seed, independent = arguments
     return {
-        "key": key_of(arguments, stated),
+        "key": key_of(arguments, stated, pulse_arcsec),
         "kind": kind,
         "hidden": list(effects),
         "strength": strength,
@@ -44,9 +46,9 @@ def _asked(arguments: Arguments, stated: bool) -> dict[str, Any]:
     }
 
 
-def key_of(arguments: Arguments, stated: bool = False) -> str:
+def key_of(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0) -> str:
     """What a case is known by among the lines of a file."""
-    return repr(arguments) + " with its noise stated" * stated
+    return repr(arguments) + " with its noise stated" * stated + (f" in pulses of {pulse_arcsec:g} arcsec" if pulse_arcsec else "")
 
 
 def diagnosed(case: Case, stated: bool = False) -> dict[str, Any]:

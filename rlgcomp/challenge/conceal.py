@@ -65,7 +65,13 @@ class Challenge:
 
 
 def conceal(
-    simulator: Simulator, hide: str = RANDOM, *, seed: int = 0, strength: float | None = None, step_s: float = 1.0
+    simulator: Simulator,
+    hide: str = RANDOM,
+    *,
+    seed: int = 0,
+    strength: float | None = None,
+    step_s: float = 1.0,
+    catalogue: Mapping[str, type[Mechanism]] = CATALOGUE,
 ) -> Challenge:
     """Make a challenge.
 
@@ -82,6 +88,8 @@ def conceal(
         Of each hidden cause. By default 1 for those that the simulator lacks, and for the others the size that they have there.
     step_s : float
         Sample period of the recordings.
+    catalogue : mapping of str to type
+        What may be hidden.
 
     Raises
     ------
@@ -91,14 +99,14 @@ def conceal(
     if strength is not None and not 0.0 < strength < math.inf:
         raise InputError(f"strength is {strength}; it must be positive")
     rng = stream(seed, "conceal")
-    names = _chosen(simulator, hide, rng)
+    names = _chosen(simulator, hide, rng, catalogue)
     own = {mechanism.name: mechanism for mechanism in simulator.mechanisms}
     lacking = functools.reduce(Simulator.without, [name for name in names if name in own], simulator)
     bench = _Bench.of(lacking, _moved(simulator, rng), rng, step_s)
     for name in names:
         if name not in own or strength is not None:
             known = next((mechanism for mechanism in bench.gyro.mechanisms if mechanism.name == name), None)
-            sized = _sized(known, CATALOGUE[name], bench, strength or USUAL_STRENGTH)
+            sized = _sized(known, catalogue[name], bench, strength or USUAL_STRENGTH)
             bench = dataclasses.replace(bench, gyro=bench.gyro.with_mechanism(sized))
     mechanisms = tuple(mechanism for mechanism in bench.gyro.mechanisms if mechanism.name in names)
     left = {mechanism.name: bench.left(mechanism) for mechanism in mechanisms}
@@ -184,8 +192,8 @@ class _Bench:
 # --- what is hidden ------------------------------------------------------------------------------------------------------------
 
 
-def _chosen(simulator: Simulator, hide: str, rng: np.random.Generator) -> list[str]:
-    allowed = [name for name, form in CATALOGUE.items() if form.kind == simulator.kind and not form.open_set]
+def _chosen(simulator: Simulator, hide: str, rng: np.random.Generator, catalogue: Mapping[str, type[Mechanism]]) -> list[str]:
+    allowed = [name for name, form in catalogue.items() if form.named_for(simulator.kind)]
     if hide == RANDOM:
         taken = [name for name in allowed if len(simulator.mechanisms) > 1 or name not in _names(simulator)]
         count = int(rng.choice(len(_HOW_MANY), p=_HOW_MANY))

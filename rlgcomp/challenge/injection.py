@@ -44,7 +44,8 @@ def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, wi
     for parameter in kind.parameters():
         if parameter.role == "amplitude":
             relative = 1.0 if parameter.unit == SHARE else rng.uniform(0.5, 1.5) * rng.choice([-1.0, 1.0])
-            values[parameter.name] = float(parameter.typical * relative)
+            size = float(parameter.typical * relative)
+            values[parameter.name] = abs(size) if parameter.low >= 0.0 else size
         elif parameter.choices and point is None:
             values[parameter.name] = str(rng.choice(parameter.choices))
         elif parameter.role == "setting" and point is not None:

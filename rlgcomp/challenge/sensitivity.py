@@ -29,6 +29,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.plugins import LoadedFirst
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -229,8 +230,9 @@ def sensitivity(
         for draw in range(draws)
     ]
     sizes = np.repeat(np.asarray(strengths, dtype=np.float64), draws).tolist()
+    files = LoadedFirst.of(catalogue.values())
     work = (
-        joblib.delayed(_trial)(simulator, runs, made, strength, gyro, catalogue)
+        joblib.delayed(_trial)(files, simulator, runs, made, strength, gyro, catalogue)
         for made, strength in zip(plans, sizes, strict=True)
     )
     trials = tuple(_counted(joblib.Parallel(n_jobs=jobs, return_as="generator")(work), total, progress))
@@ -287,7 +289,7 @@ def _beyond(what: str, strengths: Array, found: Array) -> list[str]:
 def _checked(
     simulator: Simulator, mechanism: str, strengths: Sequence[float], draws: int, catalogue: Mapping[str, type[Mechanism]]
 ) -> type[Mechanism]:
-    fitting = [name for name, form in catalogue.items() if form.kind == simulator.kind and not form.open_set]
+    fitting = [name for name, form in catalogue.items() if form.named_for(simulator.kind)]
     if mechanism not in fitting:
         raise InputError(f"{mechanism!r} is not in the catalogue of kind {simulator.kind!r}; it has {', '.join(fitting)}")
     if mechanism in [own.name for own in simulator.mechanisms]:
@@ -319,6 +321,7 @@ def _errors(mechanism: Mechanism, runs: Sequence[Recording], number: int) -> lis
 
 
 def _trial(
+    files: LoadedFirst,
     simulator: Simulator,
     runs: Sequence[Recording],
     made: tuple[Mechanism, int],
@@ -326,6 +329,7 @@ def _trial(
     gyro: str | None,
     catalogue: Mapping[str, type[Mechanism]],
 ) -> Trial:
+    del files  # a worker has loaded them by now
     mechanism, number = made
     errors = _errors(mechanism, runs, number)
     changed = [injected(run, error, gyro) for run, error in zip(runs, errors, strict=True)]

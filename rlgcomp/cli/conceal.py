@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, command, progress, say
+from rlgcomp.cli.base import AsJson, MechanismFiles, command, progress, say
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
 
 
-@command("conceal")
+@command("conceal", several=("--mechanisms",))
 def conceal(
     simulator: SimulatorFile,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the challenge.")],
@@ -30,6 +30,7 @@ def conceal(
         typer.Option(help="What the simulator cannot absorb over the white noise of 100 s; default 1, or the size in the file."),
     ] = None,
     step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
+    mechanisms: MechanismFiles = None,
     as_json: AsJson = False,
 ) -> None:
     """Seal a challenge: recordings, a simulator that lacks something, and the SHA-256 of the truth, which stays in truth.json.
@@ -42,18 +43,22 @@ def conceal(
     from rlgcomp.challenge.seal import CHALLENGE, SIMULATOR, TRUTH, seal
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_folder, sha256
+    from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
     require_folder(out, ours=CHALLENGE)
     if (out / CHALLENGE).exists():
         raise InputError(f"{out} holds a challenge already, and a seal that can be broken proves nothing; give another --out")
+    catalogue = user_catalogue(mechanisms or [])
+    gyro = Simulator.from_yaml(simulator, catalogue)
     with progress("simulating"):
-        seal(make(Simulator.from_yaml(simulator), hide, seed=seed, strength=strength, step_s=step_s), out)
+        seal(make(gyro, hide, seed=seed, strength=strength, step_s=step_s, catalogue=catalogue), out)
     if as_json:
         show_json({"challenge": out / CHALLENGE, "truth_sha256": sha256(out / TRUTH)})
         return
     say(f"{out}: sealed; SHA-256 of the truth {sha256(out / TRUTH)}")
     runs = f"--train {out}/train*.parquet --test {out}/test*.parquet"
+    runs += f" --mechanisms {' '.join(map(str, mechanisms))}" if mechanisms else ""
     say(f"next: rlgcomp diagnose --simulator {out / SIMULATOR} {runs} --out DIAGNOSIS")
     say(f"then: rlgcomp reveal {out} DIAGNOSIS")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Jobs, Map, PulseArcsec, Runs, command, progress, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Jobs, Map, MechanismFiles, PulseArcsec, Runs, command, progress, read_runs, say
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rlgcomp.challenge.sensitivity import Sensitivity
 
 
-@command("sensitivity")
+@command("sensitivity", several=("--mechanisms",))
 def sensitivity(
     simulator: SimulatorFile,
     runs: Runs,
@@ -26,6 +26,7 @@ def sensitivity(
     draws: Annotated[int, typer.Option(min=1, help="Trials a strength, each of other shapes and signs.")] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
     out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for curves and trials.")] = None,
+    mechanisms: MechanismFiles = None,
     mapping: Map = None,
     drop: Drop = None,
     gyro: Gyro = None,
@@ -40,6 +41,7 @@ def sensitivity(
     from rlgcomp.challenge.sensitivity import sensitivity as measure
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_folder
+    from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
     try:
@@ -48,16 +50,18 @@ def sensitivity(
         raise InputError(f"--strengths is {strengths!r}; write numbers joined by commas, as 0.1,0.2,0.4") from None
     if out is not None:
         require_folder(out, ours="sensitivity.json")
+    catalogue = user_catalogue(mechanisms or [])
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     with progress("diagnosing") as advance:
         found = measure(
-            Simulator.from_yaml(simulator),
+            Simulator.from_yaml(simulator, catalogue),
             recordings,
             mechanism,
             strengths=wanted,
             draws=draws,
             seed=seed,
             gyro=gyro,
+            catalogue=catalogue,
             jobs=jobs,
             progress=advance,
         )

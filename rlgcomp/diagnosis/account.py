@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations
 from rlgcomp.diagnosis.fit import Fitted, FittedCause, fit, noise_model
 from rlgcomp.diagnosis.inadequacy import INADEQUACY
-from rlgcomp.diagnosis.next_experiment import next_experiment
+from rlgcomp.diagnosis.next_experiment import next_experiment, told_apart
 from rlgcomp.diagnosis.noises import stated_noise
 from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
@@ -26,6 +26,7 @@ from rlgcomp.diagnosis.result import Alternative, Cause, Estimate, Fit, NextExpe
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape, norms, whiten
 from rlgcomp.diagnosis.wording import listing
+from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +34,7 @@ Array = npt.NDArray[np.float64]
 _ALTERNATIVES: Final = 8
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
 _SLOW: Final = 1.3  # times the white noise, from which it is said that slow noise accounts for what is left
+_OFF_ALONE: Final = 1.25  # the same of one run
 _OFF: Final = 1.5  # times the noise floor, from which held-out runs are said to be off
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
@@ -88,8 +90,8 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
 
 def what_to_run(
     problem: Problem, explanations: Explanations, best: Model, noise: NoiseShape, after: Fitted, seed: int
-) -> NextExperiment | None:
-    """The programme that would tell the chosen set from those that differ from it in one mechanism."""
+) -> tuple[NextExperiment | None, tuple[str, ...]]:
+    """The programme that would tell the chosen set from those that differ in one mechanism; what to say where none would."""
     swaps = [
         (model, float(p))
         for model, p in zip(explanations.models, explanations.probabilities, strict=True)
@@ -98,9 +100,14 @@ def what_to_run(
     swaps = [(model, p) for model, p in swaps if p > MENTIONED * swaps[0][1]][:_RIVALS]
     fits = [fit(problem, explanations.candidates(model), noise) for model, _ in swaps]
     rivals = [tuple(cause.mechanism for cause in found.causes if not cause.known) for found in fits]
-    return next_experiment(
+    found = next_experiment(
         problem, rivals, shape=noise, white_deg_h=after.white_deg_h, probabilities=[p for _, p in swaps], seed=seed
     )
+    if found is not None:
+        return found, ()
+    names = listing(told_apart(rivals)) if len(rivals) > 1 else "what was found and what else it may be"
+    might = "A wider range might, or one more monitor, or a run in which what drives one of them is changed by itself."
+    return None, (f"No programme within the recorded ranges would tell between {names}. {might}",)
 
 
 def whiteness(problem: Problem, after: Fitted, noise: NoiseShape) -> float:
@@ -169,18 +176,36 @@ def remarks_of(
     return tuple(remarks)
 
 
+def not_tried(explanations: Explanations, mechanisms: Mapping[str, type[Mechanism]]) -> tuple[str, ...]:
+    """What to say of mechanisms of which the simulator's own terms leave nothing, at any shape: no run like these can show them."""
+    problem = explanations.evidence.problem
+    tried = {candidate.name for candidate in explanations.evidence.candidates}
+    passed = tried | {own.name for own in problem.simulator.mechanisms} | set(explanations.left_out)
+    taken = [
+        name
+        for name, kind in mechanisms.items()
+        if name not in passed and kind.named_for(problem.simulator.kind) and not kind.jumps()
+        if any(one.amplitude_parameters() for one in kind.grid(problem.runs))
+    ]
+    if not taken:
+        return ()
+    terms = "the simulator's own terms and the law beyond them" if problem.laws else "the simulator's own terms"
+    were, their = ("was", "its") if len(taken) == 1 else ("were", "their")
+    return (f"{listing(taken)} {were} not tried: {terms} can take {their} place in these runs.",)
+
+
 def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:
     """What to say where what is left passes for noise because slow noise does."""
     times = float(np.std(after.residual_deg_h)) / after.white_deg_h
     if times < _SLOW:
         return []
-    found, stated = noise_model(shape, after.white_deg_h, problem.rows.window_s), problem.simulator.noise
+    found, stated = noise_model(shape, after.white_deg_h, problem.windows[0]), problem.simulator.noise
     slow = (
         f"bias instability {found.bias_instability_deg_h:.2g} deg/h and rate random walk "
         f"{found.rate_random_walk_deg_h_sqrt_h:.2g} deg/h/sqrt(h)"
     )
     left = f"What is left, {times:.1f} times the white noise, passes for noise with {slow}"
-    if stated is None or stated_noise(stated, problem.rows.window_s) is None:
+    if stated is None or stated_noise(stated, problem.windows[0].white_s) is None:
         return [f"{left}. If this gyro is known to be calmer at rest, give its noise (--noise): then something unrecorded wanders."]
     said = f"{stated.bias_instability_deg_h:.2g} and {stated.rate_random_walk_deg_h_sqrt_h:.2g}"
     return [f"{left}; {said} are stated. If these are right, something unrecorded wanders."]
@@ -235,7 +260,7 @@ def _behind(explanations: Explanations, conclusion: Conclusion) -> list[str]:
     search, own = alone.search, explanations.in_training(conclusion.model)
     further = [model for model in alone.models if model.labels > own.labels and len(model.labels) == len(own.labels) + 1]
     further = [model for model in further if search.has_own_biases(model.labels) == search.has_own_biases(own.labels)]
-    if not own.labels or not further:
+    if not own.labels or not further or conclusion.misnamed:
         return []
     spared = {model: model.log_posterior + search.toll(model.labels) for model in (own, *further)}
     best = max(further, key=lambda model: spared[model])
@@ -304,10 +329,13 @@ def own_biases_of(baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[str, 
     )
 
 
-def off_held_out(verdict: Verdict, test: Fit | None) -> tuple[str, ...]:
-    """What to say where held-out runs are off by more than noise, though nothing is named, or for all that is."""
-    if verdict == "unknown" or test is None or test.augmented_std is None or test.augmented_rms < _OFF * test.noise_floor_rms:
+def off_held_out(verdict: Verdict, test: Fit | None, causes: Sequence[Mechanism] = ()) -> tuple[str, ...]:
+    """What to say where held-out runs are off by more than noise, though nothing is named, or for all that is; of causes that are
+    drawn anew in every run it is not asked."""
+    if verdict == "unknown" or test is None or test.augmented_std is None or not all(cause.repeats() for cause in causes):
         return ()
+    if test.augmented_rms < _OFF * test.noise_floor_rms:
+        return _off_alone(test)
     times = test.augmented_rms / test.noise_floor_rms
     named = "" if verdict == "none" else ", with all that is named,"
     off = f"Held-out runs{named} are off by {test.augmented_rms:.2g} {test.unit} rms, {times:.1f} times the noise"
@@ -320,6 +348,21 @@ def off_held_out(verdict: Verdict, test: Fit | None) -> tuple[str, ...]:
         f"{off}, and by {test.augmented_std:.2g} about each run's own mean: they show what the training runs do not. Take one of "
         "them among the training runs.",
     )
+
+
+def _off_alone(test: Fit) -> tuple[str, ...]:
+    """Of single runs that are off, though all of them together hardly are."""
+    if test.whiteness_p_value is None or test.whiteness_p_value > _NOTED:
+        return ()
+    said = []
+    for one in test.per_run:
+        if one.augmented_std is not None and one.augmented_std > _OFF_ALONE * one.noise_floor_rms:
+            times = one.augmented_std / one.noise_floor_rms
+            said.append(
+                f"{one.run} is off by {one.augmented_std:.2g} {test.unit} about its own mean, {times:.1f} times the noise, and not "
+                f"by noise alone (p = {test.whiteness_p_value:.1g}): it shows what the training runs do not. Take it among them."
+            )
+    return tuple(said)
 
 
 def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> tuple[str, ...]:

@@ -300,10 +300,15 @@ def _slow_physics(recording: Recording) -> list[Array]:
 
 
 def _epoch(recording: Recording, simulated: Recording) -> float:
-    """What to add to the simulation's time: 0 where both count from one epoch, otherwise their starts are put together."""
-    first, last = recording.time_s[[0, -1]]
+    """What to add to the simulation's time: 0 where both count from one epoch, otherwise their starts are put together; that of the
+    rows that count, where no more was simulated."""
+    begin, last = recording.time_s[[0, -1]]
+    first = recording.time_s[recording.scored][0]
     overlap_s = min(last, simulated.time_s[-1]) - max(first, simulated.time_s[0])
-    return 0.0 if overlap_s >= _LEAST_OVERLAP * (last - first) else float(first - simulated.time_s[0])
+    if overlap_s >= _LEAST_OVERLAP * (last - first):
+        return 0.0
+    start = begin if simulated.duration_s >= _LEAST_OVERLAP * (last - begin) else first
+    return float(start - simulated.time_s[0])
 
 
 def _autocorrelation(left: Array) -> float:

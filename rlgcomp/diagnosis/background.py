@@ -31,6 +31,7 @@ Array = npt.NDArray[np.float64]
 _NUMBERS_AT_ONCE: Final = 1_000_000  # of columns that are whitened together: so many stay near the processor
 _UNLIKELY: Final = 4.0  # log units behind the best from which a noise is left out
 _FAINT: Final = 0.02  # of a law's unit: a column that varies less is all but unseen in these runs
+_ONE_ROW: Final = 0.8  # of the sum of squares: such a column rests on that row
 _ABSORBED: Final = 0.01  # of a column's variation: a law of which less is left would be all extrapolation
 
 
@@ -120,6 +121,11 @@ class Background:
         variance = self._left[best] * (1.0 - explained[best]) / max(1, self.freedom - 1)
         scale = size[0]
         return float(crosses[best, 0] / squares[best, 0] / scale), float(math.sqrt(variance / squares[best, 0]) / scale)
+
+    def rests_on_one(self, column: Array) -> bool:
+        """Whether what the design leaves of a column lies almost all in one row: whatever that row is off by, it would explain."""
+        left = (column - self._orthogonal @ (self._orthogonal.T @ column)) ** 2
+        return bool(left.max() > _ONE_ROW * left.sum())
 
     def weights(self, blocks: Sequence[Array]) -> list[Array]:
         """Least squares weights of the columns of each block together, for the noise that is likeliest with its first."""

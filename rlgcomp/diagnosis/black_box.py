@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
+from rlgcomp.diagnosis.departures import not_comparable
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Recording
@@ -44,7 +45,13 @@ class Mismatch:
 
     @classmethod
     def of(
-        cls, before: Simulator, whole: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None, window_s: float
+        cls,
+        before: Simulator,
+        whole: Recording,
+        gyro: str | None,
+        predicted: Callable[[Recording], Array] | None,
+        window_s: float,
+        knee_s: float = 0.0,
     ) -> Mismatch:
         """Of one run.
 
@@ -56,6 +63,8 @@ class Mismatch:
         predicted : callable, optional
             Further prediction in deg/h: the user's own simulator.
         window_s : float
+        knee_s : float
+            Of the errors of the gyro's angle.
 
         Raises
         ------
@@ -71,7 +80,8 @@ class Mismatch:
         mismatch = run.rate_deg_h() - said - own
         table = run.table.drop(columns=column)
         table.insert(1, "gyro_deg_h", mismatch)
-        return cls(run, said, mismatch, Windows.of(run.replace(table=table), window_s))
+        left_out = not_comparable(before, run, predicted)
+        return cls(run, said, mismatch, Windows.of(run.replace(table=table), window_s, knee_s, left_out))
 
 
 def learned(mismatches: Sequence[Mismatch], training: int, executor: Executor | None = None) -> Callable[[], list[Array] | None]:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.confirm import log_foreseen
+from rlgcomp.diagnosis.confirm import foresight
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations, considered
@@ -67,7 +67,9 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     noises, prior = _noises_beside_laws(windowed)
     chosen, first, highest = None, None, best.log_posterior
     for model in (best,) if best is innocent else (best, innocent):
-        law = discover(windowed, _design(windowed, explanations, model), noises, prior, dictionary=dictionary)
+        foreseen = None if whole is None else foresight(explanations.candidates(model), windowed, whole, noises, prior)
+        design = _design(windowed, explanations, model)
+        law = discover(windowed, design, noises, prior, dictionary=dictionary, foreseen=foreseen)
         instead = best if model is innocent else innocent
         if law is None:
             continue
@@ -78,8 +80,8 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
-        if whole is not None:
-            score += log_foreseen(law.mechanism, explanations.candidates(model), windowed, whole, noises, prior)
+        if foreseen is not None:
+            score += foreseen(law.mechanism)
         if model.members and score - model.log_posterior < _BEYOND:
             continue
         if explanations.evidence.resembles(column) > _SAME or (spanned and len(instead.members) == 1):
@@ -95,7 +97,7 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     return Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
 
 
-def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Conclusion) -> Conclusion:
+def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Conclusion, whole: Problem | None = None) -> Conclusion:
     """A conclusion whose set is weighed again with its laws in place: what stood in for a law is none the likelier for that.
 
     Parameters
@@ -106,10 +108,13 @@ def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Concl
         Of what is left to a simulator that has the laws.
     conclusion : Conclusion
         Whose laws they are; they are sought anew beside the set that is likeliest now.
+    whole : Problem, optional
+        As for :func:`concluded`.
     """
     best, _, false = _set_of(explanations)
     noises, prior = _noises_beside_laws(windowed)
-    laws = discover_laws(windowed, _design(windowed, explanations, best), noises, prior) or conclusion.laws
+    foreseen = None if whole is None else foresight(explanations.candidates(best), windowed, whole, noises, prior)
+    laws = discover_laws(windowed, _design(windowed, explanations, best), noises, prior, foreseen=foreseen) or conclusion.laws
     misnamed_beside = {name: why for (name, _), why in false.items()}
     return dataclasses.replace(conclusion, model=best, laws=laws, misnamed=misnamed_beside, reweighed=True)
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -90,26 +90,31 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
     )
 
 
-def log_foreseen(
-    law: Mechanism,
-    members: Sequence[Candidate],
-    training: Problem,
-    whole: Problem,
-    noises: Sequence[NoiseShape],
-    noise_log_prior: Array,
-) -> float:
+def foresight(
+    members: Sequence[Candidate], training: Problem, whole: Problem, noises: Sequence[NoiseShape], noise_log_prior: Array
+) -> Callable[[Mechanism], float]:
     """What held-out runs add to the log Bayes factor of a law beside causes, all shapes as training has them.
 
     Nothing where a held-out run lacks a column that one of them reads.
     """
-    factors = []
+
+    def background(problem: Problem) -> Background:
+        design = np.column_stack([problem.baseline, *(problem.columns(member.mechanism) for member in members)])
+        return Background(problem, design, noises, noise_log_prior)
+
     try:
-        for problem in (whole, training):
-            design = np.column_stack([problem.baseline, *(problem.columns(member.mechanism) for member in members)])
-            factors.append(Background(problem, design, noises, noise_log_prior).log_bayes_factors(problem.columns(law))[0])
+        backgrounds = [(problem, background(problem)) for problem in (whole, training)]
     except InputError:
-        return 0.0
-    return float(factors[0] - factors[1])
+        return lambda law: 0.0
+
+    def log_foreseen(law: Mechanism) -> float:
+        try:
+            by_all, by_training = (one.log_bayes_factors(problem.columns(law))[0] for problem, one in backgrounds)
+        except InputError:
+            return 0.0
+        return float(by_all - by_training)
+
+    return log_foreseen
 
 
 def _at_issue(explanations: Explanations) -> list[Model]:

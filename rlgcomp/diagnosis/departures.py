@@ -8,17 +8,31 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.windows import Windows
+from rlgcomp.diagnosis.windows import Flags, Windows
 from rlgcomp.errors import InputError
-from rlgcomp.motion import ANGLES, RATE
+from rlgcomp.motion import ANGLES, RATE, untold
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
-from rlgcomp.units import column_unit
+from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR, column_unit
 
 Array = npt.NDArray[np.float64]
 _FARTHEST_SCALE: Final = 0.5  # that a gyro's scale factor can be off
 _TURNS_DEG_H: Final = 100.0  # standard deviation: less may be noise, of the gyro or of an encoder
+_WHOLE_TURNS_DEG: Final = 10.0  # off whole turns, by the median row: a gyro in another unit is off by any part of one
 _LARGEST_DEPARTURE_DEG_H: Final = 1e7  # no gyro measures so high a rate
+
+
+def not_comparable(simulator: Simulator, run: Recording, predicted: Callable[[Recording], Array] | None) -> Flags:
+    """Rows in which what our simulator says a gyro shows is a guess: its table's rate is not told there, shape (n,).
+
+    Raises
+    ------
+    InputError
+        A turntable's recording has neither rate nor angle.
+    """
+    if simulator.kind != "turntable" or predicted is not None:
+        return np.zeros(len(run), dtype=np.bool_)
+    return untold(run)
 
 
 def departures_deg_h(
@@ -48,6 +62,7 @@ def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predict
 
 def _require_following(run: Recording, channel: str, rate_deg_h: Array, table_deg_h: Array) -> None:
     """Refuse a gyro that does not turn with its table: no scale factor is so far off, but a unit or a sense may be."""
+    _require_turns_told(run, channel, rate_deg_h, table_deg_h)
     turning = table_deg_h - table_deg_h.mean()
     if not min(np.std(rate_deg_h), np.std(turning)) > _TURNS_DEG_H:
         return
@@ -65,6 +80,26 @@ def _require_following(run: Recording, channel: str, rate_deg_h: Array, table_de
     raise InputError(
         f"{run.name}: {channel} reads {slope:.4g} times the rate of its table ({motion}), beyond any scale factor's error; "
         f"perhaps {likely}"
+    )
+
+
+def _require_turns_told(run: Recording, channel: str, rate_deg_h: Array, table_deg_h: Array) -> None:
+    """Refuse an angle that advances by more than half a turn between rows, where the gyro itself says that turns are missing."""
+    if RATE in run:
+        return
+    to_deg = np.diff(run.time_s) / SECONDS_PER_HOUR
+    to_deg[run.gaps] = 0.0  # there a table may have turned at any rate
+    turned, told = rate_deg_h[1:] * to_deg, table_deg_h[1:] * to_deg
+    turns = np.rint((turned - told) / DEG_PER_TURN)
+    most = float(np.abs(turned).max())
+    if most < 0.5 * DEG_PER_TURN or not turns.any() or np.median(np.abs(turned - told - DEG_PER_TURN * turns)) > _WHOLE_TURNS_DEG:
+        return
+    angle = next(name for name in ANGLES if name in run)
+    enough_s = 0.5 * DEG_PER_TURN / most * run.period_s
+    raise InputError(
+        f"{run.name}: by {channel} the table turns up to {most:.4g} deg from row to row, more than half a turn, and {angle}, "
+        f"wrapped at a turn, does not tell how many turns it was; sample it every {enough_s:.2g} s or faster, or map its rate with "
+        f"--map {RATE}='NAME [deg/s]', or an angle that runs on past a turn"
     )
 
 

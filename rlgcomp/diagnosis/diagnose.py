@@ -15,6 +15,7 @@ from rlgcomp.diagnosis.account import (
     alternatives_of,
     causes_of,
     extrapolations_of,
+    not_tried,
     off_held_out,
     own_biases_of,
     remarks_of,
@@ -36,7 +37,7 @@ from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import proved, unreadable
 from rlgcomp.diagnosis.result import Diagnosis, Estimate
-from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator, scale_remarks
+from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.diagnosis.whitening import NoiseShape, norms
 from rlgcomp.errors import InputError
 from rlgcomp.noise import NoiseModel, stream
@@ -161,8 +162,10 @@ def diagnose(
     # a path of jumps, a line or a law is seen by the search alone: the null's own probability then bounds the p-value
     p_value = min(detection.p_value, nothing) if verdict != "none" else detection.p_value
     differing = tuple(name for name in wrong if _differs(base, name, (before.baseline | after.baseline)[name]))
-    next_up = what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else None
-    model = noise_model(shape, after.white_deg_h, problem.rows.window_s)
+    next_up, untold = (
+        what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else (None, ())
+    )
+    model = noise_model(shape, after.white_deg_h, problem.windows[0])
     drivers = {column for mechanism in after.simulator.mechanisms for column in mechanism.driver_columns(train[0])} - {TIME}
     return Diagnosis(
         verdict=verdict,
@@ -183,13 +186,16 @@ def diagnose(
         alignment=() if own is None else own.alignment,
         remarks=(
             *scale_remarks(windowed.windows, predicted, gyro),
+            *clock_remarks(windowed.windows, own, {one.mechanism: one.contribution_deg_h for one in after.causes}),
             *(() if own is None else own.remarks),
             *knocks,
             *more,
+            *untold,
             *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+            *not_tried(explanations, mechanisms),
             *wrong_numbers_of({name: (before.baseline | after.baseline)[name] for name in differing}, stated),
             *own_biases_of(after.baseline),
-            *off_held_out(verdict, proof.test),
+            *off_held_out(verdict, proof.test, [cause.mechanism for cause in after.causes]),
             *(said for said in (unreadable(after.simulator, one.run) for one in mismatches) if said is not None),
             *extrapolations_of(proof.traces, drivers),
         ),
@@ -252,8 +258,8 @@ def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[M
     """The simulator with nothing added, and what runs hold beyond it."""
     # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
     before = fit(posed.problem, [], dataclasses.replace(_noise_of_nothing(posed.problem), wander=0.0))
-    asked, window_s = posed.asked, posed.problem.rows.window_s
-    return before, [Mismatch.of(before.simulator, run, asked.gyro, asked.predicted, window_s) for run in runs]
+    asked, window_s, knee_s = posed.asked, posed.problem.rows.window_s, posed.problem.windows[0].knee_s
+    return before, [Mismatch.of(before.simulator, run, asked.gyro, asked.predicted, window_s, knee_s) for run in runs]
 
 
 def _beside_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -> tuple[Explanations, Conclusion]:
@@ -261,7 +267,7 @@ def _beside_laws(posed: Posed, explanations: Explanations, conclusion: Conclusio
     if not (conclusion.laws and conclusion.model.labels):
         return explanations, conclusion
     explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained()
-    return explanations, beside_laws(posed.windowed, explanations, conclusion)
+    return explanations, beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
 
 
 def _differs(simulator: Simulator, name: str, found: Mapping[str, Estimate]) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -24,8 +24,11 @@ from rlgcomp.diagnosis.problem import Problem, tangents
 from rlgcomp.diagnosis.sift import Judged, refine, screen, with_round_references
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.empirical_law import EmpiricalLaw
+from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
+_HARDLY: Final = 6.0  # log units behind the likeliest law, within which held-out runs are asked
+_ASKED: Final = 8  # laws at most
 SURE: Final = math.log(100.0)  # log Bayes factor from which a law is a discovery: one false one in a hundred at most
 
 
@@ -89,6 +92,7 @@ def discover(
     *,
     dictionary: Dictionary | None = None,
     least: float = SURE,
+    foreseen: Callable[[Mechanism], float] | None = None,
 ) -> Discovery | None:
     """The law that best explains what a design leaves, or None where the data do not ask for one.
 
@@ -106,11 +110,15 @@ def discover(
         Made from the problem unless given; it may be used again with another design.
     least : float
         Log Bayes factor from which a law is a discovery.
+    foreseen : callable, optional
+        What held-out runs add to a law's log Bayes factor. Which of the laws that training hardly tells apart it is, these say;
+        whether there is one, training.
 
     Returns
     -------
     Discovery or None
-        None where the Bayes factor in favour of some law is less than asked for: 100, unless given.
+        None where the Bayes factor in favour of some law is less than asked for: 100, unless given; and where the law rests on one
+        window alone.
     """
     shapes = (noises,) if isinstance(noises, NoiseShape) else tuple(noises)
     dictionary = Dictionary(problem) if dictionary is None else dictionary
@@ -124,6 +132,7 @@ def discover(
     log_bayes_factor = _total(judged)
     if log_bayes_factor < least:
         return None
+    judged = judged if foreseen is None else _borne_out(dictionary, judged, foreseen)
     by_drivers = _posterior({one.family.drivers: [] for one in judged}, judged, lambda one: one.family.drivers)
     drivers = max(by_drivers, key=by_drivers.__getitem__)
     of_drivers = [one for one in judged if one.family.drivers == drivers]
@@ -133,6 +142,8 @@ def discover(
     chosen = max((one for one in of_drivers if MEMORY_CLASS[one.family.memory] == memory), key=lambda one: one.log_evidence)
     law = dictionary.law(chosen.family, with_round_references(dictionary, background, chosen))
     column = problem.columns(law)[:, 0]
+    if background.rests_on_one(column):
+        return None
     value, sd = background.amplitude(column)
     return Discovery(
         mechanism=dataclasses.replace(law, amplitude_deg_h=value),
@@ -157,6 +168,7 @@ def discover_laws(
     largest: int = 2,
     least: float = SURE,
     first: Discovery | None = None,
+    foreseen: Callable[[Mechanism], float] | None = None,
 ) -> tuple[Discovery, ...]:
     """Laws one after the other, each on top of those before it; their amplitudes estimated together.
 
@@ -168,13 +180,16 @@ def discover_laws(
         At most so many.
     first : Discovery, optional
         The first of them, where it was found before.
+    foreseen : callable, optional
+        As in :func:`discover`, of the first.
     """
     dictionary = Dictionary(problem) if dictionary is None else dictionary
     found = [] if first is None else [first]
     while len(found) < largest:
         held = np.column_stack([design, *(tangents(problem, one.mechanism) for one in found)])
         toll = inadequacy(2.0 * sum(one.log_bayes_factor for one in found))
-        one = discover(problem, held, noises, noise_log_prior, dictionary=dictionary, least=least + toll)
+        asked = None if found else foreseen
+        one = discover(problem, held, noises, noise_log_prior, dictionary=dictionary, least=least + toll, foreseen=asked)
         if one is None:
             break
         found.append(one)
@@ -196,6 +211,19 @@ def _together(
         rms = float(np.std(value * columns[k]))
         together.append(dataclasses.replace(one, mechanism=law, amplitude_sd_deg_h=sd, rms_deg_h=rms))
     return tuple(together)
+
+
+def _borne_out(dictionary: Dictionary, judged: Sequence[Judged], foreseen: Callable[[Mechanism], float]) -> list[Judged]:
+    """Laws that training hardly tells apart, by what held-out runs make of them as well; the others, as the least of these."""
+    near = [one for one in judged if one.refined and one.log_evidence > judged[0].log_evidence - _HARDLY][:_ASKED]
+    if len(near) < 2:
+        return list(judged)
+    added = [foreseen(dictionary.law(one.family, one.place)) for one in near]
+    rest = [one for one in judged if all(one is not other for other in near)]
+    best = max(added)
+    found = [dataclasses.replace(one, log_evidence=one.log_evidence + more - best) for one, more in zip(near, added, strict=True)]
+    found += [dataclasses.replace(one, log_evidence=one.log_evidence + min(added) - best) for one in rest]
+    return sorted(found, key=lambda one: -one.log_evidence)
 
 
 def _posterior(start: dict[Any, list[float]], judged: Sequence[Judged], key: Any) -> dict[Any, float]:

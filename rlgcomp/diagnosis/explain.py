@@ -158,7 +158,7 @@ def explain(
     noises, noise_log_prior, ordinary = considered(problem, UNTRIED if left_out else UNRECORDED)
     evidence = Evidence(problem, tried, noises)
     coarse = len(evidence.candidates)
-    kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
+    kinds = [kind for kind in catalogue.values() if kind.named_for(problem.simulator.kind)]
     search, models, likely = _searched(evidence, noise_log_prior, _FIRST_LOOK)
     at_lines = [Candidate(mechanism, problem.columns(mechanism), -math.log(among)) for mechanism in lines]
     evidence.add([*at_lines, *_proposed(search, likely, kinds), *jumping(search, likely, kinds)])
@@ -196,7 +196,7 @@ def considered(
     wanders : mapping of float to float
         How strong it may be, and how likely that is.
     """
-    stated = stated_noise(problem.simulator.noise, problem.rows.window_s)
+    stated = stated_noise(problem.simulator.noise, problem.windows[0].white_s)
     usual, (unusual, unusual_log_prior) = ordinary_noise(stated), unrecorded_cause(stated, wanders)
     noise_log_prior = np.r_[log_prior(usual, stated) + math.log(1.0 - unrecorded), unusual_log_prior + math.log(unrecorded)]
     return (*usual, *unusual), noise_log_prior, np.arange(len(noise_log_prior)) < len(usual)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -19,52 +20,77 @@ from rlgcomp.simulation.table_programme import TableProgramme
 LONGEST_S: Final = 14.0 * 3600.0
 _MARGIN_K: Final = 2.0
 _SLOWEST_DEG_C_MIN: Final = 0.05
+_SHARES: Final = np.linspace(1.0, 0.2, 41)  # of the recorded range, the largest that fits being taken
+_GRIDS_K: Final = (1.0, 0.1)  # temperatures are multiples of the first that leaves the range so many steps:
+_STEPS_IN_RANGE: Final = 20
+_SURE_K: Final = 0.05  # a range that was recorded to within this of a number reaches it
+_SURE: Final = 0.005  # the same of a rate, relative
 _SAME_K: Final = 0.5  # thermometers and chambers are no surer of where they are
 
 
 def chamber_programmes(runs: Sequence[Recording]) -> list[Programme]:
-    """Presets and variants of them that stay within what was recorded, none longer than 14 h.
+    """Presets and variants of them that stay within what was recorded, none longer than 14 h, in numbers that can be set.
 
-    Full cycles at the usual and at half the rate, long dwells, reversals at mid range, minor loops, stairs, two rates in one run.
+    Full cycles at the usual and at half the rate, up and down once, long dwells, reversals at mid range, minor loops, stairs, two
+    rates in one run. What takes too long at the rates there are goes less far from the middle.
     """
     cold, hot, start, rate = _chamber_limits(runs)
-    middle, span = 0.5 * (cold + hot), hot - cold
-    quarter = 0.25 * span
-    slow = max(0.5 * rate, _SLOWEST_DEG_C_MIN)
+    variants = [_variants(cold, hot, start, rate, share) for share in _SHARES]
+    made = [next((one for one in same if one.duration_s <= LONGEST_S), None) for same in zip(*variants, strict=True)]
+    presets = [Programme.parse(name) for name in chamber.PRESETS]
+    return [one for one in [*made, *presets] if one is not None and one.duration_s <= LONGEST_S and _within(one, cold, hot, rate)]
+
+
+def _variants(cold: float, hot: float, start: float, rate: float, share: float) -> list[Programme]:
+    """Programmes that use so much of the range about its middle."""
+    middle = 0.5 * (cold + hot)
+    grid = next(step for step in _GRIDS_K if share * (hot - cold) >= _STEPS_IN_RANGE * step or step == _GRIDS_K[-1])
+    cold, hot = (middle + share * (end - middle) for end in (cold, hot))
+    cold, hot = grid * math.ceil((cold - _SURE_K) / grid), grid * math.floor((hot + _SURE_K) / grid)
+    span = hot - cold
+    quarter, slow = 0.25 * span, _settable(max(0.5 * rate, _SLOWEST_DEG_C_MIN))
+
+    def at(temperature_degC: float) -> str:
+        return f"{min(max(grid * round(temperature_degC / grid), cold), hot) + 0.0:.4g}"
+
+    rate = _settable(rate)
+    low, mid, high = at(cold), at(middle), at(hot)
+    start_at = at(middle + share * (start - middle))
     texts = [
-        f"ramp {hot:.3g} {rate:.3g}, hold 60, ramp {cold:.3g} {rate:.3g}, hold 60, ramp {start:.3g} {rate:.3g}, hold 60",
-        f"ramp {hot:.3g} {slow:.3g}, hold 60, ramp {cold:.3g} {slow:.3g}, hold 60, ramp {start:.3g} {slow:.3g}, hold 60",
-        f"ramp {hot:.3g} {rate:.3g}, hold 180, ramp {cold:.3g} {rate:.3g}, hold 180",
-        f"ramp {hot:.3g} {rate:.3g}, ramp {middle:.3g} {rate:.3g}, hold 90, ramp {hot:.3g} {rate:.3g}, ramp {cold:.3g} {rate:.3g}, "
-        f"ramp {middle:.3g} {rate:.3g}, hold 90, ramp {cold:.3g} {rate:.3g}, ramp {start:.3g} {rate:.3g}, hold 60",
+        f"ramp {high} {rate}, hold 60, ramp {low} {rate}, hold 60, ramp {start_at} {rate}, hold 60",
+        f"ramp {high} {slow}, hold 60, ramp {low} {slow}, hold 60, ramp {start_at} {slow}, hold 60",
+        f"ramp {high} {rate}, hold 180, ramp {low} {rate}, hold 180",
+        f"ramp {high} {rate}, ramp {mid} {rate}, hold 90, ramp {high} {rate}, ramp {low} {rate}, "
+        f"ramp {mid} {rate}, hold 90, ramp {low} {rate}, ramp {start_at} {rate}, hold 60",
         ", ".join(
-            f"ramp {to:.3g} {rate:.3g}, hold 45"
+            f"ramp {at(to)} {rate}, hold 45"
             for to in (hot, middle, hot - quarter, cold, cold + quarter, middle - 0.1 * span, middle + 0.1 * span, start)
         ),
-        ", ".join(f"ramp {to:.3g} {rate:.3g}, hold 60" for to in np.r_[np.linspace(middle, hot, 3), np.linspace(hot, cold, 5)[1:]]),
-        f"ramp {hot:.3g} {rate:.3g}, hold 45, ramp {cold:.3g} {rate:.3g}, hold 45, ramp {hot:.3g} {slow:.3g}, hold 45, "
-        f"ramp {cold:.3g} {slow:.3g}, hold 45",
-        ", ".join([f"ramp {middle + quarter:.3g} {rate:.3g}, ramp {middle - quarter:.3g} {rate:.3g}"] * 6),
+        ", ".join(f"ramp {at(to)} {rate}, hold 60" for to in np.r_[np.linspace(middle, hot, 3), np.linspace(hot, cold, 5)[1:]]),
+        f"ramp {high} {rate}, hold 45, ramp {low} {rate}, hold 45, ramp {high} {slow}, hold 45, ramp {low} {slow}, hold 45",
+        ", ".join([f"ramp {at(middle + quarter)} {rate}, ramp {at(middle - quarter)} {rate}"] * 6),
+        f"ramp {high} {rate}, hold 60, ramp {low} {rate}, hold 60",
     ]
-    made = [_without_empty_steps(Programme.parse(f"start {start:.3g}, hold 30, {text}")) for text in texts]
-    made += [Programme.parse(name) for name in chamber.PRESETS]
-    return [one for one in made if one.duration_s <= LONGEST_S and _within(one, cold, hot, rate)]
+    return [_without_empty_steps(Programme.parse(f"start {start_at}, hold 30, {text}")) for text in texts]
 
 
 def table_programmes(runs: Sequence[Recording]) -> list[TableProgramme]:
-    """Presets and variants of them that turn no faster than what was recorded, none longer than 14 h.
+    """Presets and variants of them that turn no faster than what was recorded, none longer than 14 h; none for a table that stood.
 
     Rates in equal ratios both ways, sweeps through zero, slow turns, and the same turned with accelerations ten times apart.
     """
     fastest = max(float(np.abs(rate_deg_s(run)).max()) for run in runs)
-    rates = [float(f"{rate:.3g}") for rate in np.geomspace(fastest / 60.0, fastest, 10)]
+    if fastest == 0.0:
+        return []
+    fastest = _settable(fastest)
+    rates = [_settable(rate) for rate in np.geomspace(fastest / 60.0, fastest, 10)]
     both_ways = ", ".join(f"rate {sign * rate:g} 300" for rate in rates for sign in (1, -1))
     slow = ", ".join(f"rate {sign * rate:g} 900" for rate in rates[:4] for sign in (1, -1))
     near_zero = ", ".join(
-        f"sweep {-part * fastest:.3g} {part * fastest:.3g} 1200, sweep {part * fastest:.3g} {-part * fastest:.3g} 1200"
-        for part in (1.0, 0.1, 0.02)
+        f"sweep {-ends:g} {ends:g} 1200, sweep {ends:g} {-ends:g} 1200"
+        for ends in (_settable(part * fastest) for part in (1.0, 0.1, 0.02))
     )
-    swinging = ", ".join([f"rate {fastest:.3g} 60, rate {-fastest:.3g} 60"] * 15)
+    swinging = ", ".join([f"rate {fastest:g} 60, rate {-fastest:g} 60"] * 15)
     texts = [both_ways, slow, near_zero, swinging, f"acceleration 2, {swinging}", f"acceleration 20, {swinging}"]
     texts += [f"rest 600, {both_ways}, {near_zero}"]
     made = [TableProgramme.parse(text) for text in [*texts, *table.PRESETS]]
@@ -105,6 +131,16 @@ def _without_empty_steps(programme: Programme) -> Programme:
         else:
             steps.append(step)
     return Programme(programme.start_degC, tuple(steps))
+
+
+def _settable(rate: float) -> float:
+    """A rate in two digits, no faster than it is.
+
+    >>> _settable(0.4853), _settable(0.4998), _settable(39.99)
+    (0.48, 0.5, 40.0)
+    """
+    grid = 10.0 ** (math.floor(math.log10(rate * (1.0 + _SURE))) - 1)
+    return float(f"{grid * math.floor(rate * (1.0 + _SURE) / grid * (1.0 + 1e-12)):.2g}")
 
 
 def _within(one: Programme, cold: float, hot: float, rate: float) -> bool:

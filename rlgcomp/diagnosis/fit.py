@@ -25,6 +25,7 @@ from rlgcomp.diagnosis.linearised import STEPS, amplitudes, late, moved, slopes,
 from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.noise import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.simulation.simulator import Simulator
@@ -160,10 +161,11 @@ def _variances(problem: Problem, design: Array, weights: Array, likely: Sequence
     return total / sum(share for _, share in likely)
 
 
-def noise_model(noise: NoiseShape, white_deg_h: float, window_s: float) -> NoiseModel:
-    """Noise coefficients from a shape and the white noise of a window mean."""
+def noise_model(noise: NoiseShape, white_deg_h: float, windows: Windows) -> NoiseModel:
+    """Noise coefficients from a shape and the white noise of a window mean: of the rate, and of the angle where it has a knee."""
     return NoiseModel(
-        angle_random_walk_deg_sqrt_h=white_deg_h * math.sqrt(window_s / SECONDS_PER_HOUR),
+        angle_random_walk_deg_sqrt_h=white_deg_h * math.sqrt(windows.white_s / SECONDS_PER_HOUR),
+        quantization_arcsec=white_deg_h * math.sqrt(windows.white_s * windows.knee_s),  # a deg/h for a second
         bias_instability_deg_h=noise.flicker * white_deg_h,
         rate_random_walk_deg_h_sqrt_h=noise.walk * white_deg_h,
     )

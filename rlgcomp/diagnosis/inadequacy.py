@@ -26,6 +26,7 @@ INADEQUACY: Final = 0.15
 BY_CHANCE: Final = 0.1  # of a slow effect that another, driven by nothing in common, follows as well
 ON_A_TABLE: Final = 0.01  # the same of an effect of rotation, which laws of the rate share
 LEFT_BY_JUMPS: Final = 0.03  # the same of what a path of jumps or a line leaves, which is short or a line
+A_RELAY: Final = 4.0  # the same of what a loop leaves that one relay could be: twice what it leaves of anything else
 _ENOUGH: Final = 1000  # rows that show how a mechanism remembers
 _ALIKE: Final = 0.02
 _LAGS_S: Final = (1800.0, 7200.0)
@@ -56,6 +57,11 @@ def leaves_jumps(mechanism: Mechanism, run: Recording) -> bool:
         return True
     alike = _ALIKE * float(np.linalg.norm(own - own.mean(axis=0)))
     return bool(np.linalg.norm(slow - own) <= alike < np.linalg.norm(back[::-1] - own))
+
+
+def is_loop(mechanism: Mechanism, run: Recording) -> bool:
+    """Whether it is a loop: a sum of relays of many widths, whose weights are a guess."""
+    return leaves_jumps(mechanism, run) and not (follows_anything(mechanism) or mechanism.edges())
 
 
 def leftovers(problem: Problem, mechanism: Mechanism) -> Array:

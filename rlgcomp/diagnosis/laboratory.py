@@ -6,8 +6,9 @@ leads all others is taken to follow the chamber; the others answer it as a sum o
 
 .. math:: T_j = c_j + \sum_k w_{jk} \, L_{\tau_k} T_1, \qquad w_{jk} \ge 0, \qquad \tau_k \dot{(L T)} = T - L T,
 
-with self-heating since the start of the run added. Every other monitor is a function of that temperature and its lags, and keeps
-what these leave of it in the longest run: what wandered together there wanders together again.
+with self-heating since the start of the run added. Every other monitor is a function of that temperature, its lags, the rates of
+all temperatures and the clock, and keeps what these leave of it in the longest run: what wandered together there wanders together
+again.
 
 References
 ----------
@@ -27,7 +28,8 @@ import pandas as pd
 from scipy import linalg, optimize
 
 from rlgcomp.errors import InputError
-from rlgcomp.filters import lag
+from rlgcomp.filters import lag, rate_per_min
+from rlgcomp.physics.ageing import Ageing
 from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.simulation.monitors import NOMINAL_DEG_C
 from rlgcomp.simulation.plant import ThermalPlant
@@ -52,11 +54,17 @@ class Laboratory:
         Weights of each other temperature's answer.
     others : mapping of str to (ndarray, ndarray)
         Of each other monitor, weights of what it follows and what these leave of it in the longest run, row by row.
+    clock : Ageing
+        Says whether time is counted from each start or runs on from one run to the next.
+    begins_s : float
+        When the next run begins, by that clock.
     """
 
     lead: str
     followers: Mapping[str, Array]
     others: Mapping[str, tuple[Array, Array]]
+    clock: Ageing
+    begins_s: float
 
     @classmethod
     def of(cls, runs: Sequence[Recording]) -> Self:
@@ -73,15 +81,19 @@ class Laboratory:
             raise InputError(f"{', '.join(run.name for run in runs)} have no thermometer in common; record one in all of them")
         answers = {lead: {name: _answer(runs, lead, name) for name in temperatures if name != lead} for lead in temperatures}
         lead = min(temperatures, key=lambda name: sum(missed for _, missed in answers[name].values()))
-        learnt = np.concatenate([_followed(run.column(lead), run.time_s) for run in runs])
+        clock = Ageing.grid(runs)[-1]
+        ends_s = max(float(run.time_s[-1]) + run.period_s for run in runs)
+        followers = {name: weights for name, (weights, _) in answers[lead].items()}
+        found = cls(lead, followers, {}, clock, ends_s if clock.since == "clock" else 0.0)
+        learnt = np.concatenate([found._followed(run) for run in runs])
         longest = max(runs, key=len)
-        own = _followed(longest.column(lead), longest.time_s)
+        own = found._followed(longest)
         others = {}
         for name in shared:
             if name not in (TIME, *temperatures, *runs[0].gyro_columns):
                 weights = np.linalg.lstsq(learnt, np.concatenate([run.column(name) for run in runs]), rcond=1e-9)[0]
                 others[name] = weights, longest.column(name) - own @ weights
-        return cls(lead, {name: weights for name, (weights, _) in answers[lead].items()}, others)
+        return dataclasses.replace(found, others=others)
 
     def foreseen(self, programme: Programme, plant: ThermalPlant, step_s: float) -> Recording:
         """The monitors in a run of a programme; its gyro reads nothing.
@@ -93,16 +105,36 @@ class Laboratory:
             Says how the temperature that leads follows the chamber.
         step_s : float
         """
-        time_s: Array = np.arange(sample_count(programme.duration_s, step_s), dtype=np.float64) * step_s
-        shell_degC, block_degC = plant.temperatures(programme.set_point_degC(time_s), step_s)
+        since_s: Array = np.arange(sample_count(programme.duration_s, step_s), dtype=np.float64) * step_s
+        shell_degC, block_degC = plant.temperatures(programme.set_point_degC(since_s), step_s)
         leading = shell_degC if self.followers else block_degC
-        table = {TIME: time_s, "gyro_deg_h": np.zeros(len(time_s)), self.lead: leading}
-        answering = np.column_stack([_lagged(leading, time_s), _since_start(time_s)])
-        table |= {name: answering @ weights for name, weights in self.followers.items()}
-        followed = _followed(leading, time_s)
-        for name, (weights, left) in self.others.items():
-            table[name] = followed @ weights + np.pad(left, (0, len(time_s)), mode="symmetric")[: len(time_s)]
-        return Recording(pd.DataFrame(table), Metadata(kind="chamber"), name="next")
+        time_s = self.begins_s + since_s
+        table = {TIME: time_s, "gyro_deg_h": np.zeros(len(time_s)), self.lead: leading} | self._following(leading, time_s)
+        run = Recording(pd.DataFrame(table), Metadata(kind="chamber"), name="next")
+        followed = self._followed(run)
+        return run.replace(
+            table=run.table.assign(
+                **{
+                    name: followed @ weights + np.pad(left, (0, len(time_s)), mode="symmetric")[: len(time_s)]
+                    for name, (weights, left) in self.others.items()
+                }
+            )
+        )
+
+    def _following(self, temperature_degC: Array, time_s: Array) -> dict[str, Array]:
+        """The other temperatures, from the one that leads."""
+        answering = np.column_stack([_lagged(temperature_degC, time_s), _since_start(time_s)])
+        return {name: answering @ weights for name, weights in self.followers.items()}
+
+    def _followed(self, run: Recording) -> Array:
+        """What a monitor that is no thermometer may follow: the temperature that leads, its square, its lags; rates, with
+        their sign and without; the clock."""
+        leading, time_s = run.column(self.lead), run.time_s
+        warm = (leading - NOMINAL_DEG_C) / _WARM_K
+        lags = [lag(warm, time_s, lag_s) for lag_s in _MONITOR_LAGS_S]
+        rates = [rate_per_min(one, time_s) for one in (leading, *self._following(leading, time_s).values())]
+        either_way = [np.abs(rate) for rate in rates]
+        return np.column_stack([np.ones(len(warm)), warm, warm**2, *lags, *rates, *either_way, self.clock.basis(run)])
 
 
 def _answer(runs: Sequence[Recording], lead: str, name: str) -> tuple[Array, float]:
@@ -125,9 +157,3 @@ def _lagged(temperature_degC: Array, time_s: Array) -> Array:
 def _since_start(time_s: Array) -> Array:
     """A constant, and self-heating since the start of a run."""
     return np.exp(-np.divide.outer(time_s - time_s[0], np.array([math.inf, *_WARMING_S])))
-
-
-def _followed(temperature_degC: Array, time_s: Array) -> Array:
-    """What a monitor that is no thermometer may follow: the temperature that leads, its square, its lags."""
-    warm = (temperature_degC - NOMINAL_DEG_C) / _WARM_K
-    return np.column_stack([np.ones(len(warm)), warm, warm**2, *(lag(warm, time_s, lag_s) for lag_s in _MONITOR_LAGS_S)])

@@ -67,7 +67,7 @@ class _Pieces:
         counts = np.diff(np.r_[starts, len(part.fine)])
         time_s = np.add.reduceat(part.fine.time_s, starts) / counts
         first = np.searchsorted(starts, part.fine_starts)
-        share = counts[first[0] :] / np.repeat(np.add.reduceat(counts, first), np.diff(np.r_[first, len(starts)]))
+        share = np.add.reduceat(part.fine_shares, starts[first[0] :] - starts[first[0]])
         return cls(time_s, starts, counts, first, share, part.kept)
 
     def means(self, values: Array) -> Array:

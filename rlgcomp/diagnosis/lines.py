@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.pulses import beat_deg_h, step_deg_h
 from rlgcomp.diagnosis.regimes import AT_REST
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
@@ -67,11 +68,14 @@ class Within:
         Deviations from window means, one array a run.
     design : ndarray, shape (rows, k)
         Orthonormal: what the free part can take up.
+    steps_deg_h : tuple of float
+        In which the gyro of each run moves, where it is read in whole pulses.
     """
 
     windows: tuple[Windows, ...]
     left_deg_h: tuple[Array, ...]
     design: Array
+    steps_deg_h: tuple[float, ...]
 
     @classmethod
     def of(cls, problem: Problem) -> Self | None:
@@ -84,7 +88,8 @@ class Within:
         design = np.column_stack(blocks) if blocks else np.empty((sum(int(p.counts[p.kept].sum()) for p in problem.windows), 0))
         size = np.sqrt((design**2).sum(axis=0))
         u, w, _ = np.linalg.svd(design[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-        bare = cls(problem.windows, (), u[:, w > 1e-6 * w.max(initial=0.0)])
+        steps = tuple(step_deg_h(part.full.rate_deg_h(problem.channel)) for part in problem.windows)
+        bare = cls(problem.windows, (), u[:, w > 1e-6 * w.max(initial=0.0)], steps)
         return dataclasses.replace(bare, left_deg_h=bare.free(problem.unexplained_deg_h))
 
     def free(self, values: Sequence[Array]) -> tuple[Array, ...]:
@@ -106,7 +111,7 @@ class Within:
         return dataclasses.replace(self, left_deg_h=tuple(a - b for a, b in zip(self.left_deg_h, pieces, strict=True)))
 
     def lines(self, known_hz: Sequence[float] = ()) -> list[Line]:
-        """The strongest line of each run above the windows' highest frequency.
+        """The strongest line of each run above the windows' highest frequency, rounding to whole pulses left out.
 
         Parameters
         ----------
@@ -121,7 +126,7 @@ class Within:
             even = np.zeros(int(grid[-1]) + 1)
             even[grid] = values
             power = np.abs(np.fft.rfft(even)) ** 2
-            frequency_hz = np.fft.rfftfreq(len(even), period_s)
+            frequency_hz = np.asarray(np.fft.rfftfreq(len(even), period_s), dtype=np.float64)
             inside = frequency_hz > 0.5 / part.window_s
             for known in known_hz:
                 inside &= np.abs(frequency_hz - known) > 2.0 / (len(even) * period_s)
@@ -129,6 +134,9 @@ class Within:
             if inside.sum() < _NEIGHBOURS:
                 continue
             ratio, many = _prominence(power[inside])
+            if self.steps_deg_h[k]:
+                amplitude = 2.0 * np.sqrt(power[inside]) / len(values)
+                ratio = ratio * (amplitude > beat_deg_h(self.steps_deg_h[k], frequency_hz, period_s)[inside])
             best = int(np.argmax(ratio))
             alone = (1.0 + ratio[best] / many) ** -many
             p_value = min(1.0, float(alone) * int(inside.sum()) * len(self.windows))
@@ -148,7 +156,7 @@ def mechanisms_at_lines(
     found = [line for line in within.lines(known) if line.p_value < _CERTAIN][:1]
     longest_s = max(part.full.duration_s for part in problem.windows)
     rows = max(len(part.full) for part in problem.windows)
-    kinds = [kind for kind in catalogue.values() if kind.kind == problem.simulator.kind and not kind.open_set]
+    kinds = [kind for kind in catalogue.values() if kind.named_for(problem.simulator.kind)]
     return [m for line in found for kind in kinds for m in kind.at_line(line.frequency_hz, 1.0 / longest_s)], float(rows)
 
 

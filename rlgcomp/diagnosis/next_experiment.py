@@ -16,6 +16,7 @@ G. E. P. Box, W. J. Hill, Technometrics 9, 57 (1967) (experiments that discrimin
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -31,14 +32,19 @@ from rlgcomp.diagnosis.shapes import neighbours
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, Whitener
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.errors import InputError
+from rlgcomp.motion import ANGLES, RATE, angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
 from rlgcomp.simulation.programme import Programme
 from rlgcomp.simulation.table_programme import TableProgramme
+from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]
 Members = tuple[Mechanism, ...]
 ENOUGH: Final = 0.99  # probability from which a shorter programme is preferred to a sharper one
 _STEPS_A_WINDOW: Final = 5
+_OF_A_TURN: Final = 0.4  # between two samples of an encoder, at most
+_GAINED: Final = 0.1  # of the expected probability, and of what it lacks to 1: an experiment that gains less tells nothing
 _REFINED: Final = 2  # programmes whose rivals' shapes are refined
 _RELATIVE_STEPS: Final = (0.3, 0.1, 0.03)
 _GRID: Final = 12  # shapes of a mechanism that are tried, at most
@@ -76,7 +82,8 @@ def next_experiment(
     Returns
     -------
     NextExperiment, or None
-        None where a rival is driven by what no programme commands (an unsimulated column), or predicts nothing.
+        None where a rival is driven by what no programme commands (an unsimulated column), or predicts nothing, and where no
+        programme would tell more than is known.
     """
     if len(rivals) < 2 or any(not mechanism.amplitude_parameters() for members in rivals for mechanism in members):
         return None
@@ -106,8 +113,15 @@ def next_experiment(
     if not refined:
         return None
     if_true, programme = min(refined, key=lambda item: _preference(float(prior @ item[0]), item[1]))
-    separates = [" + ".join(names) for names in _distinct(rivals)]
-    return NextExperiment(tuple(separates), str(programme), float(prior @ if_true), tuple(if_true.tolist()))
+    expected, nothing_learnt = float(prior @ if_true), float(prior @ prior)
+    if expected < nothing_learnt + _GAINED * min(nothing_learnt, 1.0 - nothing_learnt):
+        return None
+    return NextExperiment(told_apart(rivals), str(programme), expected, tuple(if_true.tolist()))
+
+
+def told_apart(rivals: Sequence[Members]) -> tuple[str, ...]:
+    """What each rival is called among the others."""
+    return tuple(" + ".join(names) for names in _distinct(rivals))
 
 
 class _Run:
@@ -150,21 +164,37 @@ def _simulated(
 ) -> _Run:
     """A run that has not been made: monitors as this laboratory's answer, or by the simulator's table; columns as on the others."""
     window_s = problem.rows.window_s
-    step_s = max(window_s / _STEPS_A_WINDOW, min(run.period_s for run in problem.runs))
+    step_s = window_s / _STEPS_A_WINDOW
+    if isinstance(programme, TableProgramme) and not all(RATE in run for run in problem.runs):
+        turns = window_s * float(np.abs(programme.corners[1]).max()) / DEG_PER_TURN
+        step_s = window_s / max(_STEPS_A_WINDOW, math.ceil(turns / _OF_A_TURN))  # an encoder's half turn looks like its reverse
+    step_s = max(step_s, min(run.period_s for run in problem.runs))
     if laboratory is not None and isinstance(programme, Programme):
         run = laboratory.foreseen(programme, problem.simulator.monitors.plant, step_s)
     else:
         bare = dataclasses.replace(problem.simulator, mechanisms=(), free={})
-        run = bare.simulate(programme, seed=seed, step_s=step_s, name="next")
-    windows = Windows.of(run, window_s)
+        run = _as_recorded(bare.simulate(programme, seed=seed, step_s=step_s, name="next"), problem.runs)
+    windows = Windows.of(run, window_s, problem.windows[0].knee_s)
     time_s = windows.middles_s
-    white = np.asarray(window_s / (windows.counts[windows.kept] * windows.full.period_s), dtype=np.float64)
-    rows = Rows(time_s, np.zeros(len(time_s), dtype=np.intp), white, window_s)
+    rows = Rows(time_s, np.zeros(len(time_s), dtype=np.intp), windows.white, window_s)
 
     def columns(mechanism: Mechanism) -> Array:
         return Problem.run_columns(mechanism, windows)
 
     return _Run(rows, _baseline(problem, columns, len(rows)), columns, shape, white_deg_h)
+
+
+def _as_recorded(run: Recording, runs: Sequence[Recording]) -> Recording:
+    """The table's motion in the columns that recordings have it in, an angle running on: rivals may each read another of them.
+
+    How it turned in the first sample no encoder says; that is not scored.
+    """
+    motion = {RATE: rate_deg_s(run)} | dict.fromkeys(ANGLES, angle_deg(run))
+    kept = {name: values for name, values in motion.items() if all(name in one for one in runs)}
+    if not kept:
+        return run
+    metadata = dataclasses.replace(run.metadata, lead_in_s=1.5 * run.period_s)
+    return run.replace(table=run.table.drop(columns=list(motion), errors="ignore").assign(**kept), metadata=metadata)
 
 
 def _baseline(problem: Problem, columns: Callable[[Mechanism], Array], count: int) -> Array:

@@ -36,8 +36,9 @@ _DOUBT: Final = 0.7  # standard deviation of the logarithm of a stated strength
 _SMALL: Final = 0.02  # a strength below this, relative to white noise, is as good as none
 
 
-def stated_noise(stated: NoiseModel | None, window_s: float) -> NoiseShape | None:
-    """The noise that a simulator file states, relative to its white part; None where it says nothing of slow noise.
+def stated_noise(stated: NoiseModel | None, white_s: float) -> NoiseShape | None:
+    """The noise that a simulator file states, relative to the white noise of so many seconds; None where it says nothing of slow
+    noise.
 
     Angle random walk alone says how large the noise is, not that it is white; that it is, zeros say.
     """
@@ -45,7 +46,7 @@ def stated_noise(stated: NoiseModel | None, window_s: float) -> NoiseShape | Non
         return None
     if stated.bias_instability_deg_h == stated.rate_random_walk_deg_h_sqrt_h == 0.0 and not stated.white:
         return None
-    white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, window_s)
+    white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, white_s)
     return NoiseShape(stated.bias_instability_deg_h / white, stated.rate_random_walk_deg_h_sqrt_h / white)
 
 

@@ -9,10 +9,10 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.departures import departures_deg_h
+from rlgcomp.diagnosis.departures import departures_deg_h, not_comparable
 from rlgcomp.diagnosis.shapes import neighbours, refined, shifted
 from rlgcomp.diagnosis.whitening import Rows, norms
-from rlgcomp.diagnosis.windows import Contrasts, Windows, default_window_s
+from rlgcomp.diagnosis.windows import Contrasts, Windows, default_window_s, with_knee
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.empirical_law import EmpiricalLaw
@@ -107,10 +107,12 @@ class Problem:
         if not runs:
             raise InputError("no training runs; give at least one with --train")
         window_s = default_window_s(runs) if window_s is None else window_s
-        windows = tuple(Windows.of(run, window_s) for run in runs)
+        windows = tuple(Windows.of(run, window_s, left_out=not_comparable(simulator, run, predicted)) for run in runs)
         informed = tuple(mechanism.informed_by(runs) for mechanism in simulator.mechanisms)
         simulator = dataclasses.replace(simulator, mechanisms=informed)
         departures = departures_deg_h(simulator, windows, gyro, predicted)
+        if simulator.kind == "chamber":
+            windows = with_knee(windows, departures)
         return cls._posed(simulator, windows, departures, runs[0].gyro_column(gyro)).with_free_part()
 
     @classmethod
@@ -121,7 +123,7 @@ class Problem:
         rows = Rows(
             np.concatenate([part.middles_s for part in windows]),
             np.repeat(np.arange(len(windows)), [int(part.kept.sum()) for part in windows]),
-            np.concatenate([window_s / (part.counts[part.kept] * part.full.period_s) for part in windows]),
+            np.concatenate([part.white for part in windows]),
             window_s,
         )
         return cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, channel, unexplained_deg_h)
@@ -142,7 +144,8 @@ class Problem:
         InputError
             As :meth:`of` does.
         """
-        more = tuple(Windows.of(run, self.rows.window_s) for run in runs)
+        window_s, knee_s = self.rows.window_s, self.windows[0].knee_s
+        more = tuple(Windows.of(run, window_s, knee_s, not_comparable(self.simulator, run, predicted)) for run in runs)
         departures = (*self.unexplained_deg_h, *departures_deg_h(self.simulator, more, gyro, predicted))
         bare = self._posed(self.simulator, (*self.windows, *more), departures, self.channel)
         return dataclasses.replace(bare, held_out=len(runs), own_biases=self.own_biases, laws=self.laws).with_free_part()
@@ -205,7 +208,7 @@ class Problem:
         bases = [np.column_stack([mechanism.basis(part.full) for mechanism in fast]) for part in self.windows]
         if any(mechanism.each_run for mechanism in fast):  # directions of each run by itself
             bases = [np.column_stack([basis * (k == j) for j in range(len(bases))]) for k, basis in enumerate(bases)]
-        scatter = self._scatter()
+        scatter = self._scatter(mechanisms)
         contrasts = Contrasts.made(self.windows, bases, self.unexplained_deg_h, scatter)
         if contrasts is None:
             return self
@@ -225,9 +228,12 @@ class Problem:
         wider = dataclasses.replace(self, rows=rows, target_deg_h=target, contrasts=contrasts, baseline=np.empty((len(rows), 0)))
         return wider.with_free_part()
 
-    def _scatter(self) -> list[Array]:
-        """What the simulator's own laws leave open in each run at its full rate, shape (rows, k)."""
-        found = [[m.scatter(part.full) for m in self.simulator.mechanisms if m.fast] for part in self.windows]
+    def _scatter(self, candidates: Sequence[Mechanism]) -> list[Array]:
+        """What laws leave open in each run at its full rate, shape (rows, k): the simulator's, and candidates' that stand out."""
+        own = [mechanism for mechanism in self.simulator.mechanisms if mechanism.fast]
+        kinds = dict.fromkeys(type(mechanism) for mechanism in candidates)
+        more = [one for kind in kinds if kind not in map(type, own) for one in kind.standing_out(self.runs)]
+        found = [[mechanism.scatter(part.full) for mechanism in (*own, *more)] for part in self.windows]
         none = [np.zeros((len(part.full), 0)) for part in self.windows]
         return [
             np.column_stack([empty, *(one for one in every if one is not None)]) for empty, every in zip(none, found, strict=True)

@@ -65,11 +65,13 @@ def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s
     time_s = recording.time_s
     wanted_s = time_s - offset_s - drift * (time_s - time_s[0])
     margin_s = max(recording.period_s, simulated.period_s)
-    covered = np.mean((wanted_s >= simulated.time_s[0] - margin_s) & (wanted_s <= simulated.time_s[-1] + margin_s))
+    inside = (wanted_s >= simulated.time_s[0] - margin_s) & (wanted_s <= simulated.time_s[-1] + margin_s)
+    covered = np.mean(inside[recording.scored])  # what led up to the rows that count need not be simulated
     if covered < _LEAST_COVERED:
+        begin_s = time_s[recording.scored][0]
         raise InputError(
             f"{simulated.name}: it covers {100 * covered:.0f} % of {recording.name} ({simulated.time_s[0]:g} to "
-            f"{simulated.time_s[-1]:g} s of its own time, {time_s[0]:g} to {time_s[-1]:g} s of the run's); simulate the whole run, "
+            f"{simulated.time_s[-1]:g} s of its own time, {begin_s:g} to {time_s[-1]:g} s of the run's); simulate the whole run, "
             "or cut the run with RUN@START:STOP"
         )
     half_s = 0.5 * recording.period_s if simulated.period_s <= 0.75 * recording.period_s else 0.0

@@ -24,11 +24,13 @@ from scipy.special import gammaln
 
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member, log_sum_exp
 from rlgcomp.diagnosis.inadequacy import (
+    A_RELAY,
     BY_CHANCE,
     LEFT_BY_JUMPS,
     ON_A_TABLE,
     follows_anything,
     inadequacy,
+    is_loop,
     leaves_jumps,
     leftovers,
     turning_leftovers,
@@ -227,12 +229,15 @@ class Search:
                 found = {label: max(ON_A_TABLE, evidence.likeness(which, turning)) for label, which in self._by_label.items()}
                 return self._likenesses.setdefault(cause, found)
             left = None if follows_anything(mechanism) else leftovers(evidence.problem, mechanism)
+            loop = is_loop(mechanism, run)
             slow = not drivers or any(name.startswith("temperature_") for name in drivers)  # programmes come back as lines do
             for label, which in self._by_label.items():
                 other = evidence.candidates[which[0]].mechanism
                 wholly = follows_anything(other) and (leaves_jumps(mechanism, run) or (slow and not other.jumps()))
                 if not wholly and not drivers & set(other.driver_columns(run)):
                     found[label] = LEFT_BY_JUMPS if left is None else max(BY_CHANCE, evidence.likeness(which, left))
+                elif other.edges() and loop:
+                    found[label] = A_RELAY
             self._likenesses[cause] = found
         return self._likenesses[cause]
 

@@ -7,7 +7,7 @@ since the last jump, r,
 .. math:: p(y_{1:k}, r_k) = \sum_{r_{k-1}} p(y_{1:k-1}, r_{k-1}) \, p(r_k \mid r_{k-1}) \, p(y_k \mid r_k, y_{1:k-1})
 
 against the same sum over paths between two values, less what slow noise beside these explains. A line is one where its frequency
-holds more than those next to it.
+holds more than those next to it. Stays of a random telegraph are exponential; those of a switch that keeps time are alike.
 
 References
 ----------
@@ -36,6 +36,10 @@ _LEVELS: Final = (0.6, 1.0, 1.5)  # standard deviations of levels, of the same
 _NOISES: Final = (0.85, 1.0)  # of what the path leaves
 _PASTS: Final = 80  # times since the last jump that are reckoned with
 _MANY: Final = 120  # before unlikely ones are dropped
+_FEWEST_STAYS: Final = 6
+_UNSEEN: Final = 5.0  # windows: shorter stays are missed
+_DRAWS: Final = 20_000
+_RARELY: Final = 5e-4
 _NEAR: Final = 5  # neighbours of a line on each side, in steps of 1 / duration
 _AROUND: Final = range(9, 21)  # those that show the noise there
 
@@ -55,9 +59,23 @@ def misnamed(explanations: Explanations, model: Model) -> dict[Label, str]:
         frequency_hz = _frequency_hz(candidate.mechanism)
         if candidate.mechanism.jumps() and _log_odds_of_any_level(explanations, model, member) > 0.0:
             found[candidate.name, candidate.known] = "it has more than two levels"
+        elif candidate.mechanism.jumps() and _keeps_time(candidate.columns[:, 0], explanations.evidence.problem.rows):
+            found[candidate.name, candidate.known] = "its stays are too alike to be random"
         elif frequency_hz is not None and not _is_a_line(explanations, model, member, frequency_hz):
             found[candidate.name, candidate.known] = "its frequency does not stay the same"
     return found
+
+
+def _keeps_time(path: Array, rows: Rows) -> bool:
+    """Whether stays between two flips are more alike than chance makes them, short ones unseen."""
+    stays = [
+        stay for part in rows.runs for stay in np.diff(rows.time_s[part][1:][np.diff(np.sign(path[part])) != 0.0]) / rows.window_s
+    ]
+    if len(stays) < _FEWEST_STAYS or np.mean(stays) < 2.0 * _UNSEEN:
+        return False
+    spread = float(np.std(stays) / np.mean(stays))
+    chance = np.random.default_rng(0).exponential(np.mean(stays) - _UNSEEN, (_DRAWS, len(stays))) + _UNSEEN
+    return bool(np.mean(chance.std(axis=1) / chance.mean(axis=1) <= spread) < _RARELY)
 
 
 def _log_odds_of_any_level(explanations: Explanations, model: Model, path: Member) -> float:

@@ -9,7 +9,7 @@ import contextlib
 import dataclasses
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol, Self
 
 import numpy as np
@@ -20,7 +20,9 @@ from rlgcomp.diagnosis.align import clock_of, no_clocks
 from rlgcomp.diagnosis.resampling import on_rows, same_axis, turning_evenly
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.windows import Windows
+from rlgcomp.diagnosis.wording import listing
 from rlgcomp.errors import InputError
+from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.plugins import load_python, said_line
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.simulation.simulator import Simulator
@@ -32,6 +34,7 @@ _FITS: Final = 0.9  # correlation of a simulation with its run
 _FITS_NOT: Final = 0.5
 _FOLLOWS: Final = 0.9  # correlation from which a gyro is a multiple of what its simulator says
 _LARGEST_SCALE: Final = 1.5  # ratio up to which a missing effect or a rough simulator explains it
+_LIKE_A_CLOCK: Final = 0.5  # squared correlation from which causes are much what a late clock does
 _PLAIN_NAMES: Final = ("gyro", "rate", "prediction", "predicted")
 
 
@@ -53,6 +56,44 @@ def baseline_prediction(simulator: Simulator | UserSimulator, recording: Recordi
     if isinstance(simulator, Simulator):
         return simulator.predict(recording).rate_deg_h()
     return simulator.predict_deg_h(recording)
+
+
+def clock_remarks(
+    windows: Sequence[Windows],
+    simulated: SimulatedRuns | None,
+    causes: Mapping[Mechanism, Array],
+) -> tuple[str, ...]:
+    """What to say where causes do together what a simulation's clock would that is off, and the gyro alone tells the clock.
+
+    Parameters
+    ----------
+    windows : sequence of Windows
+        Of the training runs.
+    simulated : SimulatedRuns, optional
+        What the user's simulator says, and how its clock stands.
+    causes : mapping of Mechanism to ndarray, shape (n,)
+        What each adds to the window means.
+    """
+    thermal = {
+        cause: added
+        for cause, added in causes.items()
+        if any(name.startswith("temperature_") for name in cause.driver_columns(windows[0].full))
+    }
+    if simulated is None or not thermal or any(not is_gyro(one.compared) or one.taken_out for one in simulated.alignment):
+        return ()
+    slope = _courses([np.gradient(part.means(simulated.predict_deg_h(part.full)), part.middles_s) for part in windows])
+    counts = np.cumsum([len(part.middles_s) for part in windows])
+    together = _courses(np.split(sum(thermal.values(), np.zeros(counts[-1]))[: counts[-1]], counts[:-1]))
+    steep, size = float(slope @ slope), float(together @ together)
+    if not (steep > 0.0 and size > 0.0 and (slope @ together) ** 2 > _LIKE_A_CLOCK * steep * size):
+        return ()
+    names = listing(sorted(cause.name for cause in thermal))
+    late_s = float(f"{abs(slope @ together) / steep:.1g}")
+    adds = "adds" if len(thermal) == 1 else "add"
+    return (
+        f"What {names} {adds} is much what a simulation does whose clock is about {late_s:g} s off, and "
+        "it has no monitor that could tell: give it one, as temperature_block_degC, or make sure of its time stamps.",
+    )
 
 
 def scale_remarks(

@@ -12,12 +12,14 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from rlgcomp.diagnosis import averages
 from rlgcomp.diagnosis.whitening import IntArray
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
 from rlgcomp.repair.frozen import frozen_stretches, said_of
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 FEWEST_WINDOWS: Final = 20
 _FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
@@ -50,19 +52,39 @@ def default_window_s(runs: Sequence[Recording]) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Windows:
-    """The averaging windows of one run, and its rows on which slow causes are computed."""
+    """The averaging windows of one run, and its rows on which slow causes are computed.
+
+    Their means are plain, or those of :mod:`rlgcomp.diagnosis.averages` where errors of the gyro's angle have a knee.
+    """
 
     full: Recording
     fine: Recording
     of_full: IntArray  # the window of each row; negative before the first
     of_fine: IntArray
     counts: IntArray  # rows in each window
-    kept: npt.NDArray[np.bool_]
-    frozen: IntArray  # windows in which a monitor is frozen: they are not kept
+    kept: Flags
+    frozen: IntArray  # windows in which a monitor is frozen, or a row is left out: they are not kept
     window_s: float
+    knee_s: float = 0.0
 
     @classmethod
-    def of(cls, run: Recording, window_s: float) -> Self:
+    def of(cls, run: Recording, window_s: float, knee_s: float = 0.0, left_out: Flags | None = None) -> Self:
+        """Of a run, after its lead-in.
+
+        Parameters
+        ----------
+        run : Recording
+        window_s : float
+        knee_s : float
+            Of the errors of the gyro's angle.
+        left_out : ndarray of bool, shape (n,), optional
+            Rows that no window may hold: windows begin after the first of them and end before the last; others cost their window.
+
+        Raises
+        ------
+        InputError
+            The window is shorter than a sample, or too few are full.
+        """
         if not window_s >= _SHORTEST * run.period_s:
             raise InputError(
                 f"{run.name}: cannot average over {window_s:g} s: one sample takes {run.period_s:.6g} s; "
@@ -73,12 +95,15 @@ class Windows:
             raise InputError(
                 f"{run.name}: nothing is left after its lead-in of {run.metadata.lead_in_s:g} s; give a longer interval"
             )
-        first_s = float(scored_s[0])
+        out = np.zeros(len(run), dtype=np.bool_) if left_out is None else left_out & run.scored
+        first_s = float(run.time_s[_begin(run, out)])
         fine, of_fine, of_full = _decimated(run, first_s, window_s)
+        if out[-1] and of_full[-1] == of_full[-2]:
+            of_full[-1] += 1  # alone, so that its window's other rows may count
         counts = np.unique(of_full[of_full >= 0], return_counts=True)[1]
         kept = counts >= LEAST_COVERAGE * window_s / run.period_s
         stretches = frozen_stretches(run.table)
-        frozen = np.unique(np.concatenate([of_full[:0], *(of_full[one.start : one.stop] for one in stretches)]))
+        frozen = np.unique(np.concatenate([of_full[out], *(of_full[one.start : one.stop] for one in stretches)]))
         kept &= ~np.isin(np.unique(of_full[of_full >= 0]), frozen)
         if kept.sum() < FEWEST_WINDOWS:
             columns = " or ".join(f"--drop {column}" for column in said_of(stretches))
@@ -87,7 +112,7 @@ class Windows:
                 f"{' in which no monitor is frozen' if columns else ''}; at least {FEWEST_WINDOWS} are "
                 f"needed; give a longer run or a smaller --averaging-s{f', or {columns}' if columns else ''}"
             )
-        return cls(run, fine, of_full, of_fine, counts, kept, frozen, window_s)
+        return cls(run, fine, of_full, of_fine, counts, kept, frozen, window_s, knee_s)
 
     def led(self, by_s: float) -> Self:
         """The windows with all temperatures so much earlier."""
@@ -96,6 +121,10 @@ class Windows:
     def means(self, values: Array, *, of_fine: bool = False) -> Array:
         """Window means of rows, shape (n,) or (n, k), of the run itself or of its fine version."""
         starts, counts = (self.fine_starts, self._fine_counts) if of_fine else (self._full_starts, self._full_counts)
+        if self.knee_s:
+            shares = self.fine_shares if of_fine else self._full_shares
+            weighted = values[starts[0] :] * shares.reshape(-1, *[1] * (values.ndim - 1))
+            return np.asarray(np.add.reduceat(weighted, starts - starts[0], axis=0)[self.kept])
         if values.size == len(values):  # of one column, which is faster as a row
             means = (np.add.reduceat(values.ravel(), starts) / counts)[self.kept]
             return means.reshape(-1, *values.shape[1:])
@@ -110,6 +139,21 @@ class Windows:
     def rows_within(self, values: Array) -> Array:
         """Rows of the kept windows."""
         return np.asarray(values[self._full_starts[0] :][np.repeat(self.kept, self._full_counts)])
+
+    def segments(self, values: Array) -> Array:
+        """Stretches of so many windows as :func:`averages.knee_s` asks for, full and without a gap, shape (k, samples)."""
+        count, many = round(self.window_s / self.full.period_s), averages.SEGMENT
+        full = self.kept & (self.counts == count)
+        numbers = self.of_full[self._full_starts]
+        found, k = [], 0
+        while k + many <= len(full):
+            if full[k : k + many].all() and numbers[k + many - 1] == numbers[k] + many - 1:
+                start = self._full_starts[k]
+                found.append(values[start : start + many * count])
+                k += many
+            else:
+                k += 1
+        return np.array(found).reshape(-1, many * count)
 
     @functools.cached_property
     def _full_starts(self) -> IntArray:
@@ -130,14 +174,63 @@ class Windows:
         return np.diff(np.r_[self.fine_starts, len(self.fine)])
 
     @property
+    def white(self) -> Array:
+        """Variance of the mean of each kept window, over that of a full window."""
+        if self.knee_s:
+            knee = self.knee_s / self.full.period_s
+            share, places = self._full_shares, self._places(self.full, self.of_full)
+            joined = np.r_[np.rint(np.diff(places)) == 1.0, False]  # a sample to the next: the error between them cancels
+            variance = (1.0 + 2.0 * knee) * share**2 - 2.0 * knee * joined * share * np.r_[share[1:], 0.0]
+            whole = np.add.reduceat(variance, self._full_starts - self._full_starts[0])[self.kept]
+            return np.asarray(whole * self.white_s / self.full.period_s)
+        return np.asarray(self.window_s / (self.counts[self.kept] * self.full.period_s))
+
+    @property
+    def white_s(self) -> float:
+        """Time over which a plain mean's white noise is as large as the noise of a full window's mean."""
+        return averages.white_s(self.window_s, self.knee_s, self.full.period_s)
+
+    @functools.cached_property
+    def _full_shares(self) -> Array:
+        """Share of each row, from the first window on, in its window's mean."""
+        return self._shares(self.full, self.of_full)
+
+    @functools.cached_property
+    def fine_shares(self) -> Array:
+        """Share of each fine row, from the first window on, in its window's mean."""
+        return self._shares(self.fine, self.of_fine)
+
+    def _shares(self, run: Recording, window: IntArray) -> Array:
+        count, starts = self.window_s / self.full.period_s, _starts(window)
+        weights = averages.weights(self._places(run, window), count, self.knee_s, self.full.period_s)
+        counts = np.diff(np.r_[starts, len(window)])
+        return np.asarray(weights / np.repeat(np.add.reduceat(weights, starts - starts[0]), counts))
+
+    def _places(self, run: Recording, window: IntArray) -> Array:
+        """Of rows in their windows, in samples: 1, 2, …"""
+        begin, first_s = int(np.searchsorted(window, 0)), self.full.time_s[self._full_starts[0]]
+        since_s = run.time_s[begin:] - first_s - window[begin:] * self.window_s
+        return np.asarray(since_s / self.full.period_s + 1.0)
+
+    @property
     def fine_unfrozen(self) -> Recording:
-        """The fine rows less those of windows in which a monitor is frozen."""
+        """The fine rows less those of windows in which a monitor is frozen, or a row is left out."""
         unfrozen = ~np.isin(self.of_fine, self.frozen)
         return self.fine if unfrozen.all() else self.fine.replace(table=self.fine.table[unfrozen])
 
     @property
     def middles_s(self) -> Array:
         return self.means(self.full.time_s)
+
+
+def with_knee(windows: tuple[Windows, ...], values: Sequence[Array]) -> tuple[Windows, ...]:
+    """Windows whose means are the most certain ones for the noise of values at their full rate, one array a run."""
+    first = windows[0]
+    count = round(first.window_s / first.full.period_s)
+    alike = [k for k, part in enumerate(windows) if round(part.window_s / part.full.period_s) == count]
+    segments = [windows[k].segments(values[k]) for k in alike]
+    knee_s = averages.knee_s(segments, first.window_s, first.full.period_s)
+    return tuple(dataclasses.replace(part, knee_s=knee_s) for part in windows) if knee_s else windows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -225,6 +318,14 @@ def _in_noise(block: Array, bands: Array) -> Array:
     once[-1] = 0.5 if len(block) % 2 == 0 else 1.0  # the highest frequency has no mirror image
     power = 2.0 * once * bands[np.arange(len(spectrum)) * _BANDS // len(spectrum)] / len(block)
     return np.asarray((spectrum.conj().T @ (power[:, None] * spectrum)).real)
+
+
+def _begin(run: Recording, out: Flags) -> int:
+    """The first row after the lead-in that is not left out."""
+    rows = np.flatnonzero(run.scored & ~out)
+    if not len(rows):
+        raise InputError(f"{run.name}: no row is left that can be compared with the simulator; give a longer run")
+    return int(rows[0])
 
 
 def _starts(window: IntArray) -> IntArray:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval")
 PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
 OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
-GAINED: Final = 0.1  # relative gain over an even chance below which an experiment is said to tell nothing
 DECIDES: Final = 0.8  # expected probability of the true explanation from which an experiment is said to tell
 DOUBTED: Final = 0.1  # probability that nothing is missing from which it is said beside what is named
 DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
@@ -135,8 +134,6 @@ def as_text(diagnosis: Diagnosis) -> str:
 def next_aim(following: NextExperiment) -> str:
     """What the next experiment is for; where even the best programme would hardly tell the rivals apart, that is said."""
     rivals = listing(list(following.separates), "and")
-    if following.expected_probability_after < (1.0 + GAINED) / len(following.separates):
-        return f"though none that was tried would tell between {rivals}: they go together in all of them"
     if following.expected_probability_after >= DECIDES:
         return f"to tell between {rivals}"
     return (

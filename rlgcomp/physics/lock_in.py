@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,15 @@ _RATIO: Final = 1.6  # between the lock-in rates that diagnosis tries
 _LOWEST_DEG_S: Final = 1e-4
 _SLOW: Final = 0.05  # of the highest rate: below, a table is near enough to rest for its gyro to lock
 _OFTEN: Final = 0.01  # of the rows
+_STEADY: Final = 0.01  # of the rate, from sample to sample: a table that turns steadily
+_MOSTLY: Final = 0.5  # of the rows
+_TOLD: Final = 1e-3  # of an error's size: what other laws of the rate must leave of it
 _RUNNING: Final = 1e-3  # of the rate: less within a sample makes no difference
+_STOOD: Final = 0.05  # of the first step of a table that sets off
+_EVEN: Final = 0.1  # of a step of the rate: an even acceleration
+_STANDS_OUT: Final = 10.0  # standard deviations: lock-in is there
 _WRONG: Final = 2.0  # standard deviations on the wrong side of zero: no lock-in
+_FEW: Final = 30  # lock-in rates
 _PULSE_ARCSEC: Final = 1.0
 _PASSAGES: Final = 32
 _BEATS: Final = 0.1  # lock-in rate over rate: the angle within a beat of less than this is nothing
@@ -67,14 +74,15 @@ class LockIn(Mechanism):
         the first order of the phase equation at a stationary phase, with all phases alike likely: what dither makes random walk of
         (Aronowitz, section on dither). And wherever a sample ends while the beams beat, it ends within a beat, in which the angle
         runs ahead and behind by up to half a count, the nearer to lock-in the more. Where an instrument's pulse is not known it is
-        taken for one second of arc.
+        taken for one second of arc. In a sample within which a table sets off or comes to stand near lock-in, the course of its
+        rate is not recorded either: half of the error there is left open.
         """
         rate, spans_s = self._rate_deg_s(recording), np.diff(recording.time_s, prepend=recording.time_s[0] - recording.period_s)
         run = _run_of(rate)
         pulse_deg = (recording.metadata.pulse_arcsec or _PULSE_ARCSEC) / ARCSEC_PER_DEG
         through = np.flatnonzero((np.abs(rate) <= 0.5 * np.abs(run)) & (run != 0.0))
         step_deg = self.lock_in_deg_s / np.sqrt(2.0 / pulse_deg * np.abs(run[through]) / spans_s[through])
-        columns = np.zeros((len(rate), 2 * _PASSAGES))
+        columns = np.zeros((len(rate), 3 * _PASSAGES))
         _spread(columns[:, :_PASSAGES], through, SECONDS_PER_HOUR * step_deg / spans_s[through])
         sizes, runs_on = np.abs(rate), (run[1:] != 0.0) & (run[:-1] != 0.0)
         between = np.where(runs_on, np.abs(0.5 * (rate[1:] + rate[:-1])), np.minimum(sizes[1:], sizes[:-1]))
@@ -82,8 +90,10 @@ class LockIn(Mechanism):
         beating = (share < 1.0) | (np.diff(rate) != 0.0)  # at a standstill the phase is locked
         ends = np.flatnonzero(beating & (share > _BEATS))
         ahead_deg = pulse_deg * _UNIFORM * share[ends] / (1.0 + np.sqrt(1.0 - share[ends] ** 2))
-        _spread(columns[:, _PASSAGES:], ends, SECONDS_PER_HOUR * ahead_deg / spans_s[ends])
-        _spread(columns[:, _PASSAGES:], ends + 1, -SECONDS_PER_HOUR * ahead_deg / spans_s[ends + 1])
+        _spread(columns[:, _PASSAGES : 2 * _PASSAGES], ends, SECONDS_PER_HOUR * ahead_deg / spans_s[ends])
+        _spread(columns[:, _PASSAGES : 2 * _PASSAGES], ends + 1, -SECONDS_PER_HOUR * ahead_deg / spans_s[ends + 1])
+        abrupt = _abrupt(rate)
+        _spread(columns[:, 2 * _PASSAGES :], abrupt, 0.5 * np.abs(_mean_error_deg_h(rate, self.lock_in_deg_s)[abrupt]))
         return columns
 
     @classmethod
@@ -102,11 +112,27 @@ class LockIn(Mechanism):
         shown = _shown(recordings)
         if shown is None:
             return tuple(cls(lock_in_deg_s=rate, acts_on="table") for rate in rates)
+        felt = (("table", 0.0), *(("total", offset) for offset in _locked_offset(*shown[:2], top)))
         return tuple(
-            cls(lock_in_deg_s=rate, acts_on="table", offset_deg_h=offset)
-            for offset in (0.0, *_locked_offset(*shown, top))
-            for rate in _consistent(*shown, rates, offset)
+            cls(lock_in_deg_s=rate, acts_on=acts_on, offset_deg_h=offset)
+            for acts_on, offset in felt
+            for rate in _consistent(*shown[:2], rates, offset)
         )
+
+    @classmethod
+    def standing_out(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        """The best lock-in rate, where it makes its own error at steady rates beyond doubt."""
+        shown = _shown(recordings)
+        top = 0.0 if shown is None else float(np.abs(shown[0]).max())
+        if shown is None or not 0.9 * top > _LOWEST_DEG_S or not shown.steady:
+            return ()
+        tried = [(offset, _Sought(*shown[:2], offset)) for offset in (0.0, *_locked_offset(*shown[:2], top))]
+        rates = np.geomspace(_LOWEST_DEG_S, min(0.9 * top, 10.0), _FEW)
+        found = [(sought.left(best), best, offset, sought) for offset, sought in tried for best in (sought.best(rates),)]
+        left, best, offset, sought = min(found, key=lambda one: one[0])
+        factor, sizes = sought.share(best)
+        plain = _RATIO**-2 <= factor <= _RATIO**2 and sizes > _STANDS_OUT * math.sqrt(left / max(sought.square, 1e-300))
+        return (cls(lock_in_deg_s=min(best, 10.0), acts_on="total" if offset else "table", offset_deg_h=offset),) if plain else ()
 
     def settled(self) -> Self:
         """All of it: the lock-in rate that makes the same error at fast rotation with `fraction` one."""
@@ -120,7 +146,7 @@ class LockIn(Mechanism):
         if self.acts_on == "table" or any(FELT_RATE_DEG_S in run for run in recordings):
             return self
         shown = _shown(recordings)
-        offsets = () if shown is None else _locked_offset(*shown, float(np.abs(shown[0]).max()))
+        offsets = () if shown is None else _locked_offset(*shown[:2], float(np.abs(shown[0]).max()))
         return dataclasses.replace(self, offset_deg_h=(*offsets, earth_rate_deg_h(recordings[0]))[0])
 
     def basis(self, recording: Recording) -> Array:
@@ -143,9 +169,16 @@ def _mean_error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
     """The error's mean over each sample: a sweep is through zero in a sample or two."""
     run, mean = _run_of(rate), _error_deg_h(rate, lock_in_deg_s)
     fast = np.abs(run) > _RUNNING * np.maximum(np.abs(rate), _LOWEST_DEG_S)
-    ends = (_integral(rate[fast] + sign * run[fast], lock_in_deg_s) for sign in (0.5, -0.5))
-    mean[fast] = SECONDS_PER_HOUR * np.subtract(*ends) / run[fast]
+    mean[fast] = _error_between_deg_h(rate[fast] - 0.5 * run[fast], rate[fast] + 0.5 * run[fast], lock_in_deg_s)
+    for rows, stood, reached, share in (_set_off(rate), _come_to_stand(rate)):
+        running = _error_between_deg_h(stood, reached, lock_in_deg_s)
+        mean[rows] = share * running + (1.0 - share) * _error_deg_h(stood, lock_in_deg_s)
     return mean
+
+
+def _error_between_deg_h(first: Array, last: Array, lock_in_deg_s: float) -> Array:
+    """The error's mean while the rate runs evenly from one value to another."""
+    return np.asarray(SECONDS_PER_HOUR * (_integral(last, lock_in_deg_s) - _integral(first, lock_in_deg_s)) / (last - first))
 
 
 def _run_of(rate: Array) -> Array:
@@ -157,6 +190,38 @@ def _run_of(rate: Array) -> Array:
     before, after = np.r_[0.0, step], np.r_[step, 0.0]
     near, far = np.minimum(np.abs(before), np.abs(after)), np.maximum(np.abs(before), np.abs(after))
     return np.asarray(np.where(before * after > 0.0, np.sign(before) * np.minimum(2.0 * near, far), 0.0))
+
+
+def _abrupt(rate: Array) -> npt.NDArray[np.intp]:
+    """Samples that hold rates near zero and in which a table begins or ends to speed up: its steps on both sides differ."""
+    step = np.r_[0.0, 0.0, np.diff(rate), 0.0, 0.0]
+    earlier, before, after, later = np.abs(step[:-3]), np.abs(step[1:-2]), np.abs(step[2:-1]), np.abs(step[3:])
+    size = np.maximum(before, after)
+    alone = np.maximum(earlier, later) <= _STOOD * size
+    near = (_run_of(rate) != 0.0) & (np.abs(rate) <= size)
+    return np.flatnonzero(near & ((np.abs(after - before) > _EVEN * size) | alone))
+
+
+def _set_off(rate: Array) -> tuple[npt.NDArray[np.intp], Array, Array, Array]:
+    r"""Samples within which a table sets off: their rows, the rates at which it stood and which it reaches, and the share it runs.
+
+    At an even acceleration it runs for the share :math:`\tau` of the sample and reaches v, which is the more by
+    :math:`v \tau / 2` of the mean, and the next sample's mean the more by :math:`v + v / 2\tau`; so these two means tell both.
+    """
+    step = np.diff(rate)
+    earlier, own, further, on = step[:-3], step[1:-2], step[2:-1], step[3:]
+    stood = np.abs(earlier) <= _STOOD * np.abs(own)
+    within = stood & (further * np.sign(own) > 2.0 * np.abs(own)) & (on * np.sign(own) > _STOOD * np.abs(own))
+    rows = np.flatnonzero(within) + 2
+    more, next_more = own[within], own[within] + further[within]
+    reached = 2.0 * (np.sign(more) * np.sqrt(more**2 + more * next_more) - more)
+    return rows, rate[rows - 1], rate[rows - 1] + reached, 2.0 * more / reached
+
+
+def _come_to_stand(rate: Array) -> tuple[npt.NDArray[np.intp], Array, Array, Array]:
+    """The same where it comes to stand: seen backwards it sets off."""
+    rows, stood, reached, share = _set_off(rate[::-1])
+    return len(rate) - 1 - rows, stood, reached, share
 
 
 def _error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
@@ -174,9 +239,19 @@ def _integral(rate: Array, lock_in_deg_s: float) -> Array:
     return np.asarray(np.where(np.abs(rate) < lock_in_deg_s, -0.5 * rate**2, running))
 
 
-def _shown(recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
-    """Rates in deg/s, and in deg/h what the gyros show beyond them; None where they cannot be read, or the table does not turn."""
-    rates, beyond = [], []
+class _Shown(NamedTuple):
+    rate: Array  # of the table, in deg/s
+    beyond: Array  # what the gyros show beyond it, in deg/h
+    steady: bool  # of steady rates alone
+
+
+def _shown(recordings: Sequence[Recording]) -> _Shown | None:
+    """Rates, and what the gyros show beyond them; None where they cannot be read, or the table does not turn.
+
+    Of a table that mostly stands or turns steadily, at rates enough to tell, those rows alone: a sample in which it speeds up holds
+    a rate of every size.
+    """
+    rates, beyond, steady = [], [], []
     for run in recordings:
         if len(run.gyro_columns) != 1 or (run.gyro_columns[0].endswith("_pulses") and run.metadata.pulse_arcsec is None):
             return None
@@ -184,50 +259,87 @@ def _shown(recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
         rate = reference_rate_deg_s(run, gyro)
         rates.append(stilled(run, rate))
         beyond.append(gyro - SECONDS_PER_HOUR * rate)
-    every = max(1, sum(len(part) for part in rates) // _MOST_ROWS)
-    rate = np.concatenate(rates)[::every]
-    return None if np.ptp(rate) == 0.0 else (rate, np.concatenate(beyond)[::every])
+        change = np.abs(np.diff(rates[-1]))
+        steady.append(np.maximum(np.r_[0.0, change], np.r_[change, 0.0]) <= _STEADY * np.abs(rates[-1]))
+    rate, seen, kept = (np.concatenate(parts) for parts in (rates, beyond, steady))
+    steadily = bool(np.mean(kept) > _MOSTLY) and _Sought(rate[kept], seen[kept], 0.0).told
+    if steadily:
+        rate, seen = rate[kept], seen[kept]
+    every = max(1, len(rate) // _MOST_ROWS)
+    return None if np.ptp(rate) == 0.0 else _Shown(rate[::every], seen[::every], steadily)
 
 
 def _locked_offset(rate: Array, beyond: Array, top: float) -> tuple[float, ...]:
-    """What the light feels beside the table: the bias shown while the table turns; none where it never rests."""
+    """What the light feels beside the table: the bias shown while the table turns; none where it never rests.
+
+    It is fitted together with a scale factor and with what lock-in takes from fast rotation, as 1/W: in one direction that looks
+    like a bias.
+    """
     fast = np.abs(rate) > _SLOW * top
     if np.mean(~fast) < _OFTEN or np.ptp(rate[fast]) == 0.0:
         return ()
-    return (float(np.polyfit(rate[fast] / top, beyond[fast], 1)[1]),)
+    turning = rate[fast] / top
+    design = np.column_stack([np.ones(len(turning)), turning, _SLOW / turning])
+    return (float(np.linalg.lstsq(design, beyond[fast], rcond=None)[0][0]),)
 
 
 def _consistent(rate: Array, beyond: Array, rates: Sequence[float], offset_deg_h: float) -> list[float]:
     """The rates, the lowest in place of those that least squares does not find to make about their own error, and the best.
 
-    None where the error plainly has the wrong sign. Other laws of the rate are fitted beside, so that they do not pose as lock-in.
+    None where the error plainly has the wrong sign.
     """
-    from scipy.optimize import minimize_scalar
+    sought = _Sought(rate, beyond, offset_deg_h)
+    best = sought.best(rates)
+    if max(sought.share(rates[0])[1], sought.share(best)[1]) < -_WRONG:
+        return []
+    fitting = [value if _RATIO**-2 <= sought.share(value)[0] <= _RATIO**2 else rates[0] for value in rates]
+    return [*fitting, min(max(best, rates[0]), rates[-1])]
 
-    felt = rate + offset_deg_h / SECONDS_PER_HOUR
-    scaled = rate / np.abs(rate).max()
-    other = [np.ones(len(rate)), scaled, np.abs(scaled), scaled * np.abs(scaled), scaled**3]
-    plain = np.linalg.qr(np.column_stack(other))[0]
-    seen = beyond - plain @ (plain.T @ beyond)
 
-    def left(logarithm: float) -> float:
-        column = _error_deg_h(felt, math.exp(logarithm))
-        rest = seen - column + plain @ (plain.T @ column)
+class _Sought:
+    """Lock-in in what gyros show beyond the table's rate; other laws of the rate are fitted beside, lest they pose as lock-in."""
+
+    def __init__(self, rate: Array, beyond: Array, offset_deg_h: float) -> None:
+        self._felt = rate + offset_deg_h / SECONDS_PER_HOUR
+        scaled = rate / max(float(np.abs(rate).max(initial=0.0)), 1e-150)
+        other = [np.ones(len(rate)), scaled, np.abs(scaled), scaled * np.abs(scaled), scaled**3]
+        self._plain = np.linalg.qr(np.column_stack(other))[0]
+        self._seen = beyond - self._plain @ (self._plain.T @ beyond)
+
+    @property
+    def told(self) -> bool:
+        """Whether the rates are so many that no other laws of theirs together are lock-in."""
+        whole, left = _error_deg_h(self._felt, _LOWEST_DEG_S), self._column(_LOWEST_DEG_S)
+        return float(np.linalg.norm(left)) > _TOLD * float(np.linalg.norm(whole))
+
+    def best(self, rates: Sequence[float] | Array) -> float:
+        """The lock-in rate that leaves least, near one of these."""
+        from scipy.optimize import minimize_scalar
+
+        def left(logarithm: float) -> float:
+            return self.left(math.exp(logarithm))
+
+        nearest, step = float(min(np.log(rates), key=left)), math.log(_RATIO)
+        found = minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7})
+        return math.exp(found.x)
+
+    @property
+    def square(self) -> float:
+        """Of all that is seen."""
+        return float(self._seen @ self._seen)
+
+    def left(self, lock_in_deg_s: float) -> float:
+        """Square of what a lock-in rate leaves."""
+        rest = self._seen - self._column(lock_in_deg_s)
         return float(rest @ rest)
 
-    def share(lock_in_deg_s: float) -> tuple[float, float]:
+    def share(self, lock_in_deg_s: float) -> tuple[float, float]:
         """Factor of the error that is seen, and the same over its standard deviation in white noise."""
-        column = _error_deg_h(felt, lock_in_deg_s)
-        column = column - plain @ (plain.T @ column)
+        column = self._column(lock_in_deg_s)
         norm = max(float(np.linalg.norm(column)), 1e-150)
-        along = float(column @ seen) / norm
-        return along / norm, along / max(float(np.std(seen)), 1e-150)
+        along = float(column @ self._seen) / norm
+        return along / norm, along / max(float(np.std(self._seen)), 1e-150)
 
-    logs = np.log(rates)
-    nearest = float(min(logs, key=left))
-    step = math.log(_RATIO)
-    best = minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7}).x
-    if max(share(rates[0])[1], share(math.exp(best))[1]) < -_WRONG:
-        return []
-    fitting = [value if _RATIO**-2 <= share(value)[0] <= _RATIO**2 else rates[0] for value in rates]
-    return [*fitting, min(max(math.exp(best), rates[0]), rates[-1])]
+    def _column(self, lock_in_deg_s: float) -> Array:
+        column = _error_deg_h(self._felt, lock_in_deg_s)
+        return np.asarray(column - self._plain @ (self._plain.T @ column))

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.motion import angle_column, rate_column
+from rlgcomp.motion import ANGLES, RATE, angle_column, angle_deg, rate_column, rate_deg_s
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
@@ -28,6 +28,7 @@ Role = Literal["amplitude", "shape", "setting"]
 TEMPERATURE = "temperature"
 TABLE_RATE = "table_rate"
 TABLE_ANGLE = "table_angle"
+TURNING = frozenset((TABLE_RATE, TABLE_ANGLE, RATE, *ANGLES))  # what says how a table turned
 FELT_RATE_DEG_S = "felt_rate_deg_s"  # what the simulator adds for mechanisms of stage "lock_in": all that turns the light
 
 
@@ -85,11 +86,12 @@ class Mechanism(abc.ABC):
         Where the physics is written down.
     drivers : tuple of str
         Columns it needs; "temperature", "table_rate" and "table_angle" stand for the recording's own choice of thermometer and of
-        the column that says how the table turned.
+        the column that says how the table turned: :meth:`Mechanism.read` gives them in degC, deg/s and deg.
     stage : {"light", "lock_in", "readout"}
         Where it acts. What adds to the rate that the light feels ("light") is felt by those that act on the total ("lock_in").
     fast : bool
-        Its columns vary within an averaging window, so they are computed at the full rate.
+        Its columns vary within an averaging window, so they are computed at the full rate; unless it is said, where it reads how a
+        table turned.
     each_run : bool
         Its amplitudes are drawn anew in each run, as the phase of something that knows nothing of when a run begins.
     open_set : bool
@@ -108,6 +110,12 @@ class Mechanism(abc.ABC):
     each_run: ClassVar[bool] = False
     open_set: ClassVar[bool] = False
     constant: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        super().__init_subclass__(**given)
+        drivers = getattr(cls, "drivers", ())
+        if "fast" not in vars(cls) and isinstance(drivers, tuple) and not TURNING.isdisjoint(drivers):
+            cls.fast = True
 
     def __post_init__(self) -> None:
         for parameter in self.parameters():
@@ -198,6 +206,11 @@ class Mechanism(abc.ABC):
         return None
 
     @classmethod
+    def named_for(cls, kind: str) -> bool:
+        """Whether it may be named as a cause in recordings of a kind, "chamber" or "turntable"."""
+        return cls.kind in (kind, "any") and not cls.open_set
+
+    @classmethod
     def jumps(cls) -> bool:
         """Whether it does."""
         return cls.jumping(1.0, 3600.0) is not None
@@ -227,6 +240,12 @@ class Mechanism(abc.ABC):
         """With what recordings of a real gyro tell in place of what the simulator knows when it simulates."""
         del recordings
         return self
+
+    @classmethod
+    def standing_out(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        """As recordings show it beyond doubt at first sight, where its law leaves something open (:meth:`scatter`); else none."""
+        del recordings
+        return ()
 
     def scatter(self, recording: Recording) -> Array | None:
         """What the law leaves open: independent disturbances in deg/h, of unit variance each, shape (n, k); None where nothing.
@@ -297,8 +316,15 @@ class Mechanism(abc.ABC):
         return columns
 
     def read(self, recording: Recording) -> tuple[Array, ...]:
-        """The driver columns as arrays, in the order of `drivers`."""
-        return tuple(recording.column(column) for column in self.driver_columns(recording))
+        """The drivers as arrays, in the order of `drivers`.
+
+        Columns are as recorded; "table_rate" is in deg/s and "table_angle" in deg, running on past a turn, each from the other
+        where it was not recorded.
+        """
+        columns = zip(self.driver_names(), self.driver_columns(recording), strict=True)
+        return tuple(
+            _OWN_MOTION[driver](recording) if driver in _OWN_MOTION else recording.column(column) for driver, column in columns
+        )
 
 
 _OWN_CHOICE: dict[str, Callable[[Recording], str]] = {
@@ -306,3 +332,4 @@ _OWN_CHOICE: dict[str, Callable[[Recording], str]] = {
     TABLE_RATE: rate_column,
     TABLE_ANGLE: angle_column,
 }
+_OWN_MOTION: dict[str, Callable[[Recording], Array]] = {TABLE_RATE: rate_deg_s, TABLE_ANGLE: angle_deg}

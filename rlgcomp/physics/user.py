@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import itertools
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -15,14 +16,16 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.errors import InputError
+from rlgcomp.motion import ANGLES, RATE
 from rlgcomp.physics import CATALOGUE
-from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism, Role
+from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_ANGLE, TABLE_RATE, TEMPERATURE, TURNING, Array, Mechanism, Role
 from rlgcomp.plugins import load_python, said_line
-from rlgcomp.recording import TIME, Recording
+from rlgcomp.recording import TIME, Metadata, Recording
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 _KINDS: Final = ("chamber", "turntable", "any")
 _ROWS: Final = 64
+_SCALES: Final = (1.0, -1.0, 10.0, 100.0, 1000.0)  # of what monitors read: thresholds are anywhere
 _LARGEST: Final = 1e50  # of a column: its square and sums of it are numbers still
 _EXAMPLE: Final = "see 'Add a mechanism' in CONTRIBUTING.md, and rlgcomp/physics/thermal_lag.py for an example"
 
@@ -79,13 +82,18 @@ def require_computable(mechanisms: Mapping[str, type[Mechanism]], runs: Sequence
         if CATALOGUE.get(mechanism.name) is mechanism:
             continue
         usual = mechanism()
-        bounds = [(p.name, bound) for p in usual.parameters() if p.role == "shape" for bound in (p.low, p.high)]
-        forms = {"": usual} | {f" with {name} = {bound:g}": dataclasses.replace(usual, **{name: bound}) for name, bound in bounds}  # type: ignore[type-var]
+        forms = _forms(usual)
         for run in (run for run in runs if _readable(usual, run)):
             for said, form in forms.items():
                 fault = _fault_on(form, run)
                 if fault is not None:
                     raise InputError(f"{mechanism.name} cannot be tried{said}: {fault}; correct the mechanism, or its bounds")
+
+
+def _forms(usual: Mechanism) -> dict[str, Mechanism]:
+    """The usual shapes, and each of them at either bound, by what is to be said of it."""
+    bounds = [(p.name, bound) for p in usual.parameters() if p.role == "shape" for bound in (p.low, p.high)]
+    return {"": usual} | {f" with {name} = {bound:g}": dataclasses.replace(usual, **{name: bound}) for name, bound in bounds}  # type: ignore[type-var]
 
 
 def _readable(mechanism: Mechanism, run: Recording) -> bool:
@@ -121,8 +129,11 @@ def _faults_said(mechanism: type[Mechanism]) -> list[str]:
     if not getattr(getattr(mechanism, "__dataclass_params__", None), "frozen", False):
         return [*faults, "it is not a frozen dataclass; write @dataclasses.dataclass(frozen=True) above it"]
     for field in dataclasses.fields(mechanism):  # type: ignore[arg-type]
+        low, high = field.metadata.get("low", 0.0), field.metadata.get("high", 0.0)
         if field.metadata.get("role") not in get_args(Role):
             faults.append(f"{field.name} has no role; make it by amplitude(...), shape(...) or setting(...)")
+        elif not low <= high:
+            faults.append(f"{field.name} has its bounds reversed: from {low:g} to {high:g}; give the lower one first")
         elif field.metadata["role"] != "setting" and not field.metadata["unit"]:
             faults.append(f"{field.name} has no unit; give one, '1' where it has none")
     return faults
@@ -142,7 +153,22 @@ def _faults_computed(mechanism: type[Mechanism]) -> list[str]:
         return ["basis changes with the gyro's output or from call to call; it may read monitors only, and no random numbers"]
     if not usual.amplitude_parameters() and without:
         return ["it has no amplitude and no covariance; give it one parameter made by amplitude(...)"]
-    return []
+    return [
+        f"basis is zero for {parameter.name} whatever the monitors read: it can have no effect; give it a column that is not"
+        for parameter, seen in zip(usual.amplitude_parameters(), _ever_seen(usual), strict=True)
+        if not seen
+    ]
+
+
+def _ever_seen(usual: Mechanism) -> list[bool]:
+    """Of each amplitude, whether its column is ever anything but zero: usual shapes or one at a bound, monitors of any size."""
+    seen = np.zeros(len(usual.amplitude_parameters()), dtype=np.bool_)
+    for form, scale in itertools.product(_forms(usual).values(), _SCALES):
+        trial = _trial(usual, scale)
+        if not seen.all() and _fault_on(form, trial) is None:
+            with np.errstate(all="ignore"):
+                seen |= np.asarray(form.basis(trial) != 0.0).any(axis=0)
+    return seen.tolist()
 
 
 def _fault_on(mechanism: Mechanism, run: Recording) -> str | None:
@@ -170,12 +196,27 @@ def _line(mechanism: type[Mechanism], error: Exception) -> str:
     return said_line(error, getattr(sys.modules.get(mechanism.__module__), "__file__", None) or "")
 
 
-def _trial(mechanism: Mechanism) -> Recording:
-    """Ten minutes of every column that it reads, each moving in its own way about 1, or 20 where it is a temperature."""
-    time_s = 10.0 * np.arange(_ROWS)
+def _trial(mechanism: Mechanism, scale: float = 1.0) -> Recording:
+    """Every column that it reads, each moving in its own way about a scale, or about 20 where it is a temperature; of a turntable
+    also how the table turned, to and fro, by rate and angle."""
+    turns = mechanism.kind == "turntable" or not TURNING.isdisjoint(mechanism.driver_names())
+    step_s = 1.0 if turns else 10.0
+    time_s = step_s * np.arange(_ROWS)
     columns = {TIME: time_s, "gyro_deg_h": np.zeros(_ROWS)}
+    if turns:
+        columns[RATE] = 3.0 + 20.0 * np.cos(0.1 * time_s)
+        columns |= dict.fromkeys(ANGLES, 40.0 + np.cumsum(columns[RATE]) * step_s)
     for k, driver in enumerate(mechanism.driver_names()):
         column = "temperature_block_degC" if driver == TEMPERATURE else driver
-        swing = np.sin(2.0 * np.pi * time_s / (300.0 + 70.0 * k))
-        columns[column] = 20.0 + 15.0 * swing if column.endswith("_degC") else 1.0 + 0.2 * swing
-    return Recording(pd.DataFrame(columns), name="a trial recording")
+        if column not in (TABLE_RATE, TABLE_ANGLE, *columns):
+            columns[column] = _swinging(column, np.sin(2.0 * np.pi * time_s / step_s / (30.0 + 7.0 * k)), scale)
+    if FELT_RATE_DEG_S in columns:
+        columns[FELT_RATE_DEG_S] = columns[RATE] + 1e-3 if turns else 1e-3 * columns[FELT_RATE_DEG_S]
+    metadata = Metadata(kind="turntable" if turns else "chamber")
+    return Recording(pd.DataFrame(columns), metadata, name="a trial recording")
+
+
+def _swinging(column: str, swing: Array, scale: float) -> Array:
+    if column.endswith("_degC"):
+        return np.clip(20.0 + 15.0 * scale * swing, -80.0, 150.0)
+    return scale * (1.0 + 0.2 * swing)

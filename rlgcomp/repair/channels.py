@@ -91,9 +91,10 @@ def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if column not in ENCODERS:
             continue
         angle_deg = table[column].to_numpy()
-        wraps = np.flatnonzero(np.abs(np.diff(angle_deg)) > 180.0)
+        jump_deg = 0.5 * max(360.0, context.extents(table)[column].greatest - context.extents(table)[column].least)
+        wraps = np.flatnonzero(np.abs(np.diff(angle_deg)) > jump_deg)  # an angle that runs on may advance by any number of turns
         if len(wraps):
-            result = result.assign(**{column: np.unwrap(angle_deg, period=360.0)})
+            result = result.assign(**{column: np.unwrap(angle_deg, discont=jump_deg, period=360.0)})
             context.add("repaired", f"{len(wraps)} wraps of the encoder undone, the angle now runs on", column, wraps[0] + 1)
     return result
 
