@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -85,10 +86,10 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
     )
 
 
-def log_likelihood(rows: Rows, values: Array, half_step: float, noise: float) -> Array:
-    """Of jumps between two values in white noise, all paths summed, for each of :data:`DWELLS_S`."""
-    many = np.ones(len(DWELLS_S))
-    return _smoothed(values[:, None] * many, half_step * many, noise * many, _flip_probability(rows, np.array(DWELLS_S)))[1]
+def log_likelihood(rows: Rows, values: Array, half_step: float, noise: float, dwells_s: Sequence[float] = DWELLS_S) -> Array:
+    """Of jumps between two values in white noise, all paths summed, for each dwell."""
+    many = np.ones(len(dwells_s))
+    return _smoothed(values[:, None] * many, half_step * many, noise * many, _flip_probability(rows, np.array(dwells_s)))[1]
 
 
 def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> float:

@@ -1,0 +1,1 @@
+"""What tells a random telegraph from slow noise of the same spectrum."""

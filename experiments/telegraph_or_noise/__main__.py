@@ -1,0 +1,79 @@
+r"""How far a random telegraph can be told from slow noise of its spectrum, by one who knows everything else.
+
+Jumps between :math:`\pm a` with mean time tau between them have the covariance :math:`a^2 e^{-2|t|/\tau}`; so has an
+Ornstein–Uhlenbeck process, which is what an unrecorded cause or a gyro's own noise may be. The observer here knows white noise,
+half step and dwell, and that nothing else acts; he weighs the sum over all paths of jumps (hidden Markov model) against the
+Gaussian process, both exact. Jumps are at the edges of the 100 s windows.
+
+References
+----------
+S. Machlup, "Noise in semiconductors: spectrum of a two-parameter random signal", J. Appl. Phys. 25, 341 (1954).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from experiments.tables import show_table
+from rlgcomp.diagnosis.telegraph import log_likelihood
+from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
+
+Array = npt.NDArray[np.float64]
+WINDOW_S = 100.0
+HOURS = 12.0
+STRENGTHS = (0.25, 0.5, 1.0, 2.0)  # half step over the white noise of a window's mean
+DWELLS_S = (600.0, 1200.0, 2400.0, 4800.0, 7200.0)
+TWENTY_TO_ONE = math.log(20.0)
+
+
+def telegraph(rows: Rows, dwell_s: float, draws: int, rng: np.random.Generator) -> Array:
+    """Signs of each window, shape (n, draws), flipped at edges; runs are independent."""
+    signs = np.empty((len(rows), draws))
+    for part in rows.runs:
+        flips = rng.random((part.stop - part.start, draws)) < 0.5 * -math.expm1(-2.0 * WINDOW_S / dwell_s)
+        flips[0] = rng.random(draws) < 0.5
+        signs[part] = 1.0 - 2.0 * (np.cumsum(flips, axis=0) % 2)
+    return signs
+
+
+def odds(rows: Rows, strength: float, dwell_s: float, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Log odds of jumps against slow noise of the same covariance, and against nothing, of as many recordings."""
+    values = strength * telegraph(rows, dwell_s, draws, rng) + rng.standard_normal((len(rows), draws))
+    jumps = np.array([log_likelihood(rows, column, strength, 1.0, [dwell_s])[0] for column in values.T])
+    shapes = (NoiseShape(wander=strength, wander_s=0.5 * dwell_s), NoiseShape())
+    whitened, log_determinant = whiten(rows, values, shapes)
+    gaussian = -0.5 * ((whitened**2).sum(axis=1) + log_determinant[:, None] + len(rows) * math.log(2.0 * math.pi))
+    return jumps - gaussian[0], jumps - gaussian[1]
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Command line of the experiment."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=300, help="recordings for each strength and dwell (default 300)")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(argv)
+    rng = np.random.default_rng(options.seed)
+    count = round(HOURS * 3600.0 / WINDOW_S)
+    print("# A random telegraph, or slow noise: `python -m experiments.telegraph_or_noise`\n")
+    for runs, said in ((2, "two training runs"), (4, "two training and two held-out runs")):
+        rows = Rows(np.tile(WINDOW_S * np.arange(count), runs), np.repeat(np.arange(runs), count), np.ones(runs * count), WINDOW_S)
+        table = []
+        for strength in STRENGTHS:
+            line = {"half step / white noise of 100 s": f"{strength:g}"}
+            certain = []
+            for dwell_s in DWELLS_S:
+                alike, nothing = odds(rows, strength, dwell_s, options.draws, rng)
+                certain.append(float(np.mean(alike > TWENTY_TO_ONE)))
+                line[f"dwell {dwell_s:g} s"] = f"{alike.mean():.1f} (over nothing {nothing.mean():.0f})"
+            line["told, twenty to one"] = f"{100.0 * np.mean(certain):.0f} %"
+            table.append(line)
+        show_table(f"Nats by which jumps beat slow noise of the same spectrum, {said} of {HOURS:g} h", table)
+
+
+if __name__ == "__main__":
+    main()
