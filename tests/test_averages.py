@@ -130,6 +130,7 @@ def test_pulses_are_noise_of_the_angle_and_hide_no_cause(dither: bool) -> None:
     assert abs(estimate.value - 0.1) < 4.0 * estimate.sd
     assert found.test is not None
     assert found.test.noise_floor_rms < 0.0028  # 0.0018 of white noise, and what a parabola leaves of pulses
+    assert sum("angle errs by" in remark for remark in found.remarks) == 1
     if dither:
         assert found.noise.quantization_arcsec == pytest.approx(PULSE_ARCSEC / math.sqrt(6.0), rel=0.05)  # rounding, and dither
 

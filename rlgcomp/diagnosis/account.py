@@ -26,6 +26,7 @@ from rlgcomp.diagnosis.result import Alternative, Cause, Estimate, Fit, NextExpe
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape, norms, whiten
 from rlgcomp.diagnosis.wording import listing
+from rlgcomp.noise import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
 
@@ -363,6 +364,16 @@ def _off_alone(test: Fit) -> tuple[str, ...]:
                 f"by noise alone (p = {test.whiteness_p_value:.1g}): it shows what the training runs do not. Take it among them."
             )
     return tuple(said)
+
+
+def weighed_means(model: NoiseModel, averaging_s: float) -> tuple[str, ...]:
+    """What to say where means of windows are not plain, because the gyro's angle errs."""
+    if model.quantization_arcsec == 0.0:
+        return ()
+    return (
+        f"The gyro's angle errs by {model.quantization_arcsec:.2g} arcsec in each sample, as by rounding to pulses or dither "
+        f"that is left: means of {averaging_s:g} s have weights that fall to zero at both ends, which are those of least variance.",
+    )
 
 
 def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> tuple[str, ...]:
