@@ -28,9 +28,9 @@ import numpy.typing as npt
 from scipy import signal
 
 Array = npt.NDArray[np.float64]
+SEGMENT: Final = 8  # windows in a stretch whose spectrum is taken
 _LEAST: Final = 0.05  # of a plain mean's white noise: angle errors that add less to its variance are left to it
 _FEWEST: Final = 16  # samples in a window, for the two to be told apart
-SEGMENT: Final = 8  # windows in a stretch whose spectrum is taken
 _SLOW: Final = slice(2, 7)  # of its lines, which show white rate noise: slower ones show what is missing
 _CALMEST: Final = 0.05  # of the power in these: white noise is no less
 _ROUNDS: Final = 5  # each hardly moves what the other's lines show

@@ -21,6 +21,7 @@ A. P. Dawid, "Present position and potential developments: the prequential appro
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -98,21 +99,22 @@ def foresight(
     Nothing where a held-out run lacks a column that one of them reads.
     """
 
-    def background(problem: Problem) -> Background:
-        design = np.column_stack([problem.baseline, *(problem.columns(member.mechanism) for member in members)])
-        return Background(problem, design, noises, noise_log_prior)
-
-    try:
-        backgrounds = [(problem, background(problem)) for problem in (whole, training)]
-    except InputError:
-        return lambda law: 0.0
+    @functools.cache
+    def backgrounds() -> tuple[Background, Background]:
+        designs = (
+            np.column_stack([problem.baseline, *(problem.columns(member.mechanism) for member in members)])
+            for problem in (whole, training)
+        )
+        by_all, by_training = (Background(*of, noises, noise_log_prior) for of in zip((whole, training), designs, strict=True))
+        return by_all, by_training
 
     def log_foreseen(law: Mechanism) -> float:
         try:
-            by_all, by_training = (one.log_bayes_factors(problem.columns(law))[0] for problem, one in backgrounds)
+            by_all, by_training = backgrounds()
+            gained = by_all.log_bayes_factors(whole.columns(law))[0] - by_training.log_bayes_factors(training.columns(law))[0]
         except InputError:
             return 0.0
-        return float(by_all - by_training)
+        return float(gained)
 
     return log_foreseen
 

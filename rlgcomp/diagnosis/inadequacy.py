@@ -44,10 +44,15 @@ def follows_anything(mechanism: Mechanism) -> bool:
 
 
 def leaves_jumps(mechanism: Mechanism, run: Recording) -> bool:
-    """Whether what it leaves may jump, or be a line: that of one sought in what others leave; of a relay; of a loop, whose memory a
-    stretched time leaves and a reversed one changes."""
+    """Whether what it leaves may jump, or be a line: that of one sought in what others leave; of a relay; of a loop."""
+    return follows_anything(mechanism) or bool(mechanism.edges()) or is_loop(mechanism, run)
+
+
+def is_loop(mechanism: Mechanism, run: Recording) -> bool:
+    """Whether it is a loop, a sum of relays of many widths, whose weights are a guess: its memory a stretched time leaves and a
+    reversed one changes."""
     if follows_anything(mechanism) or mechanism.edges():
-        return True
+        return False
     table = run.table.iloc[:: max(1, len(run) // _ENOUGH)]
     reversed_ = table.iloc[::-1].assign(**{TIME: table[TIME].to_numpy()})
     tables = table, table.assign(**{TIME: 2.0 * table[TIME]}), reversed_
@@ -57,11 +62,6 @@ def leaves_jumps(mechanism: Mechanism, run: Recording) -> bool:
         return True
     alike = _ALIKE * float(np.linalg.norm(own - own.mean(axis=0)))
     return bool(np.linalg.norm(slow - own) <= alike < np.linalg.norm(back[::-1] - own))
-
-
-def is_loop(mechanism: Mechanism, run: Recording) -> bool:
-    """Whether it is a loop: a sum of relays of many widths, whose weights are a guess."""
-    return leaves_jumps(mechanism, run) and not (follows_anything(mechanism) or mechanism.edges())
 
 
 def leftovers(problem: Problem, mechanism: Mechanism) -> Array:

@@ -230,10 +230,11 @@ class Search:
                 return self._likenesses.setdefault(cause, found)
             left = None if follows_anything(mechanism) else leftovers(evidence.problem, mechanism)
             loop = is_loop(mechanism, run)
+            leaves = loop or follows_anything(mechanism) or bool(mechanism.edges())
             slow = not drivers or any(name.startswith("temperature_") for name in drivers)  # programmes come back as lines do
             for label, which in self._by_label.items():
                 other = evidence.candidates[which[0]].mechanism
-                wholly = follows_anything(other) and (leaves_jumps(mechanism, run) or (slow and not other.jumps()))
+                wholly = follows_anything(other) and (leaves or (slow and not other.jumps()))
                 if not wholly and not drivers & set(other.driver_columns(run)):
                     found[label] = LEFT_BY_JUMPS if left is None else max(BY_CHANCE, evidence.likeness(which, left))
                 elif other.edges() and loop:

@@ -95,11 +95,9 @@ def log_likelihood(rows: Rows, values: Array, half_step: float, noise: float, dw
 def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> float:
     """Where the likelihood, all paths summed, is largest: the top of a parabola through the best of a grid and its neighbours."""
     dwell_s = np.geomspace(DWELLS_S[0] / 2.0, DWELLS_S[-1] * 4.0, _FINE)
-    flip = _flip_probability(rows, dwell_s)
-    many = np.ones(_FINE)
-    _, log_likelihood = _smoothed(values[:, None] * many, half_step * many, noise * many, flip)
-    k = int(np.clip(np.argmax(log_likelihood), 1, _FINE - 2))
-    before, top, after = log_likelihood[k - 1 : k + 2]
+    found = log_likelihood(rows, values, half_step, noise, dwell_s.tolist())
+    k = int(np.clip(np.argmax(found), 1, _FINE - 2))
+    before, top, after = found[k - 1 : k + 2]
     bend = before - 2.0 * top + after
     shift = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
     return float(dwell_s[k] * (dwell_s[1] / dwell_s[0]) ** shift)

@@ -74,12 +74,14 @@ def clock_remarks(
     causes : mapping of Mechanism to ndarray, shape (n,)
         What each adds to the window means.
     """
+    if simulated is None or any(not is_gyro(one.compared) or one.taken_out for one in simulated.alignment):
+        return ()
     thermal = {
         cause: added
         for cause, added in causes.items()
         if any(name.startswith("temperature_") for name in cause.driver_columns(windows[0].full))
     }
-    if simulated is None or not thermal or any(not is_gyro(one.compared) or one.taken_out for one in simulated.alignment):
+    if not thermal:
         return ()
     slope = _courses([np.gradient(part.means(simulated.predict_deg_h(part.full)), part.middles_s) for part in windows])
     counts = np.cumsum([len(part.middles_s) for part in windows])

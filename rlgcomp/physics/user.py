@@ -164,8 +164,10 @@ def _ever_seen(usual: Mechanism) -> list[bool]:
     """Of each amplitude, whether its column is ever anything but zero: usual shapes or one at a bound, monitors of any size."""
     seen = np.zeros(len(usual.amplitude_parameters()), dtype=np.bool_)
     for form, scale in itertools.product(_forms(usual).values(), _SCALES):
+        if seen.all():
+            break
         trial = _trial(usual, scale)
-        if not seen.all() and _fault_on(form, trial) is None:
+        if _fault_on(form, trial) is None:
             with np.errstate(all="ignore"):
                 seen |= np.asarray(form.basis(trial) != 0.0).any(axis=0)
     return seen.tolist()
