@@ -66,7 +66,7 @@ if TYPE_CHECKING:
     from rlgcomp.allan.octaves import overlapping_deviation as overlapping_deviation
     from rlgcomp.calibration.file import Calibration as Calibration
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor as calibrate_scale_factor
-    from rlgcomp.calibration.triad.calibrate import calibrate_recordings as calibrate_recordings
+    from rlgcomp.calibration.triad.calibrate import calibrate_turntable as calibrate_turntable
     from rlgcomp.compensation.adaptation import adapt as adapt
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
@@ -126,8 +126,8 @@ _HOMES = {
     "allan_deviation": "allan.deviation",
     "analyse_noise": "allan.analysis",
     "angle_random_walk": "rotation.pipeline",
-    "calibrate_recordings": "calibration.triad.calibrate",
     "calibrate_scale_factor": "calibration.scale_factor_calibration",
+    "calibrate_turntable": "calibration.triad.calibrate",
     "Diagnosis": "diagnosis.result",
     "diagnose": "diagnosis.diagnose",
     "evaluate": "evaluation",

@@ -19,6 +19,7 @@ from rlgcomp.files import from_json
 from rlgcomp.recording import Recording
 
 REPORT: Final = "report.json"
+OF_A_UNIT: Final = "model"  # in the folder that a fleet writes for a unit
 _LARGEST_REPORT_BYTES: Final = 1 << 24
 
 
@@ -75,12 +76,22 @@ class Collection:
         By name.
     comparison : pandas.DataFrame
         One row a model and run; empty where no runs were given: `model`, `run`, `residual_std_deg_h`, `residual_rms_deg_h`,
-        `factor`, `in_interval`, `out_of_range`, `problem`.
+        `factor`, `in_interval`, `out_of_range`, `trained_on`, `problem`.
     """
 
     folder: Path
     entries: tuple[Entry, ...]
     comparison: pd.DataFrame
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Which runs prove nothing of which model."""
+        if self.comparison.empty:
+            return ()
+        seen = self.comparison[self.comparison["trained_on"]]
+        return tuple(
+            f"{row.model}: {row.run} was trained on, at least in part: what is left of it is no proof." for row in seen.itertuples()
+        )
 
     @property
     def refused(self) -> tuple[Entry, ...]:
@@ -98,11 +109,14 @@ class Collection:
             "folder": str(self.folder),
             "models": [dataclasses.asdict(entry) for entry in self.entries],
             "comparison": self.comparison.to_dict("records"),
+            "remarks": list(self.remarks),
         }
 
 
 def survey(folder: str | Path, runs: Sequence[Recording] = ()) -> Collection:
     """Verify every model in a folder, or the one that the folder is, and compare them on runs.
+
+    Models are the folder's own folders, or `model` in them, as a fleet writes it: that has its unit's name.
 
     Raises
     ------
@@ -112,10 +126,15 @@ def survey(folder: str | Path, runs: Sequence[Recording] = ()) -> Collection:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder} {'is no folder' if folder.exists() else 'does not exist'}; give a folder of models, or a model")
-    candidates = [folder] if _looks_like_one(folder) else sorted(path for path in folder.iterdir() if _looks_like_one(path))
+    children = [folder] if _looks_like_one(folder) else sorted(folder.iterdir())
+    places = [child if _looks_like_one(child) else child / OF_A_UNIT for child in children]
+    candidates = [place for place in places if _looks_like_one(place)]
     if not candidates:
-        raise InputError(f"{folder} holds no model: no folder in it has {MANIFEST} and {SUMS}; train one with rlgcomp train")
-    looked_at = [_entry(path) for path in candidates]
+        raise InputError(
+            f"{folder} holds no model: no folder in it, nor {OF_A_UNIT} in one, has {MANIFEST} and {SUMS}; "
+            "train one with rlgcomp train"
+        )
+    looked_at = [_entry(place, of_a_unit=place.parent in children) for place in candidates]
     compared = [_on_run(entry.name, model, run) for entry, model in looked_at if model is not None for run in runs]
     return Collection(folder, tuple(entry for entry, _ in looked_at), pd.DataFrame(compared))
 
@@ -124,12 +143,14 @@ def _looks_like_one(path: Path) -> bool:
     return path.is_dir() and ((path / MANIFEST).exists() or (path / SUMS).exists())
 
 
-def _entry(path: Path) -> tuple[Entry, Compensator | None]:
-    name = printable(path.name)
+def _entry(path: Path, *, of_a_unit: bool) -> tuple[Entry, Compensator | None]:
+    """What there is to say of a model, with the code in its folder or beside it in its unit's."""
+    name = printable(path.parent.name if of_a_unit else path.name)
+    beside = path.parent.glob(f"*/{REPORT}") if of_a_unit else ()
     try:
         model = load(path)
         sha256 = identity(path)
-        code = tuple(_code(report, sha256) for report in sorted(path.glob(f"*/{REPORT}")))
+        code = tuple(_code(report, sha256) for report in sorted([*path.glob(f"*/{REPORT}"), *beside]))
     except InputError as error:
         return Entry(name, printable(str(error))), None
     rmse, form = model.selection_.rmse, model.form_
@@ -168,8 +189,9 @@ def _on_run(name: str, model: Compensator, run: Recording) -> dict[str, Any]:
     try:
         (result,) = evaluate(model, [run], compare=False).runs
     except InputError as error:
-        return {"model": name, "run": run.name, **nothing, "problem": printable(str(error))}
-    return {"model": name, "run": run.name, **{key: getattr(result, key) for key in nothing}, "problem": ""}
+        return {"model": name, "run": run.name, **nothing, "trained_on": False, "problem": printable(str(error))}
+    found = {key: getattr(result, key) for key in (*nothing, "trained_on")}
+    return {"model": name, "run": run.name, **found, "problem": ""}
 
 
 def printable(text: str) -> str:

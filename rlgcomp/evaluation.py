@@ -17,7 +17,7 @@ import pandas as pd
 from rlgcomp.allan.deviation import AllanDeviation, allan_deviation
 from rlgcomp.comparison import comparison_table, correlation_table
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.rows import rows
+from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording, rate_name
 
@@ -25,6 +25,8 @@ Array = npt.NDArray[np.float64]
 BLOCK_S: Final = 3600.0  # of the block bootstrap: longer than the memory of chamber and noise
 DRAWS: Final = 2000
 OFTEN_OUT_OF_RANGE: Final = 0.01
+ROUNDED: Final = 0.01  # of the averaging time, and of how neighbouring averages differ: files of one run differ by less
+FEWEST_COMMON: Final = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +51,8 @@ class RunResult:
         Share of samples flagged.
     in_interval : float
         Share of averages within the interval about the estimated bias, which promises 90 %.
+    trained_on : bool
+        Averages of it are among those that the compensation was trained on.
     """
 
     run: str
@@ -63,6 +67,7 @@ class RunResult:
     factor_high: float
     out_of_range: float
     in_interval: float
+    trained_on: bool
 
     @property
     def floor_ratio(self) -> float:
@@ -134,10 +139,19 @@ class Evaluation:
         return _pooled([run.noise_floor_deg_h for run in self.runs])
 
     @property
+    def held_out(self) -> bool:
+        """Whether none of the runs was trained on, as far as their averages tell."""
+        return not any(run.trained_on for run in self.runs)
+
+    @property
     def remarks(self) -> tuple[str, ...]:
-        """What a careful reader would say of these results, in sentences: where nothing was gained, and what stands in the way."""
+        """What a careful reader would say of these results, in sentences: what is no proof, where nothing was gained, and what
+        stands in the way.
+        """
         said = []
         for run in self.runs:
+            if run.trained_on:
+                said.append(f"{run.run} was trained on, at least in part: what is left of it is no proof.")
             if run.factor_low <= 1.0:
                 said.append(
                     f"{run.run}: no gain in stability can be claimed; the 95 % interval of the factor, {run.factor_low:.2f} to "
@@ -198,7 +212,7 @@ class Evaluation:
 
 
 def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bool = True, n_jobs: int = 1) -> Evaluation:
-    """Evaluate a compensation on runs it was not trained on.
+    """Evaluate a compensation on runs it was not trained on; of one that it was trained on that is said.
 
     Parameters
     ----------
@@ -239,7 +253,8 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
     rate = run.rate_deg_h(compensator.gyro)
     allan_raw = allan_deviation(rate[samples], run.time_s[samples])
     allan_residual = allan_deviation((rate - predicted["bias_deg_h"].to_numpy())[samples], run.time_s[samples])
-    noise = rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro).noise_deg_h
+    own = rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro)
+    noise = own.noise_deg_h
     floor = float(np.std(noise, ddof=1)) if noise is not None else allan_residual.white_noise_deg_h(compensator.averaging_s)
     factor, low, high = improvement(raw, residual, block=round(BLOCK_S / compensator.averaging_s))
     result = RunResult(
@@ -255,12 +270,23 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
         factor_high=high,
         out_of_range=float(predicted["out_of_range"][samples].mean()),
         in_interval=float((np.abs(residual) <= averaged.column("half_width_deg_h")).mean()),
+        trained_on=any(_same_run(own, part, compensator.averaging_s) for part in compensator.training_),
     )
     try:
         temperature = averaged.column(run.temperature_column)
     except InputError:
         temperature = None
     return result, Trace(run.name, averaged.time_s, raw, bias, temperature, allan_raw, allan_residual)
+
+
+def _same_run(one: Rows, other: Rows, averaging_s: float) -> bool:
+    """Whether most averages at common times are the same, were they rounded; at the edges of a part they may differ."""
+    at, at_too = (np.round(part.time_s / (ROUNDED * averaging_s)) for part in (one, other))
+    _, ours, theirs = np.intersect1d(at, at_too, return_indices=True)
+    if len(ours) < FEWEST_COMMON:
+        return False
+    apart = np.median(np.abs(one.y_deg_h[ours] - other.y_deg_h[theirs]))
+    return bool(apart <= ROUNDED * np.median(np.abs(np.diff(one.y_deg_h))) > 0.0)
 
 
 def improvement(raw: Array, residual: Array, *, block: int, seed: int = 0) -> tuple[float, float, float]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
+import fnmatch
 import hashlib
 import json
 import math
@@ -10,7 +12,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +22,7 @@ from rlgcomp.errors import InputError
 
 _EXPONENT: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]\d+$")  # as 6e-06, which YAML 1.1 takes for text
 _MOST_DIGITS: Final = 300  # of a whole number that a float can hold
+_TOLD: Final = 5  # names in a message
 
 
 @contextlib.contextmanager
@@ -50,17 +53,24 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def whole_folder(path: str | Path, *, ours: str) -> Iterator[Path]:
+def whole_folder(path: str | Path, *, writes: Sequence[str]) -> Iterator[Path]:
     """Yield a scratch folder that becomes `path` only if the block ends without an exception; missing parents are made.
 
-    An existing folder is replaced only when it is empty or holds the file named `ours`, that is, when an earlier run made it.
+    An existing folder is replaced only when it is empty, or an earlier run made it and nothing else was put into it since.
+
+    Parameters
+    ----------
+    path : path
+    writes : sequence of str
+        Names of all files that are written there, as patterns of :mod:`fnmatch`, `folder/name` for those further in. The first is
+        that of a file which is always written: it tells that an earlier run made the folder.
 
     Raises
     ------
     InputError
         As :func:`require_folder`.
     """
-    require_folder(path, ours=ours)
+    require_folder(path, writes=writes)
     place = Path(path).resolve()  # what a link points to is replaced, not the link
     missing = [parent for parent in place.parents if not parent.exists()]
     try:
@@ -73,6 +83,7 @@ def whole_folder(path: str | Path, *, ours: str) -> Iterator[Path]:
         yield scratch
         scratch.chmod(0o777 & ~_umask())
         if place.exists():
+            require_folder(path, writes=writes)  # the work may have taken hours
             retired = Path(tempfile.mkdtemp(prefix=f".{place.name}.old.", dir=place.parent))
             os.replace(place, retired)
             os.replace(scratch, place)
@@ -91,7 +102,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def to_json(value: Any, *, indent: int | None = 2) -> str:
-    """JSON text of plain data and numpy values. What is not a finite number becomes null: JSON has no NaN."""
+    """JSON text of plain data, numpy values and dates. What is not a finite number becomes null: JSON has no NaN."""
     return json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
 
 
@@ -170,6 +181,8 @@ def _plain(value: Any) -> Any:
         return value if np.isfinite(value) else None
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, datetime.date):
+        return value.isoformat()
     return value
 
 
@@ -187,27 +200,65 @@ def require_writable(path: str | Path) -> None:
     _require_access(parent, path)
 
 
-def require_folder(path: str | Path, *, ours: str) -> None:
+def require_folder(path: str | Path, *, writes: Sequence[str]) -> None:
     """Raise unless :func:`whole_folder` could write a folder of this name: said before the work, not after it.
 
     Raises
     ------
     InputError
-        No folder can be made there, or `path` exists and is neither empty nor a folder with the file named `ours`.
+        No folder can be made there, or `path` exists and is neither empty nor what an earlier run left.
     """
     try:
         place = Path(path).resolve()
         standing = next(folder for folder in (place, *place.parents) if folder.exists())
-        replaceable = standing != place or (place.is_dir() and ((place / ours).exists() or not any(place.iterdir())))
+        replaceable = standing != place or (place.is_dir() and ((place / writes[0]).exists() or not any(place.iterdir())))
     except (OSError, RuntimeError) as error:  # a name too long, a folder that may not be read, links in a circle
         raise InputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}; give another place") from None
     if not replaceable:
-        raise InputError(f"{path} exists and holds no {ours}, so it is left untouched; give another name, or remove it first")
+        raise InputError(f"{path} exists and holds no {writes[0]}, so it is left untouched; give another name, or remove it first")
+    if standing == place and (foreign := _foreign(place, [tuple(name.split("/")) for name in writes])):
+        more = f" and {len(foreign) - _TOLD} more" if len(foreign) > _TOLD else ""
+        raise InputError(
+            f"{path} holds {', '.join(foreign[:_TOLD])}{more}, which an earlier run did not write and which would be lost; "
+            "give another name, or move what is to be kept"
+        )
     if standing == place and Path.cwd().is_relative_to(place):
         raise InputError(f"{path} is the folder you are in, which cannot be replaced; give the name of a folder to write")
     if standing != place and not standing.is_dir():
         raise InputError(f"cannot write {path}: {standing} is no folder; give another place")
     _require_access(place.parent if standing == place else standing, path)
+
+
+def require_apart(folder: str | Path, *files: str | Path) -> None:
+    """Raise where a file that is read lies in a folder that is to be replaced; a file that does not exist does not.
+
+    Raises
+    ------
+    InputError
+        It does.
+    """
+    place = os.path.realpath(folder)
+    for file in files:
+        there = os.path.exists(file)  # noqa: PTH110  Path.exists raises where a name is too long
+        if there and Path(os.path.realpath(file)).is_relative_to(place):
+            raise InputError(f"{file} lies in {folder}, which is to be replaced; give another name, or move it first")
+
+
+def _foreign(folder: Path, writes: Sequence[tuple[str, ...]]) -> list[str]:
+    """What stands in a folder and has none of these names, each given as its parts; a folder none of whose files has one is one."""
+    found: list[str] = []
+    try:
+        there = sorted(folder.iterdir())
+    except OSError as error:
+        raise InputError(f"cannot read {folder}: {error.strerror or error}; give another place") from None
+    for path in there:
+        parts = [name for name in writes if fnmatch.fnmatchcase(path.name, name[0])]
+        further_in = [name[1:] for name in parts if len(name) > 1]
+        if path.is_dir() and not path.is_symlink() and further_in:
+            found += [f"{path.name}/{name}" for name in _foreign(path, further_in)]
+        elif path.is_dir() or len(parts) == len(further_in):
+            found.append(path.name)
+    return found
 
 
 def _require_access(folder: Path, path: str | Path) -> None:

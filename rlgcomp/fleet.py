@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import glob
 import hashlib
 import json
 import time
@@ -18,8 +19,10 @@ from typing import Any, Final
 
 import pandas as pd
 
+from rlgcomp import __version__
 from rlgcomp.errors import InputError
-from rlgcomp.files import sha256, to_json, whole_folder, write_json, write_text
+from rlgcomp.files import require_apart, sha256, to_json, whole_folder, write_json, write_text
+from rlgcomp.formats import sidecar
 from rlgcomp.workers import DIED, spread
 
 NOTE: Final = "unit.json"
@@ -200,13 +203,16 @@ def train_unit(
 def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
     """A task: what the unit's simulator is missing."""
     from rlgcomp.diagnosis.diagnose import diagnose
+    from rlgcomp.diagnosis.held_out import told_apart
     from rlgcomp.formats import read
     from rlgcomp.simulation.simulator import Simulator
 
     if unit.simulator is None:
         raise InputError(f"unit {unit.name} has no simulator; name its file in the table's column simulator")
     simulator = Simulator.from_yaml(unit.simulator)
-    found = diagnose(simulator, [read(path) for path in unit.train], [read(path) for path in unit.test], seed=seed)
+    paths = [*unit.train, *unit.test]
+    runs = told_apart([str(path) for path in paths], [read(path) for path in paths])
+    found = diagnose(simulator, runs[: len(unit.train)], runs[len(unit.train) :], seed=seed)
     found = found.of_files(unit.train, unit.test)
     found.save(folder)
     found.report(folder / "report.html")
@@ -220,9 +226,17 @@ def _attempt(task: Task, out: Path, unit: Unit) -> Outcome:
     """Do one unit's task; nothing that happens in it goes further than its outcome."""
     began = time.perf_counter()
     try:
-        with whole_folder(out / unit.name, ours=NOTE) as folder:
+        place = out / unit.name
+        require_apart(place, *unit.files)
+        with whole_folder(place, writes=_written(task, place)) as folder:
             result = dict(task(unit, folder))
-            note = {"made_from": _fingerprint(task, unit), "seconds": time.perf_counter() - began, "result": result}
+            note = {
+                "made_from": _fingerprint(task, unit),
+                "task": _name_of(task),
+                "files": sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()),
+                "seconds": time.perf_counter() - began,
+                "result": result,
+            }
             write_text(folder / NOTE, to_json(note) + "\n")
     except InputError as error:
         return Outcome(unit.name, "failed", time.perf_counter() - began, message=str(error))
@@ -242,14 +256,31 @@ def _kept(task: Task, unit: Unit, out: Path) -> Outcome | None:
     return None
 
 
+def _written(task: Task, place: Path) -> tuple[str, ...]:
+    """Files that an earlier run of the same task wrote for a unit, its note the first."""
+    try:
+        note = json.loads((place / NOTE).read_text(encoding="utf-8"))
+        files = tuple(map(glob.escape, note["files"])) if note["task"] == _name_of(task) else ()
+    except (OSError, ValueError, KeyError, TypeError):
+        files = ()
+    return (NOTE, *files)
+
+
+def _name_of(task: Task) -> str:
+    function = task.func if isinstance(task, functools.partial) else task
+    return f"{function.__module__}.{function.__qualname__}"
+
+
 def _fingerprint(task: Task, unit: Unit) -> str:
-    """What a unit's result depends on: the task as it was set, and the files' names and contents."""
-    function, settings = (task.func, task.keywords) if isinstance(task, functools.partial) else (task, {})
-    digest = hashlib.sha256(f"{function.__module__}.{function.__qualname__} {sorted(settings.items())!r}".encode())
+    """What a unit's result depends on: the package, the task as it was set, names and contents of files and of what is beside."""
+    settings = task.keywords if isinstance(task, functools.partial) else {}
+    digest = hashlib.sha256(f"{__version__} {_name_of(task)} {sorted(settings.items())!r}".encode())
     for group in (unit.train, unit.test, () if unit.simulator is None else (unit.simulator,)):
         digest.update(b"|")
         for path in group:
             digest.update(f"{path.name} {sha256(path)} ".encode())
+            if (beside := sidecar(path)).is_file():
+                digest.update(f"{beside.name} {sha256(beside)} ".encode())
     return digest.hexdigest()
 
 

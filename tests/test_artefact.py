@@ -429,3 +429,12 @@ def test_two_forms_are_kept_with_card_and_code() -> None:
         assert (path / "card.md").is_file()
         (header,) = (path / "c").glob("*.h")
         assert f'MODEL_SHA256 "{identity(path)}"' in header.read_text()
+
+
+def test_a_run_with_a_date_beside_it_is_trained_on_and_kept(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    rlg.write(short_runs[0], tmp_path / "run.csv")
+    (tmp_path / "run.yaml").write_text("recorded: 2024-03-01\nnotes: second bake, fan off\n")
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit([rlg.read(tmp_path / "run.csv")])
+    model.save(tmp_path / "model")
+    (run,) = rlg.load(tmp_path / "model").provenance_
+    assert run["notes"] == {"notes": "second bake, fan off", "recorded": "2024-03-01"}

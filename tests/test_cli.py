@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import json
 import os
@@ -263,6 +264,62 @@ def test_no_arguments_make_a_traceback(tmp_path: Path, words: list[str], command
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulate", "{tmp}/gyro.yaml", "--out", "{tmp}/gyro.csv"),
+        ("predict", "{tmp}/gyro.yaml", "{run}", "--out", "{tmp}/gyro.csv"),
+        ("compensate", "{model}", "{run}", "--out", "{tmp}/gyro.csv.gz"),
+    ],
+)
+def test_a_simulator_file_is_not_written_over(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    shutil.copy(folder / "gyro.yaml", tmp_path / "gyro.yaml")
+    monkeypatch.setattr(rlg.Simulator, "from_yaml", lambda *given: pytest.fail("refused after the work began"))
+    places = {"run": folder / "run1.parquet", "model": folder / "model", "tmp": tmp_path}
+    said = refused(*(argument.format(**places) for argument in arguments))
+    assert "exists and is no recording's metadata that was written here: it holds mechanisms, noise; give another name" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["gyro.yaml"]
+    assert (tmp_path / "gyro.yaml").read_text() == SIMULATOR
+
+
+def test_a_command_replaces_what_it_wrote_and_nothing_else(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "model", tmp_path / "a" / "model")
+    shutil.copy(folder / "run3.parquet", tmp_path / "a" / "run3.parquet")
+    model, report = tmp_path / "a" / "model", tmp_path / "report"
+    train = ("train", folder / "run1.parquet", folder / "run2.parquet", "--model", "cubic", "--out", model, "--export", model / "c")
+    evaluate = ("evaluate", model, tmp_path / "a" / "run3.parquet", "--no-comparison", "--out")
+    for _ in range(2):
+        for command in (train, (*evaluate, report), ("export", model, "--to", "c", "--out", tmp_path / "c")):
+            done = run(*command)
+            assert done.exit_code == 0, done.output
+    (report / "notes.txt").write_text("years of work")
+    (model / "c" / "main.c").write_text("int main(void) { return 0; }")
+    (tmp_path / "c" / "main.c").write_text("int main(void) { return 0; }")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert "holds notes.txt, which an earlier run did not write" in refused(*evaluate, report)
+    assert "holds main.c, which" in refused(*train)
+    assert "holds c, which" in refused(*train[:-2])
+    assert "holds main.c, which" in refused("export", model, "--to", "c", "--out", tmp_path / "c")
+    assert "which an earlier run did not write" in refused("export", model, "--to", "onnx", "--out", tmp_path / "c")
+    assert "left untouched" in refused(*evaluate, tmp_path / "a")
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_what_a_command_reads_is_not_replaced(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "model"
+    shutil.copytree(folder / "model", out)
+    shutil.copy(folder / "run1.parquet", out / "card.md")  # a name that `train` writes
+    (tmp_path / "link.parquet").symlink_to(out / "card.md")
+    for recording in (out / "card.md", f"{out / 'card.md'}@0:600", tmp_path / "link.parquet"):
+        said = refused("train", folder / "run2.parquet", recording, "--out", out)
+        assert f"{str(recording).removesuffix('@0:600')} lies in {out}, which is to be replaced" in said
+    assert "lies in" in refused("train", folder / "run1.parquet", "--adapt", out, "--out", out)
+    inside = ("--out", tmp_path / "code" / "model", "--export", tmp_path / "code")
+    assert "give two folders" in refused("train", folder / "run1.parquet", *inside)
+
+
 def test_a_fault_of_ours_ends_with_1_and_no_traceback(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rlgcomp.inspection.summarise", lambda recording: 1 / 0)
     result = run("inspect", folder / "run1.parquet")
@@ -357,6 +414,11 @@ def test_demo_quick(tmp_path: Path) -> None:
     again = run("demo", "--quick", "--out", tmp_path / "demo")  # its own folder may be made again
     assert again.exit_code == 0, again.output
     assert told["diagnosis"]["sentence"] in " ".join(again.stdout.split())
+    recording = tmp_path / "demo" / "held-out.parquet"
+    said = refused("evaluate", tmp_path / "demo" / "model", recording, "--out", tmp_path / "demo")
+    assert "holds diagnosis, held-out.parquet, model, simulator.yaml, train-1.parquet and 1 more, which" in said
+    (tmp_path / "demo" / "model" / "c").mkdir()
+    assert "holds model/c, which an earlier run did not write" in refused("demo", "--quick", "--out", tmp_path / "demo")
 
 
 def test_demo_leaves_other_folders_alone(tmp_path: Path) -> None:
@@ -405,6 +467,87 @@ def test_raw_pulses_are_calibrated_on_the_way_in(tmp_path: Path, short_runs: lis
         assert refused.exit_code == 2, refused.output
         assert message in refused.output
         assert not (tmp_path / "e").exists()
+
+
+@pytest.mark.parametrize("known", [None, 0.8], ids=["size unknown", "size known"])
+def test_one_gyros_calibration_is_applied_to_that_of_several(
+    tmp_path: Path, short_runs: list[rlg.Recording], known: float | None
+) -> None:
+    """--gyro, or the model's own gyro, says which; both of its names are understood, and the others stay as they are."""
+    (tmp_path / "k.json").write_text('{"schema": "rlgcomp.calibration/1", "kind": "gyro", "pulse_arcsec": 0.8}')
+    for name, recording in zip(("a", "b"), short_runs, strict=False):
+        table = recording.table
+        pulses = table.pop("gyro_deg_h") * recording.period_s / 0.8
+        table = table.assign(gyro_x_pulses=pulses, gyro_y_pulses=2.0 * pulses)
+        imu = recording.replace(table=table, truth=None, metadata=dataclasses.replace(recording.metadata, pulse_arcsec=known))
+        rlg.write(imu, tmp_path / f"{name}.parquet")
+        rlg.write(imu, tmp_path / f"{name}.csv")
+        rlg.write(imu.replace(table=table.drop(columns="gyro_y_pulses")), tmp_path / f"{name}-alone.parquet")
+    calibrated = ["--calibration", tmp_path / "k.json"]
+    train = ["--model", "cubic", "--features", "temperature", *calibrated]
+    found = []
+    for model, file, gyro in (
+        ("pulses", "a", ["--gyro", "gyro_x_pulses"]),
+        ("rate", "a", ["--gyro", "gyro_x_deg_h"]),
+        ("alone", "a-alone", []),
+    ):
+        done = run("train", tmp_path / f"{file}.parquet", *gyro, *train, "--out", tmp_path / model)
+        assert done.exit_code == 0, done.output
+        out = tmp_path / f"{model}.parquet"
+        done = run("compensate", tmp_path / model, tmp_path / "b.parquet", *calibrated, "--out", out)
+        assert done.exit_code == 0, done.output
+        found.append(rlg.read(out))
+    assert found[0].gyro_columns == ("gyro_x_deg_h", "gyro_y_pulses")
+    assert found[0].metadata.pulse_arcsec == known
+    raw = rlg.read(tmp_path / "b.parquet")
+    assert (found[0].column("gyro_y_pulses") == raw.column("gyro_y_pulses")).all()
+    for other in found[1:]:
+        pd.testing.assert_frame_equal(other.table, found[0].table)
+    followed = run(
+        "compensate",
+        tmp_path / "rate",
+        tmp_path / "b.csv",
+        "--follow",
+        "--idle-s",
+        0,
+        "--period-s",
+        5,
+        *calibrated,
+        "--out",
+        tmp_path / "f.csv",
+    )
+    assert followed.exit_code == 0, followed.output
+    stream = pd.read_csv(tmp_path / "f.csv")
+    assert list(stream.columns) == list(found[0].columns)
+    assert stream["gyro_x_deg_h"].to_numpy() == pytest.approx(found[0].column("gyro_x_deg_h"), rel=1e-12)
+    assert stream["gyro_y_pulses"].to_numpy() == pytest.approx(raw.column("gyro_y_pulses"), rel=1e-12)
+    done = run("evaluate", tmp_path / "rate", tmp_path / "b.parquet", *calibrated, "--no-comparison", "--out", tmp_path / "e")
+    assert done.exit_code == 0, done.output
+    done = run("export", tmp_path / "rate", "--test", tmp_path / "b.parquet", *calibrated, "--out", tmp_path / "c")
+    assert done.exit_code == 0, done.output
+    text = " ".join(refused("train", tmp_path / "a.parquet", *train, "--out", tmp_path / "m").split())
+    assert "none was chosen; choose with --gyro COLUMN, or leave the others out with --drop COLUMN" in text
+    table = raw.table.rename(columns={"gyro_x_pulses": "gyro_z_pulses"})
+    rlg.write(raw.replace(table=table), tmp_path / "zy.parquet")
+    text = " ".join(
+        refused("compensate", tmp_path / "rate", tmp_path / "zy.parquet", *calibrated, "--out", tmp_path / "o.csv").split()
+    )
+    assert "'gyro_x_deg_h' is not among them; choose with --gyro COLUMN, or name one so with --map gyro_x_deg_h=" in text
+
+
+def test_a_diagnosis_takes_one_gyros_calibration_too(tmp_path: Path, short_runs: list[rlg.Recording]) -> None:
+    (tmp_path / "k.json").write_text('{"schema": "rlgcomp.calibration/1", "kind": "gyro", "pulse_arcsec": 0.8}')
+    (tmp_path / "gyro.yaml").write_text("kind: chamber\nmechanisms: []\n")
+    recording = short_runs[0]
+    table = recording.table
+    pulses = table.pop("gyro_deg_h") * recording.period_s / 0.8
+    table = table.assign(gyro_x_pulses=pulses, gyro_y_pulses=0.0 * pulses + np.arange(len(pulses)) % 7)
+    rlg.write(recording.replace(table=table, truth=None), tmp_path / "imu.parquet")
+    given = ["--simulator", tmp_path / "gyro.yaml", "--train", tmp_path / "imu.parquet", "--out", tmp_path / "d", "--json"]
+    done = run("diagnose", *given, "--gyro", "gyro_x_pulses", "--calibration", tmp_path / "k.json")
+    assert done.exit_code == 0, done.output
+    assert "gyro_x_deg_h" in done.stdout
+    assert "gyro_y" not in done.stdout
 
 
 @pytest.mark.parametrize("interval", ["500:100", "1e6:", ":-5"])

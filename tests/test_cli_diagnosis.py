@@ -209,15 +209,6 @@ WRONG = {
     "no function": (["--simulator", "{files}/my_sim.py", "--train", RUN0], "has no function ''; it has gyro"),
     "both": (["--simulator", "{files}/my_sim.py:gyro", "--simulated", RUN0, "--train", RUN0], "give one of them"),
     "run is not there": (["--simulator", SIM, "--train", "nowhere.parquet"], "nowhere.parquet"),
-    "trained on and held out": (["--simulator", SIM, "--train", RUN0, RUN1, "--test", RUN1], "both to train and to test"),
-    "a run given twice": (
-        ["--simulator", "{files}/sim.yaml", "--train", "{files}/run0.parquet", "{files}/run0.parquet"],
-        "twice to train",
-    ),
-    "parts overlap": (
-        ["--simulator", SIM, "--train", f"{RUN0}@0:6000", "--test", f"{RUN0}@5000:12000"],
-        "both to train and to test",
-    ),
     "too few simulations": (["--simulated", "{files}/sim0.parquet", "--train", RUN0, RUN1], "1 simulated runs for 2 recordings"),
     "averaging": (["--simulator", SIM, "--train", RUN0, "--averaging-s", "-5"], "must be positive"),
     "averaging without end": (["--simulator", SIM, "--train", RUN0, "--averaging-s", "inf"], "must be positive and finite"),
@@ -249,12 +240,42 @@ def test_bad_input_ends_with_one_message(files: Path, engine: dict, tmp_path: Pa
     assert not list(tmp_path.iterdir())
 
 
+TWICE = {
+    "trained on and held out": (["--train", RUN0, RUN1, "--test", RUN1], "run1.parquet (3) is given both to train and to test"),
+    "a run given twice": (["--train", RUN0, RUN0], "run0.parquet (1) is given twice to train"),
+    "parts overlap": (["--train", f"{RUN0}@0:6000", "--test", f"{RUN0}@5000:12000"], "is given both to train and to test"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), TWICE.values(), ids=TWICE)
+def test_the_engine_refuses_a_run_given_twice(files: Path, tmp_path: Path, arguments: list[str], message: str) -> None:
+    given = [argument.format(files=files) for argument in ["--simulator", SIM, *arguments]]
+    done = run("diagnose", *given, "--out", tmp_path / "out")
+    assert done.exit_code == 2, done.output
+    assert message in " ".join(done.output.split())
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_folder_of_something_else_is_refused_before_the_work(files: Path, engine: dict, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("1")
     done = run("diagnose", "--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--out", tmp_path)
     assert done.exit_code == 2, done.output
     assert "left untouched" in done.output
     assert not engine
+
+
+@pytest.mark.parametrize("simulator", ["augmented.yaml", "report.html:gyro"])
+def test_a_diagnosis_does_not_replace_its_own_simulator(files: Path, engine: dict, tmp_path: Path, simulator: str) -> None:
+    out = tmp_path / "out"
+    done = run("diagnose", "--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--out", out)
+    assert done.exit_code == 0, done.output
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    engine.clear()
+    done = run("diagnose", "--simulator", out / simulator, "--train", files / "run0.parquet", "--out", out)
+    assert done.exit_code == 2, done.output
+    assert f"{out / simulator.removesuffix(':gyro')} lies in {out}, which is to be replaced" in done.output
+    assert not engine
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
 def test_what_is_wrong_with_a_mechanism_is_said(files: Path, engine: dict, tmp_path: Path) -> None:

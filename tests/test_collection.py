@@ -58,6 +58,22 @@ def test_it_compares_on_a_run(folder: Path, tmp_path: Path) -> None:
     assert first["residual_std_deg_h"] == rlg.evaluate(rlg.load(folder / first["model"]), [run], compare=False).residual_std_deg_h
 
 
+def test_a_run_that_one_was_trained_on_is_remarked(
+    trained: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path
+) -> None:
+    trained.save(tmp_path / "kept" / "own")
+    for run in short_runs[1:]:
+        rlg.write(run, tmp_path / f"{run.name}.parquet")
+    given = [tmp_path / f"{run.name}.parquet" for run in short_runs[1:]]
+    code, out, _ = models(tmp_path / "kept", "--on", *given, "--json")
+    assert code == 0
+    content = json.loads(out)
+    assert [row["trained_on"] for row in content["comparison"]] == [True, False]
+    (remark,) = content["remarks"]
+    assert remark == "own: short-2 was trained on, at least in part: what is left of it is no proof."
+    assert f"- {remark}" in models(tmp_path / "kept", "--on", *given)[1]
+
+
 def test_a_damaged_one_is_named_and_the_others_are_shown(folder: Path) -> None:
     with (folder / "simulated-unit-2" / "arrays" / "mean.npy").open("ab") as stream:
         stream.write(b"x")
@@ -100,3 +116,23 @@ def test_what_holds_no_model_is_refused(tmp_path: Path) -> None:
 
 def test_one_model_is_a_collection_of_one(folder: Path) -> None:
     assert [entry.name for entry in survey(folder / "simulated-unit-2").entries] == ["simulated-unit-2"]
+
+
+def test_models_of_a_fleet_have_the_names_of_their_units(folder: Path, tmp_path: Path) -> None:
+    """A fleet writes UNIT/model, with code exported into the model or beside it."""
+    fleet = tmp_path / "fleet"
+    for unit, code in (("gyro-1", "model/c"), ("gyro-2", "c")):
+        shutil.copytree(folder / "simulated-unit-1", fleet / unit / "model", ignore=shutil.ignore_patterns("c"))
+        shutil.copytree(folder / "simulated-unit-1" / "c", fleet / unit / code)
+    shutil.copytree(folder / "simulated-unit-2", fleet / "single")
+    shutil.copytree(folder / "simulated-unit-2", fleet / "single" / "model")  # in a model, so none of its own
+    (fleet / "fleet.json").write_text("[]")
+    found = survey(fleet)
+    assert [entry.name for entry in found.entries] == ["gyro-1", "gyro-2", "single"]
+    assert [entry.code for entry in found.entries] == [("c",)] * 3
+    assert not found.refused
+    (fleet / "gyro-2" / "model" / "manifest.json").unlink()
+    code, out, err = models(fleet)
+    assert code == 2
+    assert "gyro-1" in out
+    assert "gyro-2: " in err

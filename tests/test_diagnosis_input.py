@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis.held_out import require_held_out
 from rlgcomp.physics.user import require_computable, user_catalogue
 
 OWN = """
@@ -175,3 +176,26 @@ def test_a_held_out_run_without_the_column_of_a_cause_takes_no_part_in_the_proof
     assert found.test is not None
     assert [fit.run for fit in found.test.per_run] == ["run3"]
     assert rlg.diagnose(simulator, train, [blind], black_box=False).test is None
+
+
+def test_a_run_given_twice_is_refused_by_the_library(run: rlg.Recording) -> None:
+    with pytest.raises(rlg.InputError, match="is given both to train and to test, at least in part; give another run"):
+        rlg.diagnose(rlg.Simulator(), [run], [run])
+    with pytest.raises(rlg.InputError, match="is given twice to train"):
+        rlg.diagnose(rlg.Simulator(), [run, run.replace(name="other")])
+
+
+@pytest.mark.parametrize("step_s", [0.1, 1.0])
+def test_runs_of_one_programme_on_a_turntable_are_two(step_s: float) -> None:
+    """The table's rate, the same in both, is 1e5 times their noise."""
+    simulator = rlg.Simulator.from_mapping({"kind": "turntable", "noise": {"angle_random_walk_deg_sqrt_h": 5e-4}})
+    one, other = (simulator.simulate("rates", seed=seed, step_s=step_s, name=f"run{seed}") for seed in (1, 2))
+    require_held_out([one, other], [])
+    require_held_out([one], [other])
+    with pytest.raises(rlg.InputError, match="run1 is given both to train and to test"):
+        require_held_out([other, one], [one.between(100.0, 900.0)])
+
+
+def test_parts_that_share_a_few_rows_are_two(run: rlg.Recording) -> None:
+    middle = float(run.time_s[len(run) // 2])
+    require_held_out([run.between(0.0, middle + 5.0 * run.period_s)], [run.between(middle, float(run.time_s[-1]))])

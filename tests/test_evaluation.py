@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.cli.show import show_evaluation
 from rlgcomp.comparison import correlation_table
 from rlgcomp.evaluation import improvement
 from rlgcomp.files import to_json
 from rlgcomp.noise import NOISES
+from rlgcomp.report.page import render
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +98,30 @@ def test_everything_is_plain_json(evaluation: rlg.Evaluation) -> None:
     assert content["schema"] == "rlgcomp.evaluation/1"
     assert content["pooled"]["floor_ratio"] == pytest.approx(evaluation.residual_std_deg_h / evaluation.noise_floor_deg_h)
     assert len(content["traces"][0]["time_s"]) == evaluation.runs[0].windows
+
+
+def test_a_run_that_was_trained_on_is_said_to_be(
+    trained: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trained.save(tmp_path / "model")
+    known = short_runs[0]
+    rounded = known.replace(table=known.table.assign(gyro_deg_h=known.rate_deg_h().round(5)), name="rounded")
+    part = known.between(5010.0, 20000.0, name="part")
+    model = rlg.load(tmp_path / "model")
+    found = rlg.evaluate(model, [known, rounded, part, *short_runs[2:]], compare=False)
+    assert [run.trained_on for run in found.runs] == [True, True, False, False]  # what is cut off the grid cannot be told
+    assert rlg.evaluate(model, [known.between(5000.0, 20000.0)], compare=False).runs[0].trained_on
+    said = "short-1 was trained on, at least in part: what is left of it is no proof."
+    assert said in found.remarks
+    assert said in json.loads(to_json(found.to_mapping()))["remarks"]
+    assert not any("trained on" in remark for remark in rlg.evaluate(model, short_runs[2:], compare=False).remarks)
+    page = render(found, model)
+    assert said in page
+    assert "was not trained on" not in page
+    show_evaluation(found)
+    out = capsys.readouterr().out
+    assert said in out
+    assert "held out" not in out
 
 
 def test_nothing_to_evaluate_is_refused(trained: rlg.Compensator) -> None:

@@ -12,7 +12,6 @@ import pytest
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis import telegraph
 from rlgcomp.diagnosis.candidates import Candidate, candidates
 from rlgcomp.diagnosis.detect import _of_each, _of_many, _own_p_values, detect, tail_probability
 from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
@@ -180,45 +179,6 @@ def test_stated_noise_is_believed_but_not_blindly() -> None:
     wandering, log_share = unrecorded_cause(stated)
     assert {(noise.flicker, noise.walk) for noise in wandering} == {(stated.flicker, stated.walk)}
     assert np.exp(log_share).sum() == pytest.approx(1.0)
-
-
-# --- jumps -----------------------------------------------------------------------------------------------------------------
-
-
-def test_forward_and_backward_are_the_sum_over_all_paths() -> None:
-    rng = np.random.default_rng(8)
-    n, step, noise, flip = 8, 0.9, 0.7, 0.2
-    values = rng.standard_normal(n)
-    mean, log_likelihood = telegraph._smoothed(
-        values[:, None], np.array([step]), np.array([noise]), np.r_[0.5, np.full(n - 1, flip)][:, None]
-    )
-    paths = np.array(list(itertools.product((1.0, -1.0), repeat=n)))
-    joint = np.array(
-        [
-            math.log(0.5)
-            + sum(math.log(flip if a != b else 1.0 - flip) for a, b in itertools.pairwise(path))
-            + stats.norm.logpdf(values, step * path, noise).sum()
-            for path in paths
-        ]
-    )
-    assert log_likelihood[0] == pytest.approx(np.logaddexp.reduce(joint), abs=1e-10)
-    weights = np.exp(joint - np.logaddexp.reduce(joint))
-    np.testing.assert_allclose(mean[:, 0], weights @ paths, atol=1e-10)
-    signs = telegraph._viterbi(values, step, noise, np.r_[0.5, np.full(n - 1, flip)])
-    np.testing.assert_array_equal(signs, paths[int(np.argmax(joint))])
-
-
-def test_a_path_of_jumps_is_found_and_noise_has_none_to_speak_of() -> None:
-    rng = np.random.default_rng(9)
-    rows = Rows(100.0 * np.arange(400), np.zeros(400, dtype=int), np.ones(400), 100.0)
-    smooth = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, 400), 4))[0]
-    signs = np.where(np.cumsum(rng.random(400) < 0.03) % 2, 1.0, -1.0)
-    path = telegraph.best_path(rows, 1.5 * signs + rng.standard_normal(400) + smooth[:, 0] * 20.0, smooth)
-    assert np.mean(path.signs == signs) > 0.93
-    assert path.half_step == pytest.approx(1.5, abs=0.15)
-    quiet = telegraph.best_path(rows, rng.standard_normal(400), smooth)
-    column = quiet.signs - smooth @ (smooth.T @ quiet.signs)
-    assert quiet.log_weight < -0.4 * float(column @ column) / 400.0 * 10.0
 
 
 # --- the null --------------------------------------------------------------------------------------------------------------

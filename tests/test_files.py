@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import math
 from collections.abc import Callable
@@ -21,9 +22,9 @@ def everything(folder: Path) -> set[str]:
 
 
 def test_missing_parents_of_a_folder_are_made_and_go_again_where_the_work_fails(tmp_path: Path) -> None:
-    with whole_folder(tmp_path / "a" / "b", ours="mine") as folder:
+    with whole_folder(tmp_path / "a" / "b", writes=("mine",)) as folder:
         (folder / "mine").write_text("1")
-    with pytest.raises(ZeroDivisionError), whole_folder(tmp_path / "a" / "c" / "d", ours="mine") as folder:
+    with pytest.raises(ZeroDivisionError), whole_folder(tmp_path / "a" / "c" / "d", writes=("mine",)) as folder:
         (folder / "mine").write_text(str(1 / 0))
     assert everything(tmp_path) == {"a", "a/b", "a/b/mine"}
 
@@ -34,11 +35,46 @@ def test_what_a_link_points_to_is_written(tmp_path: Path, target: str) -> None:
     (tmp_path / "made").mkdir()
     (tmp_path / "made" / "mine").write_text("0")
     (tmp_path / "link").symlink_to(tmp_path / target)
-    with whole_folder(tmp_path / "link", ours="mine") as folder:
+    with whole_folder(tmp_path / "link", writes=("mine",)) as folder:
         (folder / "mine").write_text("1")
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / target / "mine").read_text() == "1"
     assert not [name for name in everything(tmp_path) if name.startswith(".")]
+
+
+def test_what_an_earlier_run_wrote_is_replaced(tmp_path: Path) -> None:
+    for runs in ("ab", "b"):
+        with whole_folder(tmp_path / "out", writes=("mine", "[[]*.csv", "arrays/*.npy")) as folder:
+            (folder / "arrays").mkdir()
+            for name in ("mine", *(f"[{run}.csv" for run in runs), "arrays/x.npy"):
+                (folder / name).write_text(runs)
+    assert everything(tmp_path / "out") == {"mine", "[b.csv", "arrays", "arrays/x.npy"}
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "arrays/notes.txt", "sub/mine"])
+def test_what_is_put_in_during_the_work_is_kept(tmp_path: Path, name: str) -> None:
+    (tmp_path / "out" / "arrays").mkdir(parents=True)
+    (tmp_path / "out" / "mine").write_text("0")
+
+    def work() -> None:
+        with whole_folder(tmp_path / "out", writes=("mine", "arrays/*.npy")) as folder:
+            (folder / "mine").write_text("1")
+            (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
+            (tmp_path / "out" / name).write_text("mine")
+
+    with pytest.raises(InputError, match="would be lost"):
+        work()
+    assert (tmp_path / "out" / name).read_text() == "mine"
+    assert (tmp_path / "out" / "mine").read_text() == "0"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_many_foreign_names_are_told_in_short(tmp_path: Path) -> None:
+    for k in range(9):
+        (tmp_path / f"{k}.txt").touch()
+    (tmp_path / "mine").touch()
+    with pytest.raises(InputError, match=r"holds 0\.txt, 1\.txt, 2\.txt, 3\.txt, 4\.txt and 4 more, which"):
+        require_folder(tmp_path, writes=("mine",))
 
 
 def _full(folder: Path) -> Path:
@@ -57,8 +93,16 @@ def _here(folder: Path) -> Path:
     return folder / "here"
 
 
+def _with_notes(folder: Path) -> Path:
+    for name in ("mine", "notes.txt", "c/code.c", "pictures/a.png", "pictures/b.txt"):
+        (folder / "made" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "made" / name).write_text("1")
+    return folder / "made"
+
+
 REFUSED: dict[str, tuple[Callable[[Path], Path | str], str]] = {
     "holds something else": (_full, "holds no mine, so it is left untouched"),
+    "holds something else too": (_with_notes, r"holds c, notes\.txt, pictures/b\.txt, which an earlier run did not write"),
     "is a file": (_file, "holds no mine, so it is left untouched"),
     "below a file": (lambda folder: _file(folder) / "out", "file is no folder"),
     "name too long": (lambda folder: folder / ("x" * 300), "too long"),
@@ -75,8 +119,8 @@ def test_a_place_for_a_folder_is_refused_before_the_work(
         monkeypatch.chdir(tmp_path / "here")
     before = everything(tmp_path)
     with pytest.raises(InputError, match=message):
-        require_folder(path, ours="mine")
-    with pytest.raises(InputError, match=message), whole_folder(path, ours="mine"):
+        require_folder(path, writes=("mine", "pictures/*.png"))
+    with pytest.raises(InputError, match=message), whole_folder(path, writes=("mine", "pictures/*.png")):
         pass
     assert everything(tmp_path) == before
 
@@ -132,3 +176,8 @@ def test_text_that_is_no_json_is_a_value_error(text: str) -> None:
         from_json(text)
     with pytest.raises(json.JSONDecodeError):
         from_json("{'a': 1}")
+
+
+def test_dates_are_written_as_iso_text() -> None:
+    value = {"day": datetime.date(2024, 3, 1), "time": [datetime.datetime(2024, 3, 1, 10, 30)]}
+    assert from_json(to_json(value)) == {"day": "2024-03-01", "time": ["2024-03-01T10:30:00"]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -18,7 +19,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError
-from rlgcomp.fleet import NOTE, SUMMARY, Unit, read_fleet, run_fleet, train_unit
+from rlgcomp.fleet import NOTE, SUMMARY, Unit, diagnose_unit, read_fleet, run_fleet, train_unit
 
 register_commands()
 TRAIN = functools.partial(train_unit, model="cubic", features="temperature")
@@ -67,6 +68,52 @@ def test_what_is_done_is_kept_until_its_files_or_settings_change(units: list[Uni
     assert [one.state for one in run_fleet(other, healthy, tmp_path / "out")] == ["done", "done"]
     changed = [Unit("gyro-0", units[0].train[:1]), healthy[1]]
     assert [one.state for one in run_fleet(other, changed, tmp_path / "out")] == ["done", "kept"]
+
+
+def test_what_else_stands_in_a_units_folder_is_kept(units: list[Unit], tmp_path: Path) -> None:
+    out, unit = tmp_path / "out", units[0]
+    run_fleet(TRAIN, [unit], out)
+    other = functools.partial(train_unit, model="cubic", features="all")
+    (out / unit.name / "model" / "c").mkdir()
+    (out / unit.name / "model" / "c" / "model.c").write_text("code")
+    (one,) = run_fleet(other, [unit], out)
+    assert "holds model/c, which an earlier run did not write" in one.message
+    shutil.rmtree(out / unit.name / "model" / "c")
+    (one,) = run_fleet(always_dies, [unit], out)  # another task
+    assert "holds model, which an earlier run did not write" in one.message
+    inside = out / unit.name / "model" / "card.md"
+    (one,) = run_fleet(other, [Unit(unit.name, (*unit.train, inside))], out)
+    assert f"{inside} lies in {out / unit.name}" in one.message
+    assert [one.state for one in run_fleet(other, [unit], out)] == ["done"]
+
+
+def test_a_changed_yaml_or_package_is_no_longer_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,gyro_deg_h\n0,0.1\n")
+    fleet, out = [Unit("gyro-0", (path,))], tmp_path / "out"
+
+    def state() -> str:
+        (outcome,) = run_fleet(always_dies, fleet, out)
+        return outcome.state
+
+    assert [state(), state()] == ["done", "kept"]
+    (tmp_path / "run.yaml").write_text("unit: A\n")
+    assert [state(), state()] == ["done", "kept"]
+    (tmp_path / "run.yaml").write_text("unit: B\n")
+    assert [state(), state()] == ["done", "kept"]
+    monkeypatch.setattr("rlgcomp.fleet.__version__", "0.0.0")
+    assert [state(), state()] == ["done", "kept"]
+
+
+def test_a_unit_held_out_from_itself_fails_and_runs_of_one_name_are_told_apart(units: list[Unit], tmp_path: Path) -> None:
+    simulator = tmp_path / "sim.yaml"
+    simulator.write_text("kind: chamber\nmechanisms: [temperature_rate]\n")
+    (tmp_path / "other").mkdir()
+    same = tmp_path / "other" / units[0].train[0].name
+    same.write_bytes(units[0].train[0].read_bytes())
+    (outcome,) = run_fleet(diagnose_unit, [Unit("gyro-0", units[0].train, (same,), simulator)], tmp_path / "out")
+    assert outcome.state == "failed"
+    assert f"{same} is given both to train and to test, at least in part" in outcome.message
 
 
 def dies_once(unit: Unit, folder: Path, *, marks: str) -> dict[str, object]:

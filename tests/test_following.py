@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -312,6 +313,19 @@ def test_an_output_that_is_not_its_own_is_left_untouched(
     assert "left untouched" in said
 
 
+def test_a_simulator_file_is_not_written_over(saved: Path, csv: Path, tmp_path: Path) -> None:
+    shutil.copy(csv, tmp_path / "run.csv")
+    (tmp_path / "run.yaml").write_text("unit: S/N 3\n")
+    (tmp_path / "gyro.yaml").write_text("kind: chamber\nmechanisms: [temperature_rate]\n")
+    code, said = follow(saved, tmp_path / "run.csv", "--out", tmp_path / "gyro.csv")
+    assert code == 2
+    assert "is no recording's metadata that was written here: it holds mechanisms" in said
+    assert not (tmp_path / "gyro.csv").exists()
+    for _ in range(2):  # its own may be
+        assert follow(saved, tmp_path / "run.csv", "--out", tmp_path / "out.csv")[0] == 0
+        assert (tmp_path / "out.yaml").exists()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
@@ -329,6 +343,15 @@ def test_what_is_no_stream_is_refused(saved: Path, tmp_path: Path, name: str, co
     assert code == 2
     assert message in " ".join(said.split())
     assert not (tmp_path / "out.csv").exists()
+
+
+def test_columns_beside_it_that_are_no_mapping_are_refused(saved: Path, csv: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_bytes(csv.read_bytes())
+    (tmp_path / "run.yaml").write_text("columns: [time_s, gyro_deg_h]\n")
+    code, said = follow(saved, tmp_path / "run.csv", "--out", tmp_path / "out.csv")
+    assert code == 2
+    assert "run.yaml: columns is" in " ".join(said.split())
+    assert "internal fault" not in said
 
 
 def test_a_file_that_is_replaced_is_noticed(saved: Path, csv: Path, tmp_path: Path) -> None:

@@ -17,7 +17,9 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 import rlgcomp as rlg
+from rlgcomp.files import to_json
 from rlgcomp.formats import FORMATS, parquet
+from rlgcomp.formats.pieces import gyros_of, read_pieces
 
 SUFFIXES = [suffix for form in FORMATS for suffix in form.SUFFIXES]
 
@@ -213,6 +215,111 @@ def test_a_wrong_sidecar_is_refused(recording: rlg.Recording, tmp_path: Path) ->
         (tmp_path / "run.yaml").write_text(text)
         with pytest.raises(rlg.InputError):
             rlg.read(tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "kind: chamber\nmechanisms:\n  - temperature_rate\n",
+        "programme: start 20, hold 60\n",
+        "pulse_arcsec: 0.84\ncolumns: {gyro_deg_h: Gyro}\n",  # written by hand, for a recording in another format
+        "- a list\n",
+        "a: [",
+    ],
+)
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz"])
+def test_a_file_that_is_no_sidecar_is_not_written_over(recording: rlg.Recording, tmp_path: Path, text: str, suffix: str) -> None:
+    (tmp_path / "gyro.yaml").write_text(text)
+    with pytest.raises(rlg.InputError, match=r"gyro\.yaml, which would hold the metadata .* is no recording's metadata"):
+        rlg.write(recording, tmp_path / f"gyro{suffix}")
+    assert (tmp_path / "gyro.yaml").read_text() == text
+    assert [path.name for path in tmp_path.iterdir()] == ["gyro.yaml"]
+    rlg.write(recording, tmp_path / "gyro.parquet")  # which has no sidecar
+    assert (tmp_path / "gyro.yaml").read_text() == text
+
+
+def test_a_folder_in_the_sidecars_place_is_refused_before_the_recording(recording: rlg.Recording, tmp_path: Path) -> None:
+    (tmp_path / "gyro.yaml").mkdir()
+    with pytest.raises(rlg.InputError, match="is no recording's metadata"):
+        rlg.write(recording, tmp_path / "gyro.csv")
+    assert not (tmp_path / "gyro.csv").exists()
+
+
+@pytest.mark.parametrize("earlier", ["", "unit: S/N 3\npulse_arcsec: 1.5\nnotes: {mechanisms: a word}\n"])
+def test_an_earlier_sidecar_is_written_over(recording: rlg.Recording, tmp_path: Path, earlier: str) -> None:
+    (tmp_path / "gyro.yaml").write_text(earlier)
+    for _ in range(2):
+        rlg.write(recording, tmp_path / "gyro.csv")
+        assert rlg.read(tmp_path / "gyro.csv").metadata == recording.metadata
+
+
+def test_free_notes_come_back(recording: rlg.Recording, tmp_path: Path) -> None:
+    rlg.write(recording.replace(metadata=rlg.Metadata()), tmp_path / "run.csv")
+    (tmp_path / "run.yaml").write_text("notes: second bake, fan off\nbake: 3\n")
+    read = rlg.read(tmp_path / "run.csv")
+    assert read.metadata.notes == {"notes": "second bake, fan off", "bake": 3}
+    for suffix in SUFFIXES:
+        rlg.write(read, tmp_path / f"again{suffix}")
+        assert rlg.read(tmp_path / f"again{suffix}").metadata == read.metadata
+
+
+@pytest.mark.parametrize("notes", [["fan off", "bake"], 7, "fan off"])
+def test_notes_of_any_kind_are_kept(notes: object) -> None:
+    metadata = rlg.Metadata.from_mapping({"notes": notes})
+    assert metadata.notes == {"notes": notes}
+    assert rlg.Metadata.from_mapping(metadata.to_mapping()) == metadata
+
+
+def test_dates_are_kept_as_iso_text(recording: rlg.Recording, tmp_path: Path) -> None:
+    rlg.write(recording, tmp_path / "run.csv")
+    (tmp_path / "run.yaml").write_text(
+        "unit: 2024-03-01\nrecorded: 2024-03-01\nnotes: {begun: 2024-03-01 10:30:00, bakes: [2024-02-01], 2024-02-02: rest}\n"
+    )
+    read = rlg.read(tmp_path / "run.csv")
+    assert read.metadata.unit == "2024-03-01"
+    assert read.metadata.notes == {
+        "begun": "2024-03-01T10:30:00",
+        "bakes": ["2024-02-01"],
+        "2024-02-02": "rest",
+        "recorded": "2024-03-01",
+    }
+    for suffix in SUFFIXES:
+        rlg.write(read, tmp_path / f"again{suffix}")
+        assert rlg.read(tmp_path / f"again{suffix}").metadata == read.metadata
+
+
+def test_attributes_of_another_programs_hdf5(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "lab.h5", "w") as file:
+        file["time_s"], file["gyro_deg_h"] = np.arange(5.0), np.array([0.1, 0.3, 0.2, 0.5, 0.4])
+        file.attrs.update({"notes": "fan off", "axis": [0.0, 0.6, 0.8], "latitude_deg": [48.0], "columns": 2})
+        file.attrs["who"] = np.array([b"A", b"B"])
+        file.attrs["nothing"] = h5py.Empty("f8")
+    metadata = rlg.read(tmp_path / "lab.h5").metadata
+    assert metadata.latitude_deg == 48.0
+    assert {key: metadata.notes[key] for key in ("notes", "axis", "who")} == {
+        "notes": "fan off",
+        "axis": [0.0, 0.6, 0.8],
+        "who": ["A", "B"],
+    }
+    to_json(metadata.to_mapping())
+
+
+def test_notes_of_matlab(tmp_path: Path) -> None:
+    savemat(tmp_path / "lab.mat", {"time_s": np.arange(3.0), "gyro_deg_h": np.array([0.1, 0.3, 0.2]), "notes": "fan off"})
+    assert rlg.read(tmp_path / "lab.mat").metadata.notes == {"notes": "fan off"}
+
+
+@pytest.mark.parametrize("text", ["[time_s, gyro_deg_h]", "gyro_deg_h=w", "7", "{gyro_deg_h: [w]}", "{gyro_deg_h: }"])
+def test_columns_that_are_no_mapping_are_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "lab.csv").write_text("time_s,w\n0,0.1\n1,0.3\n2,0.2\n")
+    (tmp_path / "lab.yaml").write_text(f"columns: {text}\n")
+    message = r"lab\.yaml: columns is .*; write a line such as 'columns: \{gyro_deg_h"
+    with pytest.raises(rlg.InputError, match=message):
+        rlg.read(tmp_path / "lab.csv")
+    with pytest.raises(rlg.InputError, match=message):
+        gyros_of(tmp_path / "lab.csv")
+    with pytest.raises(rlg.InputError, match=message):
+        next(read_pieces(tmp_path / "lab.csv", "gyro_deg_h"))
 
 
 def test_writing_is_whole_or_not_at_all(recording: rlg.Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -186,3 +186,29 @@ def test_bad_options_end_with_one_message(tmp_path: Path, arguments: list[str]) 
     assert done.output.count("error:") == 1
     done = CliRunner().invoke(app, ["allan", f"{path}@0:100", "--in-pieces"])
     assert (done.exit_code, done.output.count("error:")) == (2, 1)
+
+
+def test_dropped_columns_are_left_out_in_pieces_too(tmp_path: Path) -> None:
+    frame = table(6000).assign(gyro_b_deg_h=lambda t: t["gyro_z_deg_h"] + 1.0)
+    path = written(frame, tmp_path / "run.csv")
+    found = []
+    for options in ([], ["--in-pieces"]):
+        done = CliRunner().invoke(app, ["allan", str(path), "--drop", "gyro_b_deg_h", "--json", *options])
+        assert done.exit_code == 0, done.output
+        found.append([analysis["gyro"] for analysis in json.loads(done.stdout)])
+    assert found == [["gyro_z_deg_h"], ["gyro_z_deg_h"]]
+    assert gyros_of(path) == ("gyro_z_deg_h", "gyro_b_deg_h")
+    refused = [
+        CliRunner().invoke(app, ["allan", str(path), "--drop", "gyro_c_deg_h", *options]) for options in ([], ["--in-pieces"])
+    ]
+    assert [done.exit_code for done in refused] == [2, 2]
+    assert refused[0].output == refused[1].output
+    assert "cannot drop gyro_c_deg_h; the columns are time_s" in " ".join(refused[0].output.split())
+
+
+def test_a_file_whose_time_is_dropped_needs_a_period(tmp_path: Path) -> None:
+    path = written(table(3000), tmp_path / "run.csv")
+    with pytest.raises(rlg.InputError, match="no column 'time_s'"):
+        list(read_pieces(path, "gyro_z_deg_h", drop=["time_s"]))
+    (piece,) = read_pieces(path, "gyro_z_deg_h", drop=["time_s"], period_s=0.5)
+    assert piece.time_s[0] == 0.0

@@ -14,7 +14,7 @@ def rows_of(count: int, runs: int = 1) -> Rows:
 
 
 def test_likelihood_ratios_average_to_one() -> None:
-    """Of what is false over what is true: both likelihoods are exact, or this is not so."""
+    """Of what is false over what is true: both likelihoods are exact, but for windows that flip twice, or this is not so."""
     alike, nothing = odds(rows_of(40), 0.6, 900.0, 2_000, np.random.default_rng(2))
     for log_odds in (alike, nothing):
         ratio = np.exp(-log_odds)

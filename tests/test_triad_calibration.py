@@ -393,6 +393,9 @@ def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: li
     assert "pass through zero rate" in result.output
     assert "alpha_gy_arcsec" in result.output
     assert "condition number" in result.output
+    said = invoke("calibrate", *files, "--out", tmp_path / "cal.json", "--report", tmp_path)
+    assert said.exit_code == 2
+    assert "left untouched" in said.output
     content = json.loads((tmp_path / "cal.json").read_text())
     assert {row["parameter"] for row in content["parameters"]} == {parameter.name for parameter in GYRO}
     assert np.isfinite([row["sd"] for row in content["parameters"]]).all()

@@ -387,3 +387,19 @@ class TestWhatTheTableRecords:
         variance = 100.0 * np.cov(values.T)
         np.testing.assert_allclose(np.diag(variance), 1.0, atol=0.55)
         assert np.abs(variance - np.diag(np.diag(variance))).max() < 0.4
+
+
+def test_predict_takes_the_size_of_a_pulse(tmp_path: Path) -> None:
+    """On a table the gyro itself tells how the table turned, so that its pulses must have a size."""
+    run = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": []}).simulate("rate 7 60, rate -25 90")
+    table = run.table
+    table["gyro_pulses"] = table.pop("gyro_deg_s") * 3600.0 * run.period_s / 0.8
+    rlg.write(run.replace(table=table, truth=None), tmp_path / "run.parquet")
+    (tmp_path / "sim.yaml").write_text("kind: turntable\nmechanisms: []\n")
+    arguments = ["predict", str(tmp_path / "sim.yaml"), str(tmp_path / "run.parquet"), "--out", str(tmp_path / "said.parquet")]
+    refused = CliRunner().invoke(app, arguments)
+    assert refused.exit_code == 2
+    assert "give --pulse-arcsec" in " ".join(refused.output.split())
+    done = CliRunner().invoke(app, [*arguments, "--pulse-arcsec", "0.8"])
+    assert done.exit_code == 0, done.output
+    assert rlg.read(tmp_path / "said.parquet").column("gyro_deg_s") == pytest.approx(run.column("gyro_deg_s"), abs=0.01)

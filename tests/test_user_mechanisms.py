@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import rlgcomp as rlg
 from rlgcomp import motion
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE
 from rlgcomp.physics.user import user_catalogue
 
@@ -188,3 +191,20 @@ def test_the_readmes_example_is_found_on_a_table_with_an_encoder_alone(tmp_path:
 def test_a_syntax_error_is_said_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(rlg.InputError, match="line 3: invalid syntax"):
         user_catalogue([write(tmp_path, "x = 1\n\nclass A(:\n")])
+
+
+def test_simulate_and_predict_take_several_files_after_one_option(tmp_path: Path) -> None:
+    register_commands()
+    first, second = write(tmp_path, GOOD), write(tmp_path, GOOD.replace("Pump", "Fan").replace('"pump"', '"fan"'), "other.py")
+    (tmp_path / "sim.yaml").write_text("kind: chamber\nmechanisms: [pump, fan]\n")
+    made, said = tmp_path / "run.parquet", tmp_path / "said.parquet"
+    own = ["--mechanisms", str(first), str(second)]
+    for arguments in (
+        ["simulate", str(tmp_path / "sim.yaml"), "--profile", "short", "--step-s", "10", "--out", str(made), *own],
+        ["predict", str(tmp_path / "sim.yaml"), str(made), "--out", str(said), *own],
+    ):
+        done = CliRunner().invoke(app, arguments)
+        assert done.exit_code == 0, done.output
+    run = rlg.read(made)
+    assert {"pump", "fan"} <= set(run.truth.columns)
+    assert rlg.read(said).column("gyro_deg_h") == pytest.approx(0.002 * (run.column("pressure_hPa") - 1000.0), abs=1e-9)

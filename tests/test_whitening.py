@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rlgcomp.diagnosis import telegraph
+from rlgcomp.diagnosis.two_levels import Models, smoothed
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, Whitener, simulate, whiten
 
 SHAPES = (
@@ -99,11 +99,11 @@ def test_flicker_has_the_allan_variance_of_its_coefficient() -> None:
 def test_compiled_and_plain_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     many = rows(60, 45, contrasts=5)
     columns = np.random.default_rng(3).standard_normal((len(many), 4))
-    signs, chances = np.sign(columns[:, :2]), np.full((len(many), 2), 0.03)
+    windows, models = slice(len(many) - many.contrasts), Models(np.ones(2), np.array([0.8, 1.3]), np.array([3000.0, 900.0]))
     answers = []
     for allowed in ("1", "0"):
         monkeypatch.setenv("RLGCOMP_NUMBA", allowed)
-        hidden = telegraph._smoothed(signs + columns[:, 2:], np.ones(2), np.array([0.8, 1.3]), chances)
+        hidden = smoothed(many, (np.sign(columns[:, :2]) + columns[:, 2:])[windows], models)
         answers.append([*whiten(many, columns, SHAPES), *hidden])
     for fast, plain in zip(*answers, strict=True):
         np.testing.assert_allclose(fast, plain, rtol=1e-10, atol=1e-12)

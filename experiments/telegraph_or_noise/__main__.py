@@ -3,7 +3,7 @@ r"""How far a random telegraph can be told from slow noise of its spectrum, by o
 Jumps between :math:`\pm a` with mean time tau between them have the covariance :math:`a^2 e^{-2|t|/\tau}`; so has an
 Ornstein–Uhlenbeck process, which is what an unrecorded cause or a gyro's own noise may be. The observer here knows white noise,
 half step and dwell, and that nothing else acts; he weighs the sum over all paths of jumps (hidden Markov model) against the
-Gaussian process, both exact. Jumps are at the edges of the 100 s windows.
+Gaussian process. Jumps come at any time, also within the 100 s windows.
 
 References
 ----------
@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.tables import show_table
-from rlgcomp.diagnosis.telegraph import log_likelihood
+from rlgcomp.diagnosis.two_levels import log_likelihood
 from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
 
 Array = npt.NDArray[np.float64]
@@ -32,13 +32,19 @@ TWENTY_TO_ONE = math.log(20.0)
 
 
 def telegraph(rows: Rows, dwell_s: float, draws: int, rng: np.random.Generator) -> Array:
-    """Signs of each window, shape (n, draws), flipped at edges; runs are independent."""
-    signs = np.empty((len(rows), draws))
+    """Window means of signs that flip at any time, shape (n, draws); runs are independent."""
+    means = np.empty((len(rows), draws))
     for part in rows.runs:
-        flips = rng.random((part.stop - part.start, draws)) < 0.5 * -math.expm1(-2.0 * WINDOW_S / dwell_s)
-        flips[0] = rng.random(draws) < 0.5
-        signs[part] = 1.0 - 2.0 * (np.cumsum(flips, axis=0) % 2)
-    return signs
+        count = part.stop - part.start
+        edges_s = WINDOW_S * np.arange(count + 1)
+        expected = edges_s[-1] / dwell_s
+        waits_s = rng.exponential(dwell_s, (draws, int(expected + 10.0 * math.sqrt(expected) + 20.0)))
+        for k, flips_s in enumerate(np.cumsum(waits_s, axis=1)):
+            turns_s = np.r_[0.0, flips_s]
+            signs = rng.choice([-1.0, 1.0]) * (-1.0) ** np.arange(len(flips_s))
+            area = np.r_[0.0, np.cumsum(np.diff(turns_s) * signs)]
+            means[part, k] = np.diff(np.interp(edges_s, turns_s, area)) / WINDOW_S
+    return means
 
 
 def odds(rows: Rows, strength: float, dwell_s: float, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ IEEE Std 647-2006, annex C. W. J. Riley, *Handbook of Frequency Stability Analys
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,10 @@ from scipy import stats
 from rlgcomp.allan.power_law import NAMES, degrees_of_freedom, identify
 from rlgcomp.allan.sums import angle_of, sums_of_squares
 from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+
+if TYPE_CHECKING:
+    from rlgcomp.allan.coefficients import NoiseCoefficients
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -103,6 +107,18 @@ class AllanDeviation:
     def overlapping(self) -> bool:
         return not self.estimator.startswith("plain")
 
+    def noise(self) -> NoiseCoefficients:
+        """Q, N, B, K and R with their standard errors; see :func:`rlgcomp.allan.coefficients.fit_coefficients`.
+
+        Raises
+        ------
+        InputError
+            The estimator does not overlap, or there are too few averaging times.
+        """
+        from rlgcomp.allan.coefficients import fit_coefficients
+
+        return fit_coefficients(self)
+
     def at(self, tau_s: float) -> float:
         """Deviation at tau, interpolated on the logarithmic plot."""
         return float(np.exp(np.interp(np.log(tau_s), np.log(self.tau_s), np.log(self.deviation_deg_h))))
@@ -120,22 +136,27 @@ class AllanDeviation:
 
 
 def allan_deviation(
-    rate_deg_h: npt.ArrayLike,
-    time_s: npt.ArrayLike,
+    rate_deg_h: Recording | npt.ArrayLike,
+    time_s: npt.ArrayLike | None = None,
     tau_s: npt.ArrayLike | None = None,
     *,
+    gyro: str | None = None,
     estimator: Estimator = "overlapping",
     confidence: float = 0.683,
     per_decade: float = 10.0,
 ) -> AllanDeviation:
-    """Allan or Hadamard deviation.
+    """Allan or Hadamard deviation of a recording's gyro, or of rates at times.
 
     Parameters
     ----------
-    rate_deg_h, time_s : array_like, shape (n,)
-        Gaps are allowed; no difference spans one.
+    rate_deg_h : Recording or array_like, shape (n,)
+        Of a recording the lead-in is left out. Gaps are allowed; no difference spans one.
+    time_s : array_like, shape (n,)
+        Of rates in an array; a recording has its own.
     tau_s : array_like, optional
         Averaging times, rounded to whole periods; by default `per_decade` a decade, up to a fifth of the record.
+    gyro : str, optional
+        Gyro column of a recording that has several.
     estimator : {"overlapping", "plain", "hadamard", "plain-hadamard"}
     confidence : float
         Probability of the intervals; 0.683 is one sigma.
@@ -149,9 +170,19 @@ def allan_deviation(
     Raises
     ------
     InputError
-        Fewer than five samples, a rate that is not finite, times that do not increase, an unknown estimator, or no averaging time
-        that the record can hold.
+        Fewer than five samples, a rate that is not finite, times that do not increase, an unknown estimator, no averaging time
+        that the record can hold, times beside a recording or none beside an array, or a gyro that cannot be told.
     """
+    if isinstance(rate_deg_h, Recording):
+        if time_s is not None:
+            raise InputError(
+                f"{rate_deg_h.name}: times were given beside a Recording, which has its own; give averaging times as tau_s="
+            )
+        scored = rate_deg_h.scored
+        time_s, rate_deg_h = rate_deg_h.time_s[scored], rate_deg_h.rate_deg_h(gyro)[scored]
+    elif time_s is None or gyro is not None:
+        received = "rates without their times" if time_s is None else f"gyro={gyro!r} beside an array of rates"
+        raise InputError(f"{received}; give a Recording, with gyro= where it has several, or rates in deg/h and their times in s")
     rate = np.asarray(rate_deg_h, dtype=np.float64)
     time = np.asarray(time_s, dtype=np.float64)
     if rate.ndim != 1 or rate.shape != time.shape or len(rate) < FEWEST_SAMPLES:

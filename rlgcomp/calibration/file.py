@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -110,25 +110,34 @@ class Calibration:
         except InputError as error:
             raise InputError(f"calibration file {path}: {error}") from None
 
-    def apply(self, recording: Recording) -> Recording:
+    def apply(self, recording: Recording, gyro: str | None = None) -> Recording:
         """The recording with its gyros calibrated, in deg/h.
+
+        Parameters
+        ----------
+        recording : Recording
+        gyro : str, optional
+            Of a single gyro's calibration: its column where there are several, as recorded or as it is called once in deg/h. The
+            others stay as they are.
 
         Raises
         ------
         InputError
-            The recording holds other gyros than were calibrated, or pulses of another size.
+            The recording holds other gyros than were calibrated, or pulses of another size, or the gyro cannot be told.
         """
         if "calibration" in recording.metadata.notes:
             raise InputError(f"{recording.name} is calibrated already (notes: calibration)")
-        recording = self._with_pulse(recording)
+        columns = [_raw_column(recording, gyro)] if self.gyro_axes is None else self._triad_columns(recording)
+        others_count = any(column.endswith("_pulses") and column not in columns for column in recording.gyro_columns)
+        left = recording.metadata.pulse_arcsec if others_count else None
+        recording = self._with_pulse(recording, columns)
         table = recording.table
-        columns = [recording.gyro_column()] if self.gyro_axes is None else self._triad_columns(recording)
         calibrated = self.rates_deg_h(np.stack([recording.rate_deg_h(column) for column in columns], axis=1))
         for column, values in zip(columns, calibrated.T, strict=True):
             table = table.rename(columns={column: rate_name(column)})
             table[rate_name(column)] = values
         notes = {**recording.metadata.notes, "calibration": self.identity or "unsaved"}
-        return recording.replace(table=table, metadata=dataclasses.replace(recording.metadata, pulse_arcsec=None, notes=notes))
+        return recording.replace(table=table, metadata=dataclasses.replace(recording.metadata, pulse_arcsec=left, notes=notes))
 
     def rates_deg_h(self, rates_deg_h: Array) -> Array:
         """Calibrated rates of raw ones, shape (n, gyros): the triad's x, y and z, or the single gyro."""
@@ -137,12 +146,11 @@ class Calibration:
         arcsec = rates_deg_h @ frames.GYRO_AXES[self.gyro_axes].T  # deg/h, which is arcsec in a second
         return self.errors.correct(arcsec * units.RAD_PER_ARCSEC, 1.0) / units.RAD_PER_ARCSEC
 
-    def _with_pulse(self, recording: Recording) -> Recording:
-        pulses = [column for column in recording.gyro_columns if column.endswith("_pulses")]
-        if not pulses:
+    def _with_pulse(self, recording: Recording, columns: Sequence[str]) -> Recording:
+        if not any(column.endswith("_pulses") for column in columns):
             if self.gyro_axes is None:
                 raise InputError(
-                    f"{recording.name} holds no pulses ({', '.join(recording.gyro_columns)}); the calibration of a single gyro is "
+                    f"{recording.name} holds no pulses ({', '.join(columns)}); the calibration of a single gyro is "
                     "the angle of its pulse; give the raw recording"
                 )
             return recording
@@ -164,6 +172,14 @@ class Calibration:
                 "gyro_x_..., gyro_y_..., gyro_z_..."
             )
         return [columns[0] for columns in found]
+
+
+def _raw_column(recording: Recording, gyro: str | None) -> str:
+    """The gyro that is meant by the name of its own column, or by the name that it gets once it is in deg/h."""
+    if gyro is None or gyro in recording:
+        return recording.gyro_column(gyro)
+    meant = [column for column in recording.gyro_columns if rate_name(column) == rate_name(gyro)]
+    return recording.gyro_column(meant[0] if len(meant) == 1 else gyro)
 
 
 def triad_content(

@@ -22,6 +22,7 @@ from rlgcomp.formats import write
 CHALLENGE: Final = "challenge.json"
 TRUTH: Final = "truth.json"
 SIMULATOR: Final = "simulator.yaml"
+FILES: Final = (CHALLENGE, TRUTH, SIMULATOR, *(f"{name}.parquet" for name in RUNS))
 CHALLENGE_SCHEMA: Final = "rlgcomp.challenge/1"
 TRUTH_SCHEMA: Final = "rlgcomp.truth/1"
 _SALT_BYTES: Final = 32
@@ -66,7 +67,7 @@ def seal(challenge: Challenge, folder: str | Path) -> None:
     InputError
         The folder exists and is no challenge, or cannot be written.
     """
-    with whole_folder(folder, ours=CHALLENGE) as scratch:
+    with whole_folder(folder, writes=FILES) as scratch:
         challenge.simulator.to_yaml(scratch / SIMULATOR)
         for recording in (*challenge.train, *challenge.test):
             write(recording, scratch / f"{recording.name}.parquet")

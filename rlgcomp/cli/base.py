@@ -115,14 +115,16 @@ def read_runs(
     pulse_arcsec: float | None = None,
     calibration: Path | None = None,
     *,
+    gyro: str | None = None,
     period_s: float | None = None,
     history: bool = True,
     computed: bool = False,
 ) -> list[Any]:
     """Recordings of the given files, intervals cut out, calibrated, everything repaired or noted said on standard error.
 
-    With `history` what came before an interval stays as its lead-in; what is integrated on a turntable has no use for it. What is
-    `computed` by a simulator may stand still and need have no noise.
+    A single gyro's calibration is applied to `gyro`, where there are several. With `history` what came before an interval stays as
+    its lead-in; what is integrated on a turntable has no use for it. What is `computed` by a simulator may stand still and
+    need have no noise.
 
     Raises
     ------
@@ -155,9 +157,44 @@ def read_runs(
             if interval is not None:
                 _require_rows(recording, interval, spec)
                 recording = recording.between(*interval, keep_history=history, name=f"{recording.name}{_said(*interval)}")
-            recordings.append(recording if calibrated is None else calibrated.apply(recording))
+            if calibrated is not None:
+                recording = calibrated.apply(recording, gyro if len(recording.gyro_columns) > 1 else None)
+            recordings.append(recording)
             advance(done, len(specs))
     return recordings
+
+
+def calibrated_name(gyro: str | None, calibration: Path | None) -> str | None:
+    """What the chosen gyro is called once a calibration, if there is one, has been applied."""
+    from rlgcomp.recording import rate_name
+
+    return gyro if gyro is None or calibration is None else rate_name(gyro)
+
+
+def require_folder(out: Path, writes: Sequence[str], *read: str | Path | Sequence[str | Path] | None) -> None:
+    """Raise unless a command could write a folder of this name: said before the work, not after it.
+
+    Parameters
+    ----------
+    out : path
+    writes : sequence of str
+        As :func:`rlgcomp.files.whole_folder` takes them.
+    *read : str, path, sequence of them, or None
+        What the command was given to read, also as RUN@START:STOP or FILE.py:FUNCTION: none of it may lie in the folder.
+
+    Raises
+    ------
+    InputError
+        As :func:`rlgcomp.files.require_folder`, or something that is read lies there.
+    """
+    from rlgcomp.files import require_apart
+    from rlgcomp.files import require_folder as require_place
+
+    require_place(out, writes=writes)
+    for given in read:
+        for one in [given] if isinstance(given, str | Path) else given or []:
+            text = str(one)
+            require_apart(out, text, text.rpartition("@")[0], text.rpartition(":")[0])
 
 
 def say(text: str) -> None:

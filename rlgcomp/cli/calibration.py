@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import glob
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder, say
 from rlgcomp.cli.show import show_json, show_table
 
 
@@ -15,7 +16,9 @@ from rlgcomp.cli.show import show_json, show_table
 def calibrate(
     runs: Runs,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="CAL.json", help="Calibration file to write.")],
-    report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Folder for report.html and curves.csv.")] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="DIR", help="Folder for report.html and curves.csv, replaced as a whole.")
+    ] = None,
     gyro_axes: Annotated[
         str | None, typer.Option(help="oblique or orthogonal; by default whichever agrees with the encoders.")
     ] = None,
@@ -36,16 +39,19 @@ def calibrate(
     Example: `rlgcomp calibrate step1.parquet step2.parquet step3.parquet --out unit-17.json --report calibration`
     """
     from rlgcomp.calibration.file import write_calibration
-    from rlgcomp.calibration.triad.calibrate import calibrate_recordings
-    from rlgcomp.files import require_folder, require_writable, whole_folder
+    from rlgcomp.calibration.triad.calibrate import calibrate_turntable
+    from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.report.calibration import write_calibration_report
 
     require_writable(out)
+    writes = ["curves.csv", "report.html"]
     if report is not None:
-        require_folder(report, ours="report.html")
+        if out.resolve().parent == report.resolve():
+            writes.append(glob.escape(out.name))
+        require_folder(report, writes, runs)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, history=False)
     with progress("calibrating") as advance:
-        found = calibrate_recordings(
+        found = calibrate_turntable(
             recordings,
             gyro_axes=gyro_axes,
             latitude_deg=latitude_deg,
@@ -53,7 +59,7 @@ def calibrate(
             progress=advance,
         )
     if report is not None:
-        with whole_folder(report, ours="report.html") as folder:
+        with whole_folder(report, writes=writes) as folder:
             write_calibration_report(folder, found)
     write_calibration(out, found.content)
     if as_json:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import glob
+import os
+import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -17,9 +20,11 @@ from rlgcomp.cli.base import (
     PeriodS,
     PulseArcsec,
     Runs,
+    calibrated_name,
     command,
     progress,
     read_runs,
+    require_folder,
     say,
 )
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
@@ -28,13 +33,14 @@ if TYPE_CHECKING:
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.recording import Recording
 
+EVALUATION: Final = ("evaluation.json", "report.html")  # what `evaluate` writes
 Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")]
 
 
 @command("train")
 def train(
     runs: Runs,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="MODEL", help="Model folder to write.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="MODEL", help="Model folder to write; an earlier run's is replaced.")],
     model: Annotated[
         str,
         typer.Option(
@@ -90,37 +96,36 @@ def train(
     Example: `rlgcomp train cold.parquet hot.parquet --averaging-s 1 --device cuda --out models/unit-17`
     """
     from rlgcomp.compensation import MODELS
-    from rlgcomp.compensation.artefact import MANIFEST, identity
+    from rlgcomp.compensation.artefact import identity
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.compensation.form import sequential
+    from rlgcomp.compensation.keeping import load
     from rlgcomp.errors import InputError
-    from rlgcomp.export.target import REPORT
-    from rlgcomp.files import require_folder
 
-    require_folder(out, ours=MANIFEST)
-    if export is not None:
-        require_folder(export, ours=REPORT)
+    _require_folders(out, export, runs, adapt, calibration)
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     if export is not None and sequential(MODELS[model].make()):
         raise InputError(f"--export: a {model} model has no sample-by-sample form; train another model to export one")
     estimator = _estimator(model, device, adapted=adapt is not None)
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
+    fleet = None if adapt is None else load(adapt)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=gyro if fleet is None else fleet.gyro)
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
-    if adapt is not None:
+    if fleet is not None:
         from rlgcomp.compensation.adaptation import adapt as adapt_to
-        from rlgcomp.compensation.keeping import load
 
-        fleet = load(adapt)
         _require_the_same_calibration(fleet, recordings)
         compensator = adapt_to(fleet, recordings)
         model = fleet.form_.name if fleet.form_ is not None else model
     else:
+        chosen = calibrated_name(gyro, calibration)
         compensator = Compensator(
-            estimator, features=features, averaging_s=averaging_s, gyro=gyro, keep_mean=keep_mean, n_jobs=jobs
+            estimator, features=features, averaging_s=averaging_s, gyro=chosen, keep_mean=keep_mean, n_jobs=jobs
         )
         with progress("selecting") as advance:
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
+    if export is not None and _lies_in(export, out):
+        shutil.rmtree(export, ignore_errors=True)  # code of the model that is replaced, as was asked for
     compensator.save(out)
     journal.unlink(missing_ok=True)
     exported = None
@@ -143,7 +148,7 @@ def train(
     if as_json:
         show_json(summary)
     else:
-        chosen = ", ".join(
+        selected = ", ".join(
             f"{key} = {value:.4g}" if isinstance(value, float) else f"{key} = {value}"
             for key, value in compensator.selection_.best.items()
         )
@@ -153,12 +158,38 @@ def train(
                 {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
                 {"": f"with {'runs' if adapt is None else 'units'} left out, deg/h", " ": summary["left_out_rms_deg_h"]},
                 {"": "90 % interval, ± deg/h", " ": summary["half_width_deg_h"]},
-                {"": "selected", " ": chosen or "nothing to select"},
+                {"": "selected", " ": selected or "nothing to select"},
             ],
         )
         for title, rows in () if exported is None else exported.tables:
             show_table(title, rows)
         say(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
+
+
+def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | None) -> None:
+    """Refuse places that `train` could not write; the code may lie in the model's folder, and is written anew with it."""
+    from rlgcomp.compensation.artefact import FILES
+    from rlgcomp.errors import InputError
+    from rlgcomp.export.target import written
+
+    model = list(FILES)
+    if export is not None:
+        code = written(out, "c")
+        require_folder(export, code, *read)
+        if _lies_in(out, export) or _real(out) == _real(export):
+            raise InputError(f"--out {out} lies in --export {export}, which the code would fill; give two folders")
+        if _lies_in(export, out):
+            inside = glob.escape(_real(export).relative_to(_real(out)).as_posix())
+            model += [f"{inside}/{name}" for name in code]
+    require_folder(out, model, *read)
+
+
+def _lies_in(folder: Path, other: Path) -> bool:
+    return _real(other) in _real(folder).parents
+
+
+def _real(folder: Path) -> Path:
+    return Path(os.path.realpath(folder))
 
 
 def _estimator(model: str, device: str | None, *, adapted: bool) -> Any:
@@ -181,7 +212,9 @@ def _estimator(model: str, device: str | None, *, adapted: bool) -> Any:
 def evaluate(
     model: Model,
     runs: Runs,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for report.html and evaluation.json.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for report.html and evaluation.json, replaced as a whole.")
+    ],
     no_comparison: Annotated[bool, typer.Option("--no-comparison", help="Skip the tables by feature and model.")] = False,
     mapping: Map = None,
     drop: Drop = None,
@@ -196,15 +229,15 @@ def evaluate(
     """
     from rlgcomp.compensation.keeping import load
     from rlgcomp.evaluation import evaluate as evaluate_runs
-    from rlgcomp.files import require_folder, whole_folder
+    from rlgcomp.files import whole_folder
     from rlgcomp.report.page import write_report
 
-    require_folder(out, ours="report.html")
+    require_folder(out, EVALUATION, model, runs, calibration)
     compensator = load(model)
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro)
     _require_the_same_calibration(compensator, recordings)
     evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)
-    with whole_folder(out, ours="report.html") as folder:
+    with whole_folder(out, writes=EVALUATION) as folder:
         write_report(folder, evaluation, compensator, title=f"Bias compensation: {model.name}", simulated=recordings[:1])
     if as_json:
         show_json(evaluation.to_mapping())
@@ -236,8 +269,7 @@ def compensate(
     Example: `rlgcomp compensate models/unit-17 growing.csv --follow --out corrected.csv`
     """
     from rlgcomp.compensation.keeping import load
-    from rlgcomp.files import require_writable
-    from rlgcomp.formats import write
+    from rlgcomp.formats import require_recordable, write
 
     if follow:
         from rlgcomp.cli.following import follow as follow_stream
@@ -257,9 +289,9 @@ def compensate(
             show_json(found.to_mapping())
         say(str(found))
         raise typer.Exit(found.exit_code)
-    require_writable(out)
+    require_recordable(out)
     compensator = load(model)
-    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, period_s=period_s)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])
     corrected = compensator.correct(recording)
     write(corrected, out)

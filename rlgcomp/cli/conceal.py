@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, MechanismFiles, command, progress, say
+from rlgcomp.cli.base import AsJson, MechanismFiles, command, progress, require_folder, say
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
 
@@ -40,13 +40,13 @@ def conceal(
     Example: `rlgcomp conceal gyro.yaml --hide random --seed 7 --out challenge`
     """
     from rlgcomp.challenge.conceal import conceal as make
-    from rlgcomp.challenge.seal import CHALLENGE, SIMULATOR, TRUTH, seal
+    from rlgcomp.challenge.seal import CHALLENGE, FILES, SIMULATOR, TRUTH, seal
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_folder, sha256
+    from rlgcomp.files import sha256
     from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
-    require_folder(out, ours=CHALLENGE)
+    require_folder(out, FILES, simulator, mechanisms)
     if (out / CHALLENGE).exists():
         raise InputError(f"{out} holds a challenge already, and a seal that can be broken proves nothing; give another --out")
     catalogue = user_catalogue(mechanisms or [])

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Jobs, command, progress, say
+from rlgcomp.cli.base import AsJson, Jobs, command, progress, require_folder, say
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
 
 if TYPE_CHECKING:
@@ -17,10 +17,22 @@ UNIT = 1
 # Concealed, by chamber programmes: short runs show hysteresis too little to name it beyond doubt.
 CONCEALED, CONCEALED_QUICK = "thermal_hysteresis", "readout_incoherence"
 
+FILES: Final = (  # what it writes, besides the model
+    "held-out.parquet",
+    "train-1.parquet",
+    "train-2.parquet",
+    "simulator.yaml",
+    "report.html",
+    "evaluation.json",
+    *(f"diagnosis/{name}" for name in ("diagnosis.json", "augmented.yaml", "report.html", "simulator.yaml")),
+)
+
 
 @command("demo")
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for everything it makes.")] = Path("rlgcomp-demo"),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for everything it makes, replaced as a whole.")
+    ] = Path("rlgcomp-demo"),
     quick: Annotated[bool, typer.Option("--quick", help="Shorter chamber runs.")] = False,
     jobs: Jobs = 2,
     as_json: AsJson = False,
@@ -32,15 +44,17 @@ def demo(
     Example: `rlgcomp demo --out demo`
     """
     from rlgcomp.challenge.conceal import lacking
+    from rlgcomp.compensation import artefact
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.evaluation import evaluate
-    from rlgcomp.files import require_folder, whole_folder
+    from rlgcomp.files import whole_folder
     from rlgcomp.formats import write
     from rlgcomp.report.page import write_report
     from rlgcomp.simulation.fleet import simulated_unit
 
-    require_folder(out, ours="report.html")
+    writes = (*FILES, *(f"model/{name}" for name in artefact.FILES))
+    require_folder(out, writes)
     unit = simulated_unit(UNIT)
     programmes = (
         {"train-1": "short", "train-2": "short", "held-out": "short"}
@@ -60,7 +74,7 @@ def demo(
     simulator = lacking(unit, concealed, seed=UNIT)
     with progress("diagnosing", 100) as advance:
         found = diagnose(simulator, runs[:2], runs[2:], seed=UNIT, progress=lambda fraction: advance(round(100 * fraction), 100))
-    with whole_folder(out, ours="report.html") as folder:
+    with whole_folder(out, writes=writes) as folder:
         for run in runs:
             write(run, folder / f"{run.name}.parquet")
         unit.to_yaml(folder / "simulator.yaml")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,10 +17,12 @@ from rlgcomp.cli.base import (
     Map,
     MechanismFiles,
     PulseArcsec,
+    calibrated_name,
     command,
     interval_of,
     progress,
     read_runs,
+    require_folder,
     say,
 )
 from rlgcomp.cli.show import show_json
@@ -30,11 +31,10 @@ if TYPE_CHECKING:
     from rlgcomp.diagnosis.user_simulator import UserSimulator
     from rlgcomp.noise import NoiseModel
     from rlgcomp.physics.mechanism import Mechanism
-    from rlgcomp.recording import Recording
     from rlgcomp.simulation.simulator import Simulator
 
 RUNS = "RUN..."
-_ROUNDED: Final = 1e-3  # of a sample period, and of a gyro's range: files of one run differ by less
+FILES: Final = ("diagnosis.json", "augmented.yaml", "report.html")  # what `diagnose` writes
 _BESIDE = (  # imported beside: for the LS-SVM, then for the pictures
     "rlgcomp.compensation.compensator",
     "rlgcomp.diagnosis.black_box",
@@ -48,7 +48,10 @@ _BESIDE = (  # imported beside: for the LS-SVM, then for the pictures
 def diagnose(
     train: Annotated[list[str], typer.Option("--train", metavar=RUNS, help="Recordings to explain, or parts RUN@START:STOP.")],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for diagnosis.json, augmented.yaml and report.html.")
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="DIR", help="Folder for diagnosis.json, augmented.yaml and report.html, replaced as a whole."
+        ),
     ],
     test: Annotated[
         list[str] | None, typer.Option("--test", metavar=RUNS, help="Recordings held out, best of other programmes: the proof.")
@@ -95,21 +98,21 @@ def diagnose(
     """
     from rlgcomp.beside import beside
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_folder, whole_folder
+    from rlgcomp.files import whole_folder
 
-    require_folder(out, ours="diagnosis.json")
+    require_folder(out, FILES, train, test, simulator, simulated, mechanisms, noise, calibration)
     if averaging_s is not None and not 0.0 < averaging_s < math.inf:
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
     with beside(*_BESIDE) as executor:
         from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
+        from rlgcomp.diagnosis.held_out import told_apart
         from rlgcomp.physics.user import user_catalogue
 
         catalogue = user_catalogue(mechanisms or [])
         chosen = _simulator(simulator, simulated, catalogue)
         measured = None if noise is None else measured_noise(noise, gyro)
         specs = [*train, *(test or [])]
-        runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration))
-        require_held_out(runs[: len(train)], runs[len(train) :])
+        runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro))
         own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, computed=True)) if simulated else None
         with progress("diagnosing", 100) as advance:
             found = diagnose_runs(
@@ -118,7 +121,7 @@ def diagnose(
                 runs[len(train) :],
                 simulated=own,
                 mechanisms=catalogue,
-                gyro=gyro,
+                gyro=calibrated_name(gyro, calibration),
                 window_s=averaging_s,
                 noise=measured,
                 confirm=confirm,
@@ -127,7 +130,7 @@ def diagnose(
                 executor=executor,
             )
         found = found.of_files(*([Path(interval_of(spec)[0]) for spec in given or []] for given in (train, test)))
-        with whole_folder(out, ours="diagnosis.json") as folder:
+        with whole_folder(out, writes=FILES) as folder:
             found.save(folder)
             found.report(folder / "report.html", executor)
     if as_json:
@@ -170,41 +173,6 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
     if strengths.angle_random_walk_deg_sqrt_h == 0.0:
         raise InputError(f"--noise {path}: angle_random_walk_deg_sqrt_h is missing or zero; the other noises are judged beside it")
     return strengths
-
-
-def told_apart(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recording]:
-    """Runs of one name called by what was given for them, so that results can name them."""
-    names = [run.name for run in runs]
-    return [
-        run if names.count(run.name) == 1 else run.replace(name=spec if specs.count(spec) == 1 else f"{spec} ({k + 1})")
-        for k, (spec, run) in enumerate(zip(specs, runs, strict=True))
-    ]
-
-
-def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> None:
-    """Refuse a run that is both trained on and held out, or given twice, were it rounded: it would count as two that agree.
-
-    Raises
-    ------
-    InputError
-        Rows of one are rows of the other.
-    """
-    import numpy as np
-
-    from rlgcomp.errors import InputError
-
-    for one, other in [*itertools.product(test, train), *itertools.combinations(train, 2)]:
-        column = one.gyro_columns[0]
-        if column not in other:
-            continue
-        at, at_too = (np.round(run.time_s[run.scored] / (_ROUNDED * one.period_s)) for run in (one, other))
-        _, ours, theirs = np.intersect1d(at, at_too, return_indices=True)
-        apart = np.abs(one.column(column)[one.scored][ours] - other.column(column)[other.scored][theirs])
-        if len(apart) and apart.max() <= _ROUNDED * np.ptp(one.column(column)) > 0.0:
-            where = "both to train and to test" if one in test else "twice to train"
-            raise InputError(
-                f"{one.name} is given {where}, at least in part; give another run, or another interval as RUN@START:STOP"
-            )
 
 
 def _simulator(

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, say
+from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, require_folder, say
 from rlgcomp.cli.show import show_json, show_table
 
 
 @command("export", several=["--test"])
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder to write.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder to write; an earlier run's is replaced.")],
     to: Annotated[str, typer.Option("--to", help="Target: c or onnx.")] = "c",
     precision: Annotated[str, typer.Option(help="double or float.")] = "double",
     no_libm: Annotated[bool, typer.Option("--no-libm", help="Call nothing of the C library's mathematics.")] = False,
@@ -36,12 +36,13 @@ def export(
 
     Example: `rlgcomp export models/unit-17 --to c --precision float --smallest --test new.parquet --out unit-17-c`
     """
-    from rlgcomp.export.target import REPORT, Options
+    from rlgcomp.compensation.keeping import load
+    from rlgcomp.export.target import Options, written
     from rlgcomp.export.target import export as export_model
-    from rlgcomp.files import require_folder
 
-    require_folder(out, ours=REPORT)
-    runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration)
+    require_folder(out, written(model, to, name), model, test, calibration)
+    gyro = load(model).gyro if test and calibration is not None else None
+    runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration, gyro=gyro)
     options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name)  # type: ignore[arg-type]
     found = export_model(model, out, to, options)
     if as_json:

@@ -85,7 +85,7 @@ def follow(
     from rlgcomp.calibration.file import Calibration
     from rlgcomp.compensation.following import Follower, other_calibration, to_lines
     from rlgcomp.compensation.tail import STANDARD, Lines, Output, readable, stopped
-    from rlgcomp.formats import read_sidecar, write_sidecar
+    from rlgcomp.formats import column_mapping, read_sidecar, require_sidecar, write_sidecar
     from rlgcomp.formats.mapping import parse_mapping
     from rlgcomp.recording import Metadata
 
@@ -93,9 +93,11 @@ def follow(
     if (problem := other_calibration(compensator, None if calibrated is None else calibrated.identity)) is not None:
         raise InputError(f"{source}: {problem}")
     beside = {} if source == STANDARD else read_sidecar(readable(source))
-    columns = dict(beside.pop("columns", None) or {}) | parse_mapping(list(mapping or []))
+    columns = column_mapping(beside, Path(source)) | parse_mapping(list(mapping or []))
     period_s = beside.pop("period_s", None) if period_s is None else period_s
     metadata = Metadata.from_mapping(beside | ({} if pulse_arcsec is None else {"pulse_arcsec": pulse_arcsec}))
+    if str(out) != STANDARD and beside:
+        require_sidecar(out)
     rows, follower, written = 0, None, None
     with stopped() as stop, Lines(source, stop, idle_s) as lines:
         for batch in lines:

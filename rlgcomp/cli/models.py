@@ -54,7 +54,10 @@ def models(
         if rows:
             show_table("Whole, and giving their golden vectors again", rows)
         if not found.comparison.empty:
-            show_table("On runs not trained on", found.to_mapping()["comparison"])
+            rows = found.to_mapping()["comparison"]
+            show_table("On the runs given", [{key: row[key] for key in row if key != "trained_on"} for row in rows])
+        for remark in found.remarks:
+            typer.echo(f"- {remark}")
     for entry in found.refused:
         say(f"{entry.name}: {entry.problem or '; '.join(entry.code)}")
     if found.refused:

@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PeriodS, PulseArcsec, command, interval_of, progress, read_runs, say
+from rlgcomp.cli.base import (
+    AsJson,
+    Drop,
+    Gyro,
+    Map,
+    PeriodS,
+    PulseArcsec,
+    command,
+    interval_of,
+    progress,
+    read_runs,
+    require_folder,
+    say,
+)
 from rlgcomp.cli.show import show_json, show_table
+
+FILES: Final = ("allan.csv", "coefficients.json", "allan.png")  # what it writes
 
 
 @command("allan")
@@ -26,7 +41,10 @@ def allan(
     ] = 10.0,
     confidence: Annotated[float, typer.Option(help="Probability of the intervals.")] = 0.683,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for allan.csv, coefficients.json and allan.png.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="DIR", help="Folder for allan.csv, coefficients.json and allan.png, replaced as a whole."
+        ),
     ] = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -49,16 +67,15 @@ def allan(
     Example: `rlgcomp allan static.parquet --per-decade 5 --out noise`
     """
     from rlgcomp.allan.analysis import analyse_noise
-    from rlgcomp.files import require_folder
     from rlgcomp.formats.pieces import too_large
 
     taus = None if tau is None else _times(tau)
     if out is not None:
-        require_folder(out, ours="allan.csv")
+        require_folder(out, FILES, run)
     asked = {"estimator": estimator, "confidence": confidence, "per_decade": per_decade}
     path, interval = interval_of(run)
     if in_pieces or (interval is None and too_large(path)):
-        analyses = _in_pieces(run, gyro, taus, asked, mapping, pulse_arcsec, period_s)
+        analyses = _in_pieces(run, gyro, taus, asked, mapping, drop or [], pulse_arcsec, period_s)
         name = path.stem
     else:
         (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
@@ -93,6 +110,7 @@ def _in_pieces(
     taus: list[float] | None,
     asked: dict[str, Any],
     mapping: list[str] | None,
+    drop: list[str],
     pulse_arcsec: float | None,
     period_s: float | None,
 ) -> list[Any]:
@@ -106,7 +124,7 @@ def _in_pieces(
     if interval is not None:
         raise InputError(f"{run}: an interval is not read in pieces; leave --in-pieces out, or give the whole file")
     columns = parse_mapping(mapping or [])
-    gyros = gyros_of(path, columns)
+    gyros = gyros_of(path, columns, drop)
     if not gyros or (gyro is not None and gyro not in gyros):
         raise InputError(
             f"{path.name} has the gyro columns {', '.join(gyros) or 'none'}; choose one of them, or map one with --map"
@@ -122,7 +140,7 @@ def _in_pieces(
 
     return [
         analyse_pieces(
-            said(read_pieces(path, column, columns=columns, metadata={"pulse_arcsec": pulse_arcsec}, period_s=period_s)),
+            said(read_pieces(path, column, columns=columns, drop=drop, metadata={"pulse_arcsec": pulse_arcsec}, period_s=period_s)),
             column,
             taus,
             **asked,
@@ -162,7 +180,7 @@ def _write(out: Path, analyses: list[Any], title: str) -> None:
     from rlgcomp.files import whole_folder, write_json
     from rlgcomp.report.noise import allan_picture
 
-    with whole_folder(out, ours="allan.csv") as folder:
+    with whole_folder(out, writes=FILES) as folder:
         tables = [analysis.deviation.to_frame().assign(gyro=analysis.gyro) for analysis in analyses]
         pd.concat(tables, ignore_index=True).to_csv(folder / "allan.csv", index=False)
         write_json(folder / "coefficients.json", [analysis.to_mapping() for analysis in analyses])

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder, say
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.errors import InputError
 
+FILES: Final = ("arw.json", "arw.csv", "*_deg_s_orders.csv", "*_deg_s_allan.csv", "*_deg_s_*.svg")  # what `arw` writes
 Gyros = Annotated[list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, repeatable; by default all.")]
 
 
@@ -24,7 +25,9 @@ def arw(
     ] = None,
     pulse_arcsec: PulseArcsec = None,
     trend: Annotated[str, typer.Option(help="Variable of the fifth-order trend: time or temperature.")] = "time",
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, JSON and pictures.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, JSON and pictures, replaced as a whole.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Angle random walk of gyros that turn at constant rate on a table, with a check that needs no harmonic fit.
@@ -33,14 +36,13 @@ def arw(
 
     Example: `rlgcomp arw at60.parquet at30.parquet --out arw`
     """
-    from rlgcomp.files import require_folder
     from rlgcomp.rotation.pipeline import angle_random_walk
     from rlgcomp.rotation.results import RotationNoise
 
     if trend not in ("time", "temperature"):
         raise InputError(f"--trend is {trend!r}; it must be time or temperature")
     if out is not None:
-        require_folder(out, ours="arw.json")
+        require_folder(out, FILES, runs)
     results = []
     for spec in runs:  # one at a time: a run of five hours fills a gigabyte while it is read
         (recording,) = read_runs([spec], mapping, drop, pulse_arcsec, history=False)
@@ -99,7 +101,7 @@ def _write(result: Any, out: Path) -> None:
     from rlgcomp.files import whole_folder, write_json
     from rlgcomp.report.rotation_figures import pictures
 
-    with whole_folder(out, ours="arw.json") as folder:
+    with whole_folder(out, writes=FILES) as folder:
         write_json(folder / "arw.json", result.to_mapping())
         result.to_frame().to_csv(folder / "arw.csv", index=False)
         with progress("pictures", len(result.gyros)) as advance:

@@ -3,16 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Jobs, Map, MechanismFiles, PulseArcsec, Runs, command, progress, read_runs, say
+from rlgcomp.cli.base import (
+    AsJson,
+    Drop,
+    Gyro,
+    Jobs,
+    Map,
+    MechanismFiles,
+    PulseArcsec,
+    Runs,
+    command,
+    progress,
+    read_runs,
+    require_folder,
+    say,
+)
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
 
 if TYPE_CHECKING:
     from rlgcomp.challenge.sensitivity import Sensitivity
+
+FILES: Final = ("sensitivity.json", "shares.csv", "curves.png")  # what it writes
 
 
 @command("sensitivity", several=("--mechanisms",))
@@ -25,7 +41,9 @@ def sensitivity(
     ] = "0.1,0.2,0.4,0.8,1.6",
     draws: Annotated[int, typer.Option(min=1, help="Trials a strength, each of other shapes and signs.")] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for curves and trials.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for curves and trials, replaced as a whole.")
+    ] = None,
     mechanisms: MechanismFiles = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -40,7 +58,6 @@ def sensitivity(
     """
     from rlgcomp.challenge.sensitivity import sensitivity as measure
     from rlgcomp.errors import InputError
-    from rlgcomp.files import require_folder
     from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
@@ -49,7 +66,7 @@ def sensitivity(
     except ValueError:
         raise InputError(f"--strengths is {strengths!r}; write numbers joined by commas, as 0.1,0.2,0.4") from None
     if out is not None:
-        require_folder(out, ours="sensitivity.json")
+        require_folder(out, FILES, simulator, runs, mechanisms)
     catalogue = user_catalogue(mechanisms or [])
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     with progress("diagnosing") as advance:
@@ -122,7 +139,7 @@ def _write(found: Sensitivity, out: Path) -> None:
     ]
     title = f"{found.mechanism}: found in these recordings; shaded: 90 % with its 95 % interval"
     strength = f"strength (1 = {found.white_deg_h:.3g} deg/h rms that the simulator cannot absorb)"
-    with whole_folder(out, ours="sensitivity.json") as folder:
+    with whole_folder(out, writes=FILES) as folder:
         write_json(folder / "sensitivity.json", found.to_mapping())
         table.to_csv(folder / "shares.csv", index=False)
         (folder / "curves.png").write_bytes(curves_picture(title, strength, curves))

@@ -34,7 +34,7 @@ def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 def show_evaluation(evaluation: Any) -> None:
     """Print the tables of an evaluation."""
     show_table(
-        f"Bias stability held out ({evaluation.averaging_s:g} s means), deg/h",
+        f"Bias stability{' held out' if evaluation.held_out else ''} ({evaluation.averaging_s:g} s means), deg/h",
         [
             {
                 "run": run.run,

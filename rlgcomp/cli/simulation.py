@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, command, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, PulseArcsec, command, read_runs, say
 from rlgcomp.cli.show import show_json
 
 SimulatorFile = Annotated[Path, typer.Argument(metavar="SIM.yaml", help="Simulator file.")]
 Out = Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Recording to write; its ending chooses the format.")]
 
 
-@command("simulate")
+@command("simulate", several=("--mechanisms",))
 def simulate(
     simulator: SimulatorFile,
     out: Out,
@@ -37,10 +37,11 @@ def simulate(
 
     On a table: `rlgcomp simulate table.yaml --profile 'rate 10 600, rate -10 600, rest 120, sweep -1 1 1800' --out table.parquet`
     """
-    from rlgcomp.formats import write
+    from rlgcomp.formats import require_recordable, write
     from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
+    require_recordable(out)
     recording = Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).simulate(
         profile, seed=seed, step_s=step_s, name=out.stem
     )
@@ -53,7 +54,7 @@ def simulate(
         say(f"{out}: {len(recording)} rows, {recording.duration_s / 3600.0:.2f} h")
 
 
-@command("predict")
+@command("predict", several=("--mechanisms",))
 def predict(
     simulator: SimulatorFile,
     run: Annotated[str, typer.Argument(metavar="RUN")],
@@ -61,15 +62,17 @@ def predict(
     mechanisms: MechanismFiles = None,
     mapping: Map = None,
     drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
 ) -> None:
     """The gyro that a simulator expects, given a recording's own monitors: the same rows, without noise.
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
-    from rlgcomp.formats import write
+    from rlgcomp.formats import require_recordable, write
     from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
-    (recording,) = read_runs([run], mapping, drop)
+    require_recordable(out)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
     write(Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).predict(recording), out)
     say(f"{out}: {len(recording)} rows")

@@ -41,6 +41,7 @@ MANIFEST: Final = "manifest.json"
 SUMS: Final = "SHA256SUMS"
 SELECTION: Final = "selection.csv"
 CARD: Final = "card.md"
+FILES: Final = (MANIFEST, SUMS, SELECTION, CARD, "arrays/*.npy")
 _FILE: Final = re.compile(r"arrays/[A-Za-z0-9_]+(?:\.[0-9]+)?\.npy|manifest\.json|selection\.csv|card\.md")
 _DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 # What numpy.save writes before float64 numbers in C order; any other header is refused unread.
@@ -81,7 +82,7 @@ def write(path: str | Path, artefact: Artefact) -> None:
     """
     shapes = {name: list(values.shape) for name, values in artefact.arrays.items()}
     manifest = {"schema": SCHEMA, **artefact.manifest, "arrays": shapes}
-    with whole_folder(path, ours=MANIFEST) as folder:
+    with whole_folder(path, writes=FILES) as folder:
         (folder / "arrays").mkdir()
         for name, values in artefact.arrays.items():
             np.save(folder / "arrays" / f"{name}.npy", np.ascontiguousarray(values, dtype="<f8"), allow_pickle=False)

@@ -131,16 +131,18 @@ class Follower:
         if missing:
             raise InputError(f"the stream has no {', '.join(missing)}, which the model needs; it has {there}; map them with --map")
         self._gyros = self._gyro_columns([str(column) for column in table.columns if is_gyro(str(column))])
-        if any(column.endswith("_pulses") for column in self._gyros) and (self.period_s is None or self.pulse_arcsec is None):
-            raise InputError(
-                f"{', '.join(self._gyros)} count pulses: give --pulse-arcsec and --period-s, which a stream does not show"
-            )
         wanted = self.compensator.gyro or self.compensator.gyro_
         rates = {rate_name(column): column for column in self._gyros}
         only = self._gyros[0] if len(self._gyros) == 1 else None
         if (column := rates.get(rate_name(wanted), only)) is None:
             raise InputError(f"the model corrects {wanted}; the stream has {', '.join(self._gyros)}; map it with --map")
         self._gyro = column
+        if self.calibration is not None and self.calibration.gyro_axes is None:
+            self._gyros = [self._gyro]  # the others stay as they are
+        if any(column.endswith("_pulses") for column in self._gyros) and (self.period_s is None or self.pulse_arcsec is None):
+            raise InputError(
+                f"{', '.join(self._gyros)} count pulses: give --pulse-arcsec and --period-s, which a stream does not show"
+            )
 
     def _gyro_columns(self, gyros: list[str]) -> list[str]:
         if not gyros:

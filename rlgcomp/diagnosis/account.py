@@ -163,7 +163,7 @@ def remarks_of(
             f"Something wanders that no recorded column follows, with standard deviation {size:.2g} deg/h in these runs and a "
             f"correlation time {time}{swing} (probability {conclusion.unrecorded:.2f}): record more monitors."
         )
-    remarks += [f"What there is takes after {name} and is none: {why}." for name, why in conclusion.misnamed.items()]
+    remarks += [f"What there is takes after {name} and {why}." for name, why in conclusion.misnamed.items()]
     remarks += [
         f"What {cause.mechanism.name} does is drawn anew in every run: it cannot be predicted, and adds no gain on other runs."
         for cause in after.causes

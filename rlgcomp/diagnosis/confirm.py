@@ -43,6 +43,7 @@ from rlgcomp.physics.mechanism import Mechanism
 Array = npt.NDArray[np.float64]
 _BEHIND: Final = math.log(100.0)  # of the likeliest set: held-out runs are not asked about a set that is less likely in training,
 _FAR_BEHIND: Final = math.log(1000.0)  # nor than this, where training itself speaks for it and its prior alone against
+_JUMPS_BEHIND: Final = math.log(3000.0)  # nor, of a set with a path of jumps, than this: a few runs hardly tell it from slow noise
 _ASKED: Final = 40  # sets at most
 _SHOWN: Final = 2.0  # chi-square: with less a cause shows nothing of itself
 _FORESEEN: Final = 0.5  # of what a set can explain of the held-out runs
@@ -126,6 +127,8 @@ def _at_issue(explanations: Explanations) -> list[Model]:
     best = models[0]
 
     def behind(model: Model) -> float:
+        if explanations.search.without_jumps(model.labels) != model.labels:
+            return _JUMPS_BEHIND
         return _FAR_BEHIND if model.log_evidence > best.log_evidence else _BEHIND
 
     likely = [model for model in models[:_ASKED] if model.log_posterior > best.log_posterior - behind(model)]

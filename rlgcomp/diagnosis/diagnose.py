@@ -32,6 +32,7 @@ from rlgcomp.diagnosis.conclusion import Conclusion, beside_laws, concluded, hea
 from rlgcomp.diagnosis.detect import detect
 from rlgcomp.diagnosis.explain import Explanations, considered
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
+from rlgcomp.diagnosis.held_out import require_held_out
 from rlgcomp.diagnosis.knocks import frozen_in, without_knocks
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.posed import Asked, Posed
@@ -104,8 +105,8 @@ def diagnose(
     Raises
     ------
     InputError
-        Runs are too short, lack a monitor, belong to another kind than the simulator, or are beyond what it can be off by; a
-        mechanism of the user's fails on them.
+        A run is given twice, or both to train and to test; runs are too short, lack a monitor, belong to another kind than the
+        simulator, or are beyond what it can be off by; a mechanism of the user's fails on them.
     """
     told = progress or (lambda fraction: None)
     require_computable(mechanisms, [*train, *test])
@@ -215,6 +216,7 @@ def _known(
     """The simulator whose parameters are free, what else is predicted, and the simulated runs where these were given."""
     if not train:
         raise InputError("no training runs; give at least one with --train")
+    require_held_out(train, test)
     kinds = {run.metadata.kind for run in (*train, *test)}
     if simulator is not None and simulated is not None:
         raise InputError("a simulator and simulated runs were given; give one of them")

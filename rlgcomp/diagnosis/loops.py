@@ -137,36 +137,41 @@ def remember(kicks: Array, keep: Array) -> None:
 
 
 @compiled()
-def forward_backward(plus: Array, minus: Array, flip: Array, ahead: Array, mean: Array, log_likelihood: Array) -> None:
-    """Expected signs of a two-state hidden Markov model, and what the rows add to its log likelihood; models side by side.
+def forward_backward(
+    gap: Array, up: Array, down: Array, change: Array, stays_up: Array, stays_down: Array, log_likelihood: Array
+) -> None:
+    """Signs of a two-state hidden Markov model, and what the rows add to its log likelihood; models side by side.
 
     Parameters
     ----------
-    plus, minus : ndarray, shape (n, models)
-        Likelihood of each row given the sign, up to a common factor.
-    flip : ndarray, shape (n, models)
-        Probability that the sign changes before the row.
-    ahead, mean : ndarray, shape (n, models)
-        To be filled: probability of plus given the rows so far, and the expected sign given all rows.
+    gap : ndarray, shape (n, models)
+        Probability that the sign changes before the row begins.
+    up, down, change : ndarray, shape (n, models)
+        Likelihood of each row that begins and ends high, low, or one way and the other, times the probability that it ends so.
+    stays_up, stays_down : ndarray, shape (n, models)
+        To be filled: probability that the row begins and ends so, given all rows.
     log_likelihood : ndarray, shape (models,)
         To be added to.
     """
-    rows, models = plus.shape
+    rows, models = up.shape
     for j in range(models):
         before = 0.5
         for k in range(rows):
-            prior = before + flip[k, j] * (1.0 - 2.0 * before)
-            up, down = prior * plus[k, j], (1.0 - prior) * minus[k, j]
-            log_likelihood[j] += math.log(up + down)
-            before = up / (up + down)
-            ahead[k, j] = before
+            begins = before + gap[k, j] * (1.0 - 2.0 * before)
+            stays_up[k, j] = begins  # until all rows are known
+            high = begins * up[k, j] + (1.0 - begins) * change[k, j]
+            low = (1.0 - begins) * down[k, j] + begins * change[k, j]
+            log_likelihood[j] += math.log(high + low)
+            before = high / (high + low)
         back_up = back_down = 1.0
         for k in range(rows - 1, -1, -1):
-            up, down = ahead[k, j] * back_up, (1.0 - ahead[k, j]) * back_down
-            mean[k, j] = (up - down) / (up + down)
-            from_up, from_down = plus[k, j] * back_up, minus[k, j] * back_down
-            back_up = (1.0 - flip[k, j]) * from_up + flip[k, j] * from_down
-            back_down = (1.0 - flip[k, j]) * from_down + flip[k, j] * from_up
+            begins = stays_up[k, j]
+            from_up, from_down = up[k, j] * back_up, down[k, j] * back_down
+            high, low = from_up + change[k, j] * back_down, from_down + change[k, j] * back_up
+            total = begins * high + (1.0 - begins) * low
+            stays_up[k, j] = begins * from_up / total
+            stays_down[k, j] = (1.0 - begins) * from_down / total
+            back_up, back_down = high + gap[k, j] * (low - high), low + gap[k, j] * (high - low)
             largest = max(back_up, back_down)
             back_up, back_down = back_up / largest, back_down / largest
 

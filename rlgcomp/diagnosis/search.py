@@ -146,7 +146,7 @@ class Search:
         The likeliest says what further causes must exceed, once sets of one cause have said it.
         """
         found: dict[frozenset[Label], Model] = {frozenset(): self._nothing()}
-        for labels in sorted({one for one in sets if one and one <= self._by_label.keys()}, key=len):
+        for labels in sorted(dict.fromkeys(one for one in sets if one and one <= self._by_label.keys()), key=len):
             found[labels] = self._refined(labels, self._start(labels, found), {})
         for causes in (1, len(self._by_label)):
             self._ask_beyond(found, causes)
@@ -173,12 +173,13 @@ class Search:
         return labels - self._jumping
 
     def _start(self, labels: frozenset[Label], known: Mapping[frozenset[Label], Model]) -> tuple[Member, ...]:
-        """Members to begin with: those of the largest subset that is known, and the best beside them, one by one."""
-        members = known[max((inside for inside in known if inside <= labels), key=len)].members
+        """Members to begin with: those of the likeliest of the largest subsets known, and the best beside them, one by one."""
+        known_within = [model for inside, model in known.items() if inside <= labels]
+        members = max(known_within, key=lambda model: (len(model.labels), model.log_posterior)).members
         while len(members) < len(labels):
             here = {self._labels[member.candidate] for member in members}
             scores = self._scores(members)
-            label = max(labels - here, key=lambda one: scores[one][0])
+            label = max(sorted(labels - here), key=lambda one: scores[one][0])
             members = (*members, scores[label][1])
         return members
 

@@ -7,7 +7,8 @@ since the last jump, r,
 .. math:: p(y_{1:k}, r_k) = \sum_{r_{k-1}} p(y_{1:k-1}, r_{k-1}) \, p(r_k \mid r_{k-1}) \, p(y_k \mid r_k, y_{1:k-1})
 
 against the same sum over paths between two values, less what slow noise beside these explains. A line is one where its frequency
-holds more than those next to it. Stays of a random telegraph are exponential; those of a switch that keeps time are alike.
+holds more than those next to it. Stays of a random telegraph are exponential; those of a switch that keeps time are alike. And
+a telegraph that is not certain must be twenty times likelier than slow normal noise of its spectrum.
 
 References
 ----------
@@ -26,8 +27,8 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.evidence import Member, log_sum_exp
 from rlgcomp.diagnosis.explain import Explanations
 from rlgcomp.diagnosis.search import Label, Model
-from rlgcomp.diagnosis.telegraph import DWELLS_S, log_likelihood
-from rlgcomp.diagnosis.whitening import Rows
+from rlgcomp.diagnosis.two_levels import DWELLS_S, log_likelihood
+from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
@@ -36,6 +37,8 @@ _LEVELS: Final = (0.6, 1.0, 1.5)  # standard deviations of levels, of the same
 _NOISES: Final = (0.85, 1.0)  # of what the path leaves
 _PASTS: Final = 80  # times since the last jump that are reckoned with
 _MANY: Final = 120  # before unlikely ones are dropped
+_CERTAIN: Final = 0.99  # probability of jumps from which they are named; less likely ones
+_TOLD: Final = math.log(20.0)  # have these odds against slow noise of their spectrum, or have no name
 _FEWEST_STAYS: Final = 6
 _UNSEEN: Final = 5.0  # windows: shorter stays are missed
 _DRAWS: Final = 20_000
@@ -57,13 +60,34 @@ def misnamed(explanations: Explanations, model: Model) -> dict[Label, str]:
     for member in model.members:
         candidate = explanations.evidence.candidates[member.candidate]
         frequency_hz = _frequency_hz(candidate.mechanism)
-        if candidate.mechanism.jumps() and _log_odds_of_any_level(explanations, model, member) > 0.0:
-            found[candidate.name, candidate.known] = "it has more than two levels"
-        elif candidate.mechanism.jumps() and _keeps_time(candidate.columns[:, 0], explanations.evidence.problem.rows):
-            found[candidate.name, candidate.known] = "its stays are too alike to be random"
+        why = None
+        if candidate.mechanism.jumps():
+            why = _no_jumps_between_two_levels(explanations, model, member)
         elif frequency_hz is not None and not _is_a_line(explanations, model, member, frequency_hz):
-            found[candidate.name, candidate.known] = "its frequency does not stay the same"
+            why = "is none: its frequency does not stay the same"
+        if why is not None:
+            found[candidate.name, candidate.known] = why
     return found
+
+
+def _no_jumps_between_two_levels(explanations: Explanations, model: Model, path: Member) -> str | None:
+    """Why a path is not said to be one of random jumps between two values."""
+    evidence = explanations.evidence
+    rows = evidence.problem.rows
+    values, left = _alone(explanations, model, path)
+    half_step, noise = float(np.sqrt(np.mean(values**2))), float(np.std(left))
+    grid = list(itertools.product((half_step * x for x in _SIZES), (noise * x for x in _NOISES)))
+    two = _mean_of_logs(np.concatenate([log_likelihood(rows, values + left, step, white) for step, white in grid]))
+    in_training = explanations.in_training(model).noise_log
+    if _any_level(rows, values + left, half_step, noise) - two > float(in_training.max() - in_training[evidence.calmest]):
+        return "is none: it has more than two levels"
+    if _keeps_time(evidence.candidates[path.candidate].columns[:, 0], rows):
+        return "is none: its stays are too alike to be random"
+    if explanations.probability_of(evidence.candidates[path.candidate].name) > _CERTAIN:  # slow noise of any spectrum had its say
+        return None
+    if two - _mean_of_logs(np.concatenate([_slow_noise(rows, values + left, step, white) for step, white in grid])) < _TOLD:
+        return "may be none: slow noise of its spectrum explains it nearly as well"
+    return None
 
 
 def _keeps_time(path: Array, rows: Rows) -> bool:
@@ -78,22 +102,19 @@ def _keeps_time(path: Array, rows: Rows) -> bool:
     return bool(np.mean(chance.std(axis=1) / chance.mean(axis=1) <= spread) < _RARELY)
 
 
-def _log_odds_of_any_level(explanations: Explanations, model: Model, path: Member) -> float:
-    """Of jumps to any level against jumps between two values, slow noise beside the latter."""
-    rows = explanations.evidence.problem.rows
-    values, left = _alone(explanations, model, path)
-    half_step, noise = float(np.sqrt(np.mean(values**2))), float(np.std(left))
-    two = [
-        log_likelihood(rows, values + left, size * half_step, share * noise) for size, share in itertools.product(_SIZES, _NOISES)
-    ]
-    levels, shares, dwells = (
-        np.array(column)
-        for column in zip(*itertools.product((half_step * x for x in _LEVELS), (noise * x for x in _NOISES), DWELLS_S), strict=True)
-    )
-    any_level = _log_likelihood_of_any_level(rows, values + left, levels, shares, dwells)
-    odds = _mean_of_logs(any_level) - _mean_of_logs(np.concatenate(two))
-    in_training = explanations.in_training(model).noise_log
-    return odds - float(in_training.max() - in_training[explanations.evidence.calmest])
+def _any_level(rows: Rows, values: Array, half_step: float, noise: float) -> float:
+    """Log likelihood of jumps to any level of about a size in about such a noise."""
+    grid = itertools.product((half_step * x for x in _LEVELS), (noise * x for x in _NOISES), DWELLS_S)
+    return _mean_of_logs(_log_likelihood_of_any_level(rows, values, *(np.array(column) for column in zip(*grid, strict=True))))
+
+
+def _slow_noise(rows: Rows, values: Array, half_step: float, noise: float) -> Array:
+    """Log likelihood of normal noise with the covariance of jumps between two values and white noise, for each dwell."""
+    windows = len(rows) - rows.contrasts
+    shapes = [NoiseShape(wander=half_step / noise, wander_s=0.5 * dwell_s) for dwell_s in DWELLS_S]
+    whitened, log_determinant = whiten(rows, values[:, None] / noise, shapes)
+    square = (whitened[:, :windows] ** 2).sum(axis=(1, 2))
+    return np.asarray(-0.5 * (square + log_determinant) - windows * math.log(noise * math.sqrt(2.0 * math.pi)))
 
 
 def _log_likelihood_of_any_level(rows: Rows, values: Array, level: Array, noise: Array, dwell_s: Array) -> Array:

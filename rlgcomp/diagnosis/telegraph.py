@@ -1,35 +1,43 @@
-r"""Jumps between two values at random times, which no two runs repeat: a hidden Markov model finds the path.
+r"""Jumps between two values at random times, which no two runs repeat: their likeliest path, and how sure it is.
 
-.. math:: y_k = X_k \beta + a s_k + \sigma \epsilon_k, \qquad s_k = \pm 1,
-    \qquad P(s_{k+1} \ne s_k) = \tfrac12 (1 - e^{-2 \Delta t / \tau})
+.. math:: y = X \beta + a x + \sigma \epsilon
 
-Expectation and maximisation in turn (forward–backward for s, least squares for beta and a) from several starts; then Viterbi's
-path. The path is taken as a column, so it competes with all other causes under all noises. Its prior is the likelihood summed
-over all paths over the largest that the column alone can reach: as much as is known of the path, and no more.
+with x the window means of a random sign (:mod:`rlgcomp.diagnosis.two_levels`). Expectation and maximisation in turn
+(forward–backward for x, least squares for beta and a) from several starts; then Viterbi's path. The path is
+taken as a column, so it competes with all other causes under all noises. Its prior is the likelihood summed over all paths over
+the largest that the column alone can reach: as much as is known of the path, and no more. A path that is not sure leaves beta, a
+and sigma freer than its column would. With F the information that a known path has of them and H the curvature of the summed
+likelihood,
+
+.. math:: \log w = \log p(y \mid \hat\beta, \hat a, \hat\sigma) - \max \log p(y \mid x) + \tfrac12 \log |F| - \tfrac12 \log |H|
+
+so that both are averaged over them alike, as slow noise is.
 
 References
 ----------
-L. R. Rabiner, "A tutorial on hidden Markov models", Proc. IEEE 77, 257 (1989).
+A. P. Dempster, N. M. Laird and D. B. Rubin, "Maximum likelihood from incomplete data via the EM algorithm", J. R. Stat. Soc. B 39,
+1 (1977).
+T. A. Louis, "Finding the observed information matrix when using the EM algorithm", J. R. Stat. Soc. B 44, 226 (1982).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy import linalg
 
-from rlgcomp.compiled import available
-from rlgcomp.diagnosis.loops import forward_backward
+from rlgcomp.diagnosis.two_levels import DWELLS_S, Models, likeliest_signs, log_likelihood, smoothed
 from rlgcomp.diagnosis.whitening import Rows
 
 Array = npt.NDArray[np.float64]
-DWELLS_S: Final = (400.0, 1200.0, 3600.0, 10800.0)
 _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation
 _ITERATIONS: Final = 12
+_NUDGE: Final = 0.02  # of the noise, of a logarithm: to find the curvature
+_LEAST: Final = 0.01  # of a known path's information, that is left of it
 _FINE: Final = 25  # mean times between flips, from which the likeliest is read
 
 
@@ -40,6 +48,7 @@ class Path:
     Parameters
     ----------
     signs : ndarray, shape (n,)
+        Their mean over each window; nothing in rows that compare samples within windows.
     log_weight : float
     half_step : float
         In units of the target.
@@ -58,38 +67,93 @@ class Path:
 
 def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
     """The likeliest path in a target whose smooth part lies in the span of orthonormal columns, shape (n, p)."""
-    left = target - orthonormal @ (orthonormal.T @ target)
-    spread = float(np.std(left))
-    dwell, step = (grid.ravel() for grid in np.meshgrid(DWELLS_S, _STEPS, indexing="ij"))
-    half_step, noise = spread * step, np.full(len(dwell), 0.7 * spread)
-    smooth = np.zeros((len(target), len(dwell)))
-    flip = _flip_probability(rows, dwell)
-    for _ in range(_ITERATIONS):
-        mean, _ = _smoothed(target[:, None] - smooth, half_step, noise, flip)
-        residual = target[:, None] - half_step * mean
-        smooth = orthonormal @ (orthonormal.T @ residual)
-        centred = target[:, None] - smooth
-        half_step = np.maximum((centred * mean).mean(axis=0), 1e-3 * spread)
-        noise = np.sqrt(
-            np.maximum((centred**2 - 2.0 * centred * half_step * mean + half_step**2).mean(axis=0), (0.05 * spread) ** 2)
-        )
-    _, log_likelihood = _smoothed(target[:, None] - smooth, half_step, noise, flip)
-    best = int(np.argmax(log_likelihood))
-    signs = _viterbi(target - smooth[:, best], float(half_step[best]), float(noise[best]), flip[:, best])
-    flips = sum(int((np.diff(signs[part]) != 0.0).sum()) for part in rows.runs)
+    recording = _Target(rows, target, orthonormal)
+    smooth, models = _expected(recording)
+    found = smoothed(rows, recording.without(smooth), models)[2]
+    k = int(np.argmax(found))
+    values, model = recording.without(smooth[:, k : k + 1]), models.one(k)
+    means, flips = likeliest_signs(rows, values[:, 0], model)
+    signs = np.r_[means, np.zeros(rows.contrasts)]
+    by_dwell = found.reshape(len(DWELLS_S), -1).max(axis=1) - found[k]
+    summed = float(found[k] + np.log(np.mean(np.exp(by_dwell))))
+    half_step, noise = float(model.half_step[0]), float(model.noise[0])
     return Path(
         signs,
-        float(log_likelihood[best]) - _log_likelihood_given(signs, left, orthonormal) - math.log(len(DWELLS_S)),
-        float(half_step[best]),
-        _likeliest_dwell_s(rows, target - smooth[:, best], float(half_step[best]), float(noise[best])),
+        summed - recording.log_likelihood_given(signs) + _log_breadth(recording, smooth[:, k], model, signs),
+        half_step,
+        _likeliest_dwell_s(rows, values[:, 0], half_step, noise),
         flips,
     )
 
 
-def log_likelihood(rows: Rows, values: Array, half_step: float, noise: float, dwells_s: Sequence[float] = DWELLS_S) -> Array:
-    """Of jumps between two values in white noise, all paths summed, for each dwell."""
-    many = np.ones(len(dwells_s))
-    return _smoothed(values[:, None] * many, half_step * many, noise * many, _flip_probability(rows, np.array(dwells_s)))[1]
+@dataclasses.dataclass(frozen=True)
+class _Target:
+    """Rows, what they hold, shape (n,), and the columns that its smooth part is made of, shape (n, p)."""
+
+    rows: Rows
+    values: Array
+    orthonormal: Array
+
+    @property
+    def windows(self) -> slice:
+        """The rows that are windows of a run."""
+        return slice(len(self.rows) - self.rows.contrasts)
+
+    def without(self, smooth: Array) -> Array:
+        """Windows without smooth parts, coefficients of shape (p, models)."""
+        return (self.values[:, None] - self.orthonormal @ smooth)[self.windows]
+
+    def projected(self, jumps: Array) -> Array:
+        """Coefficients, shape (p, models), of what is left when windows lose jumps, shape (windows, models)."""
+        return (self.orthonormal.T @ self.values)[:, None] - self.orthonormal[self.windows].T @ jumps
+
+    def log_likelihood_given(self, signs: Array) -> float:
+        """Largest log likelihood of a path that is known, half step, noise and smooth part fitted to it."""
+        design = np.column_stack([signs, self.orthonormal])
+        left = (self.values - design @ np.linalg.lstsq(design, self.values, rcond=1e-10)[0])[self.windows]
+        return -0.5 * len(left) * (math.log(2.0 * math.pi * max(float(left @ left), 1e-300) / len(left)) + 1.0)
+
+
+def _expected(target: _Target) -> tuple[Array, Models]:
+    """Smooth parts, shape (p, models), and models that expectation and maximisation end with."""
+    spread = float(np.std(target.without(target.projected(np.zeros((target.windows.stop, 1))))))
+    dwell_s, step = (grid.ravel() for grid in np.meshgrid(DWELLS_S, _STEPS, indexing="ij"))
+    models = Models(spread * step, np.full(len(dwell_s), 0.7 * spread), dwell_s)
+    smooth = np.zeros((target.orthonormal.shape[1], len(dwell_s)))
+    for _ in range(_ITERATIONS):
+        mean, square, _ = smoothed(target.rows, target.without(smooth), models)
+        smooth = target.projected(models.half_step * mean)
+        values = target.without(smooth)
+        half_step = np.maximum((values * mean).sum(axis=0) / np.maximum(square.sum(axis=0), 1e-12), 1e-3 * spread)
+        variance = (values**2 - 2.0 * values * half_step * mean + half_step**2 * square).mean(axis=0)
+        models = Models(half_step, np.sqrt(np.maximum(variance, (0.05 * spread) ** 2)), dwell_s)
+    return smooth, models
+
+
+def _log_breadth(target: _Target, smooth: Array, model: Models, signs: Array) -> float:
+    """How much freer smooth part, half step and noise are than a known path would leave them."""
+    half_step, noise = float(model.half_step[0]), float(model.noise[0])
+    design = np.column_stack([target.orthonormal, half_step * signs]) / noise
+    known = linalg.block_diag(design.T @ design, 2.0 * target.windows.stop)
+    known += 1e-9 * np.diag(np.diag(known))  # of a path without a flip
+    return -0.5 * float(np.log(np.maximum(linalg.eigvalsh(_curvature(target, smooth, model), known), _LEAST)).sum())
+
+
+def _curvature(target: _Target, smooth: Array, model: Models) -> Array:
+    """Of the log likelihood, by smooth part and logarithms of half step and noise, shape (p + 2, p + 2): from its slopes nearby."""
+    p = len(smooth)
+    nudges = _NUDGE * np.column_stack([np.zeros(p + 2), np.eye(p + 2)])
+    nudges[:p] *= model.noise
+    smooth_parts = smooth[:, None] + nudges[:p]
+    half_step, noise = model.half_step * np.exp(nudges[p]), model.noise * np.exp(nudges[p + 1])
+    values = target.without(smooth_parts)
+    mean, square, _ = smoothed(target.rows, values, Models(half_step, noise, np.repeat(model.dwell_s, p + 3)))
+    by_smooth = target.projected(half_step * mean) - smooth_parts
+    by_half_step = half_step * ((values * mean).sum(axis=0) - half_step * square.sum(axis=0))
+    by_noise = (values**2 - 2.0 * values * half_step * mean + half_step**2 * square).sum(axis=0) - len(values) * noise**2
+    slopes = np.vstack([by_smooth, by_half_step, by_noise]) / noise**2
+    curvature = (slopes[:, :1] - slopes[:, 1:]) / nudges[:, 1:].sum(axis=0)
+    return np.asarray(0.5 * (curvature + curvature.T))
 
 
 def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> float:
@@ -101,74 +165,3 @@ def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float
     bend = before - 2.0 * top + after
     shift = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
     return float(dwell_s[k] * (dwell_s[1] / dwell_s[0]) ** shift)
-
-
-def _flip_probability(rows: Rows, dwell_s: Array) -> Array:
-    """Probability that the sign changes before each row, shape (n, models); even where a run begins."""
-    flip = np.full((len(rows), len(dwell_s)), 0.5)
-    for part in rows.runs:
-        steps = np.diff(rows.time_s[part])
-        flip[part.start + 1 : part.stop] = 0.5 * -np.expm1(-2.0 * steps[:, None] / dwell_s)
-    return flip
-
-
-def _log_likelihood_given(signs: Array, left: Array, orthonormal: Array) -> float:
-    """Largest log likelihood of a path that is known, half step, noise and smooth part fitted to it."""
-    column = signs - orthonormal @ (orthonormal.T @ signs)
-    square = float(left @ left) - float(column @ left) ** 2 / max(float(column @ column), 1e-12)
-    return -0.5 * len(left) * (math.log(2.0 * math.pi * max(square, 1e-300) / len(left)) + 1.0)
-
-
-def _smoothed(values: Array, half_step: Array, noise: Array, flip: Array) -> tuple[Array, Array]:
-    """Expected sign of each row and log likelihood, for models side by side: values of shape (n, models)."""
-    log_odds = 2.0 * half_step * values / noise**2  # of plus against minus
-    likely = np.exp(-np.abs(log_odds))
-    plus = np.where(log_odds >= 0.0, 1.0, likely)
-    minus = np.where(log_odds >= 0.0, likely, 1.0)
-    scale = -0.5 * ((np.abs(values) - half_step) / noise) ** 2 - np.log(noise * math.sqrt(2.0 * math.pi))
-    n, models = values.shape
-    ahead = np.empty((n, models))  # probability of plus given the rows so far
-    log_likelihood = scale.sum(axis=0)
-    mean = np.empty((n, models))
-    if available():
-        forward_backward(plus, minus, flip, ahead, mean, log_likelihood)
-        return mean, log_likelihood
-    before = np.full(models, 0.5)
-    for k in range(n):
-        prior = before + flip[k] * (1.0 - 2.0 * before)
-        up, down = prior * plus[k], (1.0 - prior) * minus[k]
-        total = up + down
-        log_likelihood += np.log(total)
-        before = ahead[k] = up / total
-    back_up = np.ones(models)
-    back_down = np.ones(models)
-    for k in range(n - 1, -1, -1):
-        up, down = ahead[k] * back_up, (1.0 - ahead[k]) * back_down
-        mean[k] = (up - down) / (up + down)
-        from_up, from_down = plus[k] * back_up, minus[k] * back_down
-        back_up = (1.0 - flip[k]) * from_up + flip[k] * from_down
-        back_down = (1.0 - flip[k]) * from_down + flip[k] * from_up
-        largest = np.maximum(back_up, back_down)
-        back_up, back_down = back_up / largest, back_down / largest
-    return mean, log_likelihood
-
-
-def _viterbi(values: Array, half_step: float, noise: float, flip: Array) -> Array:
-    """The likeliest path of signs."""
-    constant = -math.log(noise * math.sqrt(2.0 * math.pi))
-    up = (constant - 0.5 * ((values - half_step) / noise) ** 2).tolist()
-    down = (constant - 0.5 * ((values + half_step) / noise) ** 2).tolist()
-    stay, change = np.log1p(-flip).tolist(), np.log(flip).tolist()
-    best_up, best_down = math.log(0.5) + up[0], math.log(0.5) + down[0]
-    from_up = np.zeros((len(values), 2), dtype=np.bool_)
-    for k in range(1, len(values)):
-        a, b = best_up + stay[k], best_down + change[k]
-        c, d = best_up + change[k], best_down + stay[k]
-        from_up[k] = a >= b, c >= d
-        best_up, best_down = max(a, b) + up[k], max(c, d) + down[k]
-    signs = np.empty(len(values))
-    plus = best_up >= best_down
-    for k in range(len(values) - 1, -1, -1):
-        signs[k] = 1.0 if plus else -1.0
-        plus = bool(from_up[k, 0 if plus else 1])
-    return signs

@@ -23,6 +23,7 @@ from rlgcomp.export.expansion import expansion_of
 from rlgcomp.export.golden import OK, Stream, golden_stream, stream_of
 from rlgcomp.export.reduce import smallest_within
 from rlgcomp.export.target import REPORT, Options
+from rlgcomp.export.target import written as all_written
 from rlgcomp.files import to_json, whole_folder
 
 Array = npt.NDArray[np.float64]
@@ -51,13 +52,13 @@ def export(model: Path, out: Path, options: Options) -> CExport:
     whole = expansion_of(compensator)
     expansion, curve = sized(compensator, whole, options)
     expansion.require_computable()
-    design = Design(options.name or _name_from(model), compensator, expansion, options.precision, options.libm, identity(model))
+    design = Design(options.name or name_from(model), compensator, expansion, options.precision, options.libm, identity(model))
     full = expansion is whole
     golden, quiet_rows = golden_stream(compensator, expansion, full=full)
     streams = [golden, *(stream_of(run, compensator, expansion, full=full) for run in options.runs)]
     bounds = [bounds_of(stream, compensator, expansion, options.precision) for stream in streams]
     files = render(design, golden, bounds[0], quiet_rows)
-    with whole_folder(out, ours=REPORT) as folder:
+    with whole_folder(out, writes=all_written(model, "c", options.name)) as folder:
         for name, text in files.items():
             (folder / name).write_text(text, encoding="ascii")
         checks, skipped, measured, step_ns = _verified(folder, design, streams, bounds)
@@ -131,6 +132,12 @@ def _verified(
     return checks, skipped, measured, step_ns
 
 
-def _name_from(model: Path) -> str:
+def written(name: str) -> tuple[str, ...]:
+    """Names of the files, besides `report.json`."""
+    return (f"{name}.h", f"{name}.c", f"{name}_selftest.c", "report.md")
+
+
+def name_from(model: Path) -> str:
+    """What files and identifiers of this model begin with."""
     plain = re.sub(r"[^a-z0-9_]", "_", model.resolve().name.lower())[:40]
     return plain if plain[:1].isalpha() else f"model_{plain}"[:40]

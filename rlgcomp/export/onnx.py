@@ -25,6 +25,7 @@ from rlgcomp.export.budget import sized
 from rlgcomp.export.expansion import Expansion, expansion_of
 from rlgcomp.export.golden import golden_stream
 from rlgcomp.export.target import REPORT, Options
+from rlgcomp.export.target import written as all_written
 from rlgcomp.files import to_json, whole_folder
 
 Array = npt.NDArray[np.float64]
@@ -87,7 +88,7 @@ def export(model: Path, out: Path, options: Options) -> OnnxExport:
     compensator = load(model)
     whole = expansion_of(compensator)
     expansion, _ = sized(compensator, whole, options)
-    name = options.name or model.resolve().name
+    name = options.name or name_from(model)
     metadata = _metadata(compensator, expansion, identity(model))
     content = graph(compensator, expansion, options.precision, metadata).SerializeToString()
     golden, _ = golden_stream(compensator, expansion, full=expansion is whole)
@@ -101,18 +102,28 @@ def export(model: Path, out: Path, options: Options) -> OnnxExport:
         "centres": len(expansion.weights),
         "bytes": len(content),
         "opset": OPSET,
-        "files": [f"{name}.onnx", "golden.csv", REPORT],
+        "files": [*written(name), REPORT],
         **metadata,
     }
     result = OnnxExport(summary, checks, remarks)
     table = pd.DataFrame(streams["golden"], columns=list(compensator.recipe_.names))
-    with whole_folder(out, ours=REPORT) as folder:
+    with whole_folder(out, writes=all_written(model, "onnx", options.name)) as folder:
         (folder / f"{name}.onnx").write_bytes(content)
         table.assign(**_expected(compensator, expansion, table.to_numpy())).to_csv(
             folder / "golden.csv", index=False, float_format="%.17g"
         )
         (folder / REPORT).write_text(to_json(result.to_mapping()) + "\n", encoding="utf-8")
     return result
+
+
+def written(name: str) -> tuple[str, ...]:
+    """Names of the files, besides `report.json`."""
+    return (f"{name}.onnx", "golden.csv")
+
+
+def name_from(model: Path) -> str:
+    """What the files of this model begin with."""
+    return model.resolve().name
 
 
 def graph(compensator: Compensator, expansion: Expansion, precision: str, metadata: Mapping[str, Any]) -> Any:

@@ -1,14 +1,17 @@
 """What every export target takes and gives.
 
-A target is a module of this package with `export(model, out, options) -> Exported`; :data:`TARGETS` lists them.
+A target is a module of this package with `export(model, out, options) -> Exported`, `name_from(model)`, what files are named by
+default, and `written(name)`, the files' names besides `report.json`; :data:`TARGETS` lists them.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import glob
 import importlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final, Literal, Protocol
 
 from rlgcomp.errors import InputError
@@ -93,7 +96,23 @@ def export(model: str | Path, out: str | Path, to: str = "c", options: Options |
         The artefact is damaged or is not one, the target is unknown, the model cannot be exported to it, or the place cannot be
         written to. Nothing is written then.
     """
+    result: Exported = _target(to).export(Path(model), Path(out), options or Options())
+    return result
+
+
+def written(model: str | Path, to: str, name: str | None = None) -> tuple[str, ...]:
+    """Names of all files that an export writes, as :func:`rlgcomp.files.whole_folder` takes them.
+
+    Raises
+    ------
+    InputError
+        The target is unknown.
+    """
+    names: tuple[str, ...] = _target(to).written(name or _target(to).name_from(Path(model)))
+    return (REPORT, *map(glob.escape, names))
+
+
+def _target(to: str) -> ModuleType:
     if to not in TARGETS:
         raise InputError(f"--to {to!r} is unknown; known are {', '.join(TARGETS)}")
-    result: Exported = importlib.import_module(TARGETS[to]).export(Path(model), Path(out), options or Options())
-    return result
+    return importlib.import_module(TARGETS[to])

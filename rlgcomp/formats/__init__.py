@@ -18,9 +18,9 @@ import pandas as pd
 import yaml
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import from_yaml, whole_file, write_text
+from rlgcomp.files import from_yaml, require_writable, whole_file, write_text
 from rlgcomp.formats import csv, hdf5, matlab, parquet
-from rlgcomp.formats.mapping import apply_mapping
+from rlgcomp.formats.mapping import apply_mapping, require_droppable
 from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.repair import repair
 
@@ -77,13 +77,11 @@ def read(
         raise InputError(f"{path} is empty (0 bytes)")
     table, stored = form.load(path)
     beside = read_sidecar(path)
-    mapping = dict(beside.pop("columns", None) or {}) | dict(columns or {})
+    mapping = column_mapping(beside, path) | dict(columns or {})
     period_s = beside.pop("period_s", None) if period_s is None else period_s
     said = {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
     merged = Metadata.from_mapping(said)
-    unknown = [column for column in drop if column not in table.columns]
-    if unknown:
-        raise InputError(f"{path}: cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
+    require_droppable(drop, table.columns, path)
     table = table.drop(columns=list(drop))
     table, vouched = apply_mapping(table, mapping, name=path.name)
     if period_s is not None:
@@ -103,9 +101,10 @@ def write(recording: Recording, path: str | Path) -> None:
     Raises
     ------
     InputError
-        The ending is unknown or the place cannot be written to.
+        As :func:`require_recordable`.
     """
     path = Path(path)
+    require_recordable(path)
     form = _format_of(path)
     table = recording.table
     if recording.truth is not None:
@@ -118,9 +117,64 @@ def write(recording: Recording, path: str | Path) -> None:
         write_sidecar(path, metadata)
 
 
+def require_recordable(path: Path) -> None:
+    """Raise unless a recording of this name could be written: said before the work, not after it.
+
+    Raises
+    ------
+    InputError
+        The ending is unknown, the place cannot be written to, or the .yaml beside it is something else.
+    """
+    form = _format_of(path)
+    require_writable(path)
+    if form is csv:
+        require_sidecar(path)
+
+
+def require_sidecar(path: Path) -> None:
+    """Raise where the .yaml beside a recording that is to be written holds what :func:`write_sidecar` never wrote.
+
+    Raises
+    ------
+    InputError
+        It does; it may be a simulator's file.
+    """
+    beside = sidecar(path)
+    try:
+        foreign = sorted(read_sidecar(path).keys() - {field.name for field in dataclasses.fields(Metadata)})
+        unreadable = beside.exists() and not beside.is_file()
+    except (InputError, OSError):
+        foreign, unreadable = [], True
+    if foreign or unreadable:
+        holds = f" that was written here: it holds {', '.join(foreign)}" if foreign else ""
+        raise InputError(
+            f"{beside}, which would hold the metadata of {path.name}, exists and is no recording's metadata{holds}; "
+            "give another name"
+        )
+
+
 def write_sidecar(path: Path, metadata: Mapping[str, Any]) -> None:
     """Write the .yaml beside a recording."""
-    write_text(_sidecar(path), yaml.safe_dump(dict(metadata), sort_keys=False, allow_unicode=True))
+    write_text(sidecar(path), yaml.safe_dump(dict(metadata), sort_keys=False, allow_unicode=True))
+
+
+def column_mapping(beside: dict[str, Any], path: Path) -> dict[str, str]:
+    """The mapping of columns, taken out of what the .yaml beside a recording says; empty where it says nothing of it.
+
+    Raises
+    ------
+    InputError
+        It is no mapping of names to names.
+    """
+    said = beside.pop("columns", None)
+    if said is None:
+        return {}
+    if not isinstance(said, dict) or not all(isinstance(source, str | int | float) for source in said.values()):
+        raise InputError(
+            f"{sidecar(path)}: columns is {str(said)[:80]!r}, a {type(said).__name__}; it must map contract names to the file's "
+            "own; write a line such as 'columns: {gyro_deg_h: \"Gyro Z [deg/s]\"}'"
+        )
+    return {str(target): str(source) for target, source in said.items()}
 
 
 def with_metadata(recording: Recording, **changes: Any) -> Recording:
@@ -153,7 +207,8 @@ def _stem(path: Path) -> str:
     return path.stem
 
 
-def _sidecar(path: Path) -> Path:
+def sidecar(path: Path) -> Path:
+    """The .yaml beside a recording, whether it is there or not."""
     return path.with_name(_stem(path) + ".yaml")
 
 
@@ -165,15 +220,15 @@ def read_sidecar(path: Path) -> dict[str, Any]:
     InputError
         It is not readable.
     """
-    sidecar = _sidecar(path)
-    if not sidecar.is_file():
+    beside = sidecar(path)
+    if not beside.is_file():
         return {}
     try:
-        content = from_yaml(sidecar.read_text(encoding="utf-8"))
+        content = from_yaml(beside.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{sidecar}: not readable as YAML: {error}") from None
+        raise InputError(f"{beside}: not readable as YAML: {error}") from None
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise InputError(f"{sidecar}: holds a {type(content).__name__}; expected lines such as 'pulse_arcsec: 0.84'")
+        raise InputError(f"{beside}: holds a {type(content).__name__}; expected lines such as 'pulse_arcsec: 0.84'")
     return {str(key): value for key, value in content.items()}

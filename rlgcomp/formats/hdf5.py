@@ -31,11 +31,11 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         with h5py.File(path, "r") as file:
             file.visititems(visit)
             for key, value in file.attrs.items():
-                plain = value.decode() if isinstance(value, bytes) else getattr(value, "item", lambda v=value: v)()
-                metadata.update(from_json(plain) if key == _ATTRIBUTE else {key: plain})
+                metadata.update(from_json(_plain(value)) if key == _ATTRIBUTE else {key: _plain(value)})
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is not readable as HDF5: {(str(error).splitlines() or ['damaged'])[0]}") from None
-    order = metadata.pop(_COLUMNS, [])
+    stored = metadata.pop(_COLUMNS, [])
+    order = stored if isinstance(stored, list) else []  # another program's attribute of that name may hold anything
     table = commonest_length(columns, path)
     return table[sorted(table.columns, key=lambda column: order.index(column) if column in order else len(order))], metadata
 
@@ -48,6 +48,17 @@ def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
         file.attrs[_ATTRIBUTE] = to_json({**metadata, _COLUMNS: list(table.columns)}, indent=None)
         for column in table.columns:
             file.create_dataset(column, data=table[column].to_numpy(dtype=np.float64), compression="gzip", compression_opts=4)
+
+
+def _plain(value: Any) -> Any:
+    """An attribute as plain data; one number or text is no list, even where it is stored as one."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.item() if value.size == 1 else value.tolist()
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    return value if isinstance(value, str | int | float) else str(value)  # references and their like
 
 
 def commonest_length(columns: dict[str, np.ndarray], path: Path) -> pd.DataFrame:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from pathlib import Path
 
 import pandas as pd
 
@@ -74,6 +75,19 @@ def parse_mapping(items: list[str]) -> dict[str, str]:
             raise InputError(f"--map {item!r}: expected TARGET=SOURCE, as in --map gyro_deg_h='Gyro Z [deg/s]'")
         mapping[target.strip()] = source.strip().strip("'\"")
     return mapping
+
+
+def require_droppable(drop: Collection[str], columns: Collection[str], path: str | Path) -> None:
+    """Refuse to leave out what a file does not have.
+
+    Raises
+    ------
+    InputError
+        A column that is to be dropped is not there.
+    """
+    unknown = [column for column in drop if column not in columns]
+    if unknown:
+        raise InputError(f"{path}: cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, columns))}")
 
 
 def find_column(columns: Collection[str], source: str, name: str) -> tuple[str, str | None]:

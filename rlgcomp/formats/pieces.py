@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.formats import TABLE_COLUMNS, csv, parquet, read_sidecar
-from rlgcomp.formats.mapping import apply_mapping, find_column
+from rlgcomp.formats import TABLE_COLUMNS, column_mapping, csv, parquet, read_sidecar
+from rlgcomp.formats.mapping import apply_mapping, find_column, require_droppable
 from rlgcomp.recording import TIME, Metadata, Recording, is_gyro
 from rlgcomp.repair import repair
 
@@ -31,10 +31,10 @@ def too_large(path: Path) -> bool:
     return 8 * rows * columns > SHARE * memory
 
 
-def gyros_of(path: Path, columns: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """Gyro columns of a file, under the names that a mapping gives them."""
-    names, _ = _opened(path)
-    mapping = _mapping(path, columns)
+def gyros_of(path: Path, columns: Mapping[str, str] | None = None, drop: Sequence[str] = ()) -> tuple[str, ...]:
+    """Gyro columns of a file, under the names that a mapping gives them, less those that are dropped."""
+    names, _ = _opened(path, drop)
+    mapping = column_mapping(read_sidecar(path), path) | dict(columns or {})
     mapped = {find_column(names, source, path.name)[0] for source in mapping.values()}
     return tuple(name for name in (*mapping, *(name for name in names if name not in mapped)) if is_gyro(name))
 
@@ -44,6 +44,7 @@ def read_pieces(
     gyro: str,
     *,
     columns: Mapping[str, str] | None = None,
+    drop: Sequence[str] = (),
     metadata: Mapping[str, Any] | None = None,
     period_s: float | None = None,
     rows: int = ROWS,
@@ -56,7 +57,7 @@ def read_pieces(
         A .parquet or .csv file; a .yaml beside it counts as in :func:`rlgcomp.formats.read`.
     gyro : str
         Gyro column, under its contract name.
-    columns, metadata, period_s
+    columns, drop, metadata, period_s
         As :func:`rlgcomp.formats.read` takes them.
     rows : int
         Rows of a piece, at least a thousand. Each is repaired by itself; its findings count rows from its own first.
@@ -69,11 +70,10 @@ def read_pieces(
     path = Path(path)
     if rows < 1000:
         raise InputError(f"pieces of {rows} rows are too short to tell stuck samples from others; give 1000 or more")
-    names, stored = _opened(path)
+    names, stored = _opened(path, drop)
     beside = read_sidecar(path)
-    mapping = _mapping(path, columns)
+    mapping = column_mapping(beside, path) | dict(columns or {})
     period_s = beside.pop("period_s", None) if period_s is None else period_s
-    beside.pop("columns", None)
     said = {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
     if any(name in TABLE_COLUMNS for name in (*names, *mapping)):
         said.setdefault("kind", "turntable")
@@ -98,19 +98,18 @@ def _needed(gyro: str, period_s: float | None) -> tuple[str, ...]:
     return (gyro,) if period_s is not None else (TIME, gyro)
 
 
-def _mapping(path: Path, columns: Mapping[str, str] | None) -> dict[str, str]:
-    return dict(read_sidecar(path).get("columns") or {}) | dict(columns or {})
-
-
-def _opened(path: Path) -> tuple[list[str], dict[str, Any]]:
-    """Column names and stored metadata."""
+def _opened(path: Path, drop: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
+    """Names of the columns that are not dropped, and stored metadata."""
     if not path.is_file():
         raise InputError(f"{path} does not exist, or is no file")
     if path.name.lower().endswith(parquet.SUFFIXES):
-        return parquet.header(path)
-    if path.name.lower().endswith(csv.SUFFIXES) and path.suffix != ".gz":
-        return csv.header(path), {}
-    raise InputError(f"{path}: only .parquet and plain .csv files are read in pieces; write it as one of these")
+        names, stored = parquet.header(path)
+    elif path.name.lower().endswith(csv.SUFFIXES) and path.suffix != ".gz":
+        names, stored = csv.header(path), {}
+    else:
+        raise InputError(f"{path}: only .parquet and plain .csv files are read in pieces; write it as one of these")
+    require_droppable(drop, names, path)
+    return [name for name in names if name not in drop], stored
 
 
 def _tables(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:

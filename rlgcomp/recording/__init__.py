@@ -183,8 +183,13 @@ class Recording:
             return self.gyro_columns[0]
         if wanted in self.gyro_columns:
             return str(wanted)
-        received = "none was chosen" if wanted is None else f"{wanted!r} is not among them"
-        raise InputError(f"{self.name} has the gyro columns {', '.join(self.gyro_columns)}; {received}; choose with --gyro COLUMN")
+        received, otherwise = (
+            ("none was chosen", "leave the others out with --drop COLUMN")
+            if wanted is None
+            else (f"{wanted!r} is not among them", f"name one so with --map {wanted}='NAME [unit]'")
+        )
+        there = ", ".join(self.gyro_columns)
+        raise InputError(f"{self.name} has the gyro columns {there}; {received}; choose with --gyro COLUMN, or {otherwise}")
 
     def rate_deg_h(self, gyro: str | None = None) -> Array:
         """Gyro output in deg/h, whatever unit it was recorded in.
@@ -252,6 +257,8 @@ class Recording:
     def averaged(self, window_s: float = DEFAULT_AVERAGING_S, extra: pd.DataFrame | None = None) -> Recording:
         """Means over consecutive windows that begin after the lead-in; gyros come out in deg/h.
 
+        Beside gyros that can be told in deg/h, pulses of unknown size stay pulses.
+
         A window counts only if at least 80 % of its samples are there, so that a gap shortens the result instead of bending it.
 
         Parameters
@@ -268,7 +275,8 @@ class Recording:
         """
         scored = self.scored
         windows = FullWindows.of(self.time_s[scored], window_s, self.period_s, name=self.name)
-        in_deg_h = {column: self.rate_deg_h(column) for column in self.gyro_columns}
+        known = [column for column in self.gyro_columns if not column.endswith("_pulses") or self.metadata.pulse_arcsec is not None]
+        in_deg_h = {column: self.rate_deg_h(column) for column in known or self.gyro_columns}
         table = self._table.assign(**in_deg_h).rename(columns={column: rate_name(column) for column in in_deg_h})
         averaged = windows.means(table[scored]).assign(**{TIME: windows.middles_s})
         if extra is not None:

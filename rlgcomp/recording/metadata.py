@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import math
 from collections.abc import Mapping
 from typing import Any, Literal, Self, get_args
@@ -27,7 +28,7 @@ class Metadata:
     lead_in_s : float
         The first seconds only set the state of everything that remembers (filters, hysteresis): they are neither fitted nor scored.
     notes : mapping
-        Anything else, kept as it came.
+        Anything else, kept as it came; from a file dates are ISO text, and free text stands under `notes`.
     """
 
     kind: Kind = "chamber"
@@ -51,9 +52,11 @@ class Metadata:
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
         """Metadata from a mapping read from a file: numbers may come as text, unknown keys go to `notes`."""
         known: dict[str, Any] = {}
-        notes: dict[str, Any] = dict(values.get("notes") or {})
-        for key, value in values.items():
-            if key == "notes" or value is None:
+        given: dict[str, Any] = _plain(values)
+        remarks = given.pop("notes", None)
+        notes: dict[str, Any] = remarks if isinstance(remarks, dict) else {} if remarks is None else {"notes": remarks}
+        for key, value in given.items():
+            if value is None:
                 continue
             if key in ("latitude_deg", "pulse_arcsec", "lead_in_s"):
                 try:
@@ -63,13 +66,24 @@ class Metadata:
             elif key in ("kind", "unit"):
                 known[key] = str(value)
             else:
-                notes[str(key)] = value
+                notes[key] = value
         return cls(**known, notes=notes)
 
     def to_mapping(self) -> dict[str, Any]:
         """Plain mapping, without what was not given; the inverse of `from_mapping`."""
         plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {key: value for key, value in plain.items() if value not in (None, "", 0.0) and value != {}}
+
+
+def _plain(value: Any) -> Any:
+    """What a file says, its dates as ISO text, so that every format and every artefact can hold it."""
+    if isinstance(value, datetime.date):
+        return value.isoformat()
+    if isinstance(value, Mapping):
+        return {str(_plain(key)): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
 
 
 @dataclasses.dataclass(frozen=True)

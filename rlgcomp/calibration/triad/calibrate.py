@@ -54,7 +54,7 @@ class TableCalibration:
     content: dict[str, Any]
 
 
-def calibrate_recordings(
+def calibrate_turntable(
     recordings: Sequence[Recording],
     *,
     gyro_axes: str | None = None,
@@ -62,7 +62,7 @@ def calibrate_recordings(
     angle_random_walk_deg_sqrt_h: float | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> TableCalibration:
-    """Calibrate a triad from recordings; see :func:`rlgcomp.calibration.triad.estimate.calibrate_triad`.
+    """Calibrate a triad from recordings on a two-axis table; see :func:`rlgcomp.calibration.triad.estimate.calibrate_triad`.
 
     Parameters
     ----------

@@ -1,0 +1,119 @@
+"""The names that a notebook user guesses, and the shapes in which they are called."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.simulation.rate_table import reversing
+
+NAMES = (
+    "read", "Compensator", "LSSVMRegressor", "load", "Simulator", "diagnose", "allan_deviation", "Mechanism", "CATALOGUE",
+    "CubicLeastSquares", "KernelBaselines", "calibrate_scale_factor", "calibrate_turntable", "angle_random_walk", "evaluate",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three short runs of one gyro as files."""
+    folder = tmp_path_factory.mktemp("face")
+    gyro = rlg.simulated_unit(1)
+    for seed, name in enumerate(("cold", "hot", "new"), start=1):
+        rlg.write(gyro.simulate("short", seed=seed, step_s=10.0), folder / f"{name}.parquet")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(folder: Path) -> list[rlg.Recording]:
+    return [rlg.read(folder / "cold.parquet"), rlg.read(folder / "hot.parquet")]
+
+
+@pytest.fixture(scope="module")
+def static() -> rlg.Recording:
+    """Two gyros at rest, the first 200 s a lead-in in which they are far off."""
+    time = 0.5 * np.arange(8000)
+    noise = np.random.default_rng(1).normal(size=(2, len(time)))
+    x, y = 10.0 + noise + np.where(time < 200.0, 1e3, 0.0)
+    table = pd.DataFrame({"time_s": time, "gyro_x_deg_h": x, "gyro_y_deg_s": 2.0 * y / 3600.0})
+    return rlg.Recording(table, rlg.Metadata(kind="static", lead_in_s=200.0))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_promised_name_is_there(name: str) -> None:
+    assert name in rlg.__all__
+    assert getattr(rlg, name) is not None
+
+
+def test_train_correct_save_and_load(folder: Path, runs: list[rlg.Recording], tmp_path: Path) -> None:
+    model = rlg.Compensator(rlg.LSSVMRegressor(), features="all").fit(runs)
+    new = rlg.read(folder / "new.parquet")
+    clean = model.correct(new)
+    assert isinstance(clean, rlg.Recording)
+    sample = {name: float(new.column(name)[0]) for name in new.columns}
+    assert model.step(sample).bias_deg_h == model.predict(new)["bias_deg_h"].iloc[0]
+    model.save(tmp_path / "unit-17")
+    pd.testing.assert_frame_equal(rlg.load(tmp_path / "unit-17").correct(new).table, clean.table)
+    assert rlg.evaluate(model, [new], compare=False).residual_std_deg_h < np.std(new.column("gyro_deg_h"))
+
+
+@pytest.mark.parametrize("regressor", ["CubicLeastSquares", "KernelBaselines"])
+def test_other_regressors_are_made_without_arguments(regressor: str) -> None:
+    assert hasattr(getattr(rlg, regressor)(), "fit")
+
+
+def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], tmp_path: Path) -> None:
+    rlg.simulated_unit(1).without("readout_incoherence").to_yaml(tmp_path / "gyro.yaml")
+    simulator = rlg.Simulator.from_yaml(tmp_path / "gyro.yaml")
+    held_out = rlg.read(folder / "new.parquet")
+    diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], black_box=False)
+    assert "readout_incoherence" in str(diagnosis)
+    assert "readout_incoherence" in str(diagnosis.findings)
+    better = diagnosis.augmented
+    assert isinstance(better.simulate("short", seed=2, step_s=10.0), rlg.Recording)
+    assert len(better.predict(held_out)) == len(held_out)
+    diagnosis.report(tmp_path / "report.html")
+    assert (tmp_path / "report.html").stat().st_size > 0
+    assert issubclass(rlg.CATALOGUE["readout_incoherence"], rlg.Mechanism)
+
+
+def test_the_allan_deviation_of_a_recording(static: rlg.Recording) -> None:
+    scored = static.scored
+    for gyro, size in (("gyro_x_deg_h", 1.0), ("gyro_y_deg_s", 2.0)):
+        dev = rlg.allan_deviation(static, gyro=gyro)
+        of_arrays = rlg.allan_deviation(static.rate_deg_h(gyro)[scored], static.time_s[scored])
+        assert (dev.deviation_deg_h == of_arrays.deviation_deg_h).all()
+        assert list(dev.to_frame().columns) == [
+            "tau_s", "deviation_deg_h", "lower_deg_h", "upper_deg_h", "differences", "edf", "noise",
+        ]  # fmt: skip
+        noise = dev.noise()
+        assert isinstance(noise, rlg.NoiseCoefficients)
+        expected = size * np.sqrt(0.5 / 3600.0)
+        assert noise.angle_random_walk_deg_sqrt_h == pytest.approx(expected, rel=0.05)
+        assert 0.0 < noise.angle_random_walk_deg_sqrt_h_sd < 0.05 * expected
+    alone = static.replace(table=static.table.drop(columns="gyro_y_deg_s"))
+    assert rlg.allan_deviation(alone, tau_s=[1.0, 10.0]).tau_s.tolist() == [1.0, 10.0]
+
+
+def test_what_does_not_fit_together_is_refused(static: rlg.Recording) -> None:
+    rate, time = static.column("gyro_x_deg_h"), static.time_s
+    with pytest.raises(rlg.InputError, match="none was chosen"):
+        rlg.allan_deviation(static)
+    with pytest.raises(rlg.InputError, match="averaging times as tau_s="):
+        rlg.allan_deviation(static, [1.0, 10.0], gyro="gyro_x_deg_h")
+    with pytest.raises(rlg.InputError, match="rates without their times; give a Recording"):
+        rlg.allan_deviation(rate)
+    with pytest.raises(rlg.InputError, match="gyro='gyro_x_deg_h' beside an array"):
+        rlg.allan_deviation(rate, time, gyro="gyro_x_deg_h")
+
+
+def test_calibrate_turntable_takes_recordings() -> None:
+    triad = dataclasses.replace(rlg.Triad(), gyro=rlg.TriadErrors({"scale_z_ppm": 50.0}))
+    level = reversing(30.0, revolutions=2, repeats=2, outer_start_deg=90.0)
+    found = rlg.calibrate_turntable([triad.simulate(level, seed=1, name="level")])
+    scale = found.triad.to_frame().set_index("parameter").loc["scale_z_ppm"]
+    assert scale["value"] == pytest.approx(50.0, abs=5.0 * scale["sd"])
