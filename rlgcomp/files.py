@@ -83,7 +83,7 @@ def whole_folder(path: str | Path, *, writes: Sequence[str]) -> Iterator[Path]:
         yield scratch
         scratch.chmod(0o777 & ~_umask())
         if place.exists():
-            require_folder(path, writes=writes)  # the work may have taken hours
+            _require_still(path, writes, scratch)
             retired = Path(tempfile.mkdtemp(prefix=f".{place.name}.old.", dir=place.parent))
             os.replace(place, retired)
             os.replace(scratch, place)
@@ -93,6 +93,17 @@ def whole_folder(path: str | Path, *, writes: Sequence[str]) -> Iterator[Path]:
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
         _remove_empty(missing)
+
+
+def _require_still(path: str | Path, writes: Sequence[str], made: Path) -> None:
+    """Raise where something was put into the folder while the work went on, which may have taken hours: what was made stays beside
+    it."""
+    try:
+        require_folder(path, writes=writes)
+    except InputError as error:
+        kept = Path(tempfile.mkdtemp(prefix=f"{Path(path).resolve().name}.", dir=made.parent))
+        os.replace(made, kept)
+        raise InputError(f"{error}; what was made lies in {kept}") from None
 
 
 def write_text(path: str | Path, text: str) -> None:
