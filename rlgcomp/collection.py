@@ -14,7 +14,7 @@ from rlgcomp.compensation.artefact import MANIFEST, SUMS, identity
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.keeping import load
 from rlgcomp.errors import InputError
-from rlgcomp.evaluation import evaluate
+from rlgcomp.evaluation import evaluate, no_proof
 from rlgcomp.files import from_json
 from rlgcomp.recording import Recording
 
@@ -89,9 +89,7 @@ class Collection:
         if self.comparison.empty:
             return ()
         seen = self.comparison[self.comparison["trained_on"]]
-        return tuple(
-            f"{row.model}: {row.run} was trained on, at least in part: what is left of it is no proof." for row in seen.itertuples()
-        )
+        return tuple(f"{model}: {no_proof(run)}" for model, run in zip(seen["model"], seen["run"], strict=True))
 
     @property
     def refused(self) -> tuple[Entry, ...]:

@@ -151,7 +151,7 @@ class Evaluation:
         said = []
         for run in self.runs:
             if run.trained_on:
-                said.append(f"{run.run} was trained on, at least in part: what is left of it is no proof.")
+                said.append(no_proof(run.run))
             if run.factor_low <= 1.0:
                 said.append(
                     f"{run.run}: no gain in stability can be claimed; the 95 % interval of the factor, {run.factor_low:.2f} to "
@@ -209,6 +209,11 @@ class Evaluation:
                 for trace in self.traces
             ],
         }
+
+
+def no_proof(run: str) -> str:
+    """What is said of a run that was trained on."""
+    return f"{run} was trained on, at least in part: what is left of it is no proof."
 
 
 def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bool = True, n_jobs: int = 1) -> Evaluation:

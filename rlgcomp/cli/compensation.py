@@ -125,6 +125,7 @@ def train(
         with progress("selecting") as advance:
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
     if export is not None and _lies_in(export, out):
+        _require_folders(out, export)  # the work may have taken hours
         shutil.rmtree(export, ignore_errors=True)  # code of the model that is replaced, as was asked for
     compensator.save(out)
     journal.unlink(missing_ok=True)

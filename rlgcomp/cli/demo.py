@@ -17,15 +17,7 @@ UNIT = 1
 # Concealed, by chamber programmes: short runs show hysteresis too little to name it beyond doubt.
 CONCEALED, CONCEALED_QUICK = "thermal_hysteresis", "readout_incoherence"
 
-FILES: Final = (  # what it writes, besides the model
-    "held-out.parquet",
-    "train-1.parquet",
-    "train-2.parquet",
-    "simulator.yaml",
-    "report.html",
-    "evaluation.json",
-    *(f"diagnosis/{name}" for name in ("diagnosis.json", "augmented.yaml", "report.html", "simulator.yaml")),
-)
+OWN: Final = ("held-out.parquet", "train-1.parquet", "train-2.parquet", "simulator.yaml")  # what no other command writes
 
 
 @command("demo")
@@ -44,6 +36,8 @@ def demo(
     Example: `rlgcomp demo --out demo`
     """
     from rlgcomp.challenge.conceal import lacking
+    from rlgcomp.cli.compensation import EVALUATION
+    from rlgcomp.cli.diagnosis import FILES as DIAGNOSIS
     from rlgcomp.compensation import artefact
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.diagnosis.diagnose import diagnose
@@ -53,7 +47,8 @@ def demo(
     from rlgcomp.report.page import write_report
     from rlgcomp.simulation.fleet import simulated_unit
 
-    writes = (*FILES, *(f"model/{name}" for name in artefact.FILES))
+    diagnosis = (f"diagnosis/{name}" for name in (*DIAGNOSIS, "simulator.yaml"))
+    writes = (*OWN, *EVALUATION, *diagnosis, *(f"model/{name}" for name in artefact.FILES))
     require_folder(out, writes)
     unit = simulated_unit(UNIT)
     programmes = (
