@@ -238,3 +238,22 @@ def test_the_same_question_has_the_same_answer() -> None:
     assert all(process.returncode == 0 for process in processes)
     assert said[0] == said[1]
     assert "'verdict': 'unknown'" in said[0]
+
+
+@pytest.mark.parametrize(("phases", "found"), [((0.3, 0.3, 0.3, 0.3), "start"), ((0.3, 0.3, 2.0, 4.5), "random")])
+def test_two_runs_may_have_the_same_phase_by_chance(phases: tuple[float, ...], found: str) -> None:
+    """A line whose phase only training runs share is promised no gain; where all share it, it is taken off held-out runs."""
+    line = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + 0.004 * np.sin(run.time_s / 143.0 + phase)))
+        for run, phase in zip(healthy_runs(), phases, strict=True)
+    ]
+    diagnosis = diagnosed(line)
+    assert diagnosis.verdict == "explained"
+    (cause,) = diagnosis.causes
+    assert (cause.name, cause.mechanism.phase) == ("periodic_interference", found)
+    assert diagnosis.test is not None
+    if found == "start":
+        assert diagnosis.test.improvement > 0.3
+    else:
+        assert abs(diagnosis.test.improvement) < 0.02
+        assert any("drawn anew in every run" in remark for remark in diagnosis.remarks)

@@ -9,7 +9,7 @@ from scipy import signal
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.fit import fit
+from rlgcomp.diagnosis.fit import Fitted, fit
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.empirical_law import EmpiricalLaw
@@ -24,7 +24,7 @@ LAW = EmpiricalLaw(amplitude_deg_h=1.0, driver="supply_voltage_V", form="above",
 HOP = ModeHop(step_deg_h=0.001, threshold_degC=21.0, dead_band_K=2.0)
 
 
-def run(seed: int) -> rlg.Recording:
+def run(seed: int, factor: float = 8e-4) -> rlg.Recording:
     """Eight hours of ramps; the supply follows the lagged temperature, so that what is left out bends the time constant."""
     rng = np.random.default_rng(seed)
     corners = rng.uniform(-30.0, 50.0, 7)
@@ -36,7 +36,7 @@ def run(seed: int) -> rlg.Recording:
     table = pd.DataFrame({"time_s": STEP_S * np.arange(1440.0), "temperature_block_degC": temperature, "supply_voltage_V": voltage})
     law = LAW.basis(rlg.Recording(table.assign(gyro_deg_h=0.0)))[:, 0]
     noise = WHITE_DEG_H * np.sqrt(100.0 / STEP_S) * rng.standard_normal(1440)
-    gyro = 0.003 + 8e-4 * (lagged - temperature) + SIZE_DEG_H * law + noise
+    gyro = 0.003 + factor * (lagged - temperature) + SIZE_DEG_H * law + noise
     return rlg.Recording(table.assign(gyro_deg_h=gyro), name=f"run{seed}")
 
 
@@ -49,8 +49,22 @@ def test_the_simulators_own_shapes_are_found_beside_a_law() -> None:
     assert abs(calibrated - TAU_S) > 10.0 * time_constant.sd  # without the law it cannot be right
     for estimate, true in ((time_constant, TAU_S), (factor, 8e-4), (amplitude, SIZE_DEG_H)):
         assert abs(estimate.value - true) < 4.0 * estimate.sd
+    assert_says_what_was_fitted(problem, fitted)
+
+
+def assert_says_what_was_fitted(problem: Problem, fitted: Fitted) -> None:
     said = np.concatenate([part.means(fitted.simulator.predict(part.full).rate_deg_h()) for part in problem.windows])
     assert said == pytest.approx(problem.target_deg_h - fitted.residual_deg_h, abs=0.02 * WHITE_DEG_H)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_lag_that_is_not_there_says_what_was_fitted(seed: int) -> None:
+    """Of an amplitude that is all but nothing the time constant is open: along its derivative the fit goes anywhere."""
+    runs = [run(10 * seed + 1, factor=0.0), run(10 * seed + 2, factor=0.0)]
+    problem = Problem.of(rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial", "thermal_lag"]}), runs)
+    law = Candidate(LAW, problem.columns(LAW), 0.0)
+    for chosen in ([], [law]):
+        assert_says_what_was_fitted(problem, fit(problem, chosen, NoiseShape()))
 
 
 def hopping(seed: int, late_s: float) -> rlg.Recording:

@@ -8,7 +8,8 @@ well they were foreseen,
 
 so that a weak cause which returns is believed, and one which does not is given up. What held-out runs show is evidence for a set
 only where training foresaw it: with the amplitudes of the training runs, in the shapes of training or those that all runs prefer,
-the set must explain at least half of what it would with their own. No set is found in a held-out run and no number comes from one.
+the set must explain at least half of what it would with their own. No set is found in a held-out run and no number comes from one;
+but whether every run has a line's phase, or each its own, all runs say together.
 A gyro's bias may change from switch-on to switch-on: each set is judged with and without a bias of each run's own; on a turntable,
 whose mean rate holds more than a bias, held-out runs have offsets.
 
@@ -31,7 +32,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.evidence import Evidence
+from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.explain import Explanations, jumping
 from rlgcomp.diagnosis.own_bias import own_bias
 from rlgcomp.diagnosis.problem import Problem
@@ -73,9 +74,12 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
     judged, held, own_biases = _judged(explanations, asked, whole)
     found = []
     for model in at_issue:
+        members = model.members
         if model.labels in judged:
             by_all = judged[model.labels]
-            by_training, by_whole = explanations.candidates(model), [held[member.candidate] for member in by_all.members]
+            by_whole = [held[member.candidate] for member in by_all.members]
+            members = _repeating(explanations, model, by_whole)
+            by_training = [explanations.evidence.candidates[member.candidate] for member in members]
             noise = explanations.evidence.noises[int(np.argmax(by_all.noise_log))]
             gained = by_all.log_posterior - judged[frozenset()].log_posterior - (model.log_posterior - nothing.log_posterior)
             asked_of = (by_training, by_whole) if gained > 0.0 else ()
@@ -85,7 +89,7 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
         else:  # held-out runs do not bear on it
             log_evidence = model.log_posterior - nothing.log_posterior + judged[frozenset()].log_posterior - model.log_prior
             by_all = dataclasses.replace(model, log_evidence=log_evidence)
-        found.append(dataclasses.replace(by_all, members=model.members))
+        found.append(dataclasses.replace(by_all, members=members))
     models = tuple(sorted(found, key=lambda model: -model.log_posterior))
     return dataclasses.replace(
         explanations, models=models, probabilities=posterior(models), proposed=explanations, borne_out=own_biases
@@ -135,6 +139,25 @@ def _at_issue(explanations: Explanations) -> list[Model]:
     without_one = [model for model in models if _without_one(model, best)]
     strongest = [model for model in models if len(model.labels) == 1][:1]
     return list(dict.fromkeys([*likely, *without_one, *strongest, next(model for model in models if not model.labels)]))
+
+
+def _repeating(explanations: Explanations, model: Model, by_all: Sequence[Candidate]) -> tuple[Member, ...]:
+    """Members as training has them, but with the same amplitudes in every run, or each run's own, as all runs prefer: two runs may
+    agree by chance."""
+    tried, members = explanations.evidence.candidates, model.members
+    each_run = {(one.name, one.known): one.mechanism.each_run for one in by_all}
+    for k, member in enumerate(members):
+        candidate = tried[member.candidate]
+        wanted = each_run[candidate.name, candidate.known]
+        if candidate.mechanism.each_run != wanted:
+            alike = [
+                j
+                for j, one in enumerate(tried)
+                if (one.name, one.known) == (candidate.name, candidate.known) and one.mechanism.each_run == wanted
+            ]
+            beside = members[:k], members[k + 1 :]
+            members = (*beside[0], explanations.search.best_of(alike, (*beside[0], *beside[1])), *beside[1])
+    return members
 
 
 def _without_one(less: Model, model: Model) -> bool:

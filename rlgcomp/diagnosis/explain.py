@@ -58,6 +58,8 @@ class Explanations:
         Of the training runs alone, where held-out runs were asked as well.
     borne_out : float, optional
         Probability by all runs that they have a bias each, where held-out runs were asked.
+    doubted : mapping
+        Causes that were in the likeliest set and are in none of these, with the reason.
     """
 
     models: tuple[Model, ...]
@@ -68,6 +70,7 @@ class Explanations:
     left_out: Mapping[str, str]
     proposed: Explanations | None = None
     borne_out: float | None = None
+    doubted: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def evidence(self) -> Evidence:
@@ -97,6 +100,11 @@ class Explanations:
         """The same set by the training runs alone."""
         proposed = self.models if self.proposed is None else self.proposed.models
         return next(one for one in proposed if one.labels == model.labels)
+
+    def without(self, name: str, why: str) -> Explanations:
+        """The sets that do without a cause that is doubted."""
+        models = tuple(model for model in self.models if (name, False) not in model.labels)
+        return dataclasses.replace(self, models=models, probabilities=posterior(models), doubted={**self.doubted, name: why})
 
     def own_biases(self) -> bool:
         """Whether training runs have a bias each rather than one, for all that held-out runs say."""

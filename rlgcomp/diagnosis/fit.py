@@ -32,6 +32,8 @@ from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
+_OWN_STEPS: Final = 8  # of the simulator's own shapes, each time
+_NO_BETTER: Final = 1e-5  # of the square that is left: a step that takes less is the last
 _TOLD: Final = 1e-6  # of a derivative: with less beyond its own amplitudes a shape is not told
 
 
@@ -96,8 +98,8 @@ def fit(
     problem = _without(problem, {candidate.name for candidate in chosen if not candidate.known})  # longer, it has these columns too
     columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
     mechanisms = [candidate.mechanism for candidate in chosen]
-    problem = _beside_causes(problem, columns, noise)
     for step in range(STEPS + 1):
+        problem = _beside_causes(problem, columns, noise)
         plain = np.column_stack([problem.baseline, *columns])
         weights, _, lowest = solve(problem, plain, noise)
         parts = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
@@ -116,7 +118,9 @@ def fit(
         if shifted == mechanisms or solve(problem, np.column_stack([problem.baseline, *trial]), noise)[2] >= lowest:
             break
         mechanisms, columns = shifted, trial
-    final, _, square = solve(problem, plain, noise)
+    final = np.zeros(plain.shape[1])
+    held = np.r_[problem.without_moves(), np.ones(plain.shape[1] - problem.baseline.shape[1], dtype=np.bool_)]
+    final[held], _, square = solve(problem, plain[:, held], noise)  # the simulator's own shapes are at their best
     freedom = len(problem.rows) - design.shape[1]
     widened = [1.0] * plain.shape[1]
     for k, found in enumerate(derived):
@@ -172,14 +176,19 @@ def noise_model(noise: NoiseShape, white_deg_h: float, windows: Windows) -> Nois
 
 
 def _beside_causes(problem: Problem, columns: Sequence[Array], noise: NoiseShape) -> Problem:
-    """The problem linearised about where the simulator's own shapes lie beside the causes: they were calibrated without them."""
-    weights, _, lowest = solve(problem, np.column_stack([problem.baseline, *columns]), noise)
-    for _ in range(STEPS if columns else 0):
+    """The problem linearised about where the simulator's own shapes lie beside the causes: they were calibrated without them.
+
+    Gauss–Newton. A step counts where it explains more with the shapes held, not with their derivatives: beside an amplitude that is
+    all but nothing, these reach far beyond what any shape does.
+    """
+    lowest = solve(problem, np.column_stack([problem.baseline[:, problem.without_moves()], *columns]), noise)[2]
+    for _ in range(_OWN_STEPS):
+        weights = solve(problem, np.column_stack([problem.baseline, *columns]), noise)[0]
         shifted = problem.moved(weights[: problem.baseline.shape[1]])
         if shifted is problem:
             break
-        weights, _, square = solve(shifted, np.column_stack([shifted.baseline, *columns]), noise)
-        if square > lowest:
+        square = solve(shifted, np.column_stack([shifted.baseline[:, shifted.without_moves()], *columns]), noise)[2]
+        if square >= lowest * (1.0 - _NO_BETTER):
             break
         problem, lowest = shifted, square
     return problem

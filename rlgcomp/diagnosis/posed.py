@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.linearised import solve
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.signatures import undoubted
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
@@ -139,8 +140,8 @@ class Posed:
         return [one.mechanism for one in causes] if gained > _PULLED else []
 
     def explained(self) -> Explanations:
-        """Sets of causes, by the training runs and, where there are any, by held-out runs."""
+        """Sets of causes, by the training runs and, where there are any, by held-out runs; none of them a path that is doubted."""
         explanations = explain(self.problem, self.asked.mechanisms, self.lines, self.among)
-        if self.whole is None or self.whole_windowed is None:
-            return explanations
-        return confirmed(explanations, self.whole, self.whole_windowed)
+        if self.whole is not None and self.whole_windowed is not None:
+            explanations = confirmed(explanations, self.whole, self.whole_windowed)
+        return undoubted(explanations)

@@ -287,15 +287,29 @@ class Problem:
         found = dict(zip(self.baseline_names, weights.tolist(), strict=True))
         simulator = self.simulator
         amplitudes = {}
-        for mechanism in simulator.mechanisms:
-            in_use = [(mechanism.name, parameter.name) for parameter in mechanism.amplitude_parameters()]
+        for mechanism in self._movable():
             shapes = _free(simulator, mechanism, "shape")
-            if shapes and in_use and all(name in found for name in in_use):
-                amplitudes[mechanism.name] = np.array([found[name] for name in in_use])
-                simulator = simulator.with_mechanism(shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
+            amplitudes[mechanism.name] = np.array([found[mechanism.name, one.name] for one in mechanism.amplitude_parameters()])
+            simulator = simulator.with_mechanism(shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
         if not amplitudes:
             return self
         return self._linearised(simulator, lambda m: amplitudes[m.name] if m.name in amplitudes else self._amplitudes(simulator, m))
+
+    def without_moves(self) -> npt.NDArray[np.bool_]:
+        """Which columns of the baseline are no derivatives by shapes that :meth:`moved` moves, shape (p,)."""
+        moves = {(one.name, shape) for one in self._movable() for shape in _free(self.simulator, one, "shape")}
+        return np.array([name not in moves for name in self.baseline_names], dtype=np.bool_)
+
+    def _movable(self) -> list[Mechanism]:
+        """Mechanisms with free shapes whose amplitudes in use are all free."""
+        simulator, free = self.simulator, set(self.baseline_names)
+        return [
+            mechanism
+            for mechanism in simulator.mechanisms
+            if _free(simulator, mechanism, "shape")
+            and mechanism.amplitude_parameters()
+            and free >= {(mechanism.name, parameter.name) for parameter in mechanism.amplitude_parameters()}
+        ]
 
     def _linearised(self, simulator: Simulator, amplitudes_of: Callable[[Mechanism], Array]) -> Self:
         """With the free parameters of a simulator as columns: amplitudes, and derivatives by shapes where they stand."""

@@ -152,6 +152,13 @@ class Search:
             self._ask_beyond(found, causes)
         return found
 
+    def best_of(self, which: Sequence[int], beside: Sequence[Member]) -> Member:
+        """The candidate among some that is likeliest beside members."""
+        node = self.evidence.extensions(beside)
+        at_best = log_sum_exp(node.at_best_size + self.noise_log_prior[:, None], axis=0) + self._weights
+        best = max(which, key=lambda candidate: at_best[candidate])
+        return Member(best, int(node.best_size[best]))
+
     def has_own_biases(self, labels: Collection[Label]) -> bool:
         """Whether a set holds a bias of each run's own; no equation of that can be wrong."""
         return not self._own_biases.isdisjoint(labels)

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -38,13 +39,30 @@ _NOISES: Final = (0.85, 1.0)  # of what the path leaves
 _PASTS: Final = 80  # times since the last jump that are reckoned with
 _MANY: Final = 120  # before unlikely ones are dropped
 _CERTAIN: Final = 0.99  # probability of jumps from which they are named; less likely ones
-_TOLD: Final = math.log(20.0)  # have these odds against slow noise of their spectrum, or have no name
+_TOLD: Final = math.log(20.0)  # have these odds against slow noise of their spectrum, or are not reckoned with
 _FEWEST_STAYS: Final = 6
 _UNSEEN: Final = 5.0  # windows: shorter stays are missed
 _DRAWS: Final = 20_000
 _RARELY: Final = 5e-4
 _NEAR: Final = 5  # neighbours of a line on each side, in steps of 1 / duration
 _AROUND: Final = range(9, 21)  # those that show the noise there
+
+
+def undoubted(explanations: Explanations) -> Explanations:
+    """The same without paths of jumps, where the likeliest set holds one that slow noise explains nearly as well.
+
+    Such a path is not certain, and not twenty times likelier than normal noise of its spectrum.
+    """
+    likeliest = explanations.likeliest
+    for member in likeliest.members:
+        candidate = explanations.evidence.candidates[member.candidate]
+        if not candidate.mechanism.jumps() or explanations.probability_of(candidate.name) > _CERTAIN:
+            continue  # slow noise of any spectrum had its say
+        values, left = _alone(explanations, likeliest, member)
+        two, slow = (_by_size(law, explanations.evidence.problem.rows, values, left) for law in (log_likelihood, _slow_noise))
+        if two - slow < _TOLD:
+            return explanations.without(candidate.name, "slow noise of its spectrum explains it nearly as well")
+    return explanations
 
 
 def misnamed(explanations: Explanations, model: Model) -> dict[Label, str]:
@@ -75,19 +93,24 @@ def _no_jumps_between_two_levels(explanations: Explanations, model: Model, path:
     evidence = explanations.evidence
     rows = evidence.problem.rows
     values, left = _alone(explanations, model, path)
-    half_step, noise = float(np.sqrt(np.mean(values**2))), float(np.std(left))
-    grid = list(itertools.product((half_step * x for x in _SIZES), (noise * x for x in _NOISES)))
-    two = _mean_of_logs(np.concatenate([log_likelihood(rows, values + left, step, white) for step, white in grid]))
+    two = _by_size(log_likelihood, rows, values, left)
     in_training = explanations.in_training(model).noise_log
-    if _any_level(rows, values + left, half_step, noise) - two > float(in_training.max() - in_training[evidence.calmest]):
+    if _any_level(rows, values, left) - two > float(in_training.max() - in_training[evidence.calmest]):
         return "is none: it has more than two levels"
     if _keeps_time(evidence.candidates[path.candidate].columns[:, 0], rows):
         return "is none: its stays are too alike to be random"
-    if explanations.probability_of(evidence.candidates[path.candidate].name) > _CERTAIN:  # slow noise of any spectrum had its say
-        return None
-    if two - _mean_of_logs(np.concatenate([_slow_noise(rows, values + left, step, white) for step, white in grid])) < _TOLD:
-        return "may be none: slow noise of its spectrum explains it nearly as well"
     return None
+
+
+def _by_size(law: Callable[[Rows, Array, float, float], Array], rows: Rows, jumps: Array, left: Array) -> float:
+    """Log likelihood of jumps and what they leave by a law of half step and noise, averaged over these, near those found."""
+    half_step, noise = _size(jumps), float(np.std(left))
+    grid = itertools.product((half_step * x for x in _SIZES), (noise * x for x in _NOISES))
+    return _mean_of_logs(np.concatenate([law(rows, jumps + left, step, white) for step, white in grid]))
+
+
+def _size(jumps: Array) -> float:
+    return float(np.sqrt(np.mean(jumps**2)))
 
 
 def _keeps_time(path: Array, rows: Rows) -> bool:
@@ -102,10 +125,12 @@ def _keeps_time(path: Array, rows: Rows) -> bool:
     return bool(np.mean(chance.std(axis=1) / chance.mean(axis=1) <= spread) < _RARELY)
 
 
-def _any_level(rows: Rows, values: Array, half_step: float, noise: float) -> float:
-    """Log likelihood of jumps to any level of about a size in about such a noise."""
+def _any_level(rows: Rows, jumps: Array, left: Array) -> float:
+    """The same of jumps to any level of about this size."""
+    half_step, noise = _size(jumps), float(np.std(left))
     grid = itertools.product((half_step * x for x in _LEVELS), (noise * x for x in _NOISES), DWELLS_S)
-    return _mean_of_logs(_log_likelihood_of_any_level(rows, values, *(np.array(column) for column in zip(*grid, strict=True))))
+    models = (np.array(column) for column in zip(*grid, strict=True))
+    return _mean_of_logs(_log_likelihood_of_any_level(rows, jumps + left, *models))
 
 
 def _slow_noise(rows: Rows, values: Array, half_step: float, noise: float) -> Array:
