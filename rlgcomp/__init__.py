@@ -49,7 +49,7 @@ Modules, each importing only from those before it:
     export                      a compensation as code for the box, proved against Python by running it
     fleet workers               many gyros at once; work on one machine or a cluster, whatever dies meanwhile
     bench sparse                how fast all this is beside its peers; sparse least squares
-    cli                         the command line
+    cli                         the command line, also by python -m rlgcomp
 """
 
 from __future__ import annotations

@@ -144,6 +144,11 @@ class Evaluation:
         return not any(run.trained_on for run in self.runs)
 
     @property
+    def title(self) -> str:
+        """Of the table of bias stability."""
+        return f"Bias stability{' held out' if self.held_out else ''} ({self.averaging_s:g} s means), deg/h"
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """What a careful reader would say of these results, in sentences: what is no proof, where nothing was gained, and what
         stands in the way.
@@ -175,6 +180,9 @@ class Evaluation:
                     "model: nothing is gained over it."
                 )
         return tuple(said)
+
+    def __repr__(self) -> str:
+        return _as_text(self)
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run."""
@@ -209,6 +217,36 @@ class Evaluation:
                 for trace in self.traces
             ],
         }
+
+
+def stability_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """Bias stability before and after, a row a run, for people; in deg/h where nothing else is said."""
+    return [
+        {
+            "run": run.run,
+            "before": run.raw_std_deg_h,
+            "after": run.residual_std_deg_h,
+            "better by": run.factor,
+            "95 % interval": f"{run.factor_low:.2f} – {run.factor_high:.2f}",
+            "noise floor": run.noise_floor_deg_h,
+            "after / floor": run.floor_ratio,
+            "rms left": run.residual_rms_deg_h,
+            "out of range": f"{100 * run.out_of_range:.1f} %",
+            "in the interval": f"{100 * run.in_interval:.1f} %",
+        }
+        for run in evaluation.runs
+    ]
+
+
+def _as_text(evaluation: Evaluation) -> str:
+    """A row a run, all of them together, and the remarks."""
+    lines = [evaluation.title, pd.DataFrame(stability_rows(evaluation)).to_string(index=False, float_format="{:.3g}".format)]
+    if len(evaluation.runs) > 1:
+        lines.append(
+            f"together: {evaluation.raw_std_deg_h:.3g} before, {evaluation.residual_std_deg_h:.3g} after, noise floor "
+            f"{evaluation.noise_floor_deg_h:.3g}"
+        )
+    return "\n".join([*lines, *(f"- {remark}" for remark in evaluation.remarks)])
 
 
 def no_proof(run: str) -> str:
@@ -275,13 +313,18 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
         factor_high=high,
         out_of_range=float(predicted["out_of_range"][samples].mean()),
         in_interval=float((np.abs(residual) <= averaged.column("half_width_deg_h")).mean()),
-        trained_on=any(_same_run(own, part, compensator.averaging_s) for part in compensator.training_),
+        trained_on=trained_on(compensator, own),
     )
     try:
         temperature = averaged.column(run.temperature_column)
     except InputError:
         temperature = None
     return result, Trace(run.name, averaged.time_s, raw, bias, temperature, allan_raw, allan_residual)
+
+
+def trained_on(compensator: Compensator, own: Rows) -> bool:
+    """Whether averages of a run are among those that the compensation was trained on."""
+    return any(_same_run(own, part, compensator.averaging_s) for part in compensator.training_)
 
 
 def _same_run(one: Rows, other: Rows, averaging_s: float) -> bool:

@@ -164,8 +164,17 @@ def taken_at_deg(recording: Recording, taken: str) -> Array:
 
 def worth_trying(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
     """Ways to take a harmonic that differ: one where the table turns little within a sample, else that and the value at its end."""
-    largest = max(float(np.abs(rate_deg_s(run)).max()) * run.period_s for run in recordings)
-    return TAKEN[:1] if order * largest * RAD_PER_DEG < _SAME_RAD else TAKEN[:2]
+    return TAKEN[:1] if _most_rad(recordings, order) < _SAME_RAD else TAKEN[:2]
+
+
+def told_by_values(recordings: Sequence[Recording], order: int) -> bool:
+    """Whether values at the samples' ends tell a harmonic from all others: it never goes through half a cycle within a sample."""
+    return _most_rad(recordings, order) <= np.pi
+
+
+def _most_rad(recordings: Sequence[Recording], order: int) -> float:
+    """The furthest that a harmonic goes within a sample."""
+    return order * RAD_PER_DEG * max(float(np.abs(rate_deg_s(run)).max()) * run.period_s for run in recordings)
 
 
 def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:

@@ -149,6 +149,17 @@ _SUFFIXES: Final[dict[str, str]] = {
     "_s": "s",
 }
 _HEADER_UNIT: Final = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]+)[\])]\s*$")
+_RAISED: Final = dict(zip("23456789", "²³⁴⁵⁶⁷⁸⁹", strict=True))
+
+
+def typeset(text: str) -> str:
+    """A text for a page, units as they are printed; names of columns and parameters stay as they are.
+
+    >>> typeset("0.3 deg/h/K^2 at 20 degC in 48 uT, by temperature_block_degC")
+    '0.3 deg/h/K² at 20 °C in 48 µT, by temperature_block_degC'
+    """
+    text = re.sub(r"\bdegC\b", "°C", re.sub(r"\buT\b", "µT", text))
+    return re.sub(r"\^([2-9])\b", lambda found: _RAISED[found[1]], text)
 
 
 def column_unit(column: str) -> str | None:

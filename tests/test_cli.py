@@ -153,6 +153,30 @@ def test_predict_keeps_the_rows(folder: Path, tmp_path: Path) -> None:
     assert len(rlg.read(tmp_path / "p.parquet")) == len(rlg.read(folder / "run1.parquet"))
 
 
+def test_predict_tells_machines_what_it_made(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "p.parquet"
+    content = json.loads(run("predict", folder / "gyro.yaml", folder / "run1.parquet", "--out", out, "--json").stdout)
+    predicted = rlg.read(out, computed=True)
+    assert content["rows"] == len(predicted)
+    assert content["columns"] == list(predicted.columns)
+    assert content["gyro"] == "gyro_deg_h"
+    assert content["mechanisms"] == ["thermal_polynomial", "temperature_rate", "thermal_hysteresis"]
+    assert content["mean_deg_h"] == pytest.approx(predicted.rate_deg_h().mean())
+
+
+def test_every_command_answers_machines_and_says_what_its_arguments_are() -> None:
+    import typer
+
+    for name, each in typer.main.get_command(app).commands.items():
+        assert any("--json" in parameter.opts for parameter in each.params), name
+        assert all(getattr(parameter, "help", "there") for parameter in each.params), name
+
+
+def test_the_module_runs_as_a_program() -> None:
+    done = subprocess.run([sys.executable, "-m", "rlgcomp", "--version"], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == f"rlgcomp {rlg.__version__}"
+
+
 def test_an_interval_of_a_run(folder: Path, tmp_path: Path) -> None:
     result = run(
         "train", f"{folder / 'run1.parquet'}@1000:9000", "--model", "cubic", "--features", "temperature", "--out", tmp_path / "m"

@@ -158,6 +158,19 @@ class TestConceal:
         assert made.possible_rms_deg_h > 1.05 * noise  # the telegraph cannot be predicted
         assert challenge("light_intensity").possible_rms_deg_h == pytest.approx(noise, rel=0.1)
 
+    def test_an_effect_that_the_simulator_takes_up_is_told_to_be_large(self, caplog: pytest.LogCaptureFixture) -> None:
+        def said(mechanisms: list[object], hide: str, **options: float) -> str:
+            caplog.clear()
+            conceal(rlg.Simulator.from_mapping(SIMULATOR | {"mechanisms": mechanisms}), hide, step_s=10.0, **options)
+            return caplog.text
+
+        static = {"thermal_polynomial": {"degree": 3}}
+        taken = said([static, "temperature_rate"], "thermal_gradient", seed=5, strength=0.6)
+        assert "thermal_gradient: the simulator takes up nearly all of it" in taken
+        assert "its usual size" in taken
+        assert not said([static], "thermal_gradient", seed=5, strength=0.6)
+        assert "such a strength makes it" in said([static], "supply_voltage", seed=5, strength=60.0)
+
     def test_random_hides_nothing_one_or_two(self) -> None:
         counts = {len(challenge("random", seed).hidden.mechanisms) for seed in range(12)}
         assert counts == {0, 1, 2}

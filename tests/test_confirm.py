@@ -144,6 +144,23 @@ def test_a_drift_that_held_out_runs_go_on_with_is_ageing() -> None:
     assert "ageing" not in [cause.name for cause in steps.causes]
 
 
+@pytest.mark.parametrize("seed", [1, 3])
+def test_offsets_from_run_to_run_that_are_ageing_are_no_law(seed: int) -> None:
+    """What runs with a bias each explain is no evidence for a law either, which is sought where they have one."""
+    days = (0.0, 3.0, 9.0, 20.0, 30.0)
+    aged = []
+    for k, day in enumerate(days):
+        run = GYRO.simulate(("paper", "minor-loops", "reversed", "slow", "paper")[k], seed=10 * seed + k, step_s=STEP_S)
+        time_s = run.time_s + 86400.0 * day
+        gyro = run.column("gyro_deg_h") + 0.0004 / 86400.0 * time_s
+        aged.append(run.replace(table=run.table.assign(time_s=time_s, gyro_deg_h=gyro)))
+    found = rlg.diagnose(SIMULATOR, train=aged[:4], test=aged[4:], black_box=False)
+    assert [cause.name for cause in found.causes] == ["ageing"]
+    assert found.verdict == "explained"
+    assert found.test is not None
+    assert found.test.improvement > 0.5
+
+
 def test_a_held_out_run_without_the_monitor_is_not_asked() -> None:
     recordings = runs(CLEAR, CLEAR, CLEAR, CLEAR)
     without = [run.replace(table=run.table.drop(columns="supply_voltage_V")) for run in recordings[2:]]

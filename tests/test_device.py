@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp.cli import register_commands
+from rlgcomp.cli import compensation, register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.compensation import device
 from rlgcomp.compensation.device import DeviceSystem, device_named
@@ -111,6 +111,18 @@ def test_a_pickled_model_is_plain_numbers(data: tuple[np.ndarray, np.ndarray]) -
     pickled = pickle.dumps(model)
     assert b"torch" not in pickled
     assert np.array_equal(pickle.loads(pickled).predict(data[0]), model.predict(data[0]))  # noqa: S301
+
+
+@pytest.mark.parametrize(("device", "rows", "warned"), [("cpu", 50, True), ("cpu", 5000, False), (None, 50, False)])
+def test_much_work_on_a_processor_is_told_beforehand(
+    short_runs: list[rlg.Recording], monkeypatch: pytest.MonkeyPatch, device: str | None, rows: int, warned: bool
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(compensation, "MANY_ROWS", rows)
+    monkeypatch.setattr(compensation, "say", said.append)
+    compensation._say_what_takes_long(device, short_runs[:1], 100.0)
+    count = round(short_runs[0].duration_s / 100.0)
+    assert [f"some {count} rows are fitted on the processor" in text for text in said] == [True] * warned
 
 
 def test_what_is_saved_knows_no_device(short_runs: list[rlg.Recording], tmp_path: Path) -> None:

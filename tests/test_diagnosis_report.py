@@ -89,12 +89,16 @@ def test_every_verdict_has_its_page(diagnosis: Diagnosis) -> None:
         diagnosis, verdict="none", causes=(), where=(), alternatives=(), next_experiment=None, augmented=BASE, p_value=0.4
     )
     assert "No interval, regime or frequency stands out" in render(none)
+    assert "<h1>Nothing is missing that these runs show</h1>" in render(none)
     unknown = dataclasses.replace(
         none, verdict="unknown", test=None, unexplained=Unexplained(1e-9, ("light_intensity_V",), "static", "b = 2 light<br>")
     )
     page = render(unknown)
     assert "What no known mechanism explains" in page
     assert "b = 2 light&lt;br&gt;" in page
+    assert "The fit: no run was held out, so this proves nothing" in page
+    assert "The proof" not in page
+    assert "Green band" not in page
     assert render(dataclasses.replace(unknown, traces=()))
 
 
@@ -109,6 +113,53 @@ def test_pictures_show_what_they_are_given(diagnosis: Diagnosis) -> None:
         assert draw(moved) != draw(diagnosis)
     elsewhere = dataclasses.replace(diagnosis, where=(dataclasses.replace(diagnosis.where[0], start_s=0.0),))
     assert pictures.timeline(elsewhere) != pictures.timeline(diagnosis)
+
+
+def test_where_nothing_was_added_nothing_is_shown_twice(diagnosis: Diagnosis, page: str) -> None:
+    same = tuple(dataclasses.replace(trace, after_deg_h=trace.before_deg_h) for trace in diagnosis.traces)
+    none = dataclasses.replace(diagnosis, verdict="none", causes=(), alternatives=(), augmented=BASE, p_value=0.4, traces=same)
+    assert diagnosis.changed
+    assert not none.changed
+    assert 'class="arrow"' in page
+    plain = render(none)
+    assert 'class="arrow"' not in plain
+    assert plain.count("<svg") == 7  # no bars, and no probabilities
+    for draw in (pictures.loop, pictures.driver_map, pictures.held_out):
+        assert draw(none).count('id="axes_') == draw(diagnosis).count('id="axes_') - 1
+    for draw in (pictures.channels, pictures.what_is_left):
+        assert len(draw(none)) < len(draw(diagnosis))
+
+
+def test_it_says_what_it_is_about(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("gyro 7.yaml", "cold.parquet", "run <2>.parquet")]
+    for file in files:
+        file.write_text("content", encoding="utf-8")
+    page = render(diagnosis.of_files(files[1:2], files[2:], files[0]))
+    assert "<dt>Simulator</dt><dd>gyro 7.yaml</dd>" in page
+    assert "<dt>Gyro</dt><dd>simulated, gyro_deg_h</dd>" in page
+    assert f"<dt>Trained on</dt><dd>run &lt;1&gt; ({files[1]})</dd>" in page
+    assert "<dt>Held out</dt><dd>run &lt;2&gt;</dd>" in page
+
+
+def test_units_are_printed_as_people_write_them(diagnosis: Diagnosis) -> None:
+    said = "In 48 uT at 20 degC, 3e-6 deg/h/K^2 by temperature_block_degC."
+    page = render(dataclasses.replace(diagnosis, remarks=(said,)))
+    assert "In 48 µT at 20 °C, 3e-6 deg/h/K² by temperature_block_degC." in page
+
+
+def test_each_finding_is_drawn_less_the_others(diagnosis: Diagnosis) -> None:
+    lag = Cause(CATALOGUE["thermal_lag"](), 0.9, {}, 0.004, drivers=("temperature_block_degC",))
+    gradient = Cause(CATALOGUE["thermal_gradient"](), 0.9, {}, 0.004, drivers=("temperature_block_degC", "temperature_shell_degC"))
+    starting = Cause(CATALOGUE["warm_up"](), 0.9, {}, 0.004)
+    added = {name: np.sin(diagnosis.traces[0].time_s / 900.0) for name in ("thermal_lag", "thermal_gradient", "warm_up")}
+    traces = (dataclasses.replace(diagnosis.traces[0], added_deg_h=added),)
+    three = dataclasses.replace(diagnosis, causes=(lag, gradient, starting), traces=traces)
+    views = pictures.views(three)
+    assert [view.label for view in views] == ["temperature block, °C", "what thermal_gradient adds, 10⁻³ deg/h", "time in h"]
+    assert np.array_equal(views[0].before[0], traces[0].after_deg_h + added["thermal_lag"])
+    assert np.array_equal(views[2].x[0], traces[0].time_s / 3600.0)
+    (alone,) = pictures.views(dataclasses.replace(three, causes=(lag,)))
+    assert np.array_equal(alone.before[0], traces[0].before_deg_h)
 
 
 def test_shares_of_channels_know_what_chance_gives(diagnosis: Diagnosis) -> None:

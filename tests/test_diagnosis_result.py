@@ -22,6 +22,7 @@ from rlgcomp.diagnosis.result import (
     RunFit,
     Unexplained,
 )
+from rlgcomp.diagnosis.wording import place_text
 
 
 def fit(baseline: float, augmented: float, low: float, high: float) -> Fit:
@@ -46,6 +47,7 @@ def diagnosis() -> Diagnosis:
                 0.004,
                 ("thermal_gradient",),
                 ("temperature_block_degC",),
+                rival_probabilities=(0.185,),
             ),
         ),
         alternatives=(Alternative(("thermal_gradient",), 0.18), Alternative((), 0.0)),
@@ -80,7 +82,7 @@ def test_its_mapping_is_the_contract(diagnosis: Diagnosis) -> None:
         {"mechanisms": ["thermal_gradient"], "probability": 0.18},
         {"mechanisms": [], "probability": 0.0},
     ]
-    assert content["unexplained"] == {"p_value": 0.4, "drivers": [], "memory": "none", "equation": None}
+    assert content["unexplained"] == {"p_value": 0.4, "drivers": [], "memory": "none", "equation": None, "probability": None}
     train = {"baseline_rms", "augmented_rms", "noise_floor_rms", "unit", "averaging_s"}
     assert set(content["fit"]["train"]) >= train
     assert set(content["fit"]["test"]) >= train | {"improvement", "improvement_ci95", "per_run"}
@@ -109,7 +111,7 @@ def test_files_read_back(diagnosis: Diagnosis, tmp_path: Path) -> None:
 def test_its_text_begins_with_the_verdict(diagnosis: Diagnosis) -> None:
     lines = str(diagnosis).splitlines()
     assert lines[0] == diagnosis.sentence
-    assert "cannot tell between thermal_lag and thermal_gradient" in lines[0]
+    assert "lacks thermal_lag (0.81) or thermal_gradient (0.18): these runs cannot tell them apart." in lines[0]
     for needed in (
         "1500 ± 60 s",
         "0.00450",
@@ -128,7 +130,8 @@ def test_only_what_cannot_be_told_apart_is_said_to_be_so(diagnosis: Diagnosis) -
     sure = dataclasses.replace(diagnosis.causes[0], indistinguishable_from=())
     field = dataclasses.replace(sure, mechanism=rlg.CATALOGUE["magnetic_field"]())
     both = dataclasses.replace(diagnosis, causes=(field, *diagnosis.causes))
-    assert "cannot tell between thermal_lag and thermal_gradient." in both.sentence
+    assert "lacks magnetic_field (probability 0.810), and thermal_lag (0.81) or thermal_gradient (0.18): these" in both.sentence
+    assert "these runs cannot tell thermal_lag and thermal_gradient apart." in both.sentence
     assert both.sentence.count("magnetic_field") == 1
 
 
@@ -136,7 +139,8 @@ def test_an_experiment_that_would_hardly_tell_is_said_to(diagnosis: Diagnosis) -
     assert "to tell between thermal_lag and thermal_gradient" in str(diagnosis)
     following = NextExperiment(("thermal_lag", "thermal_gradient"), "start 20, hold 60", 0.6)
     dull = dataclasses.replace(diagnosis, next_experiment=following)
-    assert "though even the best in the recorded ranges would hardly tell between thermal_lag and thermal_gradient" in str(dull)
+    assert "would separate thermal_lag and thermal_gradient well (expected probability 0.60);" in str(dull)
+    assert "The best found: start 20, hold 60" in str(dull)
     assert "to tell between" not in str(dull)
 
 
@@ -156,7 +160,7 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     unproven = dataclasses.replace(diagnosis, verdict="explained", test=fit(0.0045, 0.0044, -0.02, 0.06))
     assert "no gain can be claimed" in unproven.sentence
     doubted = dataclasses.replace(diagnosis, alternatives=(Alternative((), 0.2),))
-    assert ", unless nothing is missing (probability 0.200);" in doubted.sentence
+    assert ", unless nothing is missing (probability 0.200):" in doubted.sentence
     lawful = dataclasses.replace(unknown, alternatives=(Alternative((), 0.3),))
     assert lawful.sentence.startswith("The simulator lacks something that no known mechanism explains; it follows light")
     assert "(static), unless nothing is missing (probability 0.300)." in lawful.sentence
@@ -210,3 +214,94 @@ def test_no_probability_is_nothing(diagnosis: Diagnosis) -> None:
 def test_an_unknown_driver_is_not_among_the_recorded_ones(diagnosis: Diagnosis) -> None:
     lost = dataclasses.replace(diagnosis, verdict="unknown", causes=(), unexplained=Unexplained(0.01))
     assert "drivers none of the recorded columns" in str(lost)
+
+
+def test_a_wander_has_one_probability_wherever_it_is_said(diagnosis: Diagnosis) -> None:
+    left = Unexplained(0.19, probability=0.67)
+    wander = dataclasses.replace(diagnosis, verdict="unknown", causes=(), alternatives=(), unexplained=left)
+    assert "that no known mechanism explains (probability 0.67); it follows no channel that was recorded." in wander.sentence
+    assert "noise after all" not in wander.sentence
+    assert "Unexplained (probability 0.67, p-value of noise 0.19)" in str(wander)
+    unsure = dataclasses.replace(wander, unexplained=Unexplained(0.19))
+    assert "unless it is noise after all (p = 0.19)" in unsure.sentence
+
+
+def test_that_nothing_is_missing_comes_first_where_that_is_the_verdict(diagnosis: Diagnosis) -> None:
+    none = dataclasses.replace(diagnosis, verdict="none", causes=(), p_value=0.3, healthy=0.79)
+    shown = str(none)[str(none).index("Alternatives") :].splitlines()
+    assert shown[2].split() == ["nothing", "missing", "0.79"]
+    assert "0.79" not in str(dataclasses.replace(none, verdict="explained"))
+
+
+def test_what_no_run_shows_has_no_column(diagnosis: Diagnosis) -> None:
+    untested = dataclasses.replace(
+        diagnosis, test=None, train=dataclasses.replace(diagnosis.train, compensation_rms=None, per_run=())
+    )
+    assert "LS-SVM" in str(diagnosis)
+    assert "LS-SVM" not in str(untested)
+
+
+def test_stays_in_a_regime_are_added_up(diagnosis: Diagnosis) -> None:
+    stays = tuple(dataclasses.replace(diagnosis.where[0], start_s=a, end_s=a + 1800.0, share=0.3) for a in (0.0, 7200.0))
+    said = str(dataclasses.replace(diagnosis, where=stays))
+    assert "2 intervals, 1.00 h in all, temperature_block_degC > 31, cooling  60 %" in said
+
+
+def test_a_harmonic_is_told_with_its_order(diagnosis: Diagnosis) -> None:
+    sixth = rlg.CATALOGUE["rotation_harmonics"](order_1=6)
+    amplitude, drivers = Estimate(0.005, 0.001, "deg/h"), ("table_rate_deg_s", "table_angle_deg")
+    cause = Cause(sixth, 0.9, {"cosine_1_deg_h": amplitude}, 0.003, drivers=drivers)
+    assert cause.numbers() == {"cosine_1_deg_h": "0.0050 ± 0.0010 deg/h", "order_1": "6"}
+    assert cause.symbols == {"theta": "table_angle_deg"}
+    mapping = cause.to_mapping()
+    assert mapping["equation"] == "b = cosine_1_deg_h * cos(6 theta) + sine_1_deg_h * sin(6 theta)"
+    growing = dataclasses.replace(cause, mechanism=rlg.CATALOGUE["rotation_harmonics"](order_1=6, order_3=9, scaling="rate"))
+    assert "sin(9 theta)) * W / reference_deg_s" in growing.mechanism.stated()
+    assert growing.symbols == {"theta": "table_angle_deg", "W": "table_rate_deg_s"}
+    assert {"order_3": "9", "scaling": "rate", "reference_deg_s": "30 deg/s"}.items() <= growing.numbers().items()
+    assert "order_1 = 6" in str(dataclasses.replace(diagnosis, causes=(cause,), verdict="explained"))
+
+
+@pytest.mark.parametrize(
+    ("name", "told", "by"),
+    [
+        ("light_intensity", {"reference_V": "1 V"}, "light_intensity_V"),
+        ("periodic_interference", {"phase": "start"}, "time since the run's start"),
+        ("thermal_polynomial", {"degree": "3", "reference_degC": "20 degC"}, "temperature"),
+        ("thermal_hysteresis", {}, "temperature"),
+        ("warm_up", {}, "time since the run's start"),
+        ("random_telegraph", {}, "nothing recorded"),
+    ],
+)
+def test_settings_that_make_the_law_are_told(name: str, told: dict[str, str], by: str) -> None:
+    cause = Cause(rlg.CATALOGUE[name](), 0.9, {}, 0.003)
+    assert cause.numbers() == told
+    assert cause.driven_by == by
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "said"),
+    [
+        (1.2e-7, 0.9e-7, "(1.20 ± 0.90)·10⁻⁷"),
+        (-8.5e-7, 1.2e-7, "(-8.5 ± 1.2)·10⁻⁷"),
+        (2e-9, 1.5e-6, "(0.0 ± 1.5)·10⁻⁶"),
+        (0.0012, 0.00012, "0.00120 ± 0.00012"),
+        (1834.2, 41.0, "1834 ± 41"),
+    ],
+)
+def test_value_and_deviation_have_one_power(value: float, sd: float, said: str) -> None:
+    assert str(Estimate(value, sd)) == said
+
+
+def test_no_probability_is_certainty(diagnosis: Diagnosis) -> None:
+    sure = dataclasses.replace(diagnosis.causes[0], probability=1.0 - 1e-12, indistinguishable_from=())
+    certain = dataclasses.replace(diagnosis, verdict="explained", causes=(sure,))
+    assert "thermal_lag (probability > 0.999)" in certain.sentence
+    assert "1.000" not in str(certain)
+
+
+def test_a_place_is_told_by_the_clock_where_time_counts_from_1970() -> None:
+    begun_s = 1_700_000_000.0
+    assert "0.50 to 2.00 h" in place_text(Place("cold", "gyro_deg_h", 1800.0, 7200.0))
+    assert "2023-11-14 22:13 to 22:43 UTC" in place_text(Place("cold", "gyro_deg_h", begun_s, begun_s + 1800.0))
+    assert "2023-11-14 22:13 to 01:00 on 2023-11-15 UTC" in place_text(Place("cold", "gyro_deg_h", begun_s, begun_s + 10_000.0))

@@ -19,6 +19,7 @@ from rlgcomp.compensation import MODELS
 from rlgcomp.export import toolchain as tools
 from rlgcomp.export.accuracy import bounds_of, span_deg_h
 from rlgcomp.export.c_features import identifiers
+from rlgcomp.export.c_result import CExport
 from rlgcomp.export.c_source import Design, render, state_bytes, table_bytes
 from rlgcomp.export.expansion import expansion_of, expansion_of_model, third_remainder
 from rlgcomp.export.golden import INVALID, golden_stream, stream_of
@@ -28,6 +29,11 @@ from rlgcomp.files import sha256
 
 GCC = tools.TOOLCHAINS[0]
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+SUMMARY = {
+    "model": "unit", "precision": "double", "sha256": "0", "kind": "wide", "centres": 1, "centres_of_model": 1, "inputs": 1,
+    "table_bytes": 1, "state_bytes": 1, "measured": [], "operations": {}, "step_ns": {}, "allowed_deg_h": 1.0,
+    "allowed_of_span": 1.0, "changed_deg_h": 0.0, "smallest_within_1_percent": 1, "span_deg_h": 1.0,
+}  # fmt: skip
 register_commands()
 
 
@@ -322,6 +328,19 @@ def test_the_curve_ends_at_the_whole_model_and_the_smallest_is_within_one_percen
     assert curve.set_index("centres").loc[best, "left_out_deg_h"] <= 1.01 * curve["left_out_deg_h"].min()
     assert smallest_within(size_curve(trained)) == best  # runs not trained on take no part in the choice
     assert best == 0  # paper-like biases: the first orders of the wide kernel are the model
+
+
+def test_runs_trained_on_are_not_called_otherwise(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+    curve = size_curve(trained, short_runs[:2]).assign(table_bytes=1)
+    assert "trained_on_deg_h" in curve
+    assert "unseen_deg_h" not in curve
+    (title, rows), *_ = [table for table in CExport(SUMMARY, (), (), curve).tables if table[0].startswith("Size")]
+    assert title == "Size against bias stability, training runs left out in turn"
+    assert "the training runs, deg/h" in rows[0]
+    assert "runs not trained on, deg/h" not in rows[0]
+    both = size_curve(trained, short_runs)
+    assert both["trained_on_deg_h"].equals(curve["trained_on_deg_h"])
+    assert both["unseen_deg_h"].equals(size_curve(trained, short_runs[2:])["unseen_deg_h"])
 
 
 def test_a_narrow_kernel_needs_centres(models: dict[str, rlg.Compensator], short_runs: list[rlg.Recording]) -> None:

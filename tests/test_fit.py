@@ -119,3 +119,18 @@ def test_what_a_simulator_states_beside_its_constant_is_kept(constant: dict[str,
     (polynomial,) = fitted.simulator.mechanisms
     assert (polynomial.c1_deg_h_K, polynomial.c2_deg_h_K2) == (4e-4, 3e-6)
     assert polynomial.c0_deg_h == pytest.approx(constant.get("c0_deg_h", 0.0) + 0.004, abs=2e-4)
+
+
+@pytest.mark.parametrize("stated_s", [500.0, 1500.0])
+def test_a_shape_that_is_free_beside_an_amplitude_that_is_stated_is_found(stated_s: float) -> None:
+    """What the simulator says for certain follows its shapes: a stated one that is off is not taken off twice."""
+    lag = {"thermal_lag": {"k_deg_h_K": 8e-4, "time_constant_s": {"value": stated_s, "free": True}}}
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial", lag]})
+    problem = Problem.of(simulator, [run(1), run(2)])
+    fitted = fit(problem, [Candidate(LAW, problem.columns(LAW), 0.0)], NoiseShape())
+    time_constant = fitted.baseline["thermal_lag"]["time_constant_s"]
+    assert abs(time_constant.value - TAU_S) < 4.0 * time_constant.sd
+    assert time_constant.sd < 0.05 * TAU_S
+    left = [part.full.rate_deg_h() - fitted.simulator.predict(part.full).rate_deg_h() for part in problem.windows]
+    means = np.concatenate([part.means(values) for part, values in zip(problem.windows, left, strict=True)])
+    assert means == pytest.approx(fitted.residual_deg_h, abs=0.02 * WHITE_DEG_H)

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.knocks import frozen_in, without_knocks
+from rlgcomp.diagnosis.knocks import frozen_in, without_knocks, without_spikes
 from rlgcomp.diagnosis.windows import Windows
 
 ROWS = 4000
@@ -115,3 +115,32 @@ def test_a_monitor_that_freezes_spoils_no_estimate() -> None:
     assert [remark for remark in found.remarks if "supply_voltage_V is frozen" in remark] == [
         said for one in stuck for said in frozen_in(one)
     ]
+
+
+def spiky(every: int, size: float, seed: int = 4) -> rlg.Recording:
+    """A supply with single wild samples, and a switch that is on for single samples."""
+    rng = np.random.default_rng(seed)
+    count = 6000
+    supply = 15.0 + 0.05 * np.sin(np.arange(count) / 900.0) + 0.002 * rng.standard_normal(count)
+    if every:
+        supply[every::every] += size * rng.choice([-1.0, 1.0], len(supply[every::every]))
+    switch = (np.arange(count) % 500 == 7).astype(float)
+    step = np.where(np.arange(count) > 3000, 2.0, 0.0) + 0.01 * rng.standard_normal(count)
+    table = {"time_s": np.arange(count, dtype=float), "gyro_deg_h": rng.standard_normal(count), "supply_voltage_V": supply}
+    return rlg.Recording(pd.DataFrame(table | {"heater_on": switch, "pressure_hPa": step}), name="spiky")
+
+
+def test_single_wild_samples_of_a_monitor_lie_between_their_neighbours() -> None:
+    run = spiky(every=701, size=5.0)
+    mended, said = without_spikes(run)
+    (line,) = said
+    assert "supply_voltage_V has 8 samples" in line
+    assert float(np.ptp(mended.column("supply_voltage_V"))) < 0.2
+    for column in ("gyro_deg_h", "heater_on", "pressure_hPa"):
+        assert np.array_equal(mended.column(column), run.column(column))
+
+
+@pytest.mark.parametrize("every", [0, 40])
+def test_a_monitor_without_spikes_or_with_many_is_left_alone(every: int) -> None:
+    run = spiky(every, size=5.0)
+    assert without_spikes(run) == (run, [])

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.lines import Within
+from rlgcomp.diagnosis.lines import Within, harmonics
 from rlgcomp.diagnosis.locate import locate
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Place
@@ -137,6 +137,51 @@ def test_a_regime_of_the_table_is_found(error: Error, regime: str) -> None:
     found = places(TABLE, on_table(7, error), 50.0)
     assert found[0].regime is not None
     assert regime in found[0].regime
+
+
+def test_a_harmonic_is_sought_where_it_is_sampled() -> None:
+    """At 31 deg/s, sampled once a second, the sixth harmonic is above half the sampling rate."""
+    (run,) = on_table(6, lambda rate, angle: np.zeros(len(rate)))
+    problem = Problem.of(TABLE, [run], window_s=50.0)
+    fast = np.abs(problem.windows[0].means(run.column("table_rate_deg_s"))) > 30.9
+    found = harmonics(problem, Within.of(problem))
+    assert {one.order for one in found} >= {5, 6, 12}
+    for one in found:
+        assert np.any(one.means[0][fast]) == (one.order * 31.0 < 180.0)
+
+
+@pytest.mark.parametrize("frequency_hz", [0.0471, 0.1213, 0.31])
+def test_a_line_in_time_is_no_harmonic(frequency_hz: float) -> None:
+    """At 0.7 deg/s the first looks like harmonic 24 and the second like 62; at 3.1 deg/s the third is harmonic 36."""
+    found = places(TABLE, on_table(6, lambda rate, angle: 0.02 * np.sin(2.0 * np.pi * frequency_hz * np.arange(len(rate)))), 50.0)
+    assert found[0].frequency_hz == pytest.approx(frequency_hz, abs=2e-4)
+    assert not any(place.angle_harmonic for place in found)
+
+
+def test_shares_are_of_one_sum() -> None:
+    def error(rate: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        moving = rate != 0.0
+        waves = sum(a * np.sin(k * np.radians(angle) + k) for k, a in ((2, 0.004), (5, 0.008), (9, 0.004)))
+        return moving * (waves + 0.002 * (np.abs(rate) > 6.0))
+
+    found = places(TABLE, on_table(6, error), 50.0)
+    shares = {place.angle_harmonic: place.share for place in found if place.angle_harmonic is not None}
+    assert set(shares) == {2.0, 5.0, 9.0}
+    assert shares[5.0] == pytest.approx(4.0 * shares[2.0], rel=0.5)
+    assert 0.7 < sum(place.share for place in found) <= 1.0 + 1e-9
+
+
+def test_a_line_in_a_wander_has_a_small_share() -> None:
+    def error(time_s: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+        slow = 0.01 * np.sin(2.0 * np.pi * time_s / 5000.0 + 3.0 * np.sin(time_s / 4100.0))
+        return slow + 0.004 * np.sin(2.0 * np.pi * 0.011 * time_s)
+
+    problem = Problem.of(CHAMBER, in_chamber(5, error), window_s=WINDOW_S)
+    wander = NoiseShape(wander=3.0, wander_s=1000.0)
+    found = locate(problem, Within.of(problem), wander, np.random.default_rng(0))
+    fast = [place for place in found if place.frequency_hz == pytest.approx(0.011, abs=1e-4)]
+    assert fast
+    assert 0.05 < sum(place.share for place in fast) < 0.5  # 8 of 8 + 50
 
 
 def test_a_stated_dither_line_is_no_mismatch() -> None:

@@ -66,6 +66,31 @@ def test_other_regressors_are_made_without_arguments(regressor: str) -> None:
     assert hasattr(getattr(rlg, regressor)(), "fit")
 
 
+def test_results_print_as_a_few_lines(runs: list[rlg.Recording], folder: Path, tmp_path: Path) -> None:
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature")
+    assert str(model).startswith("Compensator, not fitted: CubicLeastSquares")
+    model.fit(runs)
+    model.save(tmp_path / "model")
+    evaluation = rlg.evaluate(model, [rlg.read(folder / "new.parquet"), runs[0]])
+    deviation = rlg.allan_deviation(runs[0])
+    for shown, lines, words in (
+        (model, 5, ("cubic on 1 input, 100 s means", "trained on: cold, hot", "with runs left out")),
+        (rlg.load(tmp_path / "model"), 5, ("cubic on 1 input", "trained on: cold, hot")),
+        (evaluation, 12, ("new", "noise floor", "together", "cold was trained on")),
+        (deviation, 15, ("tau_s", "1260 samples every 10 s", "12 of 22 averaging times")),
+        (deviation.noise(), 6, ("N  angle random walk  0.000", "deg/sqrt(h)", "R  rate ramp")),
+        (rlg.analyse_noise(runs[0]), 12, ("gyro_deg_h: mean", "temperature_block_degC moves")),
+        (rlg.simulated_unit(1), 12, ("6 mechanisms", "temperature_rate: k_deg_h_min_K = -0.01", "noise: angle_random_walk")),
+        (rlg.Simulator.from_mapping({"mechanisms": ["supply_voltage"]}), 3, ("(free)", "noise: to be estimated")),
+    ):
+        for word in words:
+            assert word in str(shown)
+        assert str(shown) == repr(shown)
+        assert len(str(shown).splitlines()) <= lines
+        assert max(map(len, str(shown).splitlines())) <= 200
+    assert "R  rate ramp          not seen" in str(rlg.allan_deviation(runs[0], estimator="hadamard").noise())
+
+
 def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], tmp_path: Path) -> None:
     rlg.simulated_unit(1).without("readout_incoherence").to_yaml(tmp_path / "gyro.yaml")
     simulator = rlg.Simulator.from_yaml(tmp_path / "gyro.yaml")
@@ -117,3 +142,19 @@ def test_calibrate_turntable_takes_recordings() -> None:
     found = rlg.calibrate_turntable([triad.simulate(level, seed=1, name="level")])
     scale = found.triad.to_frame().set_index("parameter").loc["scale_z_ppm"]
     assert scale["value"] == pytest.approx(50.0, abs=5.0 * scale["sd"])
+
+
+def test_a_function_is_a_simulator(runs: list[rlg.Recording]) -> None:
+    """What `--simulator my_sim.py:bias` takes, `diagnose` takes."""
+
+    def bias(recording: rlg.Recording) -> np.ndarray:
+        return np.zeros(len(recording))
+
+    diagnosis = rlg.diagnose(bias, train=runs[:1], test=runs[1:], black_box=False)
+    assert diagnosis.verdict in ("none", "explained", "ambiguous", "unknown")
+
+    def broken(recording: rlg.Recording) -> np.ndarray:
+        raise KeyError("nothing")
+
+    with pytest.raises(rlg.InputError, match="broken failed on"):
+        rlg.diagnose(broken, train=runs[:1], test=runs[1:], black_box=False)

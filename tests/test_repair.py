@@ -204,6 +204,11 @@ def test_a_gyro_that_touches_the_end_of_its_range_again_and_again_is_refused(sig
     assert "in 100 of 2000 samples: it is saturated" in refusal(frame.assign(gyro_deg_h=clipped))
     coarse = (frame["gyro_deg_h"] / frame["gyro_deg_h"].std()).round() * 0.01
     assert "saturated" not in mend(frame.assign(gyro_deg_h=coarse))[1]
+    rng = np.random.default_rng(3)
+    for share in (0.05, 0.95):  # of samples with a pulse more, at a steady rate
+        pulses = np.diff(np.floor(np.cumsum(4.0 + share + 0.02 * rng.standard_normal(len(frame)))), prepend=0.0)
+        pulses[0] = 4.0
+        assert "saturated" not in mend(frame.assign(gyro_deg_h=2.26 * pulses))[1]
 
 
 def test_coarse_pulses_are_not_taken_for_stuck() -> None:

@@ -149,6 +149,7 @@ class TestCommand:
         done = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, *options, "--json")
         assert done.exit_code == 0, done.output
         content = json.loads(done.stdout)
+        assert "named in more trials than it is detected in" in content["meaning"]
         assert content["detection"]["s90_rms_deg_h"] == pytest.approx(content["detection"]["s90"] * content["white_deg_h"])
         assert sorted(path.name for path in (tmp_path / "s").iterdir()) == ["curves.png", "sensitivity.json", "shares.csv"]
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, "--mechanism", "supply_voltage", "--strengths", "a")

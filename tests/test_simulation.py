@@ -234,6 +234,13 @@ class TestSimulator:
         error = predicted.averaged().rate_deg_h() - run.replace(table=run.table.assign(gyro_deg_h=expected)).averaged().rate_deg_h()
         assert np.std(error) < 0.02 * expected.std()
 
+    def test_runs_are_told_apart_by_programme_and_seed(self, unit: rlg.Simulator, tmp_path: Path) -> None:
+        (tmp_path / "soak.yaml").write_text("programme: start 20, hold 30\n")
+        programmes = ("short", rlg.Programme.parse("short"), "start 20, hold 30", str(tmp_path / "soak.yaml"))
+        names = [unit.simulate(programme, seed=2, step_s=60.0).name for programme in programmes]
+        assert names == ["short-2", "short-2", "simulated-2", "soak-2"]
+        assert unit.simulate("short", step_s=60.0, name="mine").name == "mine"
+
     def test_telegraph_noise_cannot_be_predicted(self) -> None:
         simulator = rlg.Simulator((rlg.CATALOGUE["random_telegraph"](),))
         assert not simulator.predict(simulator.simulate("short", step_s=20.0)).rate_deg_h().any()
@@ -261,6 +268,15 @@ class TestSimulatorFile:
         assert simulator.free["thermal_hysteresis"] == {"k1_deg_h_K", "k2_deg_h_K", "k3_deg_h_K"}
         assert simulator.free["temperature_rate"] == {"k_deg_h_min_K"}
         assert rlg.Simulator.from_mapping(simulator.to_mapping()) == simulator
+
+    def test_amplitudes_that_are_not_in_use_are_not_listed(self) -> None:
+        cubic = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+        assert set(cubic.to_mapping()["mechanisms"][0]["thermal_polynomial"]) == {
+            *("c0_deg_h", "c1_deg_h_K", "c2_deg_h_K2", "c3_deg_h_K3", "degree", "reference_degC")
+        }
+        assert rlg.Simulator.from_mapping(cubic.to_mapping()) == cubic
+        told = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"c4_deg_h_K4": 1e-9}}]}
+        assert rlg.Simulator.from_mapping(told).to_mapping()["mechanisms"][0]["thermal_polynomial"]["c4_deg_h_K4"] == 1e-9
 
     @pytest.mark.parametrize(
         ("content", "message"),

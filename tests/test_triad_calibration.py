@@ -16,8 +16,9 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp import frames, units
 from rlgcomp.calibration.file import Calibration, triad_content, write_calibration
+from rlgcomp.calibration.navigator import largest, worse
 from rlgcomp.calibration.triad import strapdown
-from rlgcomp.calibration.triad.calibrate import predicted
+from rlgcomp.calibration.triad.calibrate import calibrate_turntable, predicted
 from rlgcomp.calibration.triad.estimate import TriadCalibration, calibrate_triad
 from rlgcomp.calibration.triad.information import Noise
 from rlgcomp.calibration.triad.liu_first_step import first_step
@@ -25,8 +26,9 @@ from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.triad.rate_bias import rate_bias
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.formats import write
+from rlgcomp.report.calibration import render
 from rlgcomp.simulation.rate_table import PROGRAMMES, TableProgramme, Triad, drawn_triads, reversing
-from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
+from rlgcomp.triad import ACCELEROMETER, GYRO, M12, TriadErrors
 
 PUBLISHED = TriadErrors(  # means of Liu 2019, Table 4
     {
@@ -202,6 +204,90 @@ def test_large_errors_are_found_as_well() -> None:
         found = calibrate_triad([TableRun.of(recording) for recording in short_runs(triad, 3)])
         off = (found.errors.vector() - errors.vector()) / found.sd
         assert np.abs(off).max() < 4.0
+
+
+@pytest.mark.parametrize("walk", [2.0, 20.0])
+def test_the_accelerometers_noise_comes_from_the_runs_themselves(walk: float) -> None:
+    """Typical are 5 ug/sqrt(Hz): taken for granted, they would be a sixth and sixteen times the variance."""
+    shaken = Triad(PUBLISHED, velocity_random_walk_ug_sqrt_hz=walk, whole_pulses=False)
+    runs = [TableRun.of(run) for run in short_runs(shaken)]
+    found = calibrate_triad(runs)
+    assert found.noise.velocity_random_walk_ug_sqrt_hz == pytest.approx(walk, rel=0.2)
+    assert np.abs((found.errors.vector() - PUBLISHED.vector()) / found.sd).max() < 4.0
+    taken = calibrate_triad(runs, noise=dataclasses.replace(found.noise, velocity_random_walk_ug_sqrt_hz=5.0))
+    assert taken.noise.velocity_random_walk_ug_sqrt_hz == 5.0
+    assert np.sign(taken.sd - found.sd)[0] == np.sign(5.0 - walk)
+
+
+def coarser(run: TableRun, times: int) -> TableRun:
+    """The same run recorded more slowly: nothing but sums of increments."""
+    whole = len(run.turned_rad) // times * times
+    turned, pushed = (part[:whole].reshape(-1, times, 3).sum(axis=1) for part in (run.turned_rad, run.pushed_m_s))
+    outer, inner = (angle[:whole][times - 1 :: times] for angle in (run.outer_deg, run.inner_deg))
+    step_s = times * run.step_s
+    return dataclasses.replace(run, step_s=step_s, turned_rad=turned, pushed_m_s=pushed, outer_deg=outer, inner_deg=inner)
+
+
+@pytest.mark.parametrize(("hertz", "off_sd"), [(100, 0.02), (20, 0.1), (10, 0.4)])
+def test_slow_sampling_is_no_error(hertz: int, off_sd: float) -> None:
+    """At 10 Hz the table's third step turns the triad by 6.7 deg in a sample."""
+    runs = [TableRun.of(run) for run in short_runs(dataclasses.replace(SILENT, gyro=PUBLISHED))]
+    found = calibrate_triad([coarser(run, round(1.0 / STEP_S / hertz)) for run in runs], noise=Noise())
+    assert np.abs((found.errors.vector() - PUBLISHED.vector()) / found.sd).max() < off_sd
+    with pytest.raises(rlg.InputError, match=r"13.4 deg in a sample.* 6.7 Hz or more"):
+        calibrate_triad([coarser(run, 40) for run in runs], noise=Noise())
+
+
+def test_parts_of_a_sample_follow_a_polynomial_and_add_up() -> None:
+    t = np.arange(0.0, 8.1, 0.25)
+    angle = np.stack([t**5 - 3.0 * t**2, t**4, np.ones_like(t)], axis=1)
+    assert strapdown.divided(np.diff(angle[::4], axis=0), 4) == pytest.approx(np.diff(angle, axis=0), rel=1e-9, abs=1e-8)
+    drawn = np.random.default_rng(1).normal(size=(9, 3))
+    assert strapdown.divided(drawn, 3).reshape(9, 3, 3).sum(axis=1) == pytest.approx(drawn)
+
+
+def test_a_recording_at_10_hz_agrees_with_its_encoders() -> None:
+    """The middle of a window of five samples is no sample's end."""
+    table = SILENT.simulate(SHORT["step-3"]).table
+    slow = table.groupby(np.arange(len(table)) // 20).agg({c: "last" if c[:5] in ("time_", "angle") else "sum" for c in table})
+    metadata = SILENT.simulate(SHORT["step-3"]).metadata
+    assert TableRun.of(rlg.Recording(slow.iloc[:1000], metadata)).step_s == pytest.approx(0.1)
+    with pytest.raises(rlg.InputError, match=r"disagree with the encoders.*record faster"):
+        TableRun.of(rlg.Recording(slow.iloc[:1000].assign(gyro_x_pulses=-slow["gyro_x_pulses"]), metadata))
+
+
+@pytest.mark.parametrize("mount_arcsec", [(0.0, -100.0, 0.0), (60.0, -300.0, 200.0), (-900.0, 1200.0, 1800.0)])
+def test_turning_the_whole_triad_on_the_table_changes_none_of_its_errors(mount_arcsec: tuple[float, ...]) -> None:
+    """Gyros and accelerometers are bolted on together, by minutes of arc from the table's axes: no gyro moves in its triad."""
+    turn = frames.matrix_of(frames.quaternion_of(np.array(mount_arcsec) * units.RAD_PER_ARCSEC))
+    runs = [
+        dataclasses.replace(run, turned_rad=PUBLISHED.disturb(run.turned_rad @ turn, STEP_S), pushed_m_s=run.pushed_m_s @ turn)
+        for run in map(TableRun.of, short_runs(SILENT))
+    ]
+    found = calibrate_triad(runs, noise=Noise())
+    assert np.abs((found.errors.vector() - PUBLISHED.vector()) / found.sd).max() < 0.02
+    assert (found.sd[-4:] < 1.0).all()
+    assert max(run.chi_squared_ratio for run in found.runs if run.shows == "velocity") < 0.01
+    assert np.abs(np.subtract(found.mount_arcsec, mount_arcsec) / found.mount_sd_arcsec).max() < 0.1
+
+
+def test_biases_and_scale_factors_of_the_accelerometers_are_found_and_pull_at_nothing() -> None:
+    values = {"accel_bias_x_ug": 50.0, "accel_bias_y_ug": -80.0, "accel_scale_x_ppm": 40.0, "accel_scale_y_ppm": -60.0}
+    accelerometer = TriadErrors(values, ACCELEROMETER)
+    runs = [TableRun.of(run) for run in short_runs(dataclasses.replace(SILENT, gyro=PUBLISHED, accelerometer=accelerometer))]
+    found = calibrate_triad(runs, noise=Noise())
+    assert np.abs((found.errors.vector() - PUBLISHED.vector()) / found.sd).max() < 0.05
+    assert found.accelerometer.values["accel_bias_y_ug"] == pytest.approx(-80.0, abs=0.5)
+
+
+def test_gyros_turned_about_z_against_the_accelerometers_change_nothing_but_alpha() -> None:
+    """The body's x-z plane holds the x gyro: alpha is the sum of both angles, wherever the accelerometers point."""
+    both = TriadErrors({**PUBLISHED.values, M12.name: 20.0}, (*GYRO, M12))
+    runs = [TableRun.of(run) for run in short_runs(dataclasses.replace(SILENT, gyro=both))]
+    found = calibrate_triad(runs, noise=Noise())
+    off = found.errors.vector() - PUBLISHED.vector()
+    off[[parameter.name for parameter in GYRO].index("alpha_gy_arcsec")] -= 20.0
+    assert np.abs(off / found.sd).max() < 0.1
 
 
 def test_orthogonal_gyros_that_do_not_turn_are_said() -> None:
@@ -406,6 +492,27 @@ def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: li
     )
     again = invoke("calibrate", *files[:2], "--out", tmp_path / "again.json", "--json", "--angle-random-walk", "0.0004")
     assert json.loads(again.stdout)["schema"] == "rlgcomp.calibration/1"
+
+
+def test_the_largest_error_is_of_any_run_and_a_run_made_worse_is_told(found: TriadCalibration) -> None:
+    """The run that was worst before gains; another loses and is the worst after."""
+    run = next(run for run in found.runs if run.shows == "velocity")
+    better = dataclasses.replace(run, name="better", before_m_s=np.full((2, 2), -0.052), after_m_s=np.full((2, 2), 0.009))
+    lost = dataclasses.replace(run, name="lost", before_m_s=np.full((2, 2), 0.022), after_m_s=np.full((2, 2), -0.027))
+    assert largest([lost, better]) == (0.052, 0.027)
+    assert largest([]) is None
+    (said,) = worse([better, lost])
+    assert said.startswith("lost: the calibration makes its navigator worse")
+    assert "0.027" in said
+
+
+def test_the_report_says_where_nothing_is_better(recordings: list[rlg.Recording]) -> None:
+    found = calibrate_turntable(recordings)
+    assert 'class="unit">better' in render(found)
+    runs = tuple(dataclasses.replace(run, after_m_s=2.0 * run.before_m_s) for run in found.triad.runs)
+    page = render(dataclasses.replace(found, triad=dataclasses.replace(found.triad, runs=runs)))
+    assert "no better" in page
+    assert 'class="unit">better' not in page
 
 
 def test_an_interval_is_calibrated_alone(tmp_path: Path, files: list[Path]) -> None:

@@ -216,3 +216,14 @@ def test_laws_of_a_rate_have_their_share_of_the_prior_and_the_columns_of_their_o
         fast, own = dictionary.columns(family, place[None])[:, 0], problem.columns(dictionary.law(family, place))[:, 0]
         assert fast == pytest.approx(own, abs=0.25 * float(np.ptp(own))), family
         assert np.corrcoef(fast, own)[0, 1] > 0.995, family
+
+
+def test_a_simulation_of_the_errors_alone_is_refused() -> None:
+    """A simulator of a turning gyro says the whole rate; what it errs by would leave a scale factor of a million ppm."""
+    W, theta, T = motion(0)
+    table = {"time_s": np.arange(len(W), dtype=float), "table_rate_deg_s": W, "table_angle_deg": theta, "temperature_block_degC": T}
+    noise = NOISE_1S_DEG_H * np.random.default_rng(1).standard_normal(len(W))
+    table["gyro_deg_h"] = 3600.0 * W + BIAS_DEG_H + noise
+    run = rlg.Recording(pd.DataFrame(table), rlg.Metadata("turntable"), name="turn")
+    with pytest.raises(rlg.InputError, match="errs alone; let it say all that the gyro reads"):
+        rlg.diagnose(lambda recording: np.full(len(recording), BIAS_DEG_H), train=[run], black_box=False)

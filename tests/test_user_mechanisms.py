@@ -188,6 +188,15 @@ def test_the_readmes_example_is_found_on_a_table_with_an_encoder_alone(tmp_path:
     assert abs(estimate.value - 0.05) < 4.0 * estimate.sd < 0.01
 
 
+def test_a_mechanism_without_a_docstring_is_described_without_one(tmp_path: Path) -> None:
+    register_commands()
+    bare = GOOD.replace('    """The pump."""\n\n', "")
+    assert bare != GOOD
+    for text, head in ((bare, "pump (chamber)\n"), (GOOD, "pump (chamber): The pump.\n")):
+        done = CliRunner().invoke(app, ["mechanisms", "pump", "--mechanisms", str(write(tmp_path, text))])
+        assert done.output.startswith(head), done.output
+
+
 def test_a_syntax_error_is_said_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(rlg.InputError, match="line 3: invalid syntax"):
         user_catalogue([write(tmp_path, "x = 1\n\nclass A(:\n")])

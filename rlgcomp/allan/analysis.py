@@ -9,10 +9,12 @@ from typing import Any, Final
 
 import numpy.typing as npt
 
+from rlgcomp.allan import wording
 from rlgcomp.allan.coefficients import NoiseCoefficients, fit_coefficients
 from rlgcomp.allan.deviation import AllanDeviation, Estimator, allan_deviation
 from rlgcomp.allan.slopes import findings, stretches
 from rlgcomp.allan.stationarity import Stationarity, check_stationarity
+from rlgcomp.allan.surroundings import surroundings
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 
@@ -43,6 +45,9 @@ class NoiseAnalysis:
     coefficients: NoiseCoefficients
     stationarity: Stationarity | None
     findings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return wording.analysis_text(self)
 
     def to_mapping(self) -> dict[str, Any]:
         """Plain mapping, for JSON."""
@@ -98,7 +103,7 @@ def analyse_noise(
         stationarity = None
     said: tuple[str, ...] = () if stationarity is None else stationarity.findings()
     moves = stationarity is not None and stationarity.base_motion
-    said = (*findings(fitted, coefficients, base_moves=moves), *said)
+    said = (*findings(fitted, coefficients, base_moves=moves), *said, *surroundings(recording))
     return NoiseAnalysis(column, float(rate.mean()), shown, coefficients, stationarity, said)
 
 

@@ -25,6 +25,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import optimize, stats
 
+from rlgcomp.allan import wording
 from rlgcomp.allan.covariance import POWERS, covariance_products, design_matrix
 from rlgcomp.allan.deviation import AllanDeviation
 from rlgcomp.errors import InputError
@@ -96,6 +97,9 @@ class NoiseCoefficients:
     degrees_of_freedom: int
     misfit: float
     tau_s: Array
+
+    def __repr__(self) -> str:
+        return wording.coefficients_text(self)
 
     @property
     def p_value(self) -> float:

@@ -27,6 +27,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import stats
 
+from rlgcomp.allan import wording
 from rlgcomp.allan.power_law import NAMES, degrees_of_freedom, identify
 from rlgcomp.allan.sums import angle_of, sums_of_squares
 from rlgcomp.errors import InputError
@@ -80,6 +81,9 @@ class AllanDeviation:
     confidence: float
     period_s: float
     parts: Whole
+
+    def __repr__(self) -> str:
+        return wording.deviation_text(self)
 
     def to_frame(self) -> pd.DataFrame:
         """One row an averaging time."""

@@ -26,6 +26,7 @@ import numpy.typing as npt
 from rlgcomp.allan.base_motion import probability
 from rlgcomp.allan.coefficients import NoiseCoefficients, thinned
 from rlgcomp.allan.deviation import AllanDeviation
+from rlgcomp.allan.wording import value_text
 
 Array = npt.NDArray[np.float64]
 SLOPES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -111,15 +112,6 @@ def findings(deviation: AllanDeviation, coefficients: NoiseCoefficients, *, base
     return tuple(said)
 
 
-def short(value: float) -> str:
-    """A standard error to two digits.
-
-    >>> short(12.7), short(0.0213)
-    ('13', '0.021')
-    """
-    return f"{float(f'{value:.2g}'):g}"
-
-
 def largest_white_deg_sqrt_h(deviation: AllanDeviation) -> tuple[float, float]:
     """Largest angle random walk that the curve allows, and the averaging time that says so: no part may exceed the whole."""
     walks = deviation.upper_deg_h * np.sqrt(deviation.tau_s) / 60.0
@@ -171,8 +163,7 @@ def _mixture(stretch: Stretch) -> str:
 
 
 def _value(coefficients: NoiseCoefficients, name: str) -> str:
-    value, sd = getattr(coefficients, name), getattr(coefficients, f"{name}_sd")
-    return f"{value:.3g} ± {short(sd)}" if value > 0.0 else f"< {short(sd)}"
+    return value_text(getattr(coefficients, name), getattr(coefficients, f"{name}_sd"))
 
 
 def _cheapest(costs: Array) -> npt.NDArray[np.int64]:

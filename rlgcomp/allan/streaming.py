@@ -25,6 +25,7 @@ from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 _AT_ONCE: Final = 1 << 20  # samples
+_NOT_LOOKED_AT: Final = "read in pieces: segments were not compared with each other, temperature and motion not looked at"
 
 
 def analyse_pieces(
@@ -40,7 +41,7 @@ def analyse_pieces(
     """Noise of one gyro of a recording that comes in pieces, the lead-in left out.
 
     Deviations agree with those of :func:`rlgcomp.allan.analysis.analyse_noise` to rounding. Segments of the record are not compared
-    with each other, nor with accelerometers: `stationarity` is None, and a finding says so.
+    with each other, nor with accelerometers, temperature or motion: `stationarity` is None, and a finding says so.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def analyse_pieces(
         measure = functools.partial(deviation_of_angle, np.asarray(angle), np.array(record.ends), record.period_s)
         shown, fitted, coefficients = deviation_and_coefficients(measure, tau_s, estimator, confidence, per_decade)
         del measure, angle  # unmapped before the folder goes
-    said = (*findings(fitted, coefficients, base_moves=False), "read in pieces: segments were not compared with each other")
+    said = (*findings(fitted, coefficients, base_moves=False), _NOT_LOOKED_AT)
     return NoiseAnalysis(gyro, record.mean_deg_h, shown, coefficients, None, said)
 
 

@@ -198,7 +198,12 @@ def triad_content(
         "parameters": found.to_frame().to_dict("records"),
         "covariance": {"order": [parameter.name for parameter in GYRO], "values": found.covariance},
         "accelerometer_residuals": dict(found.accelerometer.values),
-        "noise": dataclasses.asdict(found.noise) | {"angle_random_walk_estimated": found.noise_estimated},
+        "mount_arcsec": {"value": found.mount_arcsec, "sd": found.mount_sd_arcsec},
+        "noise": dataclasses.asdict(found.noise)
+        | {
+            "angle_random_walk_estimated": found.noise_estimated,
+            "velocity_random_walk_estimated": found.velocity_noise_estimated,
+        },
         "runs": [
             {"run": run.name, "shows": run.shows, "hours": run.hours, "chi_squared_ratio": run.chi_squared_ratio}
             for run in found.runs

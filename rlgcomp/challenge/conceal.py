@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
@@ -21,6 +22,7 @@ from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import TYPICAL_NOISE, Simulator
 
+logger = logging.getLogger(__name__)
 RANDOM: Final = "random"
 USUAL_STRENGTH: Final = 1.0
 RUNS: Final = ("train0", "train1", "test0", "test1")
@@ -34,6 +36,8 @@ _HOW_MANY: Final = (0.2, 0.55, 0.25)  # chances that "random" hides nothing, one
 _DRAWS: Final = 20
 _PASSES: Final = 5  # at most, until the size is
 _NEAR: Final = 0.01
+_LARGE: Final = 5.0  # times the usual size
+_HARDLY_ANY: Final = 0.1  # of an effect
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,6 +112,8 @@ def conceal(
             known = next((mechanism for mechanism in bench.gyro.mechanisms if mechanism.name == name), None)
             sized = _sized(known, catalogue[name], bench, strength or USUAL_STRENGTH)
             bench = dataclasses.replace(bench, gyro=bench.gyro.with_mechanism(sized))
+            if hide != RANDOM:  # of what is sealed unseen nothing is said
+                _warn_of_size(sized, bench)
     mechanisms = tuple(mechanism for mechanism in bench.gyro.mechanisms if mechanism.name in names)
     left = {mechanism.name: bench.left(mechanism) for mechanism in mechanisms}
     runs = bench.stand.record(bench.gyro, RUNS)
@@ -240,6 +246,24 @@ def _sized(known: Mechanism | None, form: type[Mechanism], bench: _Bench, streng
         else:
             return mechanism
     raise InputError(f"{form.name} cannot be hidden with strength {strength:g}: {why}; choose a smaller strength or another cause")
+
+
+def _warn_of_size(mechanism: Mechanism, bench: _Bench) -> None:
+    """Say where an effect had to be made far larger than usual, and whether that is because the simulator absorbs it."""
+    times = [abs(getattr(mechanism, p.name) / p.typical) for p in mechanism.amplitude_parameters() if p.typical]
+    if not times or (size := float(np.median(times))) <= _LARGE:
+        return
+    runs = bench.stand.record(bench.gyro.with_mechanism(mechanism), RUNS[:TRAINING])
+    whole = float(np.std(np.concatenate([_acting(run, mechanism.name) for run in runs])))
+    if float(np.std(bench.left(mechanism))) > _HARDLY_ANY * whole:
+        logger.warning("%s: such a strength makes it %.0f × its usual size", mechanism.name, size)
+        return
+    logger.warning(
+        "%s: the simulator takes up nearly all of it: for such a strength it is %.0f × its usual size, and what is left to find is "
+        "what thermometers and averages miss of it; choose a smaller --strength",
+        mechanism.name,
+        size,
+    )
 
 
 def _acting(run: Recording, name: str) -> Array:

@@ -36,6 +36,11 @@ from rlgcomp.simulation.simulator import Simulator
 STRENGTHS: Final = (0.1, 0.2, 0.4, 0.8, 1.6)
 DRAWS: Final = 6
 DETECTED_P: Final = 0.01
+MEANING: Final = (
+    f"Detected asks whether anything is left: the mismatch's p-value is below {DETECTED_P:g}. Named asks what it most probably is: "
+    "the most probable set of mechanisms holds it, at whatever p-value, so that a faint effect may be named in more trials "
+    "than it is detected in."
+)
 _USUAL_WIDTH: Final = 0.3
 _REDRAWS: Final = 20
 
@@ -53,7 +58,7 @@ class Trial:
     detected : bool
         The mismatch has a p-value below 0.01.
     named : bool
-        The mechanism is among the findings.
+        The mechanism is among the findings, that is in the most probable set, at whatever p-value.
     in_class : bool
         It is among them, or among what they are indistinguishable from.
     found : tuple of str
@@ -164,6 +169,7 @@ class Sensitivity:
             }
         return {
             "mechanism": self.mechanism,
+            "meaning": MEANING,
             "white_deg_h": self.white_deg_h,
             "averaging_s": self.averaging_s,
             **curves,

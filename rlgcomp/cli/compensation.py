@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.recording import Recording
 
+MANY_ROWS: Final = 5000  # that a processor fits in minutes, not seconds
 EVALUATION: Final = ("evaluation.json", "report.html")  # what `evaluate` writes
 Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")]
 
@@ -110,6 +111,7 @@ def train(
     estimator = _estimator(model, device, adapted=adapt is not None)
     fleet = None if adapt is None else load(adapt)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=gyro if fleet is None else fleet.gyro)
+    _say_what_takes_long(device, recordings, averaging_s)
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
     if fleet is not None:
         from rlgcomp.compensation.adaptation import adapt as adapt_to
@@ -183,6 +185,20 @@ def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | N
             inside = glob.escape(_real(export).relative_to(_real(out)).as_posix())
             model += [f"{inside}/{name}" for name in code]
     require_folder(out, model, *read)
+
+
+def _say_what_takes_long(device: str | None, recordings: list[Recording], averaging_s: float) -> None:
+    """Where `--device` finds no graphics card: how many rows there are to fit on the processor."""
+    rows = sum(round(recording.duration_s / averaging_s) for recording in recordings)
+    if device is None or rows <= MANY_ROWS:
+        return
+    from rlgcomp.compensation.device import device_named
+
+    if device_named(device).type == "cpu":
+        say(
+            f"WARNING: {'no graphics card is there: ' if device == 'auto' else ''}some {rows} rows are fitted on the processor, at "
+            "every step of the selection, which may take many minutes; a larger --averaging-s makes fewer rows"
+        )
 
 
 def _lies_in(folder: Path, other: Path) -> bool:

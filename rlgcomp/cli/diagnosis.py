@@ -129,7 +129,8 @@ def diagnose(
                 progress=lambda fraction: advance(round(100 * fraction), 100),
                 executor=executor,
             )
-        found = found.of_files(*([Path(interval_of(spec)[0]) for spec in given or []] for given in (train, test)))
+        learnt, proved = ([Path(interval_of(spec)[0]) for spec in given or []] for given in (train, test))
+        found = found.of_files(learnt, proved, _file_of(simulator))
         with whole_folder(out, writes=FILES) as folder:
             found.save(folder)
             found.report(folder / "report.html", executor)
@@ -138,6 +139,14 @@ def diagnose(
         return
     typer.echo(str(found))
     say(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
+
+
+def _file_of(simulator: str | None) -> Path | None:
+    """The file that holds a simulator; none where its output was given."""
+    path = None if simulator is None else Path(simulator)
+    if path is None or path.is_file():
+        return path
+    return Path(str(path).rpartition(":")[0])
 
 
 def measured_noise(path: Path, gyro: str | None) -> NoiseModel:

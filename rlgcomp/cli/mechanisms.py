@@ -42,7 +42,8 @@ def mechanisms(
         show_table("Mechanisms; `rlgcomp mechanisms NAME` tells their parameters", rows)
     else:
         (form,) = chosen
-        typer.echo(f"{form.name} ({form.kind}): {_headline(form)}\n\n  {form.equation}\n\n  {form.reference}\n")
+        about = _headline(form)
+        typer.echo(f"{form.name} ({form.kind}){': ' if about else ''}{about}\n\n  {form.equation}\n\n  {form.reference}\n")
         if form.drivers:
             typer.echo(f"It reads {', '.join(form.drivers)}.\n")
         if form.parameters():
@@ -55,7 +56,9 @@ def mechanisms(
 
 
 def _headline(form: type[Mechanism]) -> str:
-    return (inspect.getdoc(form) or "").partition("\n\n")[0].replace("\n", " ")
+    """The first paragraph of its docstring, unless that is what dataclass wrote for one without."""
+    about = inspect.getdoc(form) or ""
+    return "" if about.startswith(f"{form.__name__}(") else about.partition("\n\n")[0].replace("\n", " ")
 
 
 def _row(parameter: Parameter) -> dict[str, str]:

@@ -54,8 +54,12 @@ def sensitivity(
 ) -> None:
     """Put a mechanism into your own recordings at growing strengths: from when on is it detected, from when on named?
 
+    Detected means that the mismatch has a p-value below 0.01; named, that the most probable set of mechanisms holds it, at
+    whatever p-value: a faint effect may be named in more trials than it is detected in. Every trial is a diagnosis of the runs.
+
     Example: `rlgcomp sensitivity gyro.yaml cold.parquet hot.parquet --mechanism supply_voltage --jobs 2`
     """
+    from rlgcomp.challenge.sensitivity import MEANING
     from rlgcomp.challenge.sensitivity import sensitivity as measure
     from rlgcomp.errors import InputError
     from rlgcomp.physics.user import user_catalogue
@@ -102,6 +106,7 @@ def sensitivity(
             for row in found.to_frame().to_dict("records")
         ],
     )
+    typer.echo(f"{MEANING}\n")
     lines = []
     for what, curve in (("detected", found.detection), ("named or in its class", found.naming)):
         for share, size, interval in (("50 %", curve.s50, curve.s50_interval), ("90 %", curve.s90, curve.s90_interval)):
@@ -127,6 +132,7 @@ def _percent(share: float) -> str:
 def _write(found: Sensitivity, out: Path) -> None:
     import numpy as np
 
+    from rlgcomp.challenge.sensitivity import MEANING
     from rlgcomp.files import whole_folder, write_json
     from rlgcomp.report.sensitivity import FoundCurve, curves_picture
 
@@ -142,4 +148,4 @@ def _write(found: Sensitivity, out: Path) -> None:
     with whole_folder(out, writes=FILES) as folder:
         write_json(folder / "sensitivity.json", found.to_mapping())
         table.to_csv(folder / "shares.csv", index=False)
-        (folder / "curves.png").write_bytes(curves_picture(title, strength, curves))
+        (folder / "curves.png").write_bytes(curves_picture(title, strength, curves, MEANING))

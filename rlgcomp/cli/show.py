@@ -33,24 +33,9 @@ def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 
 def show_evaluation(evaluation: Any) -> None:
     """Print the tables of an evaluation."""
-    show_table(
-        f"Bias stability{' held out' if evaluation.held_out else ''} ({evaluation.averaging_s:g} s means), deg/h",
-        [
-            {
-                "run": run.run,
-                "before": run.raw_std_deg_h,
-                "after": run.residual_std_deg_h,
-                "better by": run.factor,
-                "95 % interval": f"{run.factor_low:.2f} – {run.factor_high:.2f}",
-                "noise floor": run.noise_floor_deg_h,
-                "after / floor": run.floor_ratio,
-                "rms left": run.residual_rms_deg_h,
-                "out of range": f"{100 * run.out_of_range:.1f} %",
-                "in the interval": f"{100 * run.in_interval:.1f} %",
-            }
-            for run in evaluation.runs
-        ],
-    )
+    from rlgcomp.evaluation import stability_rows
+
+    show_table(evaluation.title, stability_rows(evaluation))
     if not evaluation.comparison.empty:
         table = evaluation.comparison
         rows = [

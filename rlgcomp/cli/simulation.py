@@ -57,14 +57,22 @@ def simulate(
 @command("predict", several=("--mechanisms",))
 def predict(
     simulator: SimulatorFile,
-    run: Annotated[str, typer.Argument(metavar="RUN")],
+    run: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN", help="Recording whose monitors drive the simulator. RUN@START:STOP takes an interval in seconds."
+        ),
+    ],
     out: Out,
     mechanisms: MechanismFiles = None,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    as_json: AsJson = False,
 ) -> None:
     """The gyro that a simulator expects, given a recording's own monitors: the same rows, without noise.
+
+    What no two runs repeat (random jumps) is left out as well.
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
@@ -74,5 +82,23 @@ def predict(
 
     require_recordable(out)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
-    write(Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).predict(recording), out)
-    say(f"{out}: {len(recording)} rows")
+    made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
+    predicted = made.predict(recording)
+    write(predicted, out)
+    (column,) = predicted.gyro_columns
+    if as_json:
+        rate = predicted.rate_deg_h()
+        show_json(
+            {
+                "out": out,
+                "rows": len(predicted),
+                "gyro": column,
+                "columns": list(predicted.columns),
+                "mechanisms": [mechanism.name for mechanism in made.mechanisms if mechanism.repeats()],
+                "left_out": [mechanism.name for mechanism in made.mechanisms if not mechanism.repeats()],
+                "mean_deg_h": float(rate.mean()),
+                "std_deg_h": float(rate.std()),
+            }
+        )
+    else:
+        say(f"{out}: {len(predicted)} rows, column {column}")

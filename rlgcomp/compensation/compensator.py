@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 from sklearn.base import clone
 
-from rlgcomp.compensation import artefact, form_of
+from rlgcomp.compensation import artefact, form_of, wording
 from rlgcomp.compensation.cubic import DYNAMICS
 from rlgcomp.compensation.form import residuals_left_out, sequential
 from rlgcomp.compensation.interval import Interval, excess
@@ -111,6 +111,9 @@ class Compensator:
         self.keep_mean = keep_mean
         self.n_jobs = n_jobs
         self._state: Any = None
+
+    def __repr__(self) -> str:
+        return wording.as_text(self)
 
     # --- training ----------------------------------------------------------------------------------------------------------
 

@@ -1,51 +1,27 @@
-"""A conclusion told: causes with their numbers, what else it could be, what is left, what to run next, what to bear in mind."""
+"""What the numbers of a diagnosis are: causes, other sets, what is unexplained, and what to run next."""
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
-import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.black_box import Mismatch
-from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, acquitted, healthy, verdict_of
-from rlgcomp.diagnosis.evidence import log_sum_exp
+from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion
 from rlgcomp.diagnosis.explain import Explanations
-from rlgcomp.diagnosis.fit import Fitted, FittedCause, fit, noise_model
-from rlgcomp.diagnosis.inadequacy import INADEQUACY
+from rlgcomp.diagnosis.fit import Fitted, fit
 from rlgcomp.diagnosis.next_experiment import next_experiment, told_apart
-from rlgcomp.diagnosis.noises import stated_noise
-from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
-from rlgcomp.diagnosis.result import Alternative, Cause, Estimate, Fit, NextExperiment, Trace, Unexplained, Verdict
+from rlgcomp.diagnosis.result import Alternative, Cause, NextExperiment, Unexplained
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape, norms, whiten
 from rlgcomp.diagnosis.wording import listing
-from rlgcomp.noise import NoiseModel
-from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.units import column_unit
 
 Array = npt.NDArray[np.float64]
-
 _ALTERNATIVES: Final = 8
-_SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
-_SLOW: Final = 1.3  # times the white noise, from which it is said that slow noise accounts for what is left
-_OFF_ALONE: Final = 1.25  # the same of one run
-_OFF: Final = 1.5  # times the noise floor, from which held-out runs are said to be off
-_NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
-_SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _RIVALS: Final = 4  # told apart by the next experiment
-_AS_LIKELY: Final = 0.8  # relative probability from which training runs prefer neither of two sets
-_TIMES: Final = 15  # correlation times that are tried, and sizes
-_SIZES_APART: Final = 4.0  # from the likeliest, at most
-_ONE_SIDE: Final = 0.05  # of a posterior, beyond either bound
-_ONE_COURSE: Final = 0.95  # correlation from which a law and a cause are hard to part
-_BEYOND: Final = 0.05  # of the range of a driver in training: a run that leaves it by more is extrapolated
 
 
 def causes_of(
@@ -65,7 +41,8 @@ def causes_of(
         others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
         rms = _beyond(problem.baseline, cause.contribution_deg_h)
         alone = None if explanations.proposed is None else explanations.proposed.probability_of(name)
-        causes.append(Cause(cause.mechanism.settled(), probability, cause.estimates, rms, others, drivers, alone))
+        theirs = tuple(explanations.probability_of(other) for other in others)
+        causes.append(Cause(cause.mechanism.settled(), probability, cause.estimates, rms, others, drivers, alone, theirs))
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 
@@ -122,273 +99,8 @@ def unexplained_of(conclusion: Conclusion, left: float) -> Unexplained:
     if conclusion.laws:
         first = conclusion.laws[0]
         drivers = tuple(dict.fromkeys(driver for law in conclusion.laws for driver in law.drivers))
-        return Unexplained(first.p_value, drivers, first.memory, "; ".join(law.equation for law in conclusion.laws))
+        equation = "; ".join(law.equation for law in conclusion.laws)
+        return Unexplained(first.p_value, drivers, first.memory, equation, conclusion.lawful)
     if conclusion.unrecorded > UNRECORDED:
-        return Unexplained(min(left, 1.0 - conclusion.unrecorded), (), "none", None)
+        return Unexplained(min(left, 1.0 - conclusion.unrecorded), probability=conclusion.unrecorded)
     return Unexplained(left)
-
-
-def remarks_of(
-    explanations: Explanations, conclusion: Conclusion, after: Fitted, noise: NoiseShape, p_value: float, *, theirs: bool
-) -> tuple[str, ...]:
-    """What a careful reader should know; `theirs` where the simulator is the user's own."""
-    remarks = []
-    if theirs and after.causes:
-        remarks.append("augmented.yaml holds what is to be added to what your simulator says, not your simulator.")
-    missing = 1.0 - healthy(explanations)
-    if verdict_of(conclusion, {}) == "none" and missing > _SUSPECTED:
-        first = next((model.labels for model in explanations.models if any(not known for _, known in model.labels)), ())
-        names = listing(sorted(name for name, known in first if not known))
-        remarks.append(
-            f"Something may be missing all the same (probability {missing:.2f}"
-            + (f", {names} before others" if names else "")
-            + "); better than even odds are asked for before anything is named. A longer run, or another programme, would tell."
-        )
-    elif verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
-        remarks.append(
-            f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
-            "programme, would tell."
-        )
-    if verdict_of(conclusion, {}) != "unknown":
-        remarks += _as_noise(explanations.evidence.problem, after, noise)
-    remarks += _turned(explanations, conclusion)
-    remarks += _behind(explanations, conclusion)
-    if not conclusion.laws and conclusion.unrecorded > UNRECORDED:
-        swing = f", part of it to and fro in about {noise.swing_s:g} s," if math.isfinite(noise.swing_s) else ""
-        problem = explanations.evidence.problem
-        design = np.column_stack([problem.baseline, *(one.columns for one in explanations.candidates(conclusion.model))])
-        time = _about(*correlation_time_s(problem, design, noise))
-        size = math.sqrt(max(float(np.var(after.residual_deg_h)) - after.white_deg_h**2, 0.0))
-        remarks.append(
-            f"Something wanders that no recorded column follows, with standard deviation {size:.2g} deg/h in these runs and a "
-            f"correlation time {time}{swing} (probability {conclusion.unrecorded:.2f}): record more monitors."
-        )
-    remarks += [f"What there is takes after {name} and {why}." for name, why in conclusion.misnamed.items()]
-    remarks += [f"There may be a {name}, but {why}: it is not reckoned with." for name, why in explanations.doubted.items()]
-    remarks += [
-        f"What {cause.mechanism.name} does is drawn anew in every run: it cannot be predicted, and adds no gain on other runs."
-        for cause in after.causes
-        if not cause.mechanism.repeats()
-    ]
-    remarks += [said for cause in after.causes for said in _at_the_end(cause)]
-    remarks += _beside_a_law(after.causes)
-    if explanations.left_out:
-        wanting = "; ".join(reason.split(", which")[0] for reason in explanations.left_out.values())
-        remarks.append(f"Not tried, because a column is not recorded ({wanting}).")
-    return tuple(remarks)
-
-
-def not_tried(explanations: Explanations, mechanisms: Mapping[str, type[Mechanism]]) -> tuple[str, ...]:
-    """What to say of mechanisms of which the simulator's own terms leave nothing, at any shape: no run like these can show them."""
-    problem = explanations.evidence.problem
-    tried = {candidate.name for candidate in explanations.evidence.candidates}
-    passed = tried | {own.name for own in problem.simulator.mechanisms} | set(explanations.left_out)
-    taken = [
-        name
-        for name, kind in mechanisms.items()
-        if name not in passed and kind.named_for(problem.simulator.kind) and not kind.jumps()
-        if any(one.amplitude_parameters() for one in kind.grid(problem.runs))
-    ]
-    if not taken:
-        return ()
-    terms = "the simulator's own terms and the law beyond them" if problem.laws else "the simulator's own terms"
-    were, their = ("was", "its") if len(taken) == 1 else ("were", "their")
-    return (f"{listing(taken)} {were} not tried: {terms} can take {their} place in these runs.",)
-
-
-def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:
-    """What to say where what is left passes for noise because slow noise does."""
-    times = float(np.std(after.residual_deg_h)) / after.white_deg_h
-    if times < _SLOW:
-        return []
-    found, stated = noise_model(shape, after.white_deg_h, problem.windows[0]), problem.simulator.noise
-    slow = (
-        f"bias instability {found.bias_instability_deg_h:.2g} deg/h and rate random walk "
-        f"{found.rate_random_walk_deg_h_sqrt_h:.2g} deg/h/sqrt(h)"
-    )
-    left = f"What is left, {times:.1f} times the white noise, passes for noise with {slow}"
-    if stated is None or stated_noise(stated, problem.windows[0].white_s) is None:
-        return [f"{left}. If this gyro is known to be calmer at rest, give its noise (--noise): then something unrecorded wanders."]
-    said = f"{stated.bias_instability_deg_h:.2g} and {stated.rate_random_walk_deg_h_sqrt_h:.2g}"
-    return [f"{left}; {said} are stated. If these are right, something unrecorded wanders."]
-
-
-def correlation_time_s(problem: Problem, design: Array, noise: NoiseShape) -> tuple[float, float]:
-    """How long what wanders beside a design remembers: bounds of nine tenths of its posterior, all times and sizes being as likely
-    in their logarithms; zero and infinite where these runs set none."""
-    longest = max(float(np.ptp(problem.rows.time_s[part])) for part in problem.rows.runs)
-    times = np.geomspace(problem.rows.window_s, longest, _TIMES)
-    sizes = noise.wander * np.geomspace(1.0 / _SIZES_APART, _SIZES_APART, _TIMES)
-    tried = [dataclasses.replace(noise, wander=float(size), wander_s=float(time)) for time in times for size in sizes]
-    logs = Background(problem, design, tried).log_evidence.reshape(_TIMES, -1)
-    of_times = np.exp(log_sum_exp(logs) - log_sum_exp(logs.ravel()))
-    below = np.cumsum(of_times) - 0.5 * of_times
-    low, high = np.exp(np.interp([_ONE_SIDE, 1.0 - _ONE_SIDE], below, np.log(times)))
-    return float(low if below[0] < _ONE_SIDE else 0.0), float(high if below[-1] > 1.0 - _ONE_SIDE else math.inf)
-
-
-def _about(low_s: float, high_s: float) -> str:
-    """Bounds of a time, in words.
-
-    >>> _about(870.0, 2140.0), _about(0.0, 310.0), _about(5200.0, math.inf)
-    ('between 900 and 2000 s', 'of 300 s or less', 'of 5000 s or more')
-    """
-    low, high = (f"{float(f'{time_s:.1g}'):g}" for time_s in (low_s, high_s))
-    if low_s == 0.0 or high_s == math.inf:
-        return f"of {high} s or less" if high_s < math.inf else f"of {low} s or more" if low_s else "that these runs do not tell"
-    return f"of about {low} s" if low == high else f"between {low} and {high} s"
-
-
-def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
-    """What to say where held-out runs turned what training runs alone would have named."""
-    proposed = explanations.proposed
-    if proposed is None or conclusion.laws or conclusion.unrecorded > UNRECORDED:
-        return []
-    alone = proposed.nothing if acquitted(proposed) else proposed.models[0]
-    before, now = (sorted(name for name, known in model.labels if not known) for model in (alone, conclusion.model))
-    shares = {model.labels: p for model, p in zip(proposed.models, proposed.probabilities, strict=True)}
-    if before == now or shares.get(conclusion.model.labels, 0.0) > _AS_LIKELY * shares[alone.labels]:
-        return []
-    said = f"{listing(before)} (probability {min(proposed.probability_of(name) for name in before):.2f})" if before else "nothing"
-    if not now:
-        return [f"The training runs alone would name {said}; the held-out runs do not bear it out."]
-    chosen = f"the held-out runs decided for {listing(now)}, so that what is gained on them is not independent of that choice."
-    return [f"The training runs alone would name {said}; {chosen}"]
-
-
-def _behind(explanations: Explanations, conclusion: Conclusion) -> list[str]:
-    """What to say of a further cause that training runs speak for, though no more than equations of strong ones may be wrong by."""
-    alone = explanations.proposed or explanations
-    search, own = alone.search, explanations.in_training(conclusion.model)
-    further = [model for model in alone.models if model.labels > own.labels and len(model.labels) == len(own.labels) + 1]
-    further = [model for model in further if search.has_own_biases(model.labels) == search.has_own_biases(own.labels)]
-    if not own.labels or not further or conclusion.misnamed:
-        return []
-    spared = {model: model.log_posterior + search.toll(model.labels) for model in (own, *further)}
-    best = max(further, key=lambda model: spared[model])
-    if spared[best] - spared[own] < _SPOKEN_FOR:
-        return []
-    ((name, _),) = best.labels - own.labels
-    names = listing(sorted(name for name, _ in own.labels))
-    wrong_by = f"no more than an equation may be wrong by ({100.0 * INADEQUACY:.0f} % of what it does)"
-    return [
-        f"Beside {names}, {name} would explain more, though {wrong_by}. To look for it, diagnose again with augmented.yaml as the "
-        "simulator."
-    ]
-
-
-def _beside_a_law(causes: Sequence[FittedCause]) -> list[str]:
-    """What to say where a law and a cause that is named take the same course, so that one may undo the other."""
-    laws = [cause for cause in causes if cause.mechanism.open_set]
-    named = [cause for cause in causes if not cause.mechanism.open_set]
-    found = []
-    for cause, law in itertools.product(named, laws):
-        alike = float(np.corrcoef(cause.contribution_deg_h, law.contribution_deg_h)[0, 1])
-        if abs(alike) > _ONE_COURSE:
-            said = f"{cause.mechanism.name} and the law beyond it take one course (correlation {alike:.2f})"
-            found.append(f"{said}: what was found is their sum, and the numbers of neither mean much alone.")
-    return found
-
-
-def _at_the_end(cause: FittedCause) -> list[str]:
-    """What to say of shapes that were found at the end of what is tried."""
-    ends = [
-        (parameter, getattr(cause.mechanism, parameter.name))
-        for parameter in cause.mechanism.parameters()
-        if parameter.role == "shape" and getattr(cause.mechanism, parameter.name) == parameter.high
-    ]
-    return [
-        f"{cause.mechanism.name}: {parameter.name} = {value:g} {parameter.unit} is the largest that is tried; it may be larger."
-        for parameter, value in ends
-    ]
-
-
-def wrong_numbers_of(found: Mapping[str, Mapping[str, Estimate]], stated: Sequence[Mismatch]) -> list[str]:
-    """What to say of mechanisms of the simulator whose numbers do not fit; `stated` is what its own numbers leave of all runs."""
-    said = [
-        f"{name}: the simulator's numbers, said to be known, do not fit; these runs say "
-        f"{', '.join(f'{parameter} = {estimate}' for parameter, estimate in estimates.items())}. No physics is missing there, "
-        "unless the stated numbers are certain: then something is that goes as this does."
-        for name, estimates in found.items()
-    ]
-    if said:
-        left = np.concatenate([one.windows.means(one.mismatch_deg_h) for one in stated])
-        rms = float(np.sqrt(np.mean(left**2)))
-        said.append(f"With its own numbers the simulator is off by {rms:.5f} deg/h rms; they count nowhere above.")
-    return said
-
-
-def own_biases_of(baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[str, ...]:
-    """What to say where training runs have a bias each."""
-    own = {name: estimate for name, estimate in baseline.get("gyro", {}).items() if name.startswith(OWN_BIAS)}
-    if not own:
-        return ()
-    told = ", ".join(f"{name.removeprefix(f'{OWN_BIAS}:')} {one}" for name, one in own.items())
-    return (
-        f"Training runs have a bias each ({told} off the last one's), as a gyro has after every switch-on: no physics is missing "
-        "there, unless something does it that differs between runs and is steady in them. No other run's bias can be foretold from "
-        "it.",
-    )
-
-
-def off_held_out(verdict: Verdict, test: Fit | None, causes: Sequence[Mechanism] = ()) -> tuple[str, ...]:
-    """What to say where held-out runs are off by more than noise, though nothing is named, or for all that is; of causes that are
-    drawn anew in every run it is not asked."""
-    if verdict == "unknown" or test is None or test.augmented_std is None or not all(cause.repeats() for cause in causes):
-        return ()
-    if test.augmented_rms < _OFF * test.noise_floor_rms:
-        return _off_alone(test)
-    times = test.augmented_rms / test.noise_floor_rms
-    named = "" if verdict == "none" else ", with all that is named,"
-    off = f"Held-out runs{named} are off by {test.augmented_rms:.2g} {test.unit} rms, {times:.1f} times the noise"
-    if test.augmented_std < _OFF * test.noise_floor_rms:
-        return (
-            f"{off}: a bias of each run's own accounts for it. If this gyro is known to repeat its bias better from switch-on to "
-            "switch-on, something that differs between runs is missing.",
-        )
-    return (
-        f"{off}, and by {test.augmented_std:.2g} about each run's own mean: they show what the training runs do not. Take one of "
-        "them among the training runs.",
-    )
-
-
-def _off_alone(test: Fit) -> tuple[str, ...]:
-    """Of single runs that are off, though all of them together hardly are."""
-    if test.whiteness_p_value is None or test.whiteness_p_value > _NOTED:
-        return ()
-    said = []
-    for one in test.per_run:
-        if one.augmented_std is not None and one.augmented_std > _OFF_ALONE * one.noise_floor_rms:
-            times = one.augmented_std / one.noise_floor_rms
-            said.append(
-                f"{one.run} is off by {one.augmented_std:.2g} {test.unit} about its own mean, {times:.1f} times the noise, and not "
-                f"by noise alone (p = {test.whiteness_p_value:.1g}): it shows what the training runs do not. Take it among them."
-            )
-    return tuple(said)
-
-
-def weighed_means(model: NoiseModel, averaging_s: float) -> tuple[str, ...]:
-    """What to say where means of windows are not plain, because the gyro's angle errs."""
-    if model.quantization_arcsec == 0.0:
-        return ()
-    return (
-        f"The gyro's angle errs by {model.quantization_arcsec:.2g} arcsec in each sample, as by rounding to pulses or dither "
-        f"that is left: means of {averaging_s:g} s have weights that fall to zero at both ends, which are those of least variance.",
-    )
-
-
-def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> tuple[str, ...]:
-    """What to say of held-out runs in which a driver goes where it did not go in training, by window means."""
-    learnt = [trace.monitors for trace in traces if not trace.held_out]
-    said = []
-    for trace in (one for one in traces if one.held_out):
-        beyond = []
-        for column in trace.monitors.columns.intersection(sorted(drivers)):
-            low, high = (float(extreme([extreme(table[column]) for table in learnt])) for extreme in (np.nanmin, np.nanmax))
-            lowest, highest = float(np.nanmin(trace.monitors[column])), float(np.nanmax(trace.monitors[column]))
-            if max(low - lowest, highest - high) > _BEYOND * (high - low) > 0.0:
-                unit = column_unit(column) or ""
-                beyond.append(f"{column} from {lowest:.4g} to {highest:.4g} {unit}, trained from {low:.4g} to {high:.4g}")
-        if beyond:
-            said.append(f"{trace.run} leaves what was trained on ({'; '.join(beyond)}): predictions are extrapolated there.")
-    return tuple(said)

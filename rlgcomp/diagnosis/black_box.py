@@ -126,6 +126,18 @@ def _without_advice() -> Iterator[None]:
         logger.setLevel(level)
 
 
+def _of_all(taught: Sequence[Recording], levels: Sequence[str]) -> Sequence[str]:
+    """The features of a compensation, and the levels of columns that it does not read."""
+    from rlgcomp.recipe import recipe_for
+
+    try:
+        read = recipe_for(taught).columns
+    except InputError:
+        return levels
+    varying = [column for column in levels if any(np.ptp(run.column(column)) > 0.0 for run in taught)]
+    return ["all", *(column for column in varying if column not in read)]
+
+
 @one_blas_thread
 @_without_advice()
 def _trained(taught: Sequence[Recording], fine: Sequence[Recording], averaging_s: float) -> list[Array] | None:
@@ -134,7 +146,7 @@ def _trained(taught: Sequence[Recording], fine: Sequence[Recording], averaging_s
 
     common = set.intersection(*(set(run.columns) for run in fine)) - {TIME, "gyro_deg_h"}
     levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns
-    for features in (levels,) if fine[0].metadata.kind == "turntable" else ("all", levels):
+    for features in (levels,) if fine[0].metadata.kind == "turntable" else (_of_all(taught, levels), levels):
         try:
             model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(taught)
             return [model.predict(run)["bias_deg_h"].to_numpy() for run in fine]

@@ -29,6 +29,7 @@ LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue 
 AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
 MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
 UNRECORDED: Final = 0.5
+_NO_NOISE: Final = 1e-6  # p-value below which something is there, though the likeliest noise passes for it
 _ACQUITTED: Final = 0.45  # probability of a healthy gyro from which nothing is claimed: eleven to nine is asked of who accuses
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
 _BESIDE: Final = math.log(100.0)  # odds from which a cause is named beside something that wanders unrecorded
@@ -79,7 +80,8 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             continue  # it is these mechanisms together
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
-        score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
+        plain = model.log_posterior - explanations.of_biases.get(model.labels, 0.0)  # a law is sought where runs have one bias
+        score = plain + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
         if foreseen is not None:
             score += foreseen(law.mechanism)
         if model.members and score - model.log_posterior < _BEYOND:
@@ -117,6 +119,15 @@ def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Concl
     laws = discover_laws(windowed, _design(windowed, explanations, best), noises, prior, foreseen=foreseen) or conclusion.laws
     misnamed_beside = {name: why for (name, _), why in false.items()}
     return dataclasses.replace(conclusion, model=best, laws=laws, misnamed=misnamed_beside, reweighed=True)
+
+
+def beyond_noise(conclusion: Conclusion, p_value: float, in_training: Model) -> Conclusion:
+    """The same, but that something wanders unrecorded where nothing is named and no healthy gyro departs so far from its noise; not
+    where training alone would name something, and held-out runs deny it."""
+    silent = not conclusion.laws and all(known for _, known in conclusion.model.labels | in_training.labels)
+    if not silent or conclusion.unrecorded > UNRECORDED or p_value >= _NO_NOISE:
+        return conclusion
+    return dataclasses.replace(conclusion, unrecorded=1.0 - p_value)
 
 
 def _set_of(explanations: Explanations) -> tuple[Model, float, Mapping[Label, str]]:

@@ -71,7 +71,7 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
     at_issue = _at_issue(explanations)
     nothing = next(model for model in at_issue if not model.labels)
     asked = [model for model in at_issue if _shown(explanations, model, whole)]
-    judged, held, own_biases = _judged(explanations, asked, whole)
+    judged, held, own_biases, of_biases = _judged(explanations, asked, whole)
     found = []
     for model in at_issue:
         members = model.members
@@ -92,7 +92,12 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
         found.append(dataclasses.replace(by_all, members=members))
     models = tuple(sorted(found, key=lambda model: -model.log_posterior))
     return dataclasses.replace(
-        explanations, models=models, probabilities=posterior(models), proposed=explanations, borne_out=own_biases
+        explanations,
+        models=models,
+        probabilities=posterior(models),
+        proposed=explanations,
+        borne_out=own_biases,
+        of_biases=of_biases,
     )
 
 
@@ -211,9 +216,9 @@ def _foreseen(
 
 def _judged(
     explanations: Explanations, asked: Sequence[Model], whole: Problem
-) -> tuple[dict[frozenset[Label], Model], list[Candidate], float | None]:
+) -> tuple[dict[frozenset[Label], Model], list[Candidate], float | None, dict[frozenset[Label], float]]:
     """The same sets by all runs; the candidates that their members are; the probability that runs have a bias each, where that is
-    asked.
+    asked; and how much of each set's log evidence that is.
 
     A path of jumps is sought anew: no run repeats it.
     """
@@ -234,4 +239,7 @@ def _judged(
     sets = [model.labels | biases for model in asked for biases in (frozenset(), frozenset((one.name, one.known) for one in own))]
     rated = list(by_all.rated(sets).values())
     with_biases = float(posterior(rated)[[by_all.has_own_biases(model.labels) for model in rated]].sum()) if own else None
-    return {model.labels: model for model in by_all.whatever_biases(rated)}, evidence.candidates, with_biases
+    alone = {model.labels: model.log_posterior for model in rated}
+    judged = {model.labels: model for model in by_all.whatever_biases(rated)}
+    of_biases = {labels: model.log_posterior - alone[labels] for labels, model in judged.items()}
+    return judged, evidence.candidates, with_biases, of_biases

@@ -18,6 +18,7 @@ from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR, column_unit
 Array = npt.NDArray[np.float64]
 _FARTHEST_SCALE: Final = 0.5  # that a gyro's scale factor can be off
 _TURNS_DEG_H: Final = 100.0  # standard deviation: less may be noise, of the gyro or of an encoder
+_WHOLE: Final = 0.01  # of the table's rate: what is left is all of it
 _WHOLE_TURNS_DEG: Final = 10.0  # off whole turns, by the median row: a gyro in another unit is off by any part of one
 _LARGEST_DEPARTURE_DEG_H: Final = 1e7  # no gyro measures so high a rate
 
@@ -47,9 +48,12 @@ def departures_deg_h(
 
 def _unexplained(simulator: Simulator, run: Recording, gyro: str | None, predicted: Callable[[Recording], Array] | None) -> Array:
     expected = simulator.nominal_deg_h(run, gyro) if predicted is None else predicted(run)
-    if predicted is None and simulator.kind == "turntable":
-        _require_following(run, run.gyro_column(gyro), run.rate_deg_h(gyro), expected)
     rate = run.rate_deg_h(gyro) - expected
+    if simulator.kind == "turntable":
+        if predicted is None:
+            _require_following(run, run.gyro_column(gyro), run.rate_deg_h(gyro), expected)
+        else:
+            _require_whole_rate(run, rate)
     for mechanism in simulator.mechanisms:
         parameters = mechanism.amplitude_parameters()
         free = simulator.free.get(mechanism.name, frozenset())
@@ -81,6 +85,21 @@ def _require_following(run: Recording, channel: str, rate_deg_h: Array, table_de
         f"{run.name}: {channel} reads {slope:.4g} times the rate of its table ({motion}), beyond any scale factor's error; "
         f"perhaps {likely}"
     )
+
+
+def _require_whole_rate(run: Recording, left_deg_h: Array) -> None:
+    """Refuse a simulation of a gyro's errors alone, which leaves all of its table's rate."""
+    if RATE not in run:
+        return
+    turning = SECONDS_PER_HOUR * (run.column(RATE) - run.column(RATE).mean())
+    if not np.std(turning) > _TURNS_DEG_H:
+        return
+    slope = float(turning @ left_deg_h / (turning @ turning))
+    if abs(slope - 1.0) < _WHOLE:
+        raise InputError(
+            f"{run.name}: the simulation leaves {slope:.4g} times its table's rate ({RATE}): it says by what the gyro errs alone; "
+            "let it say all that the gyro reads, the table's rate and the Earth's included"
+        )
 
 
 def _require_turns_told(run: Recording, channel: str, rate_deg_h: Array, table_deg_h: Array) -> None:

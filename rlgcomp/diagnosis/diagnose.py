@@ -5,41 +5,47 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
-from rlgcomp.diagnosis.account import (
-    alternatives_of,
-    causes_of,
+from rlgcomp.diagnosis.account import alternatives_of, causes_of, unexplained_of, what_to_run, whiteness
+from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.black_box import Mismatch, learned
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.conclusion import (
+    Conclusion,
+    beside_laws,
+    beyond_noise,
+    concluded,
+    healthy,
+    likely_noises,
+    rivals_of,
+    verdict_of,
+)
+from rlgcomp.diagnosis.detect import detect
+from rlgcomp.diagnosis.explain import Explanations, considered
+from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
+from rlgcomp.diagnosis.held_out import require_held_out
+from rlgcomp.diagnosis.knocks import frozen_in, without_knocks, without_spikes
+from rlgcomp.diagnosis.locate import locate
+from rlgcomp.diagnosis.posed import Asked, Posed
+from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.proof import proved, unreadable
+from rlgcomp.diagnosis.remarks import (
     extrapolations_of,
     not_tried,
     off_held_out,
     own_biases_of,
     remarks_of,
-    unexplained_of,
     weighed_means,
-    what_to_run,
-    whiteness,
+    worse_in_training,
     wrong_numbers_of,
 )
-from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.black_box import Mismatch, learned
-from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.conclusion import Conclusion, beside_laws, concluded, healthy, likely_noises, rivals_of, verdict_of
-from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.explain import Explanations, considered
-from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
-from rlgcomp.diagnosis.held_out import require_held_out
-from rlgcomp.diagnosis.knocks import frozen_in, without_knocks
-from rlgcomp.diagnosis.locate import locate
-from rlgcomp.diagnosis.posed import Asked, Posed
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.proof import proved, unreadable
 from rlgcomp.diagnosis.result import Diagnosis, Estimate
-from rlgcomp.diagnosis.user_simulator import SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
+from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.diagnosis.whitening import NoiseShape, norms
 from rlgcomp.errors import InputError
 from rlgcomp.noise import NoiseModel, stream
@@ -56,7 +62,7 @@ _NOTHING: Final = 1e-9  # of the largest rate: rounding, no noise
 
 @one_blas_thread
 def diagnose(
-    simulator: Simulator | UserSimulator | None = None,
+    simulator: Simulator | UserSimulator | Callable[[Recording], Any] | None = None,
     train: Sequence[Recording] = (),
     test: Sequence[Recording] = (),
     *,
@@ -75,8 +81,9 @@ def diagnose(
 
     Parameters
     ----------
-    simulator : Simulator or UserSimulator, optional
-        Ours, whose free parameters are calibrated first; or anything with `predict_deg_h(recording)`.
+    simulator : Simulator, UserSimulator or callable, optional
+        Ours, whose free parameters are calibrated first; anything with `predict_deg_h(recording)`; or a function of a recording, as
+        :class:`rlgcomp.diagnosis.user_simulator.PythonSimulator` takes it.
     train : sequence of Recording
         Runs from which causes are named and fitted.
     test : sequence of Recording
@@ -136,7 +143,7 @@ def diagnose(
         conclusion = concluded(windowed, explanations, posed.whole_windowed)
     detection = detecting.result()
     nothing = healthy(explanations) * (1.0 - conclusion.lawful)
-    explanations, conclusion = _beside_laws(posed, explanations, conclusion)
+    explanations, conclusion = _beside_laws(posed, explanations, beyond_noise(conclusion, detection.p_value, explanations.first))
     told(0.75)
     noises = likely_noises(windowed, explanations, conclusion)
     shape = next(iter(noises))
@@ -198,16 +205,18 @@ def diagnose(
             *wrong_numbers_of({name: (before.baseline | after.baseline)[name] for name in differing}, stated),
             *own_biases_of(after.baseline),
             *weighed_means(model, problem.rows.window_s),
+            *worse_in_training(proof.train, [cause.mechanism for cause in after.causes]),
             *off_held_out(verdict, proof.test, [cause.mechanism for cause in after.causes]),
             *(said for said in (unreadable(after.simulator, one.run) for one in mismatches) if said is not None),
             *extrapolations_of(proof.traces, drivers),
         ),
         traces=proof.traces,
+        healthy=nothing,
     )
 
 
 def _known(
-    simulator: Simulator | UserSimulator | None,
+    simulator: Simulator | UserSimulator | Callable[[Recording], Any] | None,
     simulated: Sequence[Recording] | None,
     train: Sequence[Recording],
     test: Sequence[Recording],
@@ -229,13 +238,18 @@ def _known(
             return base, runs.predict_deg_h, runs
         if simulator is None:
             raise InputError("no simulator; give one with --simulator, or its output with --simulated")
-        predicted = simulator.predict_deg_h
+        theirs = simulator if isinstance(simulator, UserSimulator) else PythonSimulator(simulator, _name_of(simulator))
+        predicted = theirs.predict_deg_h
     if ("turntable" in kinds) != (base.kind == "turntable"):
         raise InputError(
             f"the simulator is of kind {base.kind!r}, the recordings of kind {', '.join(sorted(kinds))}; "
             "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
         )
     return base, predicted, None
+
+
+def _name_of(function: Callable[[Recording], Any]) -> str:
+    return str(getattr(function, "__name__", type(function).__name__))
 
 
 def _require_noise(problem: Problem) -> None:
@@ -252,16 +266,17 @@ def _require_noise(problem: Problem) -> None:
 
 
 def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
-    """Runs without knocks, and what to say of these and of monitors that freeze."""
-    found = [without_knocks(run, gyro) for run in runs]
-    undisturbed = [run for run, _ in found]
-    return undisturbed, [said for _, said in found if said is not None] + [said for run in undisturbed for said in frozen_in(run)]
+    """Runs without knocks and spikes, and what to say of these and of monitors that freeze."""
+    calm = [without_knocks(run, gyro) for run in runs]
+    found = [without_spikes(run) for run, _ in calm]
+    remarks = [said for _, said in calm if said is not None]
+    return [run for run, _ in found], [*remarks, *(line for run, said in found for line in (*said, *frozen_in(run)))]
 
 
 def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[Mismatch]]:
     """The simulator with nothing added, and what runs hold beyond it."""
-    # what wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
-    before = fit(posed.problem, [], dataclasses.replace(_noise_of_nothing(posed.problem), wander=0.0))
+    # whatever wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
+    before = fit(posed.problem, [], NoiseShape(), [(dataclasses.replace(_noise_of_nothing(posed.problem), wander=0.0), 1.0)])
     asked, window_s, knee_s = posed.asked, posed.problem.rows.window_s, posed.problem.windows[0].knee_s
     return before, [Mismatch.of(before.simulator, run, asked.gyro, asked.predicted, window_s, knee_s) for run in runs]
 

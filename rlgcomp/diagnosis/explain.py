@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.inadequacy import inadequacy
 from rlgcomp.diagnosis.noises import WANDERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
 from rlgcomp.diagnosis.own_bias import own_bias
 from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.search import LARGEST, Model, Search, posterior
+from rlgcomp.diagnosis.search import LARGEST, Label, Model, Search, posterior
 from rlgcomp.diagnosis.telegraph import best_path
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.mechanism import Mechanism
@@ -58,6 +58,8 @@ class Explanations:
         Of the training runs alone, where held-out runs were asked as well.
     borne_out : float, optional
         Probability by all runs that they have a bias each, where held-out runs were asked.
+    of_biases : mapping
+        By set, how much of its log evidence is that runs have a bias each, where held-out runs were asked.
     doubted : mapping
         Causes that were in the likeliest set and are in none of these, with the reason.
     """
@@ -70,6 +72,7 @@ class Explanations:
     left_out: Mapping[str, str]
     proposed: Explanations | None = None
     borne_out: float | None = None
+    of_biases: Mapping[frozenset[Label], float] = dataclasses.field(default_factory=dict)
     doubted: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
@@ -80,6 +83,11 @@ class Explanations:
     def likeliest(self) -> Model:
         """The likeliest set of causes alone."""
         return next(model for model in self.models if not self.search.has_own_biases(model.labels))
+
+    @property
+    def first(self) -> Model:
+        """The likeliest by the training runs alone."""
+        return (self.proposed or self).likeliest
 
     @property
     def innocent(self) -> Model:

@@ -119,7 +119,7 @@ def fit(
             break
         mechanisms, columns = shifted, trial
     final = np.zeros(plain.shape[1])
-    held = np.r_[problem.without_moves(), np.ones(plain.shape[1] - problem.baseline.shape[1], dtype=np.bool_)]
+    held = np.r_[problem.held(), np.ones(plain.shape[1] - problem.baseline.shape[1], dtype=np.bool_)]
     final[held], _, square = solve(problem, plain[:, held], noise)  # the simulator's own shapes are at their best
     freedom = len(problem.rows) - design.shape[1]
     widened = [1.0] * plain.shape[1]
@@ -181,13 +181,13 @@ def _beside_causes(problem: Problem, columns: Sequence[Array], noise: NoiseShape
     Gauss–Newton. A step counts where it explains more with the shapes held, not with their derivatives: beside an amplitude that is
     all but nothing, these reach far beyond what any shape does.
     """
-    lowest = solve(problem, np.column_stack([problem.baseline[:, problem.without_moves()], *columns]), noise)[2]
+    lowest = solve(problem, np.column_stack([problem.baseline[:, problem.held()], *columns]), noise)[2]
     for _ in range(_OWN_STEPS):
         weights = solve(problem, np.column_stack([problem.baseline, *columns]), noise)[0]
         shifted = problem.moved(weights[: problem.baseline.shape[1]])
         if shifted is problem:
             break
-        square = solve(shifted, np.column_stack([shifted.baseline[:, shifted.without_moves()], *columns]), noise)[2]
+        square = solve(shifted, np.column_stack([shifted.baseline[:, shifted.held()], *columns]), noise)[2]
         if square >= lowest * (1.0 - _NO_BETTER):
             break
         problem, lowest = shifted, square

@@ -1,4 +1,4 @@
-"""Knocks at the chamber and faults of the logger: samples far beyond any noise, which no bias makes, and monitors that freeze."""
+"""Knocks at the chamber and faults of the logger: samples far beyond any noise, of gyro and monitors, and monitors that freeze."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ import math
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.recording import Recording
+from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.repair.frozen import frozen_stretches, said_of
 
 _FAR: Final = 30.0  # standard deviations of a sample: at 1 Hz one such sample shifts the mean of 100 s by three of its own
 _LASTS_S: Final = 60.0  # a knock is over by then
 _FEWEST: Final = 5  # samples on either side, where they are far apart
 _SHARE: Final = 0.05  # of the samples: what stands off more often is the gyro's own
+_USUAL: Final = 0.99  # of the samples of a monitor are no further off the middle of their neighbours than is usual
+_TALL: Final = 8.0  # times that: a spike,
+_ALONE: Final = 0.2  # if its neighbours differ by less of it
+_FEW: Final = 0.005  # of the samples: more are the monitor's own
 _NORMAL: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
 
 
@@ -48,6 +53,39 @@ def without_knocks(run: Recording, gyro: str | None) -> tuple[Recording, str | N
         f"{run.time_s[far][0]:.6g} s: a knock or a fault of the logger, left out."
     )
     return run.replace(table=run.table[~far], truth=None if run.truth is None else run.truth[~far]), said
+
+
+def without_spikes(run: Recording) -> tuple[Recording, list[str]]:
+    """A chamber or static run whose monitors' single wild samples lie between their neighbours, and what to say of them."""
+    if run.metadata.kind == "turntable":
+        return run, []
+    mended, said = {}, []
+    for column in run.columns:
+        if column == TIME or is_gyro(column):
+            continue
+        values = run.column(column)
+        spikes = _spikes(values)
+        count = int(spikes.sum())
+        if not 0 < count <= _FEW * len(values):
+            continue
+        good = ~spikes
+        mended[column] = np.where(spikes, np.interp(run.time_s, run.time_s[good], values[good]), values)
+        samples = f"{count} samples that stand" if count > 1 else "1 sample that stands"
+        said.append(
+            f"{run.name}: {column} has {samples} off both neighbours as no other does, the first at {run.time_s[spikes][0]:.6g} s: "
+            "taken for faults of the logger, and put between the neighbours."
+        )
+    return (run.replace(table=run.table.assign(**mended)) if mended else run), said
+
+
+def _spikes(values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Samples far off the middle of their two neighbours, which are near each other."""
+    off = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+    usual = float(np.nanquantile(off, _USUAL)) if len(off) else 0.0
+    if not usual > 0.0:
+        return np.zeros(len(values), dtype=np.bool_)
+    apart = np.abs(values[2:] - values[:-2])
+    return np.r_[False, (off > _TALL * usual) & (apart < _ALONE * off), False]
 
 
 def frozen_in(run: Recording) -> list[str]:

@@ -168,16 +168,22 @@ class Harmonic:
     ----------
     order : int
     means, within : tuple of ndarray, shape (n, 2)
-        In windows and within them.
+        In windows and within them, where it is sampled twice a cycle.
+    whole : Harmonic, optional
+        The same with what sampling folds down; None where it folds nothing.
     """
 
     order: int
     means: tuple[Array, ...]
     within: tuple[Array, ...]
+    whole: Harmonic | None = None
 
 
 def harmonics(problem: Problem, within: Within) -> list[Harmonic]:
-    """The orders that the sampling shows, equally large at every rate and growing with it; none where the angle is not known."""
+    """The orders that the sampling shows, equally large at every rate and growing with it; none where the angle is not known.
+
+    Each is sought where its frequency is below half the sampling rate, and taken out where it is not as well.
+    """
     if problem.simulator.kind != "turntable":
         return []
     try:
@@ -194,11 +200,21 @@ def harmonics(problem: Problem, within: Within) -> list[Harmonic]:
             if order > 1:
                 moving = [_moving(part, order * moved, rate) for part, (_, moved, rate) in zip(problem.windows, turns, strict=True)]
                 seen = [np.where(inside[:, None], s, 0.0) for s, inside in zip(seen, moving, strict=True)]
+            sampled = [order * np.abs(moved) < 0.5 * DEG_PER_TURN for _, moved, _ in turns]
             for weighted in (False, True):
                 columns = [s * (rate[:, None] if weighted else 1.0) for s, (_, _, rate) in zip(seen, turns, strict=True)]
-                means = tuple(part.means(c) for part, c in zip(problem.windows, columns, strict=True))
-                found.append(Harmonic(order, means, within.free(columns)))
+                whole = _columns(problem, within, order, columns)
+                if all(part.all() for part in sampled):
+                    found.append(whole)
+                    continue
+                plain = [np.where(inside[:, None], c, 0.0) for c, inside in zip(columns, sampled, strict=True)]
+                found.append(dataclasses.replace(_columns(problem, within, order, plain), whole=whole))
     return found
+
+
+def _columns(problem: Problem, within: Within, order: int, columns: list[Array]) -> Harmonic:
+    means = tuple(part.means(c) for part, c in zip(problem.windows, columns, strict=True))
+    return Harmonic(order, means, within.free(columns))
 
 
 def _turn(part: Windows) -> tuple[npt.NDArray[np.complex128], Array, Array]:

@@ -11,8 +11,9 @@ import pandas as pd
 
 import rlgcomp
 from rlgcomp.diagnosis import wording
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.result import Diagnosis, NextExperiment, Unexplained
 from rlgcomp.files import write_text
+from rlgcomp.units import typeset
 
 PICTURES: Final = ("timeline", "left", "driver_map", "loop", "channels", "probabilities", "held_out", "bars", "programme")
 
@@ -30,7 +31,7 @@ def picture(name: str, diagnosis: Diagnosis) -> str:
         case "timeline":
             return pictures.timeline(diagnosis) if diagnosis.traces else ""
         case "bars":
-            return pictures.bars(diagnosis.test or diagnosis.train)
+            return pictures.bars(diagnosis.test or diagnosis.train) if diagnosis.changed else ""
         case "left":
             return pictures.what_is_left(diagnosis) if diagnosis.traces else ""
     return str(getattr(pictures, name)(diagnosis))
@@ -42,24 +43,31 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     import jinja2
 
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.PackageLoader("rlgcomp", "report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda said: typeset(said) if type(said) is str else said,  # drawings and tables are markup by then
     )
     page = {
-        "title": f"What {wording.subject(diagnosis)} is missing",
+        "title": wording.title(diagnosis),
+        "about": wording.about(diagnosis),
         "style": importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
         "version": rlgcomp.__version__,
         "diagnosis": diagnosis,
         "fit": diagnosis.test or diagnosis.train,
+        "changed": diagnosis.changed,
         "proved": "held out" if diagnosis.test is not None else "in training",
-        "p_value": wording.p_text(diagnosis.p_value),
-        "left_p_value": wording.p_text(diagnosis.unexplained.p_value),
-        "next_aim": "" if diagnosis.next_experiment is None else wording.next_aim(diagnosis.next_experiment),
+        "proof_title": wording.proof_title(diagnosis),
+        "p_value": wording.p_number(diagnosis.p_value),
+        **_left(diagnosis.unexplained),
+        **_next(diagnosis.next_experiment),
         "places": _places(diagnosis),
         "causes": _causes(diagnosis),
         "parameters": _parameters(diagnosis),
         "fits": _fits(diagnosis),
         "whiteness": [
-            (name, wording.p_text(fit.whiteness_p_value))
+            (name, wording.p_number(fit.whiteness_p_value))
             for name, fit in (("training", diagnosis.train), ("held out", diagnosis.test))
             if fit is not None and fit.whiteness_p_value is not None
         ],
@@ -73,23 +81,41 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     return template.render(**page, **drawn)
 
 
+def _left(unexplained: Unexplained) -> dict[str, str]:
+    sure = unexplained.probability
+    return {
+        "left_p_value": wording.p_number(unexplained.p_value),
+        "left_probability": "" if sure is None else wording.sure_text(sure, 2),
+    }
+
+
+def _next(following: NextExperiment | None) -> dict[str, str]:
+    if following is None:
+        return {}
+    return {
+        "next_aim": wording.next_aim(following),
+        "next_expected": wording.sure_text(following.expected_probability_after),
+    }
+
+
 def _places(diagnosis: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(wording.place_rows(diagnosis.where), columns=["where", "share", "p"])
 
 
 def _causes(diagnosis: Diagnosis) -> pd.DataFrame:
-    return pd.DataFrame(
+    columns = ["mechanism", *wording.PROBABILITY_COLUMNS, "rms (deg/h)", "driven by", "cannot be told from"]
+    rows = [
         [
-            {
-                "mechanism": cause.name,
-                **dict(zip(wording.PROBABILITY_COLUMNS, wording.probability_cells(cause), strict=True)),
-                "rms (deg/h)": f"{cause.rms_deg_h:.3g}",
-                "driven by": ", ".join(cause.drivers or cause.mechanism.driver_names()),
-                "cannot be told from": ", ".join(cause.indistinguishable_from),
-            }
-            for cause in diagnosis.causes
+            cause.name,
+            *wording.probability_cells(cause),
+            f"{cause.rms_deg_h:.3g}",
+            cause.driven_by,
+            ", ".join(cause.indistinguishable_from),
         ]
-    )
+        for cause in diagnosis.causes
+    ]
+    columns, rows = wording.filled(columns, rows)
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _parameters(diagnosis: Diagnosis) -> pd.DataFrame:
@@ -106,7 +132,8 @@ def _fits(diagnosis: Diagnosis) -> pd.DataFrame:
     rows = wording.fit_rows("training", diagnosis.train)
     if diagnosis.test is not None:
         rows = wording.fit_rows("held out", diagnosis.test) + rows
-    return pd.DataFrame(rows, columns=wording.FIT_COLUMNS)
+    columns, rows = wording.filled(wording.FIT_COLUMNS, rows)
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _baseline(diagnosis: Diagnosis) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import textwrap
 from collections.abc import Sequence
 from typing import Any, Final
@@ -14,18 +15,24 @@ from matplotlib.figure import Figure
 
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
+from rlgcomp.diagnosis.wording import sure_text
 from rlgcomp.errors import InputError
+from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, svg
 from rlgcomp.simulation.programme import Programme
-from rlgcomp.units import SECONDS_PER_HOUR, column_unit
+from rlgcomp.units import SECONDS_PER_HOUR, column_unit, typeset
 
 Array = npt.NDArray[np.float64]
+_LAW: Final = EmpiricalLaw.name
+_NAME: Final = 20  # letters of a run's name in a line
 _LABEL: Final = 42  # letters of a set of names in a line
 BESIDE: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 BLACK_BOX: Final = "#cc79a7"
 COLD: Final = "#56b4e9"
 _DOTS: Final = {"marker": ".", "linestyle": "", "rasterized": True}
 _BINS: Final = 8
+SLIGHT: Final = 0.01  # probability of something unrecorded below which it has no bar
+LEAST_AXIS: Final = 20.0  # %, so that what chance leaves does not fill the picture
 DOTS_PER_INCH: Final = 130
 ABOVE_IN, BELOW_IN, GAP_IN, SIDE_GAP_IN = 0.32, 0.48, 0.52, 0.5
 
@@ -35,7 +42,7 @@ def timeline(diagnosis: Diagnosis) -> str:
     scale, unit = _scale(diagnosis.train)
     with rc_context(STYLE):
         traces = diagnosis.traces
-        figure, panels = _figure(0.5 + 1.85 * len(traces), rows=len(traces), right_in=0.65)
+        figure, panels = _figure(0.5 + 1.85 * len(traces), rows=len(traces), right_in=0.8)
         for trace, axes in zip(traces, panels[:, 0], strict=True):
             hours = trace.time_s / SECONDS_PER_HOUR
             axes.plot(hours, scale * trace.before_deg_h, color=RAW, ms=4, label="mismatch", **_DOTS)
@@ -63,30 +70,79 @@ def timeline(diagnosis: Diagnosis) -> str:
 
 
 def loop(diagnosis: Diagnosis) -> str:
-    """Mismatch against its driver, rising and falling in two colours, before and after."""
-    driver = _driver(diagnosis)
+    """The mismatch less all other findings against each finding's driver, rising and falling in two colours, before and after."""
+    shown = [view for view in views(diagnosis) if view.x]
     scale, unit = _scale(diagnosis.train)
-    if driver is None:
+    if not shown:
         return ""
+    sides = 1 + diagnosis.changed
     with rc_context(STYLE):
-        figure, ((before, after),) = _figure(3.7, columns=2, sharey=True)
-        for trace in _with(diagnosis.traces, driver):
-            x = trace.monitors[driver].to_numpy()
-            rising = np.gradient(x) >= 0.0
-            for axes, values in ((before, trace.before_deg_h), (after, trace.after_deg_h)):
-                for direction, colour in ((rising, WARM), (~rising, RESIDUAL)):
-                    axes.plot(x[direction], scale * values[direction], color=colour, ms=3.5, alpha=0.6, **_DOTS)
-        before.plot([], [], ".", color=WARM, ms=8, label="rising")
-        before.plot([], [], ".", color=RESIDUAL, ms=8, label="falling")
-        reach = np.quantile(np.abs(np.concatenate([trace.before_deg_h for trace in diagnosis.traces])), 0.99)
-        before.set_ylim(-1.3 * scale * reach, 1.3 * scale * reach)
-        before.legend(loc="best", frameon=True, facecolor="white", edgecolor="none")
-        before.set_title("Mismatch before")
-        after.set_title("After")
-        before.set_ylabel(unit)
-        for axes in (before, after):
-            axes.set_xlabel(column_label(driver))
+        figure, grid = _figure(0.4 + 3.3 * len(shown), rows=len(shown), columns=sides, gap_in=0.85, sharey="row")
+        for view, row in zip(shown, grid, strict=True):
+            for x, *both in zip(view.x, view.before, view.after, strict=True):
+                rising = np.gradient(x) >= 0.0
+                parts = ((rising, WARM), (~rising, RESIDUAL)) if view.turns else ((np.ones(len(x), dtype=np.bool_), RAW),)
+                for axes, values in zip(row, both, strict=False):
+                    for direction, colour in parts:
+                        axes.plot(x[direction], scale * values[direction], color=colour, ms=3.5, alpha=0.6, **_DOTS)
+            reach = 1.3 * scale * float(np.quantile(np.abs(np.concatenate(view.before)), 0.99))
+            row[0].set_ylim(-reach, reach)
+            row[0].set_ylabel(unit)
+            for axes, title in zip(row, (view.title if sides > 1 else "Mismatch", "After"), strict=False):
+                axes.set_title(title)
+                axes.set_xlabel(view.label)
+        for first in [row[0] for view, row in zip(shown, grid, strict=True) if view.turns][:1]:
+            first.plot([], [], ".", color=WARM, ms=8, label="rising")
+            first.plot([], [], ".", color=RESIDUAL, ms=8, label="falling")
+            first.legend(loc="best", frameon=True, facecolor="white", edgecolor="none")
         return svg(figure)
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """What one finding is drawn against, run by run, and what is drawn: the mismatch less all other findings, and what is left."""
+
+    title: str
+    label: str
+    x: list[Array]
+    before: list[Array]
+    after: list[Array]
+    turns: bool = True  # x rises and falls
+
+
+def views(diagnosis: Diagnosis) -> list[View]:
+    """One for each finding; where there is none, the mismatch against the driver of the other pictures."""
+    findings = {cause.name: (cause.drivers, cause.name) for cause in diagnosis.causes}
+    if diagnosis.unexplained.equation:
+        findings[_LAW] = (diagnosis.unexplained.drivers, "the law")
+    driver = _driver(diagnosis)
+    if not findings:
+        return [] if driver is None else [_against(diagnosis.traces, driver)]
+    found = []
+    for name, (drivers, said) in findings.items():
+        traces = [trace for trace in diagnosis.traces if name in trace.added_deg_h]
+        before = [trace.after_deg_h + trace.added_deg_h[name] for trace in traces]
+        title, after = "Mismatch before", [trace.after_deg_h for trace in traces]
+        if len(findings) > 1:
+            title = f"{said}: mismatch less the others"
+        else:
+            before = [trace.before_deg_h for trace in traces]
+        moving = [column for column in drivers if any(column in t.monitors and np.ptp(t.monitors[column]) > 0.0 for t in traces)]
+        if len(drivers) > 1:
+            scale, unit = _scale(diagnosis.train)
+            x, label = [scale * trace.added_deg_h[name] for trace in traces], f"what {said} adds, {unit}"
+        elif moving:
+            x, label = [trace.monitors[moving[0]].to_numpy() for trace in traces], column_label(moving[0])
+        else:
+            x, label = [trace.time_s / SECONDS_PER_HOUR for trace in traces], "time in h"
+        found.append(View(title, label, x, before, after, turns=label != "time in h"))
+    return found
+
+
+def _against(traces: Sequence[Trace], driver: str) -> View:
+    there = _with(traces, driver)
+    x, before, after = ([getattr(trace, name) for trace in there] for name in ("monitors", "before_deg_h", "after_deg_h"))
+    return View("Mismatch before", column_label(driver), [table[driver].to_numpy() for table in x], before, after)
 
 
 def driver_map(diagnosis: Diagnosis) -> str:
@@ -101,6 +157,7 @@ def driver_map(diagnosis: Diagnosis) -> str:
     edges_x = np.linspace(x.min(), x.max(), 13)
     reach = float(np.quantile(np.abs(rate), 0.98)) or float(np.abs(rate).max())
     edges_rate = np.linspace(-reach, reach, 10)
+    factor, per_minute = _power(reach, f"{typeset(column_unit(driver) or '1')}/min")
     counts, _, _ = np.histogram2d(x, rate, (edges_x, edges_rate))
     maps = []
     for values in (before, after):
@@ -110,13 +167,15 @@ def driver_map(diagnosis: Diagnosis) -> str:
         return ""
     limit = float(np.nanmax(np.abs(maps[0])))
     with rc_context(STYLE):
-        figure, (panels,) = _figure(3.3, columns=2, sharey=True, right_in=0.1)
-        for axes, values, title in zip(panels, maps, ("Mean mismatch before", "After"), strict=True):
-            mesh = axes.pcolormesh(edges_x, edges_rate, values.T, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True)
+        maps = maps[: 1 + diagnosis.changed]
+        titles = ("Mean mismatch before", "After") if len(maps) > 1 else ("Mean mismatch",)
+        figure, (panels,) = _figure(3.3, columns=len(maps), sharey=True, right_in=0.1)
+        for axes, values, title in zip(panels, maps, titles, strict=True):
+            mesh = axes.pcolormesh(edges_x, factor * edges_rate, values.T, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True)
             axes.set_title(title)
             axes.set_xlabel(column_label(driver))
             axes.grid(visible=False)
-        panels[0].set_ylabel(f"change per minute, {column_unit(driver) or 1}")
+        panels[0].set_ylabel(f"rate of change, {per_minute}")
         figure.colorbar(mesh, ax=panels, label=unit, pad=0.01)
         return svg(figure)
 
@@ -129,13 +188,17 @@ def channels(diagnosis: Diagnosis) -> str:
     with rc_context(STYLE):
         figure, ((axes,),) = _figure(0.9 + 0.34 * len(shares), left_in=2.3, right_in=1.0)
         places = np.arange(len(shares))
-        axes.barh(places - 0.19, 100.0 * shares["before"], height=0.36, color=RAW, label="before")
-        axes.barh(places + 0.19, 100.0 * shares["after"], height=0.36, color=RESIDUAL, label="after")
+        both = diagnosis.changed
+        axes.barh(places - 0.19 * both, 100.0 * shares["before"], height=0.36, color=RAW, label="before")
+        if both:
+            axes.barh(places + 0.19, 100.0 * shares["after"], height=0.36, color=RESIDUAL, label="after")
         axes.set_yticks(places, [column_label(column) for column in shares["channel"]])
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("share of the mismatch that a function of this channel alone could explain, %")
-        axes.legend(**BESIDE)
+        axes.set_xlim(0.0, max(LEAST_AXIS, 105.0 * float(shares[["before", "after"]].to_numpy().max())))
+        if both:
+            axes.legend(**BESIDE)
         return svg(figure)
 
 
@@ -163,13 +226,17 @@ def probabilities(diagnosis: Diagnosis) -> str:
         return ""
     chosen = tuple(cause.name for cause in diagnosis.causes)
     shares = {item.mechanisms: item.probability for item in diagnosis.alternatives if set(item.mechanisms) != set(chosen)}
-    beyond = ("something outside the catalogue",) if diagnosis.verdict == "unknown" else ()
-    shown = [((*chosen, *beyond), max(0.0, 1.0 - sum(shares.values()))), *sorted(shares.items(), key=lambda item: -item[1])[:8]]
+    left = max(0.0, 1.0 - sum(shares.values()))
+    shown = [((*chosen, *_beyond(diagnosis)), left), *sorted(shares.items(), key=lambda item: -item[1])[:8]]
+    if diagnosis.verdict == "none" and diagnosis.healthy is not None:
+        wandering = ("no mechanism of the catalogue, but something unrecorded",)
+        shown[:1] = [((), diagnosis.healthy), (wandering, left - diagnosis.healthy)]
+        shown = [one for one in shown if one[0] != wandering or one[1] >= SLIGHT]
     with rc_context(STYLE):
         figure, ((axes,),) = _figure(0.9 + 0.36 * len(shown), left_in=3.6)
         axes.barh(range(len(shown)), [share for _, share in shown], color=[FIT, *[RESIDUAL] * (len(shown) - 1)], height=0.6)
         for k, (_, share) in enumerate(shown):
-            axes.annotate(_share(share), (share, k), (4, 0), textcoords="offset points", va="center", fontsize=8.5)
+            axes.annotate(sure_text(share), (share, k), (4, 0), textcoords="offset points", va="center", fontsize=8.5)
         axes.set_yticks(range(len(shown)), [textwrap.fill(" + ".join(names) or "nothing", _LABEL) for names, _ in shown])
         axes.set_xlim(0.0, 1.08)
         axes.invert_yaxis()
@@ -178,9 +245,14 @@ def probabilities(diagnosis: Diagnosis) -> str:
         return svg(figure)
 
 
-def _share(probability: float) -> str:
-    """A probability that is neither 0 nor 1."""
-    return f"{probability:.3f}" if 0.001 <= probability <= 0.999 else "< 0.001" if probability < 0.5 else "> 0.999"
+def _beyond(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What is said to be missing beside named causes."""
+    if diagnosis.verdict != "unknown":
+        return ()
+    if diagnosis.unexplained.equation:
+        return ("a law outside the catalogue",)
+    further = "further " if diagnosis.causes else ""
+    return (f"no {further}mechanism of the catalogue (noise, or something unknown)",)
 
 
 def held_out(diagnosis: Diagnosis) -> str:
@@ -189,17 +261,16 @@ def held_out(diagnosis: Diagnosis) -> str:
     if not traces or diagnosis.test is None:
         return ""
     scale, unit = _scale(diagnosis.train)
+    shown = (("before_deg_h", RAW, "before"), ("after_deg_h", RESIDUAL, "after"))[: 1 + diagnosis.changed]
     with rc_context(STYLE):
-        figure, grid = _figure(0.6 + 2.0 * len(traces), rows=len(traces), columns=2, sharey="row")
+        figure, grid = _figure(0.6 + 2.0 * len(traces), rows=len(traces), columns=len(shown), sharey="row")
         for trace, row in zip(traces, grid, strict=True):
             floor = next(run.noise_floor_rms for run in diagnosis.test.per_run if run.run == trace.run)
             hours = trace.time_s / SECONDS_PER_HOUR
-            for axes, values, colour, title in zip(
-                row, (trace.before_deg_h, trace.after_deg_h), (RAW, RESIDUAL), ("before", "after"), strict=True
-            ):
+            for axes, (name, colour, title) in zip(row, shown, strict=True):
                 axes.axhspan(-2.0 * scale * floor, 2.0 * scale * floor, color=FLOOR, alpha=0.15, lw=0)
-                axes.plot(hours, scale * values, color=colour, ms=4, **_DOTS)
-                axes.set_title(f"{trace.run}, {title}")
+                axes.plot(hours, scale * getattr(trace, name), color=colour, ms=4, **_DOTS)
+                axes.set_title(f"{trace.run}, {title}" if len(shown) > 1 else trace.run)
             row[0].set_ylabel(unit)
         for axes in grid[-1]:
             axes.set_xlabel("time in h")
@@ -228,7 +299,7 @@ def bars(fit: Fit) -> str:
                 lw=2.0,
                 label="noise floor" if k == 0 else None,
             )
-        axes.set_yticks(range(len(rows)), [name for name, _ in rows])
+        axes.set_yticks(range(len(rows)), [textwrap.fill(name, _NAME) for name, _ in rows])
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
         axes.set_xlabel(f"rms of {fit.averaging_s:g} s means in {unit}")
@@ -243,8 +314,10 @@ def what_is_left(diagnosis: Diagnosis) -> str:
     with rc_context(STYLE):
         figure, ((spread, memory),) = _figure(3.5, columns=2)
         longest = fit.averaging_s
+        both = diagnosis.changed
         for k, trace in enumerate(traces):
-            for values, colour, label in ((trace.before_deg_h, RAW, "before"), (trace.after_deg_h, RESIDUAL, "after")):
+            pair = (trace.before_deg_h, RAW, "before"), (trace.after_deg_h, RESIDUAL, "after" if both else "mismatch")
+            for values, colour, label in pair[not both :]:
                 curve = allan_deviation(values, fit.averaging_s * np.arange(len(values)))
                 spread.loglog(curve.tau_s, curve.deviation_deg_h, "-o", color=colour, ms=3, lw=1.2, label=label if k == 0 else None)
                 longest = max(longest, float(curve.tau_s[-1]))
@@ -283,7 +356,7 @@ def programme(diagnosis: Diagnosis) -> str:
         figure, ((axes,),) = _figure(2.2)
         axes.plot(times_s / SECONDS_PER_HOUR, temperatures, color=WARM, lw=1.8)
         axes.set_xlabel("time in h")
-        axes.set_ylabel("chamber, degC")
+        axes.set_ylabel("chamber, °C")
         return svg(figure)
 
 
@@ -299,16 +372,23 @@ def column_label(column: str) -> str:
     """A column's name as a reader would say it.
 
     >>> column_label("temperature_block_degC")
-    'temperature block, degC'
+    'temperature block, °C'
     """
     unit = column_unit(column)
     if unit is None:
         return column.replace("_", " ")
-    return f"{column.removesuffix('_' + unit.replace('/', '_').replace('^', '')).replace('_', ' ')}, {unit}"
+    return f"{column.removesuffix('_' + unit.replace('/', '_').replace('^', '')).replace('_', ' ')}, {typeset(unit)}"
 
 
 def _figure(
-    height_in: float, *, right_in: float = 0.15, left_in: float = 0.75, rows: int = 1, columns: int = 1, **options: Any
+    height_in: float,
+    *,
+    left_in: float = 0.85,
+    right_in: float = 0.15,
+    gap_in: float = GAP_IN,
+    rows: int = 1,
+    columns: int = 1,
+    **options: Any,
 ) -> Any:
     """A figure with margins in inches and its axes as an array: no layout to solve for, which would take twice as long again."""
     figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DOTS_PER_INCH)
@@ -320,15 +400,27 @@ def _figure(
         right=1.0 - right_in / WIDTH_IN,
         bottom=BELOW_IN / height_in,
         top=1.0 - ABOVE_IN / height_in,
-        hspace=GAP_IN / max(0.1, each_in - GAP_IN),
+        hspace=gap_in / max(0.1, each_in - gap_in),
         wspace=SIDE_GAP_IN / max(0.1, width_in - SIDE_GAP_IN),
     )
     return figure, axes
 
 
 def _scale(fit: Fit) -> tuple[float, str]:
-    """Factor and unit in which numbers of this size are read well."""
-    return (1.0, fit.unit) if fit.baseline_rms > 0.1 else (1e3, f"10⁻³ {fit.unit}")
+    """Factor and unit in which numbers of this size are read well, and take little room."""
+    return _power(fit.baseline_rms, fit.unit)
+
+
+def _power(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit for numbers of a size.
+
+    >>> _power(0.004, "deg/h"), _power(2.0, "deg/h"), _power(5e4, "deg/h")
+    ((1000.0, '10⁻³ deg/h'), (1.0, 'deg/h'), (0.001, '10³ deg/h'))
+    """
+    for least, factor, power in ((1e3, 1e-3, "10³ "), (0.1, 1.0, ""), (1e-4, 1e3, "10⁻³ ")):
+        if size > least:
+            return factor, f"{power}{unit}"
+    return 1e6, f"10⁻⁶ {unit}"
 
 
 def _driver(diagnosis: Diagnosis) -> str | None:

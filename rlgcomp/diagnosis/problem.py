@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -272,47 +272,58 @@ class Problem:
 
     def with_free_part(self) -> Self:
         """The problem with the simulator's free parameters as columns, free shapes calibrated first."""
-        simulator = self.simulator
-        free = [m.name for m in simulator.mechanisms if _free(simulator, m, "shape") and m.amplitude_parameters()]
+        posed = self
+        free = [m.name for m in self.simulator.mechanisms if _free(self.simulator, m, "shape") and m.amplitude_parameters()]
         for name in () if self.held_out else free * (_SWEEPS if len(free) > 1 else 1):
-            mechanism = next(one for one in simulator.mechanisms if one.name == name)
-            simulator = simulator.with_mechanism(self._calibrated(simulator, mechanism, _free(simulator, mechanism, "shape")))
-        return self._linearised(simulator, lambda mechanism: self._amplitudes(simulator, mechanism))
+            mechanism = next(one for one in posed.simulator.mechanisms if one.name == name)
+            found = posed._calibrated(mechanism, _free(posed.simulator, mechanism, "shape"))
+            posed = posed.reshaped(posed.simulator.with_mechanism(found))
+        return posed.linearised({})
+
+    def reshaped(self, simulator: Simulator) -> Self:
+        """The problem with what a simulator of other shapes says for certain taken off instead."""
+        target, unexplained = self.target_deg_h, list(self.unexplained_deg_h)
+        for old, new in zip(self.simulator.mechanisms, simulator.mechanisms, strict=True):
+            known = _stated(self.simulator, old)
+            if old == new or not known.any():
+                continue
+            target = target + (self.columns(old) - self.columns(new)) @ known
+            for k, part in enumerate(self.windows):
+                unexplained[k] = unexplained[k] + (old.basis(part.full) - new.basis(part.full)) @ known
+        return dataclasses.replace(self, simulator=simulator, target_deg_h=target, unexplained_deg_h=tuple(unexplained))
 
     def moved(self, weights: Array) -> Self:
-        """The problem linearised about where weights of its baseline put the simulator's free shapes: by a third at most.
-
-        Shapes of mechanisms some of whose amplitudes are known stay: the target has their contribution taken off.
-        """
+        """The problem linearised about where weights of its baseline put the simulator's free shapes: by a third at most."""
         found = dict(zip(self.baseline_names, weights.tolist(), strict=True))
         simulator = self.simulator
         amplitudes = {}
-        for mechanism in self._movable():
+        for mechanism in self._shaped():
             shapes = _free(simulator, mechanism, "shape")
-            amplitudes[mechanism.name] = np.array([found[mechanism.name, one.name] for one in mechanism.amplitude_parameters()])
+            in_use = mechanism.amplitude_parameters()
+            stated = _stated(simulator, mechanism)
+            amplitudes[mechanism.name] = np.array(
+                [found.get((mechanism.name, one.name), value) for one, value in zip(in_use, stated, strict=True)]
+            )
             simulator = simulator.with_mechanism(shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
-        if not amplitudes:
-            return self
-        return self._linearised(simulator, lambda m: amplitudes[m.name] if m.name in amplitudes else self._amplitudes(simulator, m))
+        return self.reshaped(simulator).linearised(amplitudes) if amplitudes else self
 
-    def without_moves(self) -> npt.NDArray[np.bool_]:
-        """Which columns of the baseline are no derivatives by shapes that :meth:`moved` moves, shape (p,)."""
-        moves = {(one.name, shape) for one in self._movable() for shape in _free(self.simulator, one, "shape")}
-        return np.array([name not in moves for name in self.baseline_names], dtype=np.bool_)
+    def held(self) -> npt.NDArray[np.bool_]:
+        """Which columns of the baseline are no derivatives by the simulator's free shapes, shape (p,)."""
+        shapes = {(one.name, shape) for one in self._shaped() for shape in _free(self.simulator, one, "shape")}
+        return np.array([name not in shapes for name in self.baseline_names], dtype=np.bool_)
 
-    def _movable(self) -> list[Mechanism]:
-        """Mechanisms with free shapes whose amplitudes in use are all free."""
-        simulator, free = self.simulator, set(self.baseline_names)
-        return [
-            mechanism
-            for mechanism in simulator.mechanisms
-            if _free(simulator, mechanism, "shape")
-            and mechanism.amplitude_parameters()
-            and free >= {(mechanism.name, parameter.name) for parameter in mechanism.amplitude_parameters()}
-        ]
+    def _shaped(self) -> list[Mechanism]:
+        """Mechanisms of the simulator with free shapes that are columns of the baseline."""
+        there = {name for name, _ in self.baseline_names}
+        shaped = [one for one in self.simulator.mechanisms if one.name in there and _free(self.simulator, one, "shape")]
+        return [one for one in shaped if one.amplitude_parameters()]
 
-    def _linearised(self, simulator: Simulator, amplitudes_of: Callable[[Mechanism], Array]) -> Self:
-        """With the free parameters of a simulator as columns: amplitudes, and derivatives by shapes where they stand."""
+    def linearised(self, amplitudes: Mapping[str, Array]) -> Self:
+        """With the simulator's free parameters as columns: amplitudes, and derivatives by shapes where they stand.
+
+        These are taken at the amplitudes of mechanisms by name, else at the likeliest.
+        """
+        simulator = self.simulator
         columns, names = [], []
         for mechanism in simulator.mechanisms:
             free = _free(simulator, mechanism, "amplitude")
@@ -323,9 +334,10 @@ class Problem:
             if not mechanism.amplitude_parameters():
                 continue
             shapes = _free(simulator, mechanism, "shape")
-            amplitudes = amplitudes_of(mechanism) if shapes else np.empty(0)
+            if shapes and mechanism.name not in amplitudes:
+                amplitudes = {**amplitudes, mechanism.name: self._amplitudes(mechanism)}
             for name in shapes:
-                columns.append(self._derivative(mechanism, name, amplitudes))
+                columns.append(self._derivative(mechanism, name, amplitudes[mechanism.name]))
                 names.append((mechanism.name, name))
         for law in self.laws:
             found = tangents(self, law)
@@ -342,16 +354,17 @@ class Problem:
         for run in range(len(self.windows) - self.held_out, len(self.windows)) if self.offsets else ():
             columns.append((self.rows.run == run).astype(np.float64))
             names.append((self.runs[run].name, "constant_deg_h"))
-        return dataclasses.replace(self, simulator=simulator, baseline=np.column_stack(columns), baseline_names=tuple(names))
+        return dataclasses.replace(self, baseline=np.column_stack(columns), baseline_names=tuple(names))
 
-    def _others(self, simulator: Simulator, mechanism: Mechanism) -> Array:
+    def _others(self, mechanism: Mechanism) -> Array:
+        simulator = self.simulator
         others = [other for other in simulator.mechanisms if other.name != mechanism.name and _free(simulator, other, "amplitude")]
         return np.column_stack([self.ones, *(self.columns(other) for other in (*others, *self.beside, *self.laws))])
 
-    def _calibrated(self, simulator: Simulator, mechanism: Mechanism, shapes: tuple[str, ...]) -> Mechanism:
+    def _calibrated(self, mechanism: Mechanism, shapes: tuple[str, ...]) -> Mechanism:
         """Shapes by separable least squares: the grid's best points, then ever smaller steps about each; a misfit has valleys."""
-        others = self._others(simulator, mechanism)
-        free = _free(simulator, mechanism, "amplitude")
+        others = self._others(mechanism)
+        free = _free(self.simulator, mechanism, "amplitude")
         in_use = [parameter.name for parameter in mechanism.amplitude_parameters()]
 
         def parts(candidate: Mechanism) -> tuple[Array, list[Array]]:
@@ -373,12 +386,14 @@ class Problem:
         starts = dict.fromkeys([mechanism, *(type(mechanism)(**(settings | point)) for point in points)])
         return min((refined(one, shapes, misfit) for one in sorted(starts, key=misfit)[:_STARTS]), key=misfit)
 
-    def _amplitudes(self, simulator: Simulator, mechanism: Mechanism) -> Array:
+    def _amplitudes(self, mechanism: Mechanism) -> Array:
+        """The likeliest of those in use that are free, the others as they are stated."""
         columns = self.columns(mechanism)
-        others = self._others(simulator, mechanism)
+        others = self._others(mechanism)
         design = np.column_stack([columns, others])
         solution = np.linalg.lstsq(design / norms(design), self.target_deg_h, rcond=None)[0] / norms(design)
-        return solution[: columns.shape[1]]
+        free = np.array([one.name in _free(self.simulator, mechanism, "amplitude") for one in mechanism.amplitude_parameters()])
+        return np.where(free, solution[: columns.shape[1]], _stated(self.simulator, mechanism))
 
     def _derivative(self, mechanism: Mechanism, name: str, amplitudes: Array) -> Array:
         low, high = neighbours(mechanism, name, _RELATIVE_STEP)
@@ -406,6 +421,12 @@ def _free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, .
         for parameter in mechanism.parameters()
         if parameter.role == role and parameter.name in free and (role != "amplitude" or parameter.name in in_use)
     )
+
+
+def _stated(simulator: Simulator, mechanism: Mechanism) -> Array:
+    """Amplitudes in use that a simulator states; zero where they are free."""
+    free = _free(simulator, mechanism, "amplitude")
+    return np.array([0.0 if p.name in free else getattr(mechanism, p.name) for p in mechanism.amplitude_parameters()])
 
 
 def _spans(columns: Array, ones: Array) -> bool:

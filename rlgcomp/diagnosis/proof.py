@@ -141,6 +141,7 @@ def proved(
             ),
             added_deg_h=one.added,
             channel=one.run.gyro_columns[0],
+            unit=one.run.metadata.unit or "",
         )
         for k, (one, bias) in enumerate(zip(left, biases, strict=True))
     )

@@ -10,7 +10,7 @@ import dataclasses
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Protocol, Self, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,7 @@ _LIKE_A_CLOCK: Final = 0.5  # squared correlation from which causes are much wha
 _PLAIN_NAMES: Final = ("gyro", "rate", "prediction", "predicted")
 
 
+@runtime_checkable
 class UserSimulator(Protocol):
     """Whatever predicts a recording's gyro."""
 

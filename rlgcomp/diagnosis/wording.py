@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import datetime
 import itertools
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rlgcomp.units import SECONDS_PER_HOUR
@@ -19,6 +21,8 @@ DECIDES: Final = 0.8  # expected probability of the true explanation from which 
 DOUBTED: Final = 0.1  # probability that nothing is missing from which it is said beside what is named
 DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
 SMALL: Final = 1e-6  # probability below which only that is said
+A_DATE_S: Final = 3e8  # time that is larger counts from 1970
+AS_GOOD_AS_NONE: Final = 0.005  # loss of which nothing is said
 SHOWN_PLACES: Final = 6
 SHOWN_ALTERNATIVES: Final = 5
 BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
@@ -31,6 +35,41 @@ BLACK_BOX: Final = (
 def subject(diagnosis: Diagnosis) -> str:
     """What the simulator is called in a sentence."""
     return "the simulator" if diagnosis.simulator == "simulator" else diagnosis.simulator
+
+
+def title(diagnosis: Diagnosis) -> str:
+    """What the page of a diagnosis is headed."""
+    if diagnosis.verdict != "none":
+        return f"What {subject(diagnosis)} is missing"
+    return f"Nothing is missing that these runs {'could name' if diagnosis.p_value < DOUBTFUL else 'show'}"
+
+
+def about(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """What a diagnosis is of: the simulator, the gyro and the recordings, by name."""
+    own = [Path(name).name for name in diagnosis.recordings.get("simulator", ())]
+    units = dict.fromkeys(trace.unit for trace in diagnosis.traces if trace.unit)
+    said = [
+        ("Simulator", own[0] if own else "" if diagnosis.simulator == "simulator" else diagnosis.simulator),
+        ("Gyro", ", ".join([*units, *dict.fromkeys(trace.channel for trace in diagnosis.traces)])),
+    ]
+    for part, name, fit in (("train", "Trained on", diagnosis.train), ("test", "Held out", diagnosis.test)):
+        runs = [] if fit is None else [run.run for run in fit.per_run]
+        files = list(diagnosis.recordings.get(part, ()))
+        told = len(runs) == len(files)
+        said.append((name, ", ".join(_run_and_file(*pair) for pair in zip(runs, files, strict=True)) if told else ", ".join(runs)))
+    return [(name, of) for name, of in said if of]
+
+
+def _run_and_file(run: str, file: str) -> str:
+    return run if Path(file).stem == run else f"{run} ({file})"
+
+
+def proof_title(diagnosis: Diagnosis) -> str:
+    """What the section of held-out runs is headed; without any, it says what that means."""
+    if diagnosis.test is not None:
+        return "The proof"
+    which = "no held-out run could be judged" if diagnosis.recordings.get("test") else "no run was held out"
+    return f"The fit: {which}, so this proves nothing"
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
@@ -64,14 +103,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         left = diagnosis.unexplained
         driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
         memory = f" ({left.memory})" if left.drivers and left.memory != "none" else ""
-        if not (doubt or left.drivers) and left.p_value > DOUBTFUL:
+        if left.probability is None and not (doubt or left.drivers) and left.p_value > DOUBTFUL:
             doubt = f", unless it is noise after all ({p_text(left.p_value)})"
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
-        return f"{start} that no known mechanism explains; it {driven}{memory}{doubt}.{gain}"
+        sure = "" if left.probability is None or left.equation else f" (probability {sure_text(left.probability, 2)})"
+        return f"{start} that no known mechanism explains{sure}; it {driven}{memory}{doubt}.{gain}"
     if diagnosis.verdict == "ambiguous":
-        apart = [cause for cause in diagnosis.causes if cause.indistinguishable_from]
-        rivals = ", nor between ".join(listing([cause.name, *cause.indistinguishable_from]) for cause in apart)
-        return f"{who} lacks {named}{doubt}; these runs cannot tell between {rivals}.{gain}"
+        apart = [listing([cause.name, *cause.indistinguishable_from]) for cause in diagnosis.causes if cause.indistinguishable_from]
+        them = "them" if len(diagnosis.causes) == 1 else ", nor ".join(apart)
+        return f"{who} lacks {_either(diagnosis)}{doubt}: these runs cannot tell {them} apart.{gain}"
     return f"{who} lacks {named}{doubt}.{gain}"
 
 
@@ -90,7 +130,7 @@ def as_text(diagnosis: Diagnosis) -> str:
     parts = [diagnosis.sentence]
     if diagnosis.where:
         rows = place_rows(diagnosis.where)[:SHOWN_PLACES]
-        parts.append(_table(f"Where (that nothing is missing: {p_text(diagnosis.p_value)})", ["place", "share", "p"], rows))
+        parts.append(_table(f"Where (p-value of no mismatch: {p_number(diagnosis.p_value)})", ["place", "share", "p"], rows))
     if diagnosis.causes:
         rows = []
         for cause in diagnosis.causes:
@@ -99,18 +139,18 @@ def as_text(diagnosis: Diagnosis) -> str:
             rows += [["", "", "", "", value] for value in values[1:]]
         parts.append(_table("What", ["mechanism", *PROBABILITY_COLUMNS, "rms", "parameters"], rows))
     if diagnosis.alternatives:
-        rows = [
-            [set_text(item.mechanisms), probability_text(item.probability)] for item in diagnosis.alternatives[:SHOWN_ALTERNATIVES]
-        ]
+        rows = [[set_text(names), probability_text(share)] for names, share in _instead(diagnosis)[:SHOWN_ALTERNATIVES]]
         parts.append(_table("Alternatives", ["mechanisms", "probability"], rows))
     left = diagnosis.unexplained
     if diagnosis.verdict == "unknown":
         law = left.equation or "no law found"
+        sure = "" if left.probability is None else f"probability {sure_text(left.probability, 2)}, "
         parts.append(
-            f"Unexplained ({p_text(left.p_value)}): {law}; drivers {', '.join(left.drivers) or 'none of the recorded columns'}"
+            f"Unexplained ({sure}p-value of {'no law' if left.equation else 'noise'} {p_number(left.p_value)}): {law}; "
+            f"drivers {', '.join(left.drivers) or 'none of the recorded columns'}"
         )
     rows = fit_rows("training", diagnosis.train) + ([] if diagnosis.test is None else fit_rows("held out", diagnosis.test))
-    parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", FIT_COLUMNS, rows))
+    parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", *filled(FIT_COLUMNS, rows)))
     told = diagnosis.test or diagnosis.train
     if told.improvement_std is not None and abs(told.improvement_std - told.improvement) > OFFSETS_COUNT:
         parts.append(
@@ -122,8 +162,8 @@ def as_text(diagnosis: Diagnosis) -> str:
     if diagnosis.next_experiment is not None:
         following = diagnosis.next_experiment
         parts.append(
-            f"Next experiment, {next_aim(following)}: {following.profile}\n"
-            f"  expected probability of the true one afterwards: {following.expected_probability_after:.3f}"
+            f"{next_aim(following)}: {following.profile}\n"
+            f"  expected probability of the true one afterwards: {sure_text(following.expected_probability_after)}"
             + f" ({following.by_truth}, were it the true one)"
             * bool(following.if_true)
         )
@@ -135,22 +175,40 @@ def next_aim(following: NextExperiment) -> str:
     """What the next experiment is for; where even the best programme would hardly tell the rivals apart, that is said."""
     rivals = listing(list(following.separates), "and")
     if following.expected_probability_after >= DECIDES:
-        return f"to tell between {rivals}"
+        return f"Next experiment, to tell between {rivals}"
     return (
-        f"though even the best in the recorded ranges would hardly tell between {rivals} (a wider or longer one, or one more "
-        "thermometer, might)"
+        f"No programme in the recorded ranges would separate {rivals} well (expected probability "
+        f"{following.expected_probability_after:.2f}); a wider or longer one, or one more thermometer, might. The best found"
     )
 
 
 def probability_text(probability: float) -> str:
     """A probability as it is printed."""
-    return f"{probability:.3g}" if probability >= SMALL else f"< {SMALL:g}"
+    return f"< {SMALL:g}" if probability < SMALL else f"{probability:.3g}" if probability <= 0.999 else sure_text(probability)
 
 
 def probability_cells(cause: Cause) -> list[str]:
     """Probability by all runs, and by the training runs alone where held-out runs were asked."""
     alone = cause.probability_in_training
-    return [f"{cause.probability:.3f}", "" if alone is None else f"{alone:.3f}"]
+    return [sure_text(cause.probability), "" if alone is None else sure_text(alone)]
+
+
+def sure_text(probability: float, digits: int = 3) -> str:
+    """A probability that is neither 0 nor 1.
+
+    >>> sure_text(0.99999), sure_text(0.5, 2), sure_text(0.0)
+    ('> 0.999', '0.50', '< 0.001')
+    """
+    least = 10.0**-digits
+    if least <= probability <= 1.0 - least:
+        return f"{probability:.{digits}f}"
+    return f"< {least:g}" if probability < 0.5 else f"> {1.0 - least:g}"
+
+
+def filled(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
+    """A table without the columns in which every cell is empty."""
+    kept = [k for k in range(len(columns)) if not rows or any(row[k] for row in rows)]
+    return [columns[k] for k in kept], [[row[k] for k in kept] for row in rows]
 
 
 def fit_rows(name: str, fit: Fit) -> list[list[str]]:
@@ -162,7 +220,7 @@ def place_text(place: Place) -> str:
     """A place as a reader would say it."""
     said = [f"{place.run} {place.channel}"]
     if place.start_s is not None and place.end_s is not None:
-        said.append(f"{place.start_s / SECONDS_PER_HOUR:.2f} to {place.end_s / SECONDS_PER_HOUR:.2f} h")
+        said.append(_span_text(place.start_s, place.end_s))
     if place.regime:
         said.append(place.regime)
     if place.frequency_hz is not None:
@@ -170,6 +228,14 @@ def place_text(place: Place) -> str:
     if place.angle_harmonic is not None:
         said.append(f"harmonic {place.angle_harmonic:g} of the angle")
     return ", ".join(said)
+
+
+def _span_text(start_s: float, end_s: float) -> str:
+    """From when to when: in hours, or by the clock where time counts from 1970."""
+    if start_s < A_DATE_S:
+        return f"{start_s / SECONDS_PER_HOUR:.2f} to {end_s / SECONDS_PER_HOUR:.2f} h"
+    start, end = (datetime.datetime.fromtimestamp(at_s, datetime.UTC) for at_s in (start_s, end_s))
+    return f"{start:%Y-%m-%d %H:%M} to {end:%H:%M}" + (f" on {end:%Y-%m-%d}" if end.date() > start.date() else "") + " UTC"
 
 
 def place_rows(places: Sequence[Place]) -> list[list[str]]:
@@ -182,7 +248,7 @@ def place_rows(places: Sequence[Place]) -> list[list[str]]:
             continue
         hours = sum((place.end_s or 0.0) - (place.start_s or 0.0) for place in stays) / SECONDS_PER_HOUR
         runs = listing(sorted({place.run for place in stays}))
-        said = f"{runs} {stays[0].channel}, {len(stays)} stays, {hours:.2f} h together, {regime}"
+        said = f"{runs} {stays[0].channel}, {len(stays)} intervals, {hours:.2f} h in all, {regime}"
         rows.append([said, f"{100 * sum(place.share for place in stays):.0f} %", p_text(p_value)])
     return rows
 
@@ -215,6 +281,11 @@ def p_text(p_value: float) -> str:
     return f"p < {1e-12:g}" if p_value < 1e-12 else f"p = {p_value:.2g}"
 
 
+def p_number(p_value: float) -> str:
+    """A p-value after its name."""
+    return p_text(p_value).removeprefix("p = ").removeprefix("p ")
+
+
 def listing(items: Sequence[str], joined: str = "and") -> str:
     """Items in a sentence.
 
@@ -225,7 +296,26 @@ def listing(items: Sequence[str], joined: str = "and") -> str:
 
 
 def _named(cause: Cause) -> str:
-    return f"{cause.name} (probability {cause.probability:.3f})"
+    return f"{cause.name} (probability {sure_text(cause.probability)})"
+
+
+def _either(diagnosis: Diagnosis) -> str:
+    """The causes, each with those that these runs cannot tell from it."""
+    said = []
+    for cause in diagnosis.causes:
+        if not cause.indistinguishable_from:
+            said.append(_named(cause))
+            continue
+        rivals = itertools.zip_longest(cause.indistinguishable_from, cause.rival_probabilities)
+        those = [(cause.name, cause.probability), *rivals]
+        said.append(listing([name if p is None else f"{name} ({sure_text(p, 2)})" for name, p in those], "or"))
+    return ", and ".join(said)
+
+
+def _instead(diagnosis: Diagnosis) -> list[tuple[tuple[str, ...], float]]:
+    """Other sets with their probabilities; before them that nothing is missing, where that is the verdict."""
+    others = [(item.mechanisms, item.probability) for item in diagnosis.alternatives]
+    return others if diagnosis.verdict != "none" or diagnosis.healthy is None else [((), diagnosis.healthy), *others]
 
 
 def _gain(fit: Fit | None, *, foretold: bool) -> str:
@@ -238,7 +328,7 @@ def _gain(fit: Fit | None, *, foretold: bool) -> str:
         return f" No run foretells it in another: what changes held out is the mean alone, {numbers} {share}."
     if low > 0.0:
         return f" On runs held out its error falls {numbers} {share}; the noise floor is {fit.noise_floor_rms:.5f}."
-    if high < 0.0:
+    if high < 0.0 and fit.improvement < -AS_GOOD_AS_NONE:
         grows = f"the error grows: {numbers} {share}"
         return f" On runs held out no gain can be claimed, {grows}; do not use the augmented simulator as it is."
     return f" On runs held out no gain can be claimed: {numbers} {share}."

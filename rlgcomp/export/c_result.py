@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import pandas as pd
 
 from rlgcomp.export.toolchain import Check
+
+_JUDGES: Final = {"unseen": "runs not trained on", "trained_on": "the training runs"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,11 +88,12 @@ class CExport:
             "left out, deg/h": f"{row['left_out_deg_h']:.6f}",
             "loss": f"{100.0 * row['left_out_loss']:+.2g} %",
         }
-        if "unseen_deg_h" in row:
-            shown |= {
-                "runs not trained on, deg/h": f"{row['unseen_deg_h']:.6f}",
-                "loss there": f"{100.0 * row['unseen_loss']:+.2g} %",
-            }
+        for judge, runs in _JUDGES.items():
+            if f"{judge}_deg_h" in row:
+                shown |= {
+                    f"{runs}, deg/h": f"{row[f'{judge}_deg_h']:.6f}",
+                    f"loss on {runs}": f"{100.0 * row[f'{judge}_loss']:+.2g} %",
+                }
         return shown
 
     def _facts(self) -> list[dict[str, str]]:

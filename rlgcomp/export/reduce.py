@@ -38,6 +38,7 @@ from sklearn.base import clone
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.errors import InputError
+from rlgcomp.evaluation import trained_on
 from rlgcomp.export.expansion import Expansion, expansion_of, expansion_of_model
 from rlgcomp.recording import Recording
 
@@ -115,13 +116,15 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     """Bias stability by number of centres, on runs left out.
 
     Every training run is left out in turn and the model fitted again on the rest with the parameters it has; a single run is
-    divided into five blocks. `runs` that were not trained on are scored beside that and take no part in a choice of size.
+    divided into five blocks. `runs` are scored beside that and take no part in a choice of size: those not trained on, and apart
+    from them those that were.
 
     Returns
     -------
     pandas.DataFrame
         `centres`, `left_out_deg_h` (standard deviation of the means left, pooled over runs) and `left_out_loss`, relative to the
-        whole model; with runs also `unseen_deg_h` and `unseen_loss`. The last row is the whole model.
+        whole model; with runs also `unseen_deg_h` and `unseen_loss`, and of those trained on `trained_on_deg_h` and
+        `trained_on_loss`. The last row is the whole model.
     """
     whole = reduction_of(compensator)
     centres = len(whole.expansion.weights)
@@ -130,8 +133,9 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     kept = [int(m) for m in grid if fewest <= m < centres and m <= whole.most]
     curve = pd.DataFrame({"centres": [*kept, centres]})
     judges = {"left_out": list(_left_out(compensator))}
-    if runs:
-        judges["unseen"] = [(whole, [rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs])]
+    for run in runs:
+        own = rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro)
+        judges.setdefault("trained_on" if trained_on(compensator, own) else "unseen", []).append((whole, [own]))
     for name, folds in judges.items():
         stability = [_pooled([(reduction.with_centres(m), parts) for reduction, parts in folds]) for m in kept]
         stability.append(_pooled([(reduction.expansion, parts) for reduction, parts in folds]))

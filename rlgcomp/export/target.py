@@ -36,7 +36,8 @@ class Options:
     smallest : bool
         Take the smallest model within 1 % of the best.
     runs : sequence of Recording
-        Recordings not trained on: every sample of them is compared, and the stability that each size leaves on them is shown.
+        Recordings: every sample of them is compared, and the stability that each size leaves on them is shown, apart for those
+        trained on.
     name : str, optional
         What files and identifiers begin with; by default the model folder's name.
 

@@ -8,7 +8,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.motion import TAKEN, harmonic, rate_deg_s, reference_rate_deg_s, taken_at_deg, worth_trying
+from rlgcomp.motion import TAKEN, harmonic, rate_deg_s, reference_rate_deg_s, taken_at_deg, told_by_values, worth_trying
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, Array, Mechanism, Parameter, amplitude, setting
 from rlgcomp.recording import Recording
 from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR
@@ -65,6 +65,16 @@ class RotationHarmonics(Mechanism):
         used = {j for j in range(1, MOST + 1) if getattr(self, f"order_{j}")}
         return tuple(parameter for parameter in super().amplitude_parameters() if int(parameter.name.split("_")[1]) in used)
 
+    def stated(self) -> str:
+        """The equation with the orders in use."""
+        used = {name: name.split("_") for name in (parameter.name for parameter in self.amplitude_parameters())}
+        terms = [
+            f"{name} * {'cos' if kind == 'cosine' else 'sin'}({getattr(self, f'order_{j}')} theta)"
+            for name, (kind, j, *_) in used.items()
+        ]
+        total = " + ".join(terms)
+        return f"b = {total}" if self.scaling == "constant" else f"b = ({total}) * W / reference_deg_s"
+
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """The lower orders that the sampling shows, one by one; of the higher ones, those beyond doubt, alone and together."""
@@ -72,8 +82,8 @@ class RotationHarmonics(Mechanism):
         points = []
         for scaling in ("constant", "rate"):
             for order in range(2, min(highest, LOWER) + 1):
-                points += [cls(order_1=order, scaling=scaling, taken=taken) for taken in worth_trying(recordings, order)]
-            for taken in worth_trying(recordings, highest):
+                points += [cls(order_1=order, scaling=scaling, taken=taken) for taken in _ways(recordings, order)]
+            for taken in _ways(recordings, highest):
                 alone = [cls(order_1=order, scaling=scaling, taken=taken) for order in range(2, highest + 1)]
                 plain = _plain_orders(recordings, alone)
                 points += [cls(order_1=order, scaling=scaling, taken=taken) for order in plain if order > LOWER]
@@ -85,6 +95,11 @@ class RotationHarmonics(Mechanism):
         columns = [column for order in self.orders for column in harmonic(recording, order, self.taken)]
         table = np.column_stack(columns)
         return table if self.scaling == "constant" else table * (rate_deg_s(recording) / self.reference_deg_s)[:, None]
+
+
+def _ways(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
+    """Ways to take a harmonic; values at the samples' ends where these tell it from a constant."""
+    return worth_trying(recordings, order) if told_by_values(recordings, order) else TAKEN[:1]
 
 
 def highest_order(recordings: Sequence[Recording]) -> int:

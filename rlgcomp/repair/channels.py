@@ -73,7 +73,7 @@ def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             if extent.least == extent.greatest or count < max(STUCK_SAMPLES, CLIPPED * len(values)):
                 continue
             nearest = np.partition(np.abs(values[inside] - rail), min(count, int(inside.sum()) - 1))[:count]
-            if count <= MORE_OFTEN * np.unique(nearest, return_counts=True)[1].max():
+            if count <= MORE_OFTEN * np.unique(nearest, return_counts=True)[1].max() or _within_a_step(values):
                 continue
             context.add(
                 "refused",
@@ -83,6 +83,11 @@ def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                 int(np.argmax(values == rail)),
             )
     return table
+
+
+def _within_a_step(values: npt.NDArray[np.float64]) -> bool:
+    """Whether numbers are so coarse that two of them next to each other hold nearly all: the more frequent is then no end."""
+    return bool(np.std(values) < np.diff(np.unique(values)).min())
 
 
 def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:

@@ -12,6 +12,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import rlgcomp
+from rlgcomp.calibration.navigator import largest
 from rlgcomp.calibration.triad.calibrate import TableCalibration
 from rlgcomp.calibration.triad.estimate import PRIOR_SD, SEEN, RunResult
 from rlgcomp.files import write_text
@@ -32,15 +33,15 @@ def render(found: TableCalibration) -> str:
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     shown = [run for run in found.triad.runs if run.shows == "velocity"]
-    worst = max(shown, key=lambda run: float(np.abs(run.before_m_s).max()), default=None)
+    errors = largest(shown)
     frame = found.triad.to_frame()
     return environment.get_template("calibration.html").render(
         title=f"Calibration of {found.content['unit'] or 'a triad'}",
         style=importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
         version=rlgcomp.__version__,
         made=found.content["made"],
-        before_m_s=None if worst is None else float(np.abs(worst.before_m_s).max()),
-        after_m_s=None if worst is None else float(np.abs(worst.after_m_s).max()),
+        before_m_s=None if errors is None else errors[0],
+        after_m_s=None if errors is None else errors[1],
         remarks=found.remarks,
         parameters=pd.DataFrame(
             {

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlgcomp.allan.analysis import NoiseAnalysis
-from rlgcomp.allan.slopes import short
+from rlgcomp.allan.wording import short
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN
 
 # One line a noise, in the order of the coefficients: letter, unit, colour

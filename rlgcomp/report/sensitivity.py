@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import textwrap
 from collections.abc import Sequence
 from typing import Final
 
@@ -30,8 +31,8 @@ class FoundCurve:
     s90_interval: tuple[float, float]
 
 
-def curves_picture(title: str, strength: str, curves: Sequence[FoundCurve]) -> bytes:
-    """PNG with the curves over the strength, which `strength` explains."""
+def curves_picture(title: str, strength: str, curves: Sequence[FoundCurve], note: str) -> bytes:
+    """PNG with the curves over the strength, which `strength` explains, and a note below."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 4.0), layout="constrained", dpi=130)
         axes = figure.subplots()
@@ -43,6 +44,7 @@ def curves_picture(title: str, strength: str, curves: Sequence[FoundCurve]) -> b
         axes.set_xlim(float(curves[0].at[0]), float(curves[0].at[-1]))
         axes.set_ylim(-0.03, 1.03)
         axes.set_xlabel(strength)
+        figure.supxlabel(textwrap.fill(note, 165), fontsize=7.5, ha="left", x=0.01)
         axes.set_ylabel("share of trials")
         axes.set_title(title, loc="left")
         axes.legend(loc="lower right")

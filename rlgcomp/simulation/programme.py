@@ -166,6 +166,20 @@ def words_of(text: str, presets: Mapping[str, str], example: str) -> tuple[str, 
     return text, [part.split() for part in text.replace("\n", ",").split(",") if part.strip()]
 
 
+def name_of(programme: object, presets: Mapping[str, str]) -> str:
+    """What to call a run of a programme: the preset's name or the file's, "simulated" for one of one's own.
+
+    >>> name_of("reversed", PRESETS), name_of(Programme.parse("reversed"), PRESETS), name_of("soak.yaml", PRESETS)
+    ('reversed', 'reversed', 'soak')
+    """
+    text = str(programme).strip()
+    if text in presets:
+        return text
+    if isinstance(programme, str):
+        return Path(text).stem if text.endswith((".yaml", ".yml")) else "simulated"
+    return next((name for name, preset in presets.items() if preset == text), "simulated")
+
+
 def sample_count(duration_s: float, step_s: float) -> int:
     """Whole samples in a programme.
 

@@ -23,9 +23,11 @@ from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism
 from rlgcomp.recording import Metadata, Recording
+from rlgcomp.simulation import wording
 from rlgcomp.simulation.monitors import Beams, Monitors
 from rlgcomp.simulation.plant import ThermalPlant
-from rlgcomp.simulation.programme import Programme
+from rlgcomp.simulation.programme import PRESETS, Programme, name_of
+from rlgcomp.simulation.table_programme import PRESETS as TABLE_PRESETS
 from rlgcomp.simulation.table_programme import TableProgramme
 from rlgcomp.simulation.turntable import Turntable
 from rlgcomp.units import SECONDS_PER_HOUR, convert
@@ -84,6 +86,9 @@ class Simulator:
         if foreign:
             raise InputError(f"simulator of kind {self.kind!r}: {', '.join(foreign)} belong to the other kind; write kind: first")
 
+    def __repr__(self) -> str:
+        return wording.as_text(self)
+
     # --- running it --------------------------------------------------------------------------------------------------------
 
     def simulate(
@@ -92,7 +97,7 @@ class Simulator:
         *,
         seed: int = 0,
         step_s: float = 1.0,
-        name: str = "simulated",
+        name: str | None = None,
     ) -> Recording:
         """Make a recording.
 
@@ -104,7 +109,8 @@ class Simulator:
             Every random stream is named: leaving a mechanism out leaves all else bit-identical.
         step_s : float
             Sample period.
-        name : str
+        name : str, optional
+            Of the recording; by default the programme's and the seed, as "reversed-2".
 
         Returns
         -------
@@ -118,6 +124,7 @@ class Simulator:
         """
         if programme is None:
             programme = _USUAL_PROGRAMME[self.kind]
+        name = name or f"{name_of(programme, PRESETS | TABLE_PRESETS)}-{seed}"
         if isinstance(programme, str):
             programme = Programme.parse(programme) if self.kind == "chamber" else TableProgramme.parse(programme)
         if not step_s > 0.0:
@@ -286,8 +293,11 @@ class Simulator:
         listed: list[Any] = []
         for mechanism in self.mechanisms:
             unknowns = self.free.get(mechanism.name, frozenset())
+            idle = _idle(mechanism) & unknowns
             values = {
-                key: {"value": value, "free": True} if key in unknowns else value for key, value in mechanism.to_mapping().items()
+                key: {"value": value, "free": True} if key in unknowns else value
+                for key, value in mechanism.to_mapping().items()
+                if key not in idle
             }
             listed.append({mechanism.name: values})
         content: dict[str, Any] = {"kind": self.kind, "unit": self.unit, "mechanisms": listed}
@@ -307,6 +317,16 @@ def _labels(mechanisms: Sequence[Mechanism]) -> list[str]:
     """Names, numbered from the second of a name on: only laws occur more than once."""
     names = [mechanism.name for mechanism in mechanisms]
     return [name if (k := names[:place].count(name)) == 0 else f"{name}_{k + 1}" for place, name in enumerate(names)]
+
+
+def _idle(mechanism: Mechanism) -> frozenset[str]:
+    """Amplitudes that are not in use and have their usual size."""
+    used = {parameter.name for parameter in mechanism.amplitude_parameters()}
+    return frozenset(
+        p.name
+        for p in mechanism.parameters()
+        if p.role == "amplitude" and p.name not in used and getattr(mechanism, p.name) == p.typical
+    )
 
 
 def _same(one: Mechanism, other: Mechanism) -> bool:

@@ -13,6 +13,7 @@ import pandas as pd
 import rlgcomp
 from rlgcomp import units
 from rlgcomp.calibration.file import triad_content
+from rlgcomp.calibration.navigator import worse
 from rlgcomp.calibration.triad.estimate import SEEN, TriadCalibration, calibrate_triad, joint_information
 from rlgcomp.calibration.triad.information import START, Noise, RunInformation, linearise, rate_information, velocity_information
 from rlgcomp.calibration.triad.rate_bias import RateBias, rate_bias, unseparated
@@ -94,12 +95,12 @@ def calibrate_turntable(
             for recording in recordings
         ]
     runs = [TableRun.of(recording, gyro_axes=gyro_axes) for recording in recordings]
-    triad = calibrate_triad(runs, noise=noise, progress=progress)
+    triad = calibrate_triad(runs, noise=noise, velocity_noise=True, progress=progress)
     biases = tuple(rate_bias(run) for run in runs)
     crossing = triad.gyro_axes == "oblique" and any(bias.violated for bias in biases)
     alternatives = predicted(triad.noise, triad.latitude_deg) if crossing else pd.DataFrame()
     observability = _observability(triad)
-    remarks = _remarks(triad, biases, alternatives)
+    remarks = [*_remarks(triad, biases, alternatives), *worse(triad.runs)]
     if any(run.pushed_m_s is None for run in runs):
         remarks.append(
             "no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...): mean rates alone are compared; they show ε_x and ε_y"
@@ -169,6 +170,12 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
     remarks = []
     source = "estimated from these runs" if triad.noise_estimated else "as given"
     remarks.append(f"angle random walk {triad.noise.angle_random_walk_deg_sqrt_h:.3g} deg/sqrt(h), {source}")
+    if triad.velocity_noise_estimated:
+        walk = triad.noise.velocity_random_walk_ug_sqrt_hz
+        remarks.append(
+            f"accelerometers' velocity random walk {walk:.2g} ug/sqrt(Hz), estimated from these runs with all that shakes them; "
+            "if it is far above the data sheet's, look for vibration or flexing"
+        )
     unseen = [parameter.symbol for parameter, seen in zip(GYRO, triad.seen, strict=True) if not seen]
     if unseen:
         remarks.append(
@@ -198,6 +205,10 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
             "β and δ refer to the accelerometers' axes: their standard deviations hold "
             f"{triad.noise.accelerometer['arcsec']:.3g} arcsec for what the accelerometers were calibrated to"
         )
+    if any(run.shows == "velocity" for run in triad.runs):
+        angles = zip("xyz", triad.mount_arcsec, triad.mount_sd_arcsec, strict=True)
+        turned = ", ".join(f"{axis} {angle:.3g} ± {sd:.2g}" for axis, angle, sd in angles)
+        remarks.append(f"the triad stands turned from the table's axes by {turned} arcsec; the errors above do not depend on it")
     if triad.seen[6]:
         remarks.append(
             "α_gy is the whole sum m12 + m21: gyros alone cannot tell the two apart; the body's x-z plane holds the x gyro"

@@ -26,6 +26,8 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.calibration.triad.information import (
     CONSTANTS,
+    ERRORS,
+    MOUNT,
     START,
     Linearised,
     Noise,
@@ -37,7 +39,7 @@ from rlgcomp.calibration.triad.information import (
 from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.triad.recursive import SquareRootInformation
 from rlgcomp.calibration.triad.run import TableRun
-from rlgcomp.calibration.triad.strapdown import Sensitivity
+from rlgcomp.calibration.triad.strapdown import Sensitivity, fastest_deg
 from rlgcomp.errors import InputError
 from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
 
@@ -45,6 +47,9 @@ Array = npt.NDArray[np.float64]
 PRIOR_SD: Final = {"ppm": 1e4, "deg/h": 100.0, "arcsec": 7200.0}
 SEEN: Final = 0.01
 SETTLED: Final = 0.1
+SETTLED_NOISE: Final = 0.03
+COARSEST_DEG: Final = 10.0
+LEAST_VELOCITY_NOISE_UG_SQRT_HZ: Final = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,8 +70,12 @@ class TriadCalibration:
         Taken or estimated.
     noise_estimated : bool
         Whether the angle random walk was estimated from these runs.
+    velocity_noise_estimated : bool
+        Whether the velocity random walk was.
     accelerometer : TriadErrors
         Residuals of the accelerometers, as far as these runs show them.
+    mount_arcsec, mount_sd_arcsec : tuple of float
+        Turn of the triad from the table's axes, about the axes of its body.
     runs : tuple of RunResult
     curves : pandas.DataFrame
         How estimates and standard deviations settle: columns run, time_s, one a parameter, one a parameter `_sd`.
@@ -79,7 +88,10 @@ class TriadCalibration:
     latitude_deg: float
     noise: Noise
     noise_estimated: bool
+    velocity_noise_estimated: bool
     accelerometer: TriadErrors
+    mount_arcsec: tuple[float, ...]
+    mount_sd_arcsec: tuple[float, ...]
     runs: tuple[RunResult, ...]
     curves: pd.DataFrame
 
@@ -132,6 +144,7 @@ def calibrate_triad(
     runs: Sequence[TableRun],
     *,
     noise: Noise | None = None,
+    velocity_noise: bool | None = None,
     passes: int = 6,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> TriadCalibration:
@@ -143,6 +156,9 @@ def calibrate_triad(
         In the order in which the settling of the estimates is to be shown.
     noise : Noise, optional
         By default the angle random walk is estimated from the runs in which only the inner axis turns; the rest is typical.
+    velocity_noise : bool, optional
+        Whether the accelerometers' velocity random walk is estimated, so that chi squared of all runs is as large as expected; by
+        default where no noise is given.
     passes : int
         Linear solutions at the most. The first neglects squares of the errors; each further one is a Gauss-Newton pass. They end
         once a step is below a tenth of every standard deviation.
@@ -152,11 +168,13 @@ def calibrate_triad(
     Raises
     ------
     InputError
-        No runs, the same run twice, or runs that differ in latitude, gyro geometry, pulse or unit.
+        No runs, the same run twice, runs that differ in latitude, gyro geometry, pulse or unit, or one in which the triad turns too
+        far in a sample.
     """
     _check(runs)
-    total, done = min(passes, 2) * len(runs), 0
+    total, done = min(passes, 3) * len(runs), 0
     estimated = noise is None
+    fitted = estimated if velocity_noise is None else velocity_noise
     settings = noise or Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h(runs))
     errors = TriadErrors()
     tilts = [np.zeros(START) for _ in runs]
@@ -180,9 +198,13 @@ def calibrate_triad(
         errors = TriadErrors.of(errors.vector() + found[: len(GYRO)])
         tilts = [tilt + more for tilt, more in zip(tilts, found_tilts, strict=True)]
         step = np.abs(found[: len(GYRO)]) / np.sqrt(np.diag(joint.covariance(CONSTANTS))[: len(GYRO)])
-        if number > 0 and step.max() < SETTLED:
+        noisier = _fitting(settings, informations, found) if fitted and number > 0 else settings
+        if number > 0 and step.max() < SETTLED and _alike(noisier, settings):
             break
-    covariance = joint.covariance(CONSTANTS)[: len(GYRO), : len(GYRO)]
+        if number + 1 < passes:
+            settings = noisier
+    whole = joint.covariance(CONSTANTS)
+    covariance = whole[: len(GYRO), : len(GYRO)]
     prior = _prior_sd(settings)[: len(GYRO)]
     seen = np.sqrt(np.diag(covariance)) < SEEN * prior
     offset = errors.vector() - found[: len(GYRO)]
@@ -194,13 +216,34 @@ def calibrate_triad(
         latitude_deg=runs[0].latitude_deg,
         noise=settings,
         noise_estimated=estimated,
-        accelerometer=TriadErrors.of(found[len(GYRO) :], ACCELEROMETER),
+        velocity_noise_estimated=fitted and any(run.shows == "velocity" for run in runs),
+        accelerometer=TriadErrors.of(found[len(GYRO) : ERRORS], ACCELEROMETER),
+        mount_arcsec=tuple(map(float, found[ERRORS:])),
+        mount_sd_arcsec=tuple(map(float, np.sqrt(np.diag(whole)[ERRORS:]))),
         runs=tuple(
             _result(run, first, information, found, errors, tilt, prior)
             for run, first, information, tilt in zip(runs, before, informations, tilts, strict=True)
         ),
         curves=_curves(runs, informations, settings, offset),
     )
+
+
+def _fitting(noise: Noise, informations: Sequence[RunInformation], constants: Array) -> Noise:
+    r"""The noise with the velocity random walk q at which chi squared of all runs is what is expected.
+
+    The velocity's innovations over a second are nearly all noise of the accelerometers, so that :math:`\chi^2 \propto 1 / q^2`: q
+    is multiplied by the root of chi squared over its expectation, and so again after further passes.
+    """
+    freedom = sum(information.freedom for information in informations if information.measurements)
+    if freedom <= 0:
+        return noise
+    ratio = sum(information.misfit(constants) for information in informations if information.measurements) / freedom
+    q = max(noise.velocity_random_walk_ug_sqrt_hz * ratio**0.5, LEAST_VELOCITY_NOISE_UG_SQRT_HZ)
+    return dataclasses.replace(noise, velocity_random_walk_ug_sqrt_hz=q)
+
+
+def _alike(one: Noise, other: Noise) -> bool:
+    return abs(one.velocity_random_walk_ug_sqrt_hz / other.velocity_random_walk_ug_sqrt_hz - 1.0) < SETTLED_NOISE
 
 
 def _check(runs: Sequence[TableRun]) -> None:
@@ -217,6 +260,13 @@ def _check(runs: Sequence[TableRun]) -> None:
             raise InputError(
                 f"the runs differ in the {what}: {', '.join(values)}; calibrate runs of one triad at one place together"
             )
+    for run in runs:
+        coarse = fastest_deg(run.turned_rad)
+        if run.shows == "velocity" and coarse > COARSEST_DEG:
+            raise InputError(
+                f"{run.name}: the triad turns by up to {coarse:.3g} deg in a sample, too far to know how it turned in between (at "
+                f"most {COARSEST_DEG:g} deg); record faster, at {coarse / COARSEST_DEG / run.step_s:.2g} Hz or more, or turn slower"
+            )
     for k, run in enumerate(runs):
         twin = next((other.name for other in runs[:k] if np.array_equal(other.turned_rad, run.turned_rad)), None)
         if twin is not None:
@@ -224,15 +274,31 @@ def _check(runs: Sequence[TableRun]) -> None:
 
 
 def _prior_sd(noise: Noise) -> Array:
-    return np.array([PRIOR_SD[p.unit] for p in GYRO] + [noise.accelerometer[p.unit] for p in ACCELEROMETER])
+    errors = [PRIOR_SD[p.unit] for p in GYRO] + [noise.accelerometer[p.unit] for p in ACCELEROMETER]
+    return np.r_[errors, np.full(MOUNT, noise.mount_arcsec)]
+
+
+def _prior(taken_out: Array, noise: Noise) -> SquareRootInformation:
+    """What is known of the constants before any run, less what was taken out of the gyros.
+
+    The x gyro is put in the body's x-z plane by convention, which the accelerometers know nothing of: they may stand turned about z
+    by any angle, (a_xy - a_yx) / 2, and only the sum of the two is known as well as other misalignments.
+    """
+    sd = _prior_sd(noise)
+    R = np.diag(1.0 / sd)
+    xy, yx = (len(GYRO) + [p.name for p in ACCELEROMETER].index(f"accel_{pair}_arcsec") for pair in ("xy", "yx"))
+    free = np.hypot(sd[xy], PRIOR_SD["arcsec"])
+    R[xy, [xy, yx]] = 1.0 / (np.sqrt(2.0) * sd[xy])
+    R[yx, [xy, yx]] = np.array([-1.0, 1.0]) / (np.sqrt(2.0) * free)
+    mean = np.r_[-taken_out, np.zeros(CONSTANTS - len(GYRO))]
+    return SquareRootInformation(R, R @ mean)
 
 
 def joint_information(
     informations: Sequence[RunInformation], noise: Noise, errors: TriadErrors
 ) -> tuple[SquareRootInformation, list[Array]]:
     """All runs' rows on the constants together, less what `errors` took out of the gyros; and each run's tilt at the start."""
-    mean = np.r_[-errors.vector(), np.zeros(len(ACCELEROMETER))]
-    joint = SquareRootInformation.prior(mean, _prior_sd(noise))
+    joint = _prior(errors.vector(), noise)
     for information in informations:
         alone = SquareRootInformation(information.R, information.z).last(CONSTANTS)
         joint.measure(alone.R, alone.z)
@@ -243,7 +309,7 @@ def joint_information(
 
 def _curves(runs: Sequence[TableRun], informations: Sequence[RunInformation], noise: Noise, offset: Array) -> pd.DataFrame:
     names = [parameter.name for parameter in GYRO]
-    so_far = SquareRootInformation.prior(np.r_[-offset, np.zeros(len(ACCELEROMETER))], _prior_sd(noise))
+    so_far = _prior(offset, noise)
     rows = []
     for run, information in zip(runs, informations, strict=True):
         for time_s, R, z in information.curve:
@@ -277,12 +343,11 @@ def _result(
         return RunResult(run.name, "rate", hours, float("nan"), R.T @ R, np.zeros(0), empty, empty)
     after = linearise(run, errors, tilt, before.sensitivity)
     epochs = slice(None, None, before.every)
-    freedom = information.measurements - int(np.linalg.matrix_rank(information.R))
     return RunResult(
         run.name,
         "velocity",
         hours,
-        information.misfit(constants) / max(1, freedom),
+        information.misfit(constants) / max(1, information.freedom),
         R.T @ R,
         before.trajectory.time_s[epochs],
         before.trajectory.velocity_m_s[epochs, :2],

@@ -1,7 +1,7 @@
 r"""The information that one table run holds about a triad's errors.
 
 States: what the noise drives (tilt in arcsec, horizontal velocity in mm/s), the tilt at the start (arcsec), and the constants: the
-gyros' parameters and the accelerometers' residuals in their own units. Between epochs
+gyros' parameters and the accelerometers' residuals in their own units, and the triad's turn on the table (arcsec). Between epochs
 
 .. math:: \varphi' = e^{-\omega_{ie} \times \Delta} \varphi + F_\varphi p + w_\varphi, \qquad
           V' = V + J \varphi + F_V p + w_V
@@ -10,6 +10,14 @@ with F from :mod:`rlgcomp.calibration.triad.strapdown`'s sensitivities, w the an
 epoch. The velocity is measured as zero, to the accelerometers' resolution. A square-root information filter over the epochs is
 generalized least squares with the covariance that doubly integrated random walk has; ordinary least squares would state errors far
 too small.
+
+The table's base is level and its azimuth known but for small angles :math:`\varphi_t` that each run has of its own, while the triad
+is bolted to the table once, turned from the table's axes by a vector :math:`\mu` of the body that nobody knows: at the start
+
+.. math:: \varphi_0 = \varphi_t + C_b^n(0)\, \mu.
+
+With :math:`\mu` free, turning the whole triad moves nothing else. Were it left out, level table and calibrated accelerometers would
+contradict each other, and gyros would seem to have turned by part of it.
 
 About an upright axis the measurement is the mean rate of the horizontal gyros instead,
 
@@ -33,7 +41,9 @@ from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]
-CONSTANTS: Final = len(GYRO) + len(ACCELEROMETER)
+MOUNT: Final = 3
+ERRORS: Final = len(GYRO) + len(ACCELEROMETER)
+CONSTANTS: Final = ERRORS + MOUNT
 START: Final = 3
 DRIVEN: Final = 5
 EPOCH_S: Final = 1.0
@@ -52,16 +62,19 @@ class Noise:
     velocity_random_walk_ug_sqrt_hz : float
     velocity_resolution_m_s : float
     tilt_arcsec : tuple of float
-        Standard deviation of the attitude at the start about east, north, up, beyond what the encoders' timing leaves open.
+        Standard deviation of the table's base about east, north, up, beyond what the encoders' timing leaves open.
     accelerometer : mapping of str to float
         Standard deviation of the accelerometers' residuals by unit.
+    mount_arcsec : float
+        Standard deviation of the triad's turn from the table's axes, about each axis of its body.
     """
 
     angle_random_walk_deg_sqrt_h: float = 0.0004
     velocity_random_walk_ug_sqrt_hz: float = 5.0
     velocity_resolution_m_s: float = 1e-5
     tilt_arcsec: tuple[float, float, float] = (3.0, 3.0, 60.0)
-    accelerometer: dict[str, float] = dataclasses.field(default_factory=lambda: {"ug": 2.9, "ppm": 1.15, "arcsec": 1.15})
+    accelerometer: dict[str, float] = dataclasses.field(default_factory=lambda: {"ug": 100.0, "ppm": 100.0, "arcsec": 1.15})
+    mount_arcsec: float = 7200.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,6 +97,11 @@ class RunInformation:
     chi_squared: float
     measurements: int
 
+    @property
+    def freedom(self) -> int:
+        """Measurements beyond those that fix tilt and constants."""
+        return self.measurements - int(np.linalg.matrix_rank(self.R))
+
     def solve_tilt(self, constants: Array) -> Array:
         """Tilt at the start, given the constants; zero where the run does not know it."""
         rows = self.R[:START, :START]
@@ -105,7 +123,7 @@ class Linearised:
     ----------
     run : TableRun
     every : int
-        Samples in an epoch.
+        Steps of the trajectory in an epoch.
     trajectory : Trajectory
     sensitivity : Sensitivity
     """
@@ -120,16 +138,18 @@ def linearise(run: TableRun, errors: TriadErrors, tilt_arcsec: Array, known: str
     """Integrate a run with the given errors taken out of the gyros and the given tilt taken out of the start."""
     gravity_m_s2 = run.gravity_m_s2
     every = max(1, round(EPOCH_S / run.step_s))
+    parts = strapdown.parts_of(run.turned_rad)
     C_bn = frames.matrix_of(frames.quaternion_of(tilt_arcsec * units.RAD_PER_ARCSEC)) @ frames.table_attitude(*run.start())
     trajectory = strapdown.integrate(
-        errors.correct(run.turned_rad, run.step_s),
-        cast(Array, run.pushed_m_s),
-        run.step_s,
+        strapdown.divided(errors.correct(run.turned_rad, run.step_s), parts),
+        strapdown.divided(cast(Array, run.pushed_m_s), parts),
+        run.step_s / parts,
         C_bn,
         frames.earth_rate_n_rad_s(run.latitude_deg),
         gravity_m_s2,
     )
-    return Linearised(run, every, trajectory, known or strapdown.sensitivity(trajectory, every, GYRO, ACCELEROMETER))
+    steps = every * parts
+    return Linearised(run, steps, trajectory, known or strapdown.sensitivity(trajectory, steps, GYRO, ACCELEROMETER))
 
 
 def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -> RunInformation:
@@ -143,7 +163,7 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
         Tilt already taken out of the start; the prior knows it.
     """
     run, sensitivity = linear.run, linear.sensitivity
-    epoch_s = linear.every * run.step_s
+    epoch_s = linear.every * float(linear.trajectory.time_s[1])
     g = linear.trajectory.gravity_m_s2
     to_arcsec = 1.0 / units.RAD_PER_ARCSEC
     turn = strapdown.earth_turn(linear.trajectory.earth_rad_s, epoch_s)
@@ -153,7 +173,8 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     forward = np.eye(DRIVEN)
     forward[:3, :3], forward[3:, :3] = turn, lean @ half * epoch_s
     phi = np.zeros((len(sensitivity.tilt), DRIVEN, START + CONSTANTS))  # response of the driven states to the constants
-    phi[:, :3, START:], phi[:, 3:, START:] = sensitivity.tilt * to_arcsec, sensitivity.velocity[:, :2] / _MM
+    errors = slice(START, START + ERRORS)
+    phi[:, :3, errors], phi[:, 3:, errors] = sensitivity.tilt * to_arcsec, sensitivity.velocity[:, :2] / _MM
     from_start = np.eye(DRIVEN)[:, :START]
     for k in range(len(phi)):
         phi[k, :, :START] = from_start
@@ -165,7 +186,7 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     inverse[:DRIVEN, :DRIVEN] = np.linalg.inv(forward)
     white = (noise.angle_random_walk_deg_sqrt_h * units.ARCSEC_PER_DEG) ** 2 / units.SECONDS_PER_HOUR  # arcsec²/s
     push = (noise.velocity_random_walk_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY_M_S2 / _MM) ** 2  # (mm/s)²/s
-    walk = white * np.eye(3) + run.angle_noise_arcsec**2 * _counting_walk(linear.trajectory)
+    walk = white * np.eye(3) + run.angle_noise_arcsec**2 * _counting_walk(linear.trajectory, run.step_s)
     Q = np.zeros((DRIVEN, DRIVEN))
     Q[:3, :3] = epoch_s * walk
     Q[3:, :3] = epoch_s**2 / 2.0 * lean @ walk
@@ -177,6 +198,7 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     starting = np.zeros((DRIVEN + START, states))
     tilt_sd = np.hypot(noise.tilt_arcsec, _timing_arcsec(run))
     starting[:, : DRIVEN + START] = np.diag(1.0 / np.r_[np.full(3, 1e-6), np.full(2, resolution), tilt_sd])
+    starting[DRIVEN:, -MOUNT:] = -frames.table_attitude(*run.start()) / tilt_sd[:, None]
     information = SquareRootInformation(starting, np.r_[np.zeros(DRIVEN), -tilt_arcsec / tilt_sd])
     measured = linear.trajectory.velocity_m_s[:: linear.every, :2] / _MM
     curve = []
@@ -220,16 +242,15 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
     return RunInformation(R, z, curve, 0.0, 0)
 
 
-def _counting_walk(trajectory: strapdown.Trajectory) -> Array:
+def _counting_walk(trajectory: strapdown.Trajectory, sample_s: float) -> Array:
     r"""Random walk of the tilt, per second, for white noise of unit variance in the accumulated body angles.
 
     Such noise q is bounded in the body, but not in the level frame: :math:`\int C\, dq = C q - \int C\, \omega \times q\, dt`, a
-    walk with :math:`(|\omega|^2 I - \omega \omega^T)\, \Delta t` in the mean over the turning.
+    walk with :math:`(|\omega|^2 I - \omega \omega^T)\, \Delta t` in the mean over the turning, a sample being :math:`\Delta t`.
     """
-    step_s = float(trajectory.time_s[1])
-    level = np.einsum("kij,kj->ki", trajectory.C_bi[:-1], trajectory.turned_rad / step_s)
+    level = np.einsum("kij,kj->ki", trajectory.C_bi[:-1], trajectory.turned_rad / float(trajectory.time_s[1]))
     spread = level.T @ level / len(level)
-    return np.asarray((np.trace(spread) * np.eye(3) - spread) * step_s)
+    return np.asarray((np.trace(spread) * np.eye(3) - spread) * sample_s)
 
 
 def _timing_arcsec(run: TableRun) -> Array:

@@ -19,6 +19,7 @@ STILL_DEG: Final = 1.0
 LEAST_RATE_DEG_S: Final = 0.1
 GRAVITY_M_S2: Final = (9.7, 9.9)
 WORST_AGREEMENT: Final = 0.02
+COARSE_DEG: Final = 3.0
 _AGREEMENT_WINDOW_S: Final = 0.5
 
 
@@ -195,11 +196,9 @@ def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_
         raise InputError(f"gyro axes are {wanted!r}; allowed are {', '.join(frames.GYRO_AXES)}")
     every = max(1, round(_AGREEMENT_WINDOW_S / step_s))
     windows = (len(inner) - 1) // every
-    ends = np.arange(windows + 1) * every
-    middle = ends[:-1] + every // 2
-    phi = inner[middle] * units.RAD_PER_DEG
-    outer_rate, inner_rate = (np.diff(angle[ends]) / (every * step_s) for angle in (outer, inner))
-    table = np.stack([outer_rate * np.sin(phi), outer_rate * np.cos(phi), inner_rate], axis=1)
+    phi = 0.5 * (inner[1:] + inner[:-1]) * units.RAD_PER_DEG
+    steps = np.stack([np.diff(outer) * np.sin(phi), np.diff(outer) * np.cos(phi), np.diff(inner)], axis=1)
+    table = steps[: windows * every].reshape(windows, every, 3).sum(axis=1) / (every * step_s)
     if np.sqrt(np.mean(table**2)) < LEAST_RATE_DEG_S:
         raise InputError(f"{name}: the table turns at less than {LEAST_RATE_DEG_S} deg/s; rate-biased gyros are calibrated turning")
     turned = axes_rad[1 : windows * every + 1].reshape(windows, every, 3).sum(axis=1)
@@ -211,8 +210,10 @@ def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_
     }
     best = min(misfit, key=misfit.__getitem__)
     if misfit[best] > WORST_AGREEMENT:
+        coarse = float(np.max(np.linalg.norm(steps, axis=1)))
+        sampling = f"; or record faster, for the table turns by {coarse:.3g} deg in a sample" if coarse > COARSE_DEG else ""
         raise InputError(
             f"{name}: the gyros disagree with the encoders by {100 * misfit[best]:.3g} % even when taken as {best}; check the "
-            "order and signs of the axes, pulse_arcsec, and which encoder is inner and outer"
+            f"order and signs of the axes, pulse_arcsec, and which encoder is inner and outer{sampling}"
         )
     return best

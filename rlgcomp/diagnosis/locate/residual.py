@@ -33,7 +33,8 @@ class Answer:
     places: Callable[[float, float, Array], list[Place]]  # from share, p-value and what the columns explain
     rows: BoolArray | slice | None = None  # where it is, unless it is everywhere
     scatter: bool = False
-    harmonic: tuple[int, Array] | None = None  # which, and its weights
+    within: tuple[Array, ...] = ()  # what it explains of each run within windows
+    within_deg_h2: float = 0.0  # what it explains of the variance within windows
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,6 +13,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
+import numpy as np
 import pandas as pd
 
 from rlgcomp.diagnosis import wording
@@ -28,6 +29,7 @@ __all__ = [
     "NextExperiment", "Place", "RunFit", "Trace", "Unexplained", "Verdict",
 ]  # fmt: skip
 
+_ROUNDING: Final = 1e-9
 SCHEMA: Final = "rlgcomp.diagnosis/1"
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]
 VERDICTS: Final = ("none", "explained", "ambiguous", "unknown")
@@ -70,7 +72,9 @@ class Diagnosis:
     simulator : str
         What the baseline is called.
     recordings : mapping of str to mapping of str to str
-        Under "train" and "test": SHA-256 of the files, by name, where runs were read from files.
+        Under "train" and "test": SHA-256 of the files, by name, where runs were read from files; under "simulator" that of its own.
+    healthy : float, optional
+        Probability that nothing is missing and nothing unrecorded wanders.
 
     Raises
     ------
@@ -98,6 +102,7 @@ class Diagnosis:
     traces: tuple[Trace, ...] = dataclasses.field(default=(), repr=False, compare=False)
     simulator: str = "simulator"
     recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
+    healthy: float | None = None
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:
@@ -106,9 +111,9 @@ class Diagnosis:
             if not -1e-9 <= probability <= 1.0 + 1e-9:
                 raise InputError(f"diagnosis: a probability is {probability}; it must lie between 0 and 1")
 
-    def of_files(self, train: Sequence[Path], test: Sequence[Path] = ()) -> Self:
-        """The same, with the SHA-256 of the files that the runs were read from."""
-        files = {"train": train, "test": test}
+    def of_files(self, train: Sequence[Path], test: Sequence[Path] = (), simulator: Path | None = None) -> Self:
+        """The same, with the SHA-256 of the files that the runs were read from, and of the simulator's."""
+        files = {"train": train, "test": test} | ({} if simulator is None else {"simulator": [simulator]})
         return dataclasses.replace(
             self, recordings={part: {str(path): sha256(path) for path in paths} for part, paths in files.items()}
         )
@@ -119,6 +124,16 @@ class Diagnosis:
     def findings(self) -> list[dict[str, Any]]:
         """The chosen set as plain data."""
         return [cause.to_mapping() for cause in self.causes]
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was added to the simulator: where not, before and after are one."""
+        if not self.traces:
+            return self.train.baseline_rms != self.train.augmented_rms
+        return any(
+            float(np.abs(trace.before_deg_h - trace.after_deg_h).max()) > _ROUNDING * float(np.ptp(trace.before_deg_h))
+            for trace in self.traces
+        )
 
     @property
     def sentence(self) -> str:
@@ -140,6 +155,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "mismatch": {"p_value": self.p_value, "where": [dataclasses.asdict(place) for place in self.where]},
             "findings": self.findings,
+            "nothing_missing": self.healthy,
             "alternatives": [dataclasses.asdict(alternative) for alternative in self.alternatives],
             "unexplained": dataclasses.asdict(self.unexplained),
             "fit": {

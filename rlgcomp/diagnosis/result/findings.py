@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
-from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.diagnosis.wording import sure_text
+from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE, Mechanism, Parameter
+
+_SYMBOLS: Final = {TEMPERATURE: "T", TABLE_RATE: "W", TABLE_ANGLE: "theta"}
+_SMALLEST, _LARGEST = -3, 5  # powers of ten that numbers are printed without
+_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +29,7 @@ class Place:
         As "temperature_block_degC > 31, cooling".
     frequency_hz, angle_harmonic : float, optional
     share : float
-        Of the sum of squares that the baseline leaves beyond noise, between 0 and 1.
+        Of the sum of squares that the baseline leaves beyond white noise, between 0 and 1, what was found before taken out.
     p_value : float
         Corrected for everything that was searched.
     """
@@ -41,10 +47,12 @@ class Place:
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A number with its standard deviation and unit; printed, both have two digits of the latter.
+    """A number with its standard deviation and unit; printed, both have two digits of the latter and one power of ten.
 
-    >>> str(Estimate(0.0012345, 0.000056, "deg/h/K")), str(Estimate(1834.2, 41.0, "s")), str(Estimate(3.0, 0.0))
-    ('0.001234 ± 0.000056 deg/h/K', '1834 ± 41 s', '3')
+    >>> str(Estimate(0.0123456, 0.00056, "deg/h/K")), str(Estimate(1834.2, 41.0, "s")), str(Estimate(3.0, 0.0))
+    ('0.01235 ± 0.00056 deg/h/K', '1834 ± 41 s', '3')
+    >>> str(Estimate(-8.51e-7, 1.23e-7, "deg/h/K^2")), str(Estimate(3.1e7, 1.9e4, "s"))
+    ('(-8.5 ± 1.2)·10⁻⁷ deg/h/K^2', '(3.1000 ± 0.0019)·10⁷ s')
     """
 
     value: float
@@ -54,10 +62,14 @@ class Estimate:
     def __str__(self) -> str:
         if not (math.isfinite(self.sd) and self.sd > 0.0):
             return f"{self.value:.6g} {self.unit}".rstrip()
-        digits = max(0, 1 - math.floor(math.log10(self.sd)))
-        if digits > 8:
-            return f"{self.value:.4g} ± {self.sd:.2g} {self.unit}".rstrip()
-        return f"{self.value:.{digits}f} ± {self.sd:.{digits}f} {self.unit}".rstrip()
+        of_sd = math.floor(math.log10(self.sd))
+        power = max(of_sd, math.floor(math.log10(abs(self.value)))) if self.value else of_sd
+        power = power if power < _SMALLEST or power > _LARGEST else 0
+        digits = max(0, 1 - of_sd + power)
+        value, sd = (f"{number * 10.0**-power:.{digits}f}" for number in (self.value, self.sd))
+        if not power:
+            return f"{value} ± {sd} {self.unit}".rstrip()
+        return f"({value} ± {sd})·10{str(power).translate(_RAISED)} {self.unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +92,8 @@ class Cause:
         Columns that it read; by default those that it names itself.
     probability_in_training : float, optional
         The same probability by the training runs alone, where held-out runs were asked as well.
+    rival_probabilities : tuple of float
+        Of each in `indistinguishable_from`, that it is part of the truth.
     """
 
     mechanism: Mechanism
@@ -89,16 +103,47 @@ class Cause:
     indistinguishable_from: tuple[str, ...] = ()
     drivers: tuple[str, ...] = ()
     probability_in_training: float | None = None
+    rival_probabilities: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
         return self.mechanism.name
 
+    @property
+    def symbols(self) -> dict[str, str]:
+        """The columns that letters of its equation stand for."""
+        names = self.mechanism.driver_names()
+        if len(names) != len(self.drivers):
+            return {}
+        letters = {_SYMBOLS[name]: column for name, column in zip(names, self.drivers, strict=True) if name in _SYMBOLS}
+        said = self.mechanism.stated()
+        return {letter: column for letter, column in letters.items() if re.search(rf"\bd?{letter}\b", said)}
+
+    @property
+    def driven_by(self) -> str:
+        """What it follows, for a reader."""
+        if columns := self.drivers or self.mechanism.driver_names():
+            return ", ".join(columns)
+        return "nothing recorded" if self.mechanism.jumps() else "time since the run's start"
+
     def numbers(self) -> dict[str, str]:
         """What was found of it, for a reader: parameters with their standard deviations, and forms that are not the usual ones."""
         fitted = {name: str(estimate) for name, estimate in self.parameters.items()}
-        forms = {p.name: (str(getattr(self.mechanism, p.name)), p.typical) for p in self.mechanism.parameters() if p.choices}
-        return fitted | {name: form for name, (form, usual) in forms.items() if form != usual}
+        return fitted | {p.name: self._setting(p) for p in self.mechanism.parameters() if p.role == "setting" and self._tells(p)}
+
+    def _setting(self, parameter: Parameter) -> str:
+        value = getattr(self.mechanism, parameter.name)
+        return value if isinstance(value, str) else f"{value:.6g} {parameter.unit}".rstrip()
+
+    def _tells(self, parameter: Parameter) -> bool:
+        """Whether a setting is needed to know the law: it is not the usual one, or its equation leaves it open."""
+        if getattr(self.mechanism, parameter.name) != parameter.typical or parameter.name == "phase":
+            return True
+        if parameter.choices or parameter.typical == 0:
+            return False
+        named = re.sub(r"_\d$", "_", parameter.name)  # order_1 as order_j, where the equation is that of any number of orders
+        said = self.mechanism.stated() if named == parameter.name else self.mechanism.equation
+        return re.search(rf"\b{named}", said) is not None
 
     def to_mapping(self) -> dict[str, Any]:
         """An entry of `findings`."""
@@ -109,9 +154,11 @@ class Cause:
             "parameters": {name: dataclasses.asdict(estimate) for name, estimate in self.parameters.items()},
             "settings": {p.name: getattr(self.mechanism, p.name) for p in self.mechanism.parameters() if p.role == "setting"},
             "equation": self.mechanism.stated(),
+            "symbols": self.symbols,
             "drivers": list(self.drivers or self.mechanism.driver_names()),
             "rms": {"value": self.rms_deg_h, "unit": "deg/h"},
             "indistinguishable_from": list(self.indistinguishable_from),
+            "rival_probabilities": list(self.rival_probabilities),
             "reference": self.mechanism.reference,
         }
 
@@ -137,12 +184,15 @@ class Unexplained:
     memory : {"static", "dynamic", "rate-independent", "none"}
     equation : str, optional
         The best law found.
+    probability : float, optional
+        That there is such a law, or something that wanders unrecorded; None where neither is claimed.
     """
 
     p_value: float
     drivers: tuple[str, ...] = ()
     memory: str = "none"
     equation: str | None = None
+    probability: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,4 +218,4 @@ class NextExperiment:
     @property
     def by_truth(self) -> str:
         """The expected probability of each, were it the true one."""
-        return ", ".join(f"{name} {p:.2f}" for name, p in zip(self.separates, self.if_true, strict=False))
+        return ", ".join(f"{name} {sure_text(p, 2)}" for name, p in zip(self.separates, self.if_true, strict=False))

@@ -111,6 +111,8 @@ class Trace:
         What each mechanism contributes that the augmented simulator has and the calibrated one lacks.
     channel : str
         Gyro column.
+    unit : str
+        Serial number of the gyro, where the recording says it.
     """
 
     run: str
@@ -122,6 +124,7 @@ class Trace:
     monitors: pd.DataFrame
     added_deg_h: Mapping[str, Array]
     channel: str
+    unit: str = ""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,12 +12,23 @@ from scipy.signal import lfilter
 from scipy.stats import binomtest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.account import _as_noise, _at_the_end, _behind, _beside_a_law, correlation_time_s, off_held_out
-from rlgcomp.diagnosis.conclusion import concluded
+from rlgcomp.diagnosis.conclusion import Conclusion, beyond_noise, concluded
 from rlgcomp.diagnosis.explain import explain
 from rlgcomp.diagnosis.fit import FittedCause, fit
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.result import Fit, RunFit, Verdict
+from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
+from rlgcomp.diagnosis.remarks import (
+    _as_noise,
+    _at_the_end,
+    _behind,
+    _beside_a_law,
+    _together,
+    correlation_time_s,
+    extrapolations_of,
+    off_held_out,
+    own_biases_of,
+    worse_in_training,
+)
+from rlgcomp.diagnosis.result import Estimate, Fit, RunFit, Trace, Verdict
 from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -144,3 +156,53 @@ def test_one_held_out_run_that_is_off_is_spoken_of(std: float, p_value: float, s
     found = off_held_out("explained", left)
     assert len(found) == said
     assert all(one.startswith("run3 is off by 0.0014 deg/h about its own mean, 1.4 times the noise") for one in found)
+
+
+@pytest.mark.parametrize(("after", "said"), [(0.0049, 0), (0.0052, 0), (0.0060, 1)])
+def test_what_makes_the_training_runs_worse_is_not_to_be_used(after: float, said: int) -> None:
+    train = Fit(0.005, after, 0.001, "deg/h", 100.0, 0.0, (0.0, 0.0), baseline_std=0.005, augmented_std=after)
+    assert len(worse_in_training(train, [CATALOGUE["temperature_rate"]()])) == said
+    assert not worse_in_training(train, [])
+
+
+@pytest.mark.parametrize(("apart", "said"), [(1.0, "they agree"), (5.0, "have a bias each")])
+def test_biases_that_agree_are_said_to(apart: float, said: str) -> None:
+    estimate = Estimate(apart * 2e-4, 2e-4, "deg/h")
+    (line,) = own_biases_of({"gyro": {f"{OWN_BIAS}:run0": estimate}})
+    assert said in line
+
+
+def test_causes_that_are_likely_each_and_not_together_are_told() -> None:
+    models = [
+        SimpleNamespace(labels=frozenset({("thermal_lag", False), ("mode_hop", False)})),
+        SimpleNamespace(labels=frozenset({("thermal_lag", False)})),
+        SimpleNamespace(labels=frozenset({("ageing", False)})),
+    ]
+    explanations = SimpleNamespace(models=models, probabilities=np.array([0.40, 0.31, 0.29]))
+    (line,) = _together(explanations, Conclusion(models[0], (), 0.0, 0.0))
+    assert "mode_hop and thermal_lag together has probability 0.40; thermal_lag alone 0.31." in line
+    surer = SimpleNamespace(models=models, probabilities=np.array([0.60, 0.21, 0.19]))
+    assert not _together(surer, Conclusion(models[0], (), 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("p_value", "unknown"), [(1e-3, False), (1e-9, True)])
+def test_what_no_healthy_gyro_shows_is_not_acquitted(p_value: float, unknown: bool) -> None:
+    nothing = SimpleNamespace(labels=frozenset())
+    ageing = SimpleNamespace(labels=frozenset({("ageing", False)}))
+    silent, named = (Conclusion(model, (), 0.0, 0.1) for model in (nothing, ageing))
+    assert (beyond_noise(silent, p_value, nothing).unrecorded > 0.5) == unknown
+    assert beyond_noise(named, p_value, nothing) is named
+    assert beyond_noise(silent, p_value, ageing) is silent
+
+
+def test_an_angle_goes_round_and_is_not_extrapolated() -> None:
+    def trace(held_out: bool, temperature: float, angle: float) -> Trace:
+        hours = np.linspace(0.0, 1.0, 50)
+        monitors = pd.DataFrame({"temperature_block_degC": temperature * hours, "table_angle_deg": angle * hours})
+        return Trace("new" if held_out else "old", held_out, 3600.0 * hours, hours, hours, None, monitors, {}, "gyro_deg_s")
+
+    drivers = {"temperature_block_degC", "table_angle_deg"}
+    assert extrapolations_of([trace(False, 10.0, 100.0), trace(True, 10.0, 300.0)], drivers) == ()
+    (said,) = extrapolations_of([trace(False, 10.0, 100.0), trace(True, 30.0, 300.0)], drivers)
+    assert "temperature_block_degC from 0 to 30 degC" in said
+    assert "table_angle_deg" not in said

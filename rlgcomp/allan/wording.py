@@ -1,0 +1,69 @@
+"""Deviations and coefficients as text for a terminal or a notebook."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from rlgcomp.allan.analysis import NoiseAnalysis
+    from rlgcomp.allan.coefficients import NoiseCoefficients
+    from rlgcomp.allan.deviation import AllanDeviation
+
+SHOWN: Final = 12  # averaging times
+_UNITS: Final = {
+    "quantization_arcsec": ("Q", "quantization", "arcsec"),
+    "angle_random_walk_deg_sqrt_h": ("N", "angle random walk", "deg/sqrt(h)"),
+    "bias_instability_deg_h": ("B", "bias instability", "deg/h"),
+    "rate_random_walk_deg_h_sqrt_h": ("K", "rate random walk", "deg/h/sqrt(h)"),
+    "rate_ramp_deg_h2": ("R", "rate ramp", "deg/h²"),
+}
+
+
+def deviation_text(deviation: AllanDeviation) -> str:
+    """A table of some averaging times, from the shortest to the longest."""
+    count = len(deviation.tau_s)
+    rows = np.unique(np.linspace(0, count - 1, min(count, SHOWN)).round().astype(int))
+    frame = deviation.to_frame().iloc[rows].drop(columns="differences")
+    gaps = len(deviation.parts) - 1
+    kind = "Hadamard" if deviation.order == 3 else "Allan"
+    head = (
+        f"{kind} deviation ({deviation.estimator}): {int(deviation.parts.sum())} samples every {deviation.period_s:.6g} s, "
+        f"{gaps} gap{'' if gaps == 1 else 's'}, {100 * deviation.confidence:g} % intervals"
+    )
+    tail = [] if len(rows) == count else [f"{len(rows)} of {count} averaging times; .to_frame() has all"]
+    return "\n".join([head, frame.to_string(index=False, float_format="{:.4g}".format), *tail])
+
+
+def coefficients_text(coefficients: NoiseCoefficients) -> str:
+    """One line a noise, with its standard error; for one that is not seen its upper limit."""
+    lines = []
+    for name, (letter, noise, unit) in _UNITS.items():
+        value, sd = getattr(coefficients, name), getattr(coefficients, f"{name}_sd")
+        seen = f"{value_text(value, sd)} {unit}" if math.isfinite(sd) else "not seen"
+        lines.append(f"{letter}  {noise:<17}  {seen}")
+    if coefficients.misfit:
+        lines.append(f"the five noises do not describe the curve: off by {100 * coefficients.misfit:.0f} % beyond chance")
+    return "\n".join(lines)
+
+
+def analysis_text(analysis: NoiseAnalysis) -> str:
+    """Mean, coefficients and what was found."""
+    said = [f"- {finding}" for finding in analysis.findings]
+    return "\n".join([f"{analysis.gyro}: mean {analysis.mean_deg_h:.6g} deg/h", coefficients_text(analysis.coefficients), *said])
+
+
+def short(value: float) -> str:
+    """A standard error to two digits.
+
+    >>> short(12.7), short(0.0213)
+    ('13', '0.021')
+    """
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def value_text(value: float, sd: float) -> str:
+    """A coefficient with its standard error, or its upper limit where it is estimated as zero."""
+    return f"{value:.3g} ± {short(sd)}" if value > 0.0 else f"< {short(sd)}"
