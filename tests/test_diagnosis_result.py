@@ -279,6 +279,11 @@ def test_settings_that_make_the_law_are_told(name: str, told: dict[str, str], by
     assert cause.driven_by == by
 
 
+@pytest.mark.parametrize(("since", "by"), [("start", "time since the run's start"), ("clock", "time by the clock")])
+def test_ageing_is_driven_by_the_time_that_it_counts(since: str, by: str) -> None:
+    assert Cause(rlg.CATALOGUE["ageing"](since=since), 0.9, {}, 0.003).driven_by == by
+
+
 @pytest.mark.parametrize(
     ("value", "sd", "said"),
     [

@@ -124,7 +124,9 @@ class Cause:
         """What it follows, for a reader."""
         if columns := self.drivers or self.mechanism.driver_names():
             return ", ".join(columns)
-        return "nothing recorded" if self.mechanism.jumps() else "time since the run's start"
+        if self.mechanism.jumps():
+            return "nothing recorded"
+        return "time by the clock" if getattr(self.mechanism, "since", "start") == "clock" else "time since the run's start"
 
     def numbers(self) -> dict[str, str]:
         """What was found of it, for a reader: parameters with their standard deviations, and forms that are not the usual ones."""
