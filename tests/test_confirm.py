@@ -274,3 +274,7 @@ def test_two_runs_may_have_the_same_phase_by_chance(phases: tuple[float, ...], f
     else:
         assert abs(diagnosis.test.improvement) < 0.02
         assert any("drawn anew in every run" in remark for remark in diagnosis.remarks)
+    again = rlg.diagnose(diagnosis.augmented, train=line[:2], test=line[2:], black_box=False)
+    assert again.verdict == "none"  # also where each run has a phase of its own
+    size = np.hypot(*(again.calibration["periodic_interference"][name].value for name in ("cosine_deg_h", "sine_deg_h")))
+    assert size == pytest.approx(0.004, rel=0.2)

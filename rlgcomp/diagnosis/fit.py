@@ -220,9 +220,12 @@ def _baseline(problem: Problem, weights: Array, sd: Array) -> tuple[dict[str, di
             estimates.setdefault("gyro", {})["bias_deg_h"] = Estimate(float(weights[k]), float(sd[k]), "deg/h")
             continue
         described = next(p for p in mechanism.parameters() if p.name == parameter)
-        value = weights[k] + (getattr(mechanism, parameter) if described.role == "shape" else 0.0)
+        own = [j for j, named in enumerate(problem.baseline_names) if named == (name, parameter)]  # an amplitude of each run's own
+        size = weights[k] if len(own) == 1 else np.sqrt(np.mean(weights[own] ** 2))
+        value = size + (getattr(mechanism, parameter) if described.role == "shape" else 0.0)
         value = float(np.clip(value, described.low, described.high))
-        estimates.setdefault(name, {})[parameter] = Estimate(value, float(sd[k]), described.unit)
+        spread = float(np.sqrt(np.mean(sd[own] ** 2) / len(own)))
+        estimates.setdefault(name, {})[parameter] = Estimate(value, spread, described.unit)
         simulator = simulator.with_mechanism(dataclasses.replace(mechanism, **{parameter: value}))  # type: ignore[type-var]
     constant = estimates.get("gyro", {}).get("bias_deg_h")
     bias = None if constant is None else problem.constant(constant.value)

@@ -287,7 +287,8 @@ class Problem:
             known = _stated(self.simulator, old)
             if old == new or not known.any():
                 continue
-            target = target + (self.columns(old) - self.columns(new)) @ known
+            change = self.columns(old) - self.columns(new)
+            target = target + change @ np.resize(known, change.shape[1])
             for k, part in enumerate(self.windows):
                 unexplained[k] = unexplained[k] + (old.basis(part.full) - new.basis(part.full)) @ known
         return dataclasses.replace(self, simulator=simulator, target_deg_h=target, unexplained_deg_h=tuple(unexplained))
@@ -299,11 +300,10 @@ class Problem:
         amplitudes = {}
         for mechanism in self._shaped():
             shapes = _free(simulator, mechanism, "shape")
-            in_use = mechanism.amplitude_parameters()
-            stated = _stated(simulator, mechanism)
-            amplitudes[mechanism.name] = np.array(
-                [found.get((mechanism.name, one.name), value) for one, value in zip(in_use, stated, strict=True)]
-            )
+            width = self.columns(mechanism).shape[1]
+            own = {(mechanism.name, name) for name in _free(simulator, mechanism, "amplitude")}
+            amplitudes[mechanism.name] = np.resize(_stated(simulator, mechanism), width)
+            amplitudes[mechanism.name][_where_free(simulator, mechanism, width)] = weights[[n in own for n in self.baseline_names]]
             simulator = simulator.with_mechanism(shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
         return self.reshaped(simulator).linearised(amplitudes) if amplitudes else self
 
@@ -326,13 +326,13 @@ class Problem:
         simulator = self.simulator
         columns, names = [], []
         for mechanism in simulator.mechanisms:
-            free = _free(simulator, mechanism, "amplitude")
-            for parameter, column in zip(mechanism.amplitude_parameters(), self.columns(mechanism).T, strict=False):
-                if parameter.name in free:
-                    columns.append(column)
-                    names.append((mechanism.name, parameter.name))
-            if not mechanism.amplitude_parameters():
+            in_use = mechanism.amplitude_parameters()
+            if not in_use:
                 continue
+            table = self.columns(mechanism)
+            free = np.flatnonzero(_where_free(simulator, mechanism, table.shape[1]))
+            columns += list(table[:, free].T)
+            names += [(mechanism.name, in_use[k % len(in_use)].name) for k in free]
             shapes = _free(simulator, mechanism, "shape")
             if shapes and mechanism.name not in amplitudes:
                 amplitudes = {**amplitudes, mechanism.name: self._amplitudes(mechanism)}
@@ -364,21 +364,20 @@ class Problem:
     def _calibrated(self, mechanism: Mechanism, shapes: tuple[str, ...]) -> Mechanism:
         """Shapes by separable least squares: the grid's best points, then ever smaller steps about each; a misfit has valleys."""
         others = self._others(mechanism)
-        free = _free(self.simulator, mechanism, "amplitude")
-        in_use = [parameter.name for parameter in mechanism.amplitude_parameters()]
+        stated = _stated(self.simulator, mechanism)
 
-        def parts(candidate: Mechanism) -> tuple[Array, list[Array]]:
+        def parts(candidate: Mechanism) -> tuple[Array, Array]:
             """What it says for certain, and its free columns."""
-            columns = dict(zip(in_use, self.columns(candidate).T, strict=False))
-            known = sum((getattr(mechanism, name) * columns[name] for name in in_use if name not in free), np.zeros(len(self.rows)))
-            return np.asarray(known), [columns[name] for name in free]
+            columns = self.columns(candidate)
+            width = columns.shape[1]
+            return columns @ np.resize(stated, width), columns[:, _where_free(self.simulator, mechanism, width)]
 
         said, _ = parts(mechanism)
         weight = 1.0 / np.sqrt(self.rows.white)
 
         def misfit(candidate: Mechanism) -> float:
             known, columns = parts(candidate)
-            left = _residual(weight[:, None] * np.column_stack([others, *columns]), weight * (self.target_deg_h + said - known))
+            left = _residual(weight[:, None] * np.column_stack([others, columns]), weight * (self.target_deg_h + said - known))
             return float(left @ left)
 
         settings = {p.name: getattr(mechanism, p.name) for p in mechanism.parameters() if p.name not in shapes}
@@ -392,8 +391,9 @@ class Problem:
         others = self._others(mechanism)
         design = np.column_stack([columns, others])
         solution = np.linalg.lstsq(design / norms(design), self.target_deg_h, rcond=None)[0] / norms(design)
-        free = np.array([one.name in _free(self.simulator, mechanism, "amplitude") for one in mechanism.amplitude_parameters()])
-        return np.where(free, solution[: columns.shape[1]], _stated(self.simulator, mechanism))
+        width = columns.shape[1]
+        stated = np.resize(_stated(self.simulator, mechanism), width)
+        return np.where(_where_free(self.simulator, mechanism, width), solution[:width], stated)
 
     def _derivative(self, mechanism: Mechanism, name: str, amplitudes: Array) -> Array:
         low, high = neighbours(mechanism, name, _RELATIVE_STEP)
@@ -427,6 +427,12 @@ def _stated(simulator: Simulator, mechanism: Mechanism) -> Array:
     """Amplitudes in use that a simulator states; zero where they are free."""
     free = _free(simulator, mechanism, "amplitude")
     return np.array([0.0 if p.name in free else getattr(mechanism, p.name) for p in mechanism.amplitude_parameters()])
+
+
+def _where_free(simulator: Simulator, mechanism: Mechanism, width: int) -> npt.NDArray[np.bool_]:
+    """Which of so many columns have free amplitudes; where these are each run's own, the columns of runs follow one another."""
+    free = _free(simulator, mechanism, "amplitude")
+    return np.resize([parameter.name in free for parameter in mechanism.amplitude_parameters()], width)
 
 
 def _spans(columns: Array, ones: Array) -> bool:

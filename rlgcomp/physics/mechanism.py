@@ -156,6 +156,11 @@ class Mechanism(abc.ABC):
         """The amplitudes that are in use, in the order of the basis."""
         return tuple(parameter for parameter in self.parameters() if parameter.role == "amplitude")
 
+    def idle_parameters(self) -> tuple[Parameter, ...]:
+        """The amplitudes that are not in use."""
+        used = self.amplitude_parameters()
+        return tuple(parameter for parameter in self.parameters() if parameter.role == "amplitude" and parameter not in used)
+
     def repeats(self) -> bool:
         """Whether amplitudes found in some runs foretell others: it has some, and none is a run's own."""
         return bool(self.amplitude_parameters()) and not self.each_run

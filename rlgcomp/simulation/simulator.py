@@ -321,12 +321,7 @@ def _labels(mechanisms: Sequence[Mechanism]) -> list[str]:
 
 def _idle(mechanism: Mechanism) -> frozenset[str]:
     """Amplitudes that are not in use and have their usual size."""
-    used = {parameter.name for parameter in mechanism.amplitude_parameters()}
-    return frozenset(
-        p.name
-        for p in mechanism.parameters()
-        if p.role == "amplitude" and p.name not in used and getattr(mechanism, p.name) == p.typical
-    )
+    return frozenset(p.name for p in mechanism.idle_parameters() if getattr(mechanism, p.name) == p.typical)
 
 
 def _same(one: Mechanism, other: Mechanism) -> bool:

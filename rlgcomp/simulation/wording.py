@@ -24,8 +24,8 @@ def as_text(simulator: Simulator) -> str:
 
 
 def _of_mechanism(mechanism: Mechanism, free: frozenset[str]) -> str:
-    idle = {p.name for p in mechanism.parameters() if p.role == "amplitude"} - {p.name for p in mechanism.amplitude_parameters()}
-    said = [_of_parameter(mechanism, p, p.name in free) for p in mechanism.parameters() if p.name not in idle]
+    idle = mechanism.idle_parameters()
+    said = [_of_parameter(mechanism, p, p.name in free) for p in mechanism.parameters() if p not in idle]
     return textwrap.fill(f"{mechanism.name}{': ' if said else ''}{', '.join(said)}", _WIDTH, subsequent_indent=" " * 6)
 
 
