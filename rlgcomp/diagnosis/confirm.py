@@ -206,9 +206,10 @@ def _foreseen(
     amplitudes = np.linalg.lstsq(whitened[:, :-1], whitened[:, -1], rcond=1e-10)[0] / norms(design)
     width = columns.shape[1]
     own, trained = amplitudes[:width], amplitudes[width : 2 * width]
-    offsets = np.linalg.qr(whitened[:, -1 - windowed.held_out : -1])[0]  # of held-out runs, the baseline's last columns
+    theirs = np.asarray(~windowed.baseline[~held_out[:, 0]].any(axis=0))  # of held-out runs alone: offsets, amplitudes of their own
+    own_part = np.linalg.qr(whitened[:, -1 - len(theirs) : -1][:, theirs])[0]
     seen = whitened[:, :width] * norms(design)[:width]
-    seen = seen - offsets @ (offsets.T @ seen)
+    seen = seen - own_part @ (own_part.T @ seen)
     possible, missed = float(np.sum((seen @ own) ** 2)), float(np.sum((seen @ (own - trained)) ** 2))
     left = whitened[:, -1] - whitened[:, :-1] @ (amplitudes * norms(design))
     return 1.0 - missed / possible if possible > max(_SHOWN, gained) * float(left @ left) / len(left) else 1.0

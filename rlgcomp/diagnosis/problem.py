@@ -352,8 +352,10 @@ class Problem:
             columns.append(inside - np.mean(inside[training]) * training)
             names.append((self.runs[run].name, OWN_BIAS))
         for run in range(len(self.windows) - self.held_out, len(self.windows)) if self.offsets else ():
-            columns.append((self.rows.run == run).astype(np.float64))
-            names.append((self.runs[run].name, "constant_deg_h"))
+            offset = (self.rows.run == run).astype(np.float64)
+            if not _spans(np.column_stack(columns), offset):  # a run may have a constant of its own already
+                columns.append(offset)
+                names.append((self.runs[run].name, "constant_deg_h"))
         return dataclasses.replace(self, baseline=np.column_stack(columns), baseline_names=tuple(names))
 
     def _others(self, mechanism: Mechanism) -> Array:
