@@ -19,6 +19,7 @@ from rlgcomp.comparison import comparison_table, correlation_table
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.errors import InputError
+from rlgcomp.knocks import spikes_in, without_knocks
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
@@ -114,6 +115,8 @@ class Evaluation:
         Correlation of each input with the gyro.
     comparison : pandas.DataFrame
         By feature group and model, what is left held out; see :func:`rlgcomp.comparison.comparison_table`.
+    noticed : tuple of str
+        Samples far beyond any noise, in sentences: of the gyro they are left out, of a monitor the compensation follows them.
     """
 
     averaging_s: float
@@ -121,6 +124,7 @@ class Evaluation:
     traces: tuple[Trace, ...]
     correlation: pd.DataFrame
     comparison: pd.DataFrame
+    noticed: tuple[str, ...] = ()
 
     @property
     def raw_std_deg_h(self) -> float:
@@ -153,7 +157,7 @@ class Evaluation:
         """What a careful reader would say of these results, in sentences: what is no proof, where nothing was gained, and what
         stands in the way.
         """
-        said = []
+        said = list(self.noticed)
         for run in self.runs:
             if run.trained_on:
                 said.append(no_proof(run.run))
@@ -275,6 +279,14 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
     """
     if not runs:
         raise InputError("no runs to evaluate on; give at least one recording")
+    calm = [without_knocks(run, compensator.gyro) for run in runs]
+    runs, noticed = [run for run, _ in calm], [said for _, said in calm if said is not None]
+    noticed += [
+        f"{run.name}: {column} has {said}: faults of the logger, which the compensation follows."
+        for run in runs
+        for column, (_, said) in spikes_in(run).items()
+        if column in compensator.recipe_.columns
+    ]
     results, traces = zip(*(_evaluate_run(compensator, run) for run in runs), strict=True)
     held_out = [rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs]
     return Evaluation(
@@ -283,6 +295,7 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         traces=traces,
         correlation=correlation_table(held_out, compensator.recipe_.names),
         comparison=comparison_table(compensator, held_out, n_jobs=n_jobs) if compare else pd.DataFrame(),
+        noticed=tuple(noticed),
     )
 
 
@@ -298,7 +311,9 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
     allan_residual = allan_deviation((rate - predicted["bias_deg_h"].to_numpy())[samples], run.time_s[samples])
     own = rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro)
     noise = own.noise_deg_h
-    floor = float(np.std(noise, ddof=1)) if noise is not None else allan_residual.white_noise_deg_h(compensator.averaging_s)
+    pulse_arcsec = run.metadata.pulse_arcsec if run.gyro_column(compensator.gyro).endswith("_pulses") else None
+    allan_floor = allan_residual.noise_of_means_deg_h(compensator.averaging_s, pulse_arcsec)
+    floor = float(np.std(noise, ddof=1)) if noise is not None else allan_floor
     factor, low, high = improvement(raw, residual, block=round(BLOCK_S / compensator.averaging_s))
     result = RunResult(
         run=run.name,

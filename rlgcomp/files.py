@@ -255,6 +255,14 @@ def require_apart(folder: str | Path, *files: str | Path) -> None:
             raise InputError(f"{file} lies in {folder}, which is to be replaced; give another name, or move it first")
 
 
+def same_file(one: str | Path, other: str | Path) -> bool:
+    """Whether two names are of one file that exists, were one a link to the other."""
+    try:
+        return os.path.samefile(one, other)  # noqa: PTH121  Path.samefile raises where a name is too long as well
+    except (OSError, ValueError):
+        return False
+
+
 def _foreign(folder: Path, writes: Sequence[tuple[str, ...]]) -> list[str]:
     """What stands in a folder and has none of these names, each given as its parts; a folder none of whose files has one is one."""
     found: list[str] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from typing import Any, Final
 
@@ -10,7 +11,8 @@ import numpy as np
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.errors import InputError
 from rlgcomp.hysteresis import Play
-from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording
+from rlgcomp.knocks import knocks_in, spikes_in
+from rlgcomp.recording import DEFAULT_AVERAGING_S, Finding, Recording
 from rlgcomp.units import SECONDS_PER_HOUR
 
 TURN: Final = 0.1  # of the span of temperature: smaller ups and downs are no turning points
@@ -45,8 +47,23 @@ def summarise(recording: Recording) -> dict[str, Any]:
             for column in recording.columns
         ],
         "legs": legs(recording),
-        "findings": [str(finding) for finding in recording.findings],
+        "findings": [str(finding) for finding in (*recording.findings, *wild_samples(recording))],
     }
+
+
+def wild_samples(recording: Recording) -> list[Finding]:
+    """Samples of gyros and monitors that lie far beyond any noise."""
+    found = []
+    for column in recording.gyro_columns:
+        with contextlib.suppress(InputError):  # pulses of unknown size
+            far, said = knocks_in(recording, column)
+            if said:
+                remark = f"{said}; training, evaluation and diagnosis leave them out"
+                found.append(Finding("noted", remark, column, int(np.argmax(far))))
+    for column, (spikes, said) in spikes_in(recording).items():
+        remark = f"has {said}: faults of the logger; training and diagnosis put them between their neighbours"
+        found.append(Finding("noted", remark, column, int(np.argmax(spikes))))
+    return found
 
 
 def legs(recording: Recording) -> list[dict[str, Any]]:

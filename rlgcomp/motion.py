@@ -5,7 +5,7 @@ A row belongs to the sample that ends at its time: the rate is the mean over tha
 .. math:: W_k = (\theta_k - \theta_{k-1}) / (t_k - t_{k-1})
 
 exactly, whatever happens in between. Recordings made elsewhere may mean the sample that begins there, or the instant;
-:func:`reference_rate_deg_s` finds out which, against the gyro that turned with the table.
+:func:`reading_of` finds out which, against the gyro that turned with the table.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import GAP_PERIODS, Recording
-from rlgcomp.units import DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_DEG
+from rlgcomp.units import DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_DEG, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -30,11 +30,22 @@ ANGLES: Final = ("table_angle_deg", "angle_inner_deg")
 CLEARLY_BETTER: Final = 0.5  # of the residual: what another reading of the table's motion must bring to replace the first
 TAKEN: Final = ("before", "at", "after")
 _SAME_RAD: Final = 0.2
+_BENDS: Final = 6.0  # median bends of a rate from row to row: a table that begins or ends to speed up
+_NO_BEND: Final = 1e-6  # of the highest rate: rounding of what was recorded
 _STILL: Final = 31  # samples, an odd number, by which it is judged whether a table stands
 _STANDS_OUT: Final = 12.0  # median deviations: no noise is so far out
 _STRAYS: Final = 8.0  # of the root mean square step of an angle
 _SLOWEST: Final = 1e-3  # of the highest rate
 _SAME_RATE: Final = 1e-9  # of the highest: rounding
+_BETWEEN: Final = ("middle", "instant")  # readings that are interpolated
+_IN_TIME: Final = 0.05  # of a sample: a delay that is left by more is no convention
+_NO_WORSE: Final = 1.1  # of the residual: a reading that is better by rows is no worse by means of many, and the other way round
+# Weights of the values around: halfway between two of them; and of their mean from one to the next. More of them, and fewer.
+_MIDDLES: Final = (
+    np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048.0,
+    np.array([3.0, -25.0, 150.0, 150.0, -25.0, 3.0]) / 256.0,
+)
+_MEANS: Final = (np.array([11.0, -93.0, 802.0, 802.0, -93.0, 11.0]) / 1440.0, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0)
 _WINDOWS: Final = 50  # in which readings of the motion are compared, of at most so many seconds each:
 _LONGEST_WINDOW_S: Final = 100.0
 
@@ -135,6 +146,29 @@ def acceleration_deg_s2(recording: Recording) -> Array:
     return np.asarray(np.gradient(rate_deg_s(recording), recording.time_s))
 
 
+def rate_at_ends_deg_s(recording: Recording) -> Array:
+    """Rate of the table in deg/s at the end of each row's sample, shape (n,): what the means over the samples on both sides tell.
+
+    Where a table begins or ends to speed up, one of these holds two rates: the other side's go on straight.
+
+    Raises
+    ------
+    InputError
+        The recording has neither rate nor angle.
+    """
+    rate = rate_deg_s(recording)
+    padded = np.pad(rate, (2, 3), "edge")
+    before, own, after, later = (padded[k : k + len(rate)] for k in range(1, 5))
+    around = (7.0 * (own + after) - before - later) / 12.0
+    straight_on, straight_back = own + 0.5 * (own - before), after - 0.5 * (later - after)
+    bends = np.abs(np.diff(padded, 2))
+    on, back = bends[: len(rate)], bends[3:]
+    beside = np.maximum(bends[1 : 1 + len(rate)], bends[2 : 2 + len(rate)])
+    usual = max(_BENDS * float(np.median(bends)), _NO_BEND * float(np.abs(rate).max()))
+    straight = np.where(on < back, straight_on, straight_back)
+    return np.asarray(np.where((beside > usual) & (np.minimum(on, back) <= usual), straight, around))
+
+
 def harmonic(recording: Recording, order: int, taken: str = "before") -> tuple[Array, Array]:
     r"""Cosine and sine of `order` times the table's angle, each of shape (n,).
 
@@ -177,12 +211,31 @@ def _most_rad(recordings: Sequence[Recording], order: int) -> float:
     return order * RAD_PER_DEG * max(float(np.abs(rate_deg_s(run)).max()) * run.period_s for run in recordings)
 
 
-def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:
-    """The rate that the gyro is to be compared with, in deg/s: which reading of the table's motion the gyro's samples belong to.
+class Reading(NamedTuple):
+    """One way to read a table's motion.
 
-    The recorded rate, or else the encoder's over the sample that ends at a row, comes first. Another reading (centred on the row,
-    over the sample that begins there, the encoder instead of a noisy rate) replaces it only where the gyro, freed of a scale factor
-    and a bias, follows it at least twice as closely.
+    Parameters
+    ----------
+    rate_deg_s : ndarray, shape (n,)
+        Mean over the gyro's own sample.
+    doubt_deg_s : ndarray, shape (n,)
+        How far two ways to interpolate it are apart; infinite where there is nothing to interpolate between.
+    means : {"rate", "angle", "middle", "after", "instant"}
+        What the recording holds: a mean rate, or an angle, of the sample that ends at a row; an angle read in the middle of that
+        sample, or at its beginning; the rate at the instant.
+    """
+
+    rate_deg_s: Array
+    doubt_deg_s: Array
+    means: str
+
+
+def reading_of(recording: Recording, gyro_deg_h: Array) -> Reading:
+    """Which reading of the table's motion the gyro's samples belong to.
+
+    The recorded rate, or else the encoder's over the sample that ends at a row, comes first. Another reading replaces it only where
+    the gyro, freed of a scale factor and a bias, follows it at least twice as closely, by rows or by means of many, and hardly less
+    closely by the other; one that is interpolated only where nothing of a delay is left then.
 
     Parameters
     ----------
@@ -194,18 +247,71 @@ def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:
     InputError
         The recording has neither rate nor angle.
     """
-    readings = [rate_deg_s(recording)]
-    if any(column in recording for column in ANGLES):
-        over = _steps_deg(recording) / _spans_s(recording)
-        after = np.r_[over[1:], over[-1]]
-        readings += [over, 0.5 * (over + after), after]
-    best = readings[0]
-    least = _unlike(recording, best, gyro_deg_h)
-    for reading in readings[1:]:
-        left = _unlike(recording, reading, gyro_deg_h)
-        if left < CLEARLY_BETTER * least:
+    best, *others = _readings(recording)
+    least = _unlike(recording, best.rate_deg_s, gyro_deg_h)
+    for reading in others:
+        left = _unlike(recording, reading.rate_deg_s, gyro_deg_h)
+        better = np.any(left < CLEARLY_BETTER * least) and np.all(left <= _NO_WORSE * least)
+        if better and (reading.means not in _BETWEEN or abs(lateness(recording, reading.rate_deg_s, gyro_deg_h)[0]) < _IN_TIME):
             best, least = reading, left
     return best
+
+
+def lateness(recording: Recording, rate: Array, gyro_deg_h: Array) -> tuple[float, float]:
+    r"""By how much of a sample a rate is late against the gyro, and its standard deviation: the f of
+
+    .. math:: g_k = (1 + K) W_k + b + f \, \Delta t \, \dot W_k
+    """
+    inner = slice(2, -2)
+    change = recording.period_s * np.gradient(rate, recording.time_s)
+    design = SECONDS_PER_HOUR * np.column_stack([np.ones(len(rate)), rate, change])[inner]
+    scale = np.sqrt((design**2).mean(axis=0)).clip(1e-12)
+    beyond = gyro_deg_h[inner] - design[:, 1]
+    weights = np.linalg.lstsq(design / scale, beyond, rcond=None)[0]
+    left = beyond - design / scale @ weights
+    variance = float(left @ left) / len(left) * np.linalg.pinv((design / scale).T @ (design / scale))[2, 2]
+    return float(weights[2] / scale[2]), math.sqrt(variance) / float(scale[2])
+
+
+def _readings(recording: Recording) -> list[Reading]:
+    """The ways to read a table's motion, that of this package first."""
+    sure = np.zeros(len(recording))
+    rate = [recording.column(RATE)] if RATE in recording else []
+    found = [Reading(one, sure, "rate") for one in rate]
+    if any(column in recording for column in ANGLES):
+        over = _steps_deg(recording) / _spans_s(recording)
+        found += [
+            Reading(over, np.r_[math.inf, sure[1:]], "angle"),
+            Reading(*_between(recording, over, _MIDDLES), "middle"),
+            Reading(np.r_[over[1:], over[-1]], sure, "after"),
+        ]
+    for instants in rate:
+        mean, doubt = _between(recording, instants, _MEANS)
+        found.append(Reading(np.r_[instants[0], mean[:-1]], np.r_[math.inf, doubt[:-1]], "instant"))
+    return found
+
+
+def _between(recording: Recording, values: Array, weights: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Between each row and the next, by weights of values on both sides; and how far off fewer weights put it or its neighbours."""
+    from scipy.ndimage import maximum_filter1d
+
+    many, few = (np.convolve(np.pad(values, (len(one) // 2 - 1, len(one) // 2), "edge"), one, "valid") for one in weights)
+    reach = len(weights[0]) // 2
+    beside_gaps = np.zeros(len(values) + 1)
+    beside_gaps[np.r_[0, recording.gaps + 1, len(values)]] = 1.0
+    near = np.convolve(beside_gaps, np.ones(2 * reach + 1), "same")[:-1] > 0.0
+    return many, np.where(near, math.inf, maximum_filter1d(np.abs(many - few), 3))
+
+
+def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:
+    """The rate that the gyro is to be compared with, in deg/s: see :func:`reading_of`.
+
+    Raises
+    ------
+    InputError
+        The recording has neither rate nor angle.
+    """
+    return reading_of(recording, gyro_deg_h).rate_deg_s
 
 
 def stilled(recording: Recording, rate: Array) -> Array:
@@ -318,17 +424,22 @@ def _spans_s(recording: Recording) -> Array:
     return np.r_[spans[0], spans]
 
 
-def _unlike(recording: Recording, rate: Array, gyro_deg_h: Array) -> float:
-    """Standard deviation of window means of the gyro less what a scale factor and a bias make of a rate."""
+def _unlike(recording: Recording, rate: Array, gyro_deg_h: Array) -> Array:
+    """Standard deviations, by window means and by rows, of the gyro less what a scale factor and a bias make of a rate."""
     inner = slice(1, -1)  # how far the table turned before the first row, or after the last, is not known from its angle
     since_s = (recording.time_s - recording.time_s[0])[inner]
     rate, gyro_deg_h = rate[inner], gyro_deg_h[inner]
     if len(rate) < _WINDOWS:
-        return math.inf
+        return np.full(2, math.inf)
     window = np.floor(since_s / min(_LONGEST_WINDOW_S, since_s[-1] / _WINDOWS)).astype(np.int64)
     starts = np.flatnonzero(np.diff(window, prepend=-1))
     counts = np.diff(np.r_[starts, len(window)])
     full = counts > 0.5 * counts.max()
-    design = np.column_stack([np.ones(len(starts)), np.add.reduceat(rate, starts) / counts])[full]
-    means = (np.add.reduceat(gyro_deg_h, starts) / counts)[full]
-    return float(np.std(means - design @ np.linalg.lstsq(design, means, rcond=None)[0]))
+    means = [(np.add.reduceat(values, starts) / counts)[full] for values in (rate, gyro_deg_h)]
+    return np.array([_left(*means), _left(rate, gyro_deg_h)])
+
+
+def _left(rate: Array, gyro_deg_h: Array) -> float:
+    """Standard deviation of what a scale factor and a bias leave."""
+    design = np.column_stack([np.ones(len(rate)), rate])
+    return float(np.std(gyro_deg_h - design @ np.linalg.lstsq(design, gyro_deg_h, rcond=None)[0]))

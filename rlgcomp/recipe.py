@@ -203,7 +203,7 @@ def recipe_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -
     InputError
         A name is neither a group nor a column, or its monitors were not recorded.
     """
-    names = [name.strip() for name in wanted.split(",")] if isinstance(wanted, str) else list(wanted)
+    names = _names(wanted)
     common = set.intersection(*(set(run.columns) for run in runs))
     features: list[Feature] = []
     for name in names:
@@ -227,6 +227,23 @@ def recipe_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -
     return FeatureRecipe(tuple(dict.fromkeys(features)))
 
 
+def left_out_of(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[str]:
+    """What "all" has to do without because some of the runs, not all of them, lack a monitor: a sentence a group."""
+    said = []
+    for group in GROUPS if "all" in _names(wanted) else ():
+        for feature in _group(group, runs):
+            lacking = {run.name: [column for column in feature.columns if column not in run] for run in runs}
+            if all(lacking.values()) or not any(lacking.values()):
+                continue
+            missing = ", ".join(f"{run} lacks {', '.join(columns)}" for run, columns in lacking.items() if columns)
+            said.append(f"{group} left out: {missing}; name the column with --map, or leave that run out to keep it.")
+    return said
+
+
+def _names(wanted: str | Sequence[str]) -> list[str]:
+    return [name.strip() for name in wanted.split(",")] if isinstance(wanted, str) else list(wanted)
+
+
 def _group(name: str, runs: Sequence[Recording]) -> list[Feature]:
     if name == "light_intensity":
         return [Level("light_intensity_V")]
@@ -234,9 +251,8 @@ def _group(name: str, runs: Sequence[Recording]) -> list[Feature]:
         return [ReadoutDifference()]
     if name == "gradient":
         return [Difference("temperature_block_degC", "temperature_shell_degC")]
-    try:
-        column = runs[0].temperature_column
-    except InputError:
+    column = next((run.temperature_column for run in runs if _has_thermometer(run)), None)
+    if column is None:
         return []
     if name == "temperature":
         return [Level(column)]
@@ -247,3 +263,7 @@ def _group(name: str, runs: Sequence[Recording]) -> list[Feature]:
         return [Lag(column, tuple(tau for tau in _LAGS_S if tau <= longest_s) or (float(f"{longest_s:.2g}"),))]
     span_K = float(np.ptp(np.concatenate([run.column(column) for run in runs if column in run])))
     return [Memory(column, tuple(float(f"{share * span_K:.2g}") for share in _RADII_OF_SPAN))] if span_K > 0.0 else []
+
+
+def _has_thermometer(run: Recording) -> bool:
+    return any(column.startswith("temperature_") and column.endswith("_degC") for column in run.columns)

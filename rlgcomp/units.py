@@ -162,6 +162,18 @@ def typeset(text: str) -> str:
     return re.sub(r"\^([2-9])\b", lambda found: _RAISED[found[1]], text)
 
 
+def value_and_sd(value: float, sd: float) -> tuple[str, str]:
+    """A number and its standard deviation, both to two digits of the latter.
+
+    >>> value_and_sd(9.19662, 0.0143), value_and_sd(0.256, 384.2), value_and_sd(1.0, math.inf)
+    (('9.197', '0.014'), ('0', '384'), ('1', 'inf'))
+    """
+    if not (math.isfinite(sd) and sd > 0.0):
+        return f"{value:.5g}", f"{sd:.2g}"
+    decimals = max(0, 1 - math.floor(math.log10(sd)))
+    return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{sd:.{decimals}f}"
+
+
 def column_unit(column: str) -> str | None:
     """Unit that a column's name ends in, or None where it ends in none.
 

@@ -460,6 +460,17 @@ def test_mapping_on_the_command_line(tmp_path: Path) -> None:
     assert summary["period_s"] == 1.0
 
 
+def test_a_mapped_column_need_not_be_in_every_file(tmp_path: Path, short_runs: list[rlg.Recording]) -> None:
+    rlg.write(short_runs[0], tmp_path / "ours.parquet")
+    short_runs[1].table.rename(columns={"gyro_deg_h": "Rate"}).to_csv(tmp_path / "theirs.csv", index=False)
+    files = [tmp_path / "ours.parquet", tmp_path / "theirs.csv"]
+    ours, theirs = json.loads(run("inspect", *files, "--map", "gyro_deg_h=Rate [deg/h]", "--json").stdout)
+    assert [column["column"] for column in ours["columns"]] == [column["column"] for column in theirs["columns"]]
+    refused = run("inspect", *files, "--map", "gyro_deg_h=Rat")
+    assert refused.exit_code == 2
+    assert "ours.parquet: no column 'Rat' to map" in refused.stderr
+
+
 def test_the_console_script_is_the_application() -> None:
     assert callable(main)
 

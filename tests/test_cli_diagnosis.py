@@ -156,9 +156,15 @@ def test_mechanisms_of_the_users_own(files: Path, engine: dict, tmp_path: Path) 
     simulator = tmp_path / "sim.yaml"
     simulator.write_text("kind: chamber\nmechanisms: [square]\n")
     options = ["--mechanisms", files / "my_physics.py"]
-    done = run("diagnose", "--simulator", simulator, "--train", files / "run0.parquet", "--out", tmp_path / "out", *options)
+    given = ["diagnose", "--simulator", simulator, "--train", files / "run0.parquet", "--out", tmp_path / "out"]
+    done = run(*given, *options)
     assert done.exit_code == 0, done.output
     assert set(engine["mechanisms"]) == {*rlg.CATALOGUE, "square"}
+    assert run(*given, *options, "--only-mechanisms").exit_code == 0
+    assert set(engine["mechanisms"]) == {"square"}
+    refused = run(*given, "--only-mechanisms")
+    assert refused.exit_code == 2
+    assert "give your own with --mechanisms" in refused.stderr
     made = tmp_path / "made.parquet"
     assert run("simulate", simulator, "--profile", "short", "--step-s", "10", "--out", made, *options).exit_code == 0
     assert run("predict", simulator, made, "--out", tmp_path / "said.parquet", *options).exit_code == 0

@@ -27,7 +27,6 @@ from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.files import sha256
 from rlgcomp.physics import CATALOGUE
-from rlgcomp.physics.user import user_catalogue
 
 CHAMBER = [name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.open_set]
 SIMULATOR = {
@@ -175,6 +174,24 @@ class TestConceal:
         counts = {len(challenge("random", seed).hidden.mechanisms) for seed in range(12)}
         assert counts == {0, 1, 2}
 
+    def test_nothing_hidden_is_a_healthy_gyro(self, tmp_path: Path) -> None:
+        made = challenge("none")
+        assert made.mechanisms == ()
+        assert made.simulator == rlg.Simulator.from_mapping(SIMULATOR)
+        seal(made, tmp_path / "c")
+        (tmp_path / "d.json").write_text(json.dumps(diagnosis("none")))
+        assert reveal(tmp_path / "c", tmp_path / "d.json").score.exact
+
+    def test_a_seed_makes_it_again_and_none_is_secret(self) -> None:
+        """Without one, no two challenges have a monitor alike, and what truth.json keeps makes it again."""
+        gyro = rlg.Simulator.from_mapping(SIMULATOR)
+        first, second = (conceal(gyro, "ageing", step_s=60.0) for _ in range(2))
+        again = conceal(gyro, "ageing", step_s=60.0, seed=first.seed)
+        assert min(first.seed, second.seed) > 2**64
+        for run, other, same in zip(first.train, second.train, again.train, strict=True):
+            assert not np.isin(run.column("supply_voltage_V"), other.column("supply_voltage_V")).any()
+            pd.testing.assert_frame_equal(run.table, same.table)
+
     def test_runs_held_out_follow_other_programmes(self) -> None:
         made = challenge("warm_up")
         paths = [run.column("temperature_block_degC")[:2000:10].round(0).tolist() for run in (*made.train, *made.test)]
@@ -275,6 +292,29 @@ class TestReveal:
         with pytest.raises(rlg.InputError, match=name):
             reveal(folder, path)
 
+    @pytest.mark.parametrize(("key", "value"), [("kind", "turntable"), ("note", "mine")])
+    def test_an_edited_challenge_is_refused(self, folder: Path, key: str, value: str) -> None:
+        path = folder / "challenge.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
+        with pytest.raises(rlg.InputError, match=f"{key} changed since it was sealed"):
+            reveal(folder, self.write(folder, diagnosis("none")))
+
+    @pytest.mark.parametrize(
+        ("said", "refused"),
+        [
+            (diagnosis("maybe"), "the verdict is 'maybe'; it must be one of none"),
+            (diagnosis("none", finding("ageing")), "the verdict is 'none', yet ageing is found"),
+            (diagnosis("explained", finding("ageing") | {"probability": 7.0}), "probability of ageing is 7.0"),
+            (diagnosis("explained", finding("ageing") | {"probability": float("nan")}), "probability of ageing is nan"),
+            (diagnosis("none") | {"alternatives": [{"mechanisms": [], "probability": -1.0}]}, "of alternative 0 is -1.0"),
+            (diagnosis("explained", finding("temperature_rate", k_deg_h_min_K=(float("nan"), 0.1))), "is nan in the diagnosis"),
+            (diagnosis("none", test={"baseline_rms": 0.004, "augmented_rms": float("nan")}), "fit.test has rms 0.004 and nan"),
+        ],
+    )
+    def test_what_no_diagnosis_can_say_is_refused(self, folder: Path, said: Mapping[str, Any], refused: str) -> None:
+        with pytest.raises(rlg.InputError, match=refused):
+            reveal(folder, self.write(folder, said))
+
     def test_a_truth_kept_elsewhere(self, folder: Path) -> None:
         kept = folder.parent / "kept.json"
         (folder / "truth.json").rename(kept)
@@ -287,6 +327,8 @@ class TestReveal:
         own = {name: sha256(folder / name) for name in ("train0.parquet", "train1.parquet", "test0.parquet")}
         train, test = dict(list(own.items())[:2]), dict(list(own.items())[2:])
         assert reveal(folder, self.write(folder, diagnosis("none") | {"recordings": {"train": train, "test": test}}))
+        told = {"train": train, "test": test, "simulator": {"simulator.yaml": sha256(folder / "simulator.yaml")}}
+        assert reveal(folder, self.write(folder, diagnosis("none") | {"recordings": told}))  # as diagnose tells it
         for recordings in ({"train": {"mine.parquet": "0" * 64}, "test": test}, {"train": own, "test": {}}):
             with pytest.raises(rlg.InputError, match="not one of this challenge"):
                 reveal(folder, self.write(folder, diagnosis("none") | {"recordings": recordings}))
@@ -398,13 +440,28 @@ class TestCommands:
         done = self.run("conceal", tmp_path / "gyro.yaml", *options, *hidden)
         assert done.exit_code == 0, done.output
         assert f"--mechanisms {tmp_path / 'own.py'} --out DIAGNOSIS" in done.stderr
-        sealed = rlg.Simulator.from_yaml(tmp_path / "c" / "simulator.yaml")
-        runs = {part: [rlg.read(tmp_path / "c" / f"{part}{k}.parquet") for k in (0, 1)] for part in ("train", "test")}
-        found = rlg.diagnose(sealed, **runs, mechanisms=user_catalogue([tmp_path / "own.py"]), black_box=False)
-        (tmp_path / "diagnosis.json").write_text(json.dumps(found.to_mapping()))
-        revealed = reveal(tmp_path / "c", tmp_path / "diagnosis.json")
-        assert revealed.score.exact
-        assert revealed.hidden["bellows"]["k_deg_h_hPa2"] > 0.0
+        revealed = self.as_printed(done, tmp_path)
+        assert revealed["score"]["exact"] is True
+        assert revealed["hidden"]["bellows"]["k_deg_h_hPa2"] > 0.0
+
+    def as_printed(self, concealed: Result, folder: Path) -> Any:
+        """What `reveal --json` says after the two commands that conceal printed, given by their words as a shell gives them."""
+        printed = [line.partition("rlgcomp ")[2].replace("DIAGNOSIS", str(folder / "d")) for line in concealed.stderr.splitlines()]
+        for line in filter(None, printed):
+            found = [sorted(map(str, Path("/").glob(word[1:]))) if "*" in word else [word] for word in line.split()]
+            words = [word for words in found for word in words]
+            done = self.run(*words, *["--json"] * (words[0] == "reveal"))
+            assert done.exit_code == 0, done.output
+        return json.loads(done.stdout)
+
+    def test_a_diagnosis_of_a_simulator_file_is_revealed(self, tmp_path: Path) -> None:
+        """As conceal prints it, so that the diagnosis names its simulator file too."""
+        (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
+        hidden = ["--hide", "supply_voltage", "--seed", 8, "--step-s", 10, "--out", tmp_path / "c"]
+        revealed = self.as_printed(self.run("conceal", tmp_path / "gyro.yaml", *hidden), tmp_path)
+        recordings = json.loads((tmp_path / "d" / "diagnosis.json").read_text())["recordings"]
+        assert set(recordings) == {"train", "test", "simulator"}
+        assert revealed["score"]["exact"] is True
 
     def test_conceal_and_reveal(self, tmp_path: Path) -> None:
         (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))

@@ -278,3 +278,18 @@ def test_two_runs_may_have_the_same_phase_by_chance(phases: tuple[float, ...], f
     assert again.verdict == "none"  # also where each run has a phase of its own
     size = np.hypot(*(again.calibration["periodic_interference"][name].value for name in ("cosine_deg_h", "sine_deg_h")))
     assert size == pytest.approx(0.004, rel=0.2)
+
+
+def test_of_a_line_whose_phase_is_each_runs_own_nothing_stated_is_taken_off() -> None:
+    """Amplitudes stated of it say how large it is, not with which phase: taken off with phase zero, it would be there twice."""
+    line = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + 0.004 * np.sin(run.time_s / 143.0 + phase)))
+        for run, phase in zip(healthy_runs()[:3], (0.3, 2.0, 4.5), strict=True)
+    ]
+    stated = {"cosine_deg_h": 0.004, "sine_deg_h": 0.0, "frequency_hz": 1.0 / (2.0 * np.pi * 143.0), "phase": "random"}
+    simulator = rlg.Simulator.from_mapping(BASELINE | {"mechanisms": [*BASELINE["mechanisms"], {"periodic_interference": stated}]})
+    found = rlg.diagnose(simulator, train=line[:2], test=line[2:], black_box=False)
+    assert found.verdict == "none"
+    assert not found.wrong
+    assert found.test is not None
+    assert found.test.baseline_std < 1.1 * found.test.noise_floor_rms

@@ -11,6 +11,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.held_out import require_held_out
+from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.user import require_computable, user_catalogue
 
 OWN = """
@@ -46,6 +47,7 @@ def run() -> rlg.Recording:
         ("np.sqrt(temperature)[:, None]", "own cannot be tried: basis is not finite on cold, .*first at row"),
         ("np.exp(1e-5 * temperature * recording.time_s**2)[:, None]", "not finite on cold, or beyond 1e"),
         ("(temperature if temperature.min() > 0.0 else 1 / 0)[:, None]", "fails on cold, line 18: ZeroDivisionError"),
+        ("__import__('sys').exit(3) if temperature.min() < 0.0 else temperature[:, None]", "fails on cold, line 18: SystemExit: 3"),
         ("temperature[:64, None]", r"returns \(64, 1\) for 2520 rows"),
         ("(temperature / self.tau_s)[:, None]", "own cannot be tried with tau_s = 0: basis is not finite"),
     ],
@@ -55,6 +57,28 @@ def test_a_mechanism_that_fails_on_the_runs(run: rlg.Recording, tmp_path: Path, 
     catalogue = user_catalogue([tmp_path / "own.py"])
     with pytest.raises(rlg.InputError, match=message):
         rlg.diagnose(rlg.Simulator(), [run], mechanisms=catalogue)
+
+
+BY_ROWS = "signal.lfilter([0.01], [1.0, -0.99], temperature - temperature[0])[:, None]"
+
+
+def test_a_lag_in_rows_instead_of_seconds_is_refused_unless_it_is_computed_from_rows(run: rlg.Recording, tmp_path: Path) -> None:
+    """It is called with means over rows as well, on which its time constant would be four times as long."""
+    by_rows = OWN.replace("import numpy as np", "import numpy as np\nfrom scipy import signal").replace("BASIS", BY_ROWS)
+    (tmp_path / "rows.py").write_text(by_rows)
+    with pytest.raises(rlg.InputError, match=r"own cannot be tried: it says something else of means over 4 rows.*recording.time_s"):
+        require_computable(user_catalogue([tmp_path / "rows.py"]), [run])
+    (tmp_path / "fast.py").write_text(by_rows.replace('name = "own"', 'name = "own"\n    fast = True'))
+    require_computable(user_catalogue([tmp_path / "fast.py"]), [run])
+    in_seconds = by_rows.replace("0.99", "np.exp(-0.002 * recording.period_s)").replace("[0.01]", "[0.002 * recording.period_s]")
+    (tmp_path / "seconds.py").write_text(in_seconds)
+    require_computable(user_catalogue([tmp_path / "seconds.py"]), [run])
+
+
+@pytest.mark.parametrize("name", [name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.fast])
+def test_what_reckons_in_seconds_is_not_refused(run: rlg.Recording, name: str) -> None:
+    own = type(CATALOGUE[name].__name__, (CATALOGUE[name],), {})
+    require_computable({name: own}, [run])
 
 
 def test_a_mechanism_whose_column_is_not_recorded_is_passed_over(run: rlg.Recording, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import unicodedata
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
@@ -17,6 +18,7 @@ from matplotlib.ticker import LogFormatterSciNotation
 import rlgcomp as rlg
 from rlgcomp.beside import Beside
 from rlgcomp.diagnosis import pictures
+from rlgcomp.diagnosis.channel_shares import channel_shares
 from rlgcomp.diagnosis.page import render
 from rlgcomp.diagnosis.proof import prove
 from rlgcomp.diagnosis.result import Alternative, Cause, Diagnosis, Estimate, NextExperiment, Place, Unexplained
@@ -162,6 +164,32 @@ def test_each_finding_is_drawn_less_the_others(diagnosis: Diagnosis) -> None:
     assert np.array_equal(alone.before[0], traces[0].before_deg_h)
 
 
+def test_a_map_has_the_second_driver_beside_the_first(diagnosis: Diagnosis) -> None:
+    """Two thermometers by their difference; nothing beside a table's rate alone, which jumps."""
+    (trace, *_), (cause, *_) = diagnosis.traces, diagnosis.causes
+    n = len(trace.time_s)
+    monitors = trace.monitors.assign(
+        pressure_hPa=np.random.default_rng(0).normal(size=n),
+        table_rate_deg_s=np.arange(n) % 7.0,
+        temperature_shell_degC=trace.monitors["temperature_block_degC"] + np.sin(np.arange(n)),
+    )
+    block = "temperature_block_degC"
+
+    def axes_of(*drivers: str) -> tuple[np.ndarray, np.ndarray, str, str] | None:
+        of_these = dataclasses.replace(cause, drivers=drivers)
+        return pictures.map_axes(
+            dataclasses.replace(diagnosis, causes=(of_these,), traces=(dataclasses.replace(trace, monitors=monitors),))
+        )
+
+    assert axes_of(block)[3] == "rate of change, °C/min"
+    assert axes_of("pressure_hPa", block)[2:] == ("pressure, hPa", "temperature block, °C")
+    _, difference, _, label = axes_of(block, "temperature_shell_degC")
+    assert difference == pytest.approx(np.sin(np.arange(n)))
+    assert label == "temperature shell\nless temperature block, °C"
+    assert axes_of("table_rate_deg_s") is None
+    assert axes_of("table_rate_deg_s", block)[3] == "temperature block, °C"
+
+
 def test_shares_of_channels_know_what_chance_gives(diagnosis: Diagnosis) -> None:
     rng = np.random.default_rng(0)
     trace = diagnosis.traces[0]
@@ -170,11 +198,45 @@ def test_shares_of_channels_know_what_chance_gives(diagnosis: Diagnosis) -> None
     follows = dataclasses.replace(
         trace, monitors=monitors, before_deg_h=monitors["light_intensity_V"].to_numpy() - 1.0, after_deg_h=rng.normal(size=n)
     )
-    shares = pictures.channel_shares([follows]).set_index("channel")
+    shares = channel_shares([follows], diagnosis.noise, 100.0).set_index("channel")
     assert shares["before"].idxmax() == "light_intensity_V"
     assert shares.loc["light_intensity_V", "before"] > 0.9
     assert shares["after"].max() < 0.2
     assert shares.loc["idle", "before"] < 0.2
+
+
+def test_what_noise_alone_reaches_is_marked(diagnosis: Diagnosis) -> None:
+    """Of noise drawn anew, one in twenty goes beyond the mark; slow noise goes with a slow channel, white noise with none."""
+    n = 400
+    slow = np.cumsum(np.random.default_rng(1).normal(size=n))
+    marks = {}
+    for name, noise in (("white", rlg.NoiseModel(0.0003)), ("slow", rlg.NoiseModel(0.0003, rate_random_walk_deg_h_sqrt_h=0.002))):
+        beyond = []
+        for seed in range(100):
+            left = sum(noise.simulate(n, 100.0, 5000 + seed).values())
+            trace = dataclasses.replace(
+                diagnosis.traces[0],
+                time_s=100.0 * np.arange(n),
+                before_deg_h=left,
+                after_deg_h=left,
+                monitors=pd.DataFrame({"pressure_hPa": slow}),
+            )
+            (row,) = channel_shares([trace], noise, 100.0).to_dict("records")
+            beyond.append(row["after"] > row["noise"])
+        marks[name] = row["noise"]
+        assert 0.0 < np.mean(beyond) < 0.13
+    assert marks["white"] < 0.05
+    assert marks["slow"] > 0.3
+    assert "noise alone" in pictures.channels(diagnosis)
+
+
+def test_the_chosen_set_has_its_own_probability_and_no_more(diagnosis: Diagnosis) -> None:
+    others = tuple(Alternative((f"other_{k}",), 0.05 if k < 4 else 1e-5) for k in range(8))
+    half = dataclasses.replace(diagnosis, verdict="explained", alternatives=others, probability=0.5)
+    names, shares = zip(*pictures.likely_sets(half), strict=True)
+    assert shares == pytest.approx((0.5, 0.05, 0.05, 0.05, 0.05, 0.3))
+    assert names[-1] == ("any other set",)
+    assert pictures.likely_sets(dataclasses.replace(half, probability=None))[0][1] == pytest.approx(0.8, abs=1e-3)
 
 
 @pytest.mark.parametrize("width", [420, 1280])

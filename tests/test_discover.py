@@ -18,9 +18,11 @@ from scipy.special import logsumexp
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.evidence import SIZES
 from rlgcomp.diagnosis.explain import considered
+from rlgcomp.diagnosis.fit import fit
 from rlgcomp.diagnosis.laws import Dictionary, differences
 from rlgcomp.diagnosis.noises import WANDERS, WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.problem import Problem
@@ -466,3 +468,68 @@ def test_what_stood_in_for_a_law_is_given_up_once_the_law_is_there() -> None:
     assert found.test is not None
     assert found.test.augmented_rms < 1.15 * found.test.noise_floor_rms
     assert all("supply_voltage" in other.mechanisms for other in found.alternatives if other.probability > 0.01)
+
+
+TRUE_LAWS: dict[str, tuple[EmpiricalLaw, tuple[str, ...], tuple[str, ...]]] = {
+    "power": (EmpiricalLaw(driver="supply_voltage_V", exponent=2, low=14.95, high=15.05, at=14.99), ("supply_voltage_V",), ("at",)),
+    "product": (
+        EmpiricalLaw(
+            driver="magnetic_field_uT",
+            driver_2="supply_voltage_V",
+            low=40.0,
+            high=56.0,
+            at=47.3,
+            low_2=14.95,
+            high_2=15.05,
+            at_2=15.0072,
+        ),
+        ("magnetic_field_uT", "supply_voltage_V"),
+        ("at", "at_2"),
+    ),
+    "threshold": (
+        EmpiricalLaw(driver="magnetic_field_uT", form="above", low=40.0, high=56.0, at=49.0),
+        ("magnetic_field_uT",),
+        ("at",),
+    ),
+    "lagged": (
+        EmpiricalLaw(driver="magnetic_field_uT", memory="lag", low=40.0, high=56.0, at=48.0, lag_s=1500.0),
+        ("magnetic_field_uT",),
+        ("lag_s",),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TRUE_LAWS)
+def test_each_number_of_a_law_is_within_its_errors(name: str) -> None:
+    """Of simulated laws, over noises drawn anew: amplitudes per unit of the drivers, and shapes."""
+    true, drivers, shapes = TRUE_LAWS[name]
+    quiet, _ = problem_of(voltage, 0.0)
+    column = quiet.columns(true)[:, 0]
+    size = 3.0 * WHITE_DEG_H / float(np.std(column))
+    rng = np.random.default_rng(5)
+    off: dict[str, list[float]] = {}
+    for _ in range(6):
+        noise = WHITE_DEG_H * simulate(quiet.rows, NOISES[1], 1, rng)[:, 0]
+        problem = dataclasses.replace(quiet, target_deg_h=size * column + noise)
+        found = discover(problem, problem.baseline, NOISES, dictionary=Dictionary(problem, drivers))
+        assert found is not None
+        law = found.mechanism
+        assert (law.form, law.memory, law.exponent) == (true.form, true.memory, true.exponent)
+        candidate = Candidate(law, problem.columns(law), 0.0)
+        (cause,) = fit(problem, [candidate], NOISES[1]).causes
+        assert set(cause.estimates) == {"amplitude_deg_h", *shapes}
+        steep = ratio(law) / ratio(true) / size
+        amplitude = cause.estimates["amplitude_deg_h"]
+        off.setdefault("amplitude_deg_h", []).append((steep * amplitude.value - 1.0) / (steep * amplitude.sd))
+        for shape in shapes:
+            one = cause.estimates[shape]
+            off.setdefault(shape, []).append((one.value - getattr(true, shape)) / one.sd)
+    for errors in off.values():
+        assert np.abs(errors).max() < 4.0
+        assert 0.2 < np.sqrt(np.mean(np.square(errors))) < 1.9
+
+
+def ratio(law: EmpiricalLaw) -> float:
+    """Of the law, for amplitude one, by its drivers' units."""
+    scale = (0.5 * (law.high - law.low)) ** -law.exponent
+    return scale / (0.5 * (law.high_2 - law.low_2)) if law.driver_2 else scale

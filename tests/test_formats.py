@@ -253,6 +253,13 @@ def test_an_earlier_sidecar_is_written_over(recording: rlg.Recording, tmp_path: 
         assert rlg.read(tmp_path / "gyro.csv").metadata == recording.metadata
 
 
+def test_a_mapping_under_another_key_is_refused(recording: rlg.Recording, tmp_path: Path) -> None:
+    rlg.write(recording, tmp_path / "run.parquet")
+    (tmp_path / "run.yaml").write_text('map: {gyro_deg_h: "Rate [deg/s]"}\n')
+    with pytest.raises(rlg.InputError, match=r"run\.yaml: map maps columns, which nobody reads there; write it under 'columns:'"):
+        rlg.read(tmp_path / "run.parquet")
+
+
 def test_free_notes_come_back(recording: rlg.Recording, tmp_path: Path) -> None:
     rlg.write(recording.replace(metadata=rlg.Metadata()), tmp_path / "run.csv")
     (tmp_path / "run.yaml").write_text("notes: second bake, fan off\nbake: 3\n")
@@ -385,3 +392,20 @@ def test_large_text_is_read_as_small_text_is(tmp_path: Path, text: str, monkeypa
         assert found[0] == found[1]
     else:
         pd.testing.assert_frame_equal(found[0], found[1], rtol=1e-15, check_column_type=False, check_dtype=False)
+
+
+@pytest.mark.parametrize("above", ["Recorder v2\nUnit;17\n\n", "Recorder v2, serial 17\nrate [Hz],1\n# made in May\n"])
+def test_lines_above_the_header_are_passed_over_and_kept_as_a_note(above: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    lines = [f"{k},{rng.normal():.6f},{20 + 0.01 * rng.normal():.6f}" for k in range(50)]
+    (tmp_path / "run.csv").write_text(above + "time_s,gyro_deg_h,temperature_block_degC\n" + "\n".join(lines) + "\n")
+    run = rlg.read(tmp_path / "run.csv")
+    assert len(run) == 50
+    assert run.columns == ("time_s", "gyro_deg_h", "temperature_block_degC")
+    assert run.metadata.notes["above_the_header"].startswith("Recorder v2")
+
+
+def test_a_line_with_too_many_entries_is_named(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("time_s,gyro_deg_h\n" + "0,1\n1,2\n" + "2,3,4\n")
+    with pytest.raises(rlg.InputError, match="line 4 has 3 entries where the lines before it have 2; give every line"):
+        rlg.read(tmp_path / "run.csv")

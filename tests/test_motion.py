@@ -90,13 +90,43 @@ def test_the_gyro_says_which_reading_is_its_own() -> None:
     angle = recording("table_angle_deg", wrapped=False).column("table_angle_deg")
     over = np.r_[40.0 - angle[0], -np.diff(angle)] * -1.0
     after = np.r_[over[1:], over[-1]]
-    for own in (over, 0.5 * (over + after), after):
+    centred = np.diff(PROGRAMME.angle_deg(np.arange(0.5, PROGRAMME.duration_s + 0.5)))[: len(over)]
+    for own, means in ((over, "angle"), (centred, "middle"), (after, "after")):
         gyro = 1.0001 * own + 0.01
         run = recording("table_angle_deg", gyro=gyro)
-        assert motion.reference_rate_deg_s(run, 3600.0 * gyro)[1:-1] == pytest.approx(own[1:-1], abs=1e-9)
+        reading = motion.reading_of(run, 3600.0 * gyro)
+        assert reading.means == means
+        told = reading.doubt_deg_s < 1e-6
+        assert np.mean(told) > 0.7
+        assert reading.rate_deg_s[1:-1][told[1:-1]] == pytest.approx(own[1:-1][told[1:-1]], abs=1e-5)
     run = recording(*BOTH, gyro=over)
     noisy = run.replace(table=run.table.assign(table_rate_deg_s=over + 0.01 * np.random.default_rng(0).standard_normal(len(over))))
     assert motion.reference_rate_deg_s(noisy, 3600.0 * over)[1:] == pytest.approx(over[1:], abs=1e-9)
+
+
+def test_a_rate_at_the_instant_tells_the_mean_over_each_sample() -> None:
+    """Beside an exact encoder the encoder tells it; alone, what lies between instants does, but where the table sets off."""
+    run = recording(*BOTH, step_s=0.5)
+    mean = run.column("table_rate_deg_s")
+    angle = PROGRAMME.angle_deg(np.r_[run.time_s - 1e-4, run.time_s + 1e-4]).reshape(2, -1)
+    instant = run.replace(table=run.table.assign(table_rate_deg_s=(angle[1] - angle[0]) / 2e-4))
+    late, sd = motion.lateness(instant, instant.column("table_rate_deg_s"), 3600.0 * mean)
+    assert late == pytest.approx(-0.5, abs=max(0.05, 3.0 * sd))
+    assert motion.reading_of(instant, 3600.0 * mean).means == "angle"
+    alone = instant.replace(table=instant.table.drop(columns="table_angle_deg"))
+    reading = motion.reading_of(alone, 3600.0 * mean)
+    assert reading.means == "instant"
+    told = reading.doubt_deg_s < 1e-6
+    assert np.mean(told) > 0.8
+    assert reading.rate_deg_s[told] == pytest.approx(mean[told], abs=1e-6)
+
+
+@pytest.mark.parametrize("late_s", [0.2, 0.42])
+def test_an_encoder_that_is_late_by_another_part_of_a_sample_is_read_as_it_is(late_s: float) -> None:
+    run = recording("table_angle_deg")
+    edges_s = np.r_[0.0, run.time_s]
+    gyro = np.diff(PROGRAMME.angle_deg(np.minimum(edges_s + late_s, PROGRAMME.duration_s)))
+    assert motion.reading_of(run, 3600.0 * gyro).means == "angle"
 
 
 def test_the_recorded_rate_stays_where_nothing_is_clearly_better() -> None:

@@ -68,6 +68,20 @@ def test_a_cause_with_amplitudes_by_run_beside_the_rivals(run: rlg.Recording) ->
     assert 0.5 <= found.expected_probability_after <= 1.0
 
 
+@pytest.mark.parametrize(("noise", "proposed"), [(1.0, True), (1.1, False)])
+def test_what_leaves_less_expected_than_is_known_is_not_proposed(problem: Problem, noise: float, proposed: bool) -> None:
+    """Expected afterwards are 0.806 and 0.795; the likelier of the two has 0.8 already."""
+    found = next_experiment(
+        problem,
+        [(LAG,), (RATE,)],
+        shape=NoiseShape(),
+        white_deg_h=noise * WHITE_DEG_H,
+        probabilities=[0.8, 0.2],
+        programmes=[Programme.parse("start 20, hold 30, ramp 20.6 1, hold 60, ramp 20 1, hold 30")],
+    )
+    assert (found is not None) is proposed
+
+
 def test_a_shape_that_is_free_can_come_close(problem: Problem) -> None:
     """A lag imitates a rate by becoming short; a rate cannot imitate a lag."""
     past = _Run(problem.rows, problem.baseline, problem.columns, NoiseShape(), WHITE_DEG_H)
@@ -236,6 +250,25 @@ def test_rivals_on_a_table_get_a_table_programme() -> None:
     assert TableProgramme.parse(found.profile).duration_s > 0.0
     assert found.separates == ("lock_in", "scale_factor_nonlinearity")
     assert found.expected_probability_after == pytest.approx(np.mean(found.if_true))
+
+
+def test_a_table_in_another_temperature_is_proposed_where_one_was_recorded() -> None:
+    """A scale factor and what temperature does to it: told apart by no rate, nor by a warmth that nobody sets."""
+    noise = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.001)
+    quiet = dataclasses.replace(rlg.Simulator(kind="turntable").table, room_drift_K=0.0, warm_up_K=0.0)
+    table = rlg.Simulator((CATALOGUE["misalignment"](),), kind="turntable", table=quiet, noise=noise)
+    rivals = [(CATALOGUE["scale_factor"](k_ppm=5.0),), (CATALOGUE["scale_factor_temperature"](k_ppm_K=5.0 / 2.0),)]
+    turning = "rate 30 600, rate -30 600, rate 60 600, rate -60 600"
+    at_22 = [table.simulate(f"room 22, {turning}", seed=seed, step_s=10.0) for seed in (1, 2)]
+    given = {"shape": NoiseShape(), "white_deg_h": 0.05}
+    assert {one.room_degC for one in table_programmes(at_22)} == {22.0}
+    assert next_experiment(Problem.of(table, at_22), rivals, **given) is None
+    rested = table.simulate("room 45, rest 1200, rate 5 60", seed=3, step_s=10.0)
+    assert {one.room_degC for one in table_programmes([*at_22, rested])} == {22.0, 45.0}
+    found = next_experiment(Problem.of(table, [*at_22, rested]), rivals, **given)
+    assert found is not None
+    assert found.profile.startswith("room 45, ")
+    assert found.expected_probability_after > 0.99
 
 
 def test_there_is_none_where_nothing_can_be_commanded(problem: Problem) -> None:

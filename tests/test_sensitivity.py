@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 from pathlib import Path
@@ -9,16 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from matplotlib.figure import Figure
 from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
 from rlgcomp.challenge.injection import unabsorbed
-from rlgcomp.challenge.sensitivity import Curve, Sensitivity, _beyond, _errors, _injection, sensitivity
+from rlgcomp.challenge.sensitivity import Curve, Sensitivity, _beyond, _distinct, _errors, _injection, sensitivity
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
+from rlgcomp.report.sensitivity import FoundCurve, curves_picture
 from tests.test_conceal import OWN
 
 SIMULATOR = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
@@ -84,6 +87,7 @@ class TestCurve:
         strengths = np.repeat([0.1, 0.4, 1.6], 4)
         few = Curve.fit(strengths, np.repeat([0.0, 0.0, 1.0], 4))
         many = Curve.fit(strengths, np.repeat([0.0, 1.0, 1.0], 4))
+        assert few.probability(np.array([few.s50, few.s90])) == pytest.approx([0.5, 0.9])  # what is drawn is what is said
         assert many.s50 < few.s50
         assert many.s90 < few.s90
 
@@ -95,7 +99,37 @@ class TestSensitivity:
         assert table.loc[0.03, "named"] <= 0.5
         assert 0.03 < found().naming.s50 < 1.5
         assert found().naming.s90 > found().naming.s50
-        assert not found().remarks
+        assert not [remark for remark in found().remarks if "are made and counted" not in remark]
+
+    def test_trials_that_are_alike_are_made_and_counted_once(self) -> None:
+        """Of a cause without shapes there are two: it and its negative; of one with shapes, as many as are drawn."""
+        problem = Problem.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
+        for name, count in (("supply_voltage", 2), ("thermal_lag", 6)):
+            plans = [_injection(CATALOGUE[name], problem, 0.002, stream(1, f"{name}{draw}")) for draw in range(6)]
+            assert len(_distinct(plans, problem)) == count
+
+    def test_what_is_named_before_it_is_detected_is_told_by_itself(self) -> None:
+        trial = found().trials[0]
+        made = [
+            dataclasses.replace(trial, strength=0.1, detected=detected, in_class=named)
+            for detected, named in ((True, True), (False, True), (False, True), (True, False))
+        ]
+        (row,) = dataclasses.replace(found(), trials=tuple(made)).to_frame().to_dict("records")
+        assert (row["detected"], row["in_class"], row["undetected"]) == (0.5, 0.75, 0.5)
+
+    def test_the_picture_holds_each_curve_at_its_place(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        drawn: list[Figure] = []
+        save = Figure.savefig
+        monkeypatch.setattr(Figure, "savefig", lambda figure, *given, **more: [drawn.append(figure), save(figure, *given, **more)])
+        at = np.geomspace(0.05, 3.2, 50)
+        curves = [
+            FoundCurve(label, np.array([0.1, 1.6]), np.array([0.2, 1.0]), at, np.clip(at * rise, 0.0, 1.0), 0.9 / rise, (0.5, 1.5))
+            for label, rise in (("detected", 1.0), ("named", 1.5))
+        ]
+        assert curves_picture("mode_hop", 0.002, *curves, "note").startswith(b"\x89PNG")
+        (axes,) = drawn[0].axes
+        assert [text.get_text() for text in axes.get_xticklabels()] == ["0.1\n0.0002 deg/h", "1.6\n0.0032 deg/h"]
+        assert [text.get_text() for text in axes.get_legend().get_texts()][:1] == ["named before it is detected"]
 
     def test_what_was_injected_has_the_size_that_is_said(self) -> None:
         """The recordings are the simulator's own noise, so the white noise is known: 6 N for 100 s, more for shorter means."""
@@ -183,5 +217,5 @@ def test_what_the_recordings_hold_already_is_taken_off_them() -> None:
     ]
     study = sensitivity(simulator, held, "supply_voltage", strengths=(1e-6, 1.5), draws=2, seed=1, catalogue=FEW)
     assert "supply_voltage is found in these recordings before anything is injected; it is taken off them" in study.remarks
-    assert [trial.detected for trial in study.trials] == [False, False, True, True]
-    assert [trial.named for trial in study.trials] == [False, False, True, True]
+    assert all(trial.detected is (trial.strength > 1.0) for trial in study.trials)
+    assert all(trial.named is (trial.strength > 1.0) for trial in study.trials)

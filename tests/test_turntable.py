@@ -311,6 +311,16 @@ class TestRotation:
         steady = steady & np.roll(steady, 1) & np.roll(steady, -1)
         assert 3600.0 * (true - late)[steady] == pytest.approx(delay_s * column[steady], abs=0.2)
 
+    @pytest.mark.parametrize("programme", ["rate 30 60, rate -10 60, rate 3 60, rest 40", "sweep 20 -20 60, rate 30 30, rest 30"])
+    def test_a_sample_in_which_the_table_sets_off_tells_the_delay_as_well(self, programme: str) -> None:
+        """A second holds two rates there: the delay is found to a thousandth all the same, it was 2 to 7 percent off."""
+        motion, delay_s = TableProgramme.parse(f"acceleration 5, {programme}"), 0.002
+        edges_s = np.arange(0.0, motion.duration_s)
+        true, late = (np.diff(motion.angle_deg(np.maximum(edges_s - shift, 0.0))) for shift in (0.0, delay_s))
+        table = {"time_s": edges_s[1:], "gyro_deg_s": true, "table_rate_deg_s": late}
+        column = rlg.CATALOGUE["encoder_delay"]().basis(rlg.Recording(pd.DataFrame(table)))[2:-3, 0]
+        assert column @ (3600.0 * (true - late)[2:-3]) / (column @ column) == pytest.approx(delay_s, rel=2e-3)
+
 
 def test_asymmetry_is_even_and_nonlinearity_odd() -> None:
     table = {"time_s": np.arange(4.0), "gyro_deg_s": np.zeros(4), "table_rate_deg_s": np.array([-50.0, -10.0, 10.0, 50.0])}

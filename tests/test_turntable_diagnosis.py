@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 from scipy.special import logsumexp
 
 import rlgcomp as rlg
@@ -227,3 +228,40 @@ def test_a_simulation_of_the_errors_alone_is_refused() -> None:
     run = rlg.Recording(pd.DataFrame(table), rlg.Metadata("turntable"), name="turn")
     with pytest.raises(rlg.InputError, match="errs alone; let it say all that the gyro reads"):
         rlg.diagnose(lambda recording: np.full(len(recording), BIAS_DEG_H), train=[run], black_box=False)
+
+
+OF_RATE_AND_TEMPERATURE = {
+    "an asymmetry that follows temperature": (
+        lambda W, T: np.abs(W) * (T - 24.5),
+        ("table_rate_deg_s", "even", "static", 1, 0.0, 24.5),
+    ),
+    "a scale factor with the square of temperature": (
+        lambda W, T: W * (T - 24.0) ** 2,
+        ("temperature_block_degC", "none", "static", 2, 24.0, 0.0),
+    ),
+    "what turning warms": (
+        lambda W, T: lfilter([1.0 / 300.0], [1.0, 1.0 / 300.0 - 1.0], np.abs(W)),
+        ("table_rate_deg_s", "even", "lag", 1, None, None),
+    ),
+}
+
+
+@pytest.mark.parametrize("which", OF_RATE_AND_TEMPERATURE)
+def test_laws_of_rate_and_temperature_are_found_and_no_cause_is_named_in_their_place(which: str) -> None:
+    law, (driver, parity, memory, exponent, at, at_2) = OF_RATE_AND_TEMPERATURE[which]
+    recordings = []
+    for k, run in enumerate(runs(None)):
+        W, _, T = motion(k)
+        added = law(W, T)
+        gyro = run.column("gyro_deg_s") + 0.02 * added / np.std(added) / 3600.0
+        recordings.append(run.replace(table=run.table.drop(columns="table_angle_deg").assign(gyro_deg_s=gyro)))
+    found = rlg.diagnose(SIMULATOR, recordings, black_box=False)
+    assert (found.verdict, found.causes) == ("unknown", ())
+    laws = [mechanism for mechanism in found.augmented.mechanisms if isinstance(mechanism, EmpiricalLaw)]
+    expected = driver, parity, memory, exponent
+    (told,) = (one for one in laws if (one.driver, one.parity, one.memory, one.exponent) == expected)
+    if memory == "lag":
+        assert told.lag_s == pytest.approx(300.0, rel=0.15)
+    else:
+        assert told.at == pytest.approx(at, abs=1.0)
+        assert told.at_2 == pytest.approx(at_2, abs=1.0)

@@ -133,7 +133,7 @@ def test_a_clock_is_told_so_that_it_can_be_corrected(run: rlg.Recording, simulat
     said = clock_text(found)
     assert re.fullmatch(
         r"(30\.0|29\.9)\S* ± \S+ s, and (100|99|101)\S* ± \S+ ppm of the time that passes, must be added to the simulation's time "
-        r"stamps\n  \(judged by temperature_\S+; p < 1e-12\): done",
+        r"stamps\n  \(judged by temperature_\S+; p < 10⁻¹²\): done",
         said,
     ), said
     time_s = late.time_s
@@ -318,11 +318,19 @@ def test_a_coarser_answer_is_put_on_the_rows(run: rlg.Recording, tmp_path: Path)
     assert rate[:-5] == pytest.approx(run.time_s[:-5])
 
 
-def test_a_function_sees_no_gyro_and_runs_once(run: rlg.Recording, tmp_path: Path) -> None:
-    code = "calls = []\ndef gyro(r):\n    calls.append(1)\n    return r.rate_deg_h() + len(calls)\n"
+def test_a_function_runs_once(run: rlg.Recording, tmp_path: Path) -> None:
+    code = "calls = []\ndef gyro(r):\n    calls.append(1)\n    return 0.0 * r.time_s + len(calls)\n"
     simulator = PythonSimulator.load(written(tmp_path, code))
     assert set(simulator.predict_deg_h(run)) == {1.0}
     assert set(simulator.predict_deg_h(run)) == {1.0}
+
+
+@pytest.mark.parametrize("asked", ["r.column('gyro_deg_h')", "r.rate_deg_h()"])
+def test_a_function_sees_no_gyro(run: rlg.Recording, tmp_path: Path, asked: str) -> None:
+    simulator = PythonSimulator.load(written(tmp_path, f"def gyro(r):\n    return {asked}\n"))
+    with pytest.raises(rlg.InputError, match="of warm it sees all but the gyro"):
+        simulator.predict_deg_h(run)
+    assert set(rlg.Simulator().predict(run).rate_deg_h()) == {0.0}
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ from rlgcomp.allan.power_law import NAMES, degrees_of_freedom, identify
 from rlgcomp.allan.sums import angle_of, sums_of_squares
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
+from rlgcomp.sampling import Sampling
 
 if TYPE_CHECKING:
     from rlgcomp.allan.coefficients import NoiseCoefficients
@@ -40,7 +41,6 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
 FEWEST_SAMPLES: Final = 5
-GAP_PERIODS: Final = 1.5
 _ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
 _IDENTIFIED: Final = 1 << 20  # means, whose autocorrelation is then known to a thousandth
 _GROUPS: Final = 64  # of parts of about one length, for the degrees of freedom
@@ -126,6 +126,29 @@ class AllanDeviation:
     def at(self, tau_s: float) -> float:
         """Deviation at tau, interpolated on the logarithmic plot."""
         return float(np.exp(np.interp(np.log(tau_s), np.log(self.tau_s), np.log(self.deviation_deg_h))))
+
+    def noise_of_means_deg_h(self, averaging_s: float, pulse_arcsec: float | None = None) -> float:
+        r"""Standard deviation that noise alone gives means over `averaging_s`: what no compensation can remove.
+
+        Counting whole pulses of :math:`q` leaves each end of a mean off by up to half a pulse, a variance of :math:`Q^2 = q^2/12`.
+        Means over T have :math:`2 Q^2 / T^2` of it, while the Allan variance, of differences of two means, has
+        :math:`3 Q^2 / \tau^2`; the difference is taken off :meth:`white_noise_deg_h`, with no more of it than the curve can hold.
+
+        Parameters
+        ----------
+        averaging_s : float
+            T.
+        pulse_arcsec : float, optional
+            q, where the gyro counts pulses.
+        """
+        white = self.white_noise_deg_h(averaging_s)
+        if pulse_arcsec is None:
+            return white
+        within = self.tau_s <= averaging_s * (1.0 + 1e-9)
+        best = int(np.argmin(self.deviation_deg_h[within] * np.sqrt(self.tau_s[within]))) if within.any() else 0
+        tau_s, deviation = float(self.tau_s[best]), float(self.deviation_deg_h[best])
+        rounding = min(pulse_arcsec**2 / 12.0, (deviation * tau_s) ** 2 / 3.0)  # arcsec²; deg/h is arcsec/s
+        return float(np.sqrt(white**2 - rounding * (3.0 / (tau_s * averaging_s) - 2.0 / averaging_s**2)))
 
     def white_noise_deg_h(self, averaging_s: float) -> float:
         r"""Noise that no compensation can remove from means over `averaging_s`.
@@ -287,10 +310,9 @@ def _steep(rows: list[tuple[float, float, int, float, int]], tau_s: float, devia
 def _parts(time: Array) -> tuple[float, Whole]:
     """Sample period, and where each part without gaps ends."""
     steps = np.diff(time)
-    median = float(np.median(steps))
     if not (np.isfinite(time).all() and float(steps.min()) > 0.0):
         raise InputError("the times do not increase, or are not finite; sort the samples and leave repeated ones out")
-    gaps = np.flatnonzero(steps > GAP_PERIODS * median)
+    gaps = Sampling.of(time).gaps
     inside = float(steps.sum() - steps[gaps].sum()) / (len(steps) - len(gaps))
     return float(f"{inside:.9g}"), np.r_[gaps + 1, len(time)]
 

@@ -18,10 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.allan.analysis import NoiseAnalysis, deviation_and_coefficients
-from rlgcomp.allan.deviation import FEWEST_SAMPLES, GAP_PERIODS, Estimator, deviation_of_angle
+from rlgcomp.allan.deviation import FEWEST_SAMPLES, Estimator, deviation_of_angle
 from rlgcomp.allan.slopes import findings
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
+from rlgcomp.sampling import GAP_PERIODS
 
 Array = npt.NDArray[np.float64]
 _AT_ONCE: Final = 1 << 20  # samples

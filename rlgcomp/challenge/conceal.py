@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import logging
 import math
+import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
 
@@ -24,6 +25,7 @@ from rlgcomp.simulation.simulator import TYPICAL_NOISE, Simulator
 
 logger = logging.getLogger(__name__)
 RANDOM: Final = "random"
+NOTHING: Final = "none"
 USUAL_STRENGTH: Final = 1.0
 RUNS: Final = ("train0", "train1", "test0", "test1")
 TRAINING: Final = 2
@@ -38,6 +40,7 @@ _PASSES: Final = 5  # at most, until the size is
 _NEAR: Final = 0.01
 _LARGE: Final = 5.0  # times the usual size
 _HARDLY_ANY: Final = 0.1  # of an effect
+_SEED_BYTES: Final = 16  # more than can be tried
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +60,8 @@ class Challenge:
         Of each: what the simulator cannot absorb over the white noise of a window mean.
     possible_rms_deg_h : float
         What the true law leaves in window means of the held-out runs: noise, and what no two runs repeat.
+    seed : int
+        Of all its random streams: whoever knows it can make the challenge again, and so open it.
     """
 
     simulator: Simulator
@@ -66,13 +71,14 @@ class Challenge:
     mechanisms: tuple[Mechanism, ...]
     strengths: Mapping[str, float]
     possible_rms_deg_h: float
+    seed: int
 
 
 def conceal(
     simulator: Simulator,
     hide: str = RANDOM,
     *,
-    seed: int = 0,
+    seed: int | None = None,
     strength: float | None = None,
     step_s: float = 1.0,
     catalogue: Mapping[str, type[Mechanism]] = CATALOGUE,
@@ -86,8 +92,9 @@ def conceal(
     simulator : Simulator
     hide : str
         A mechanism, or several joined by commas. One that the simulator has is taken out of it; one that it lacks acts in the
-        recordings. "random": nothing, one or two of them.
-    seed : int
+        recordings. "random": nothing, one or two of them; "none": nothing, a healthy gyro.
+    seed : int, optional
+        The same seed gives the same challenge, to whoever knows or guesses it. By default a secret one is drawn.
     strength : float, optional
         Of each hidden cause. By default 1 for those that the simulator lacks, and for the others the size that they have there.
     step_s : float
@@ -102,6 +109,7 @@ def conceal(
     """
     if strength is not None and not 0.0 < strength < math.inf:
         raise InputError(f"strength is {strength}; it must be positive")
+    seed = secrets.randbits(8 * _SEED_BYTES) if seed is None else seed
     rng = stream(seed, "conceal")
     names = _chosen(simulator, hide, rng, catalogue)
     own = {mechanism.name: mechanism for mechanism in simulator.mechanisms}
@@ -129,6 +137,7 @@ def conceal(
         mechanisms=mechanisms,
         strengths={name: float(np.std(values)) / bench.white_deg_h for name, values in left.items()},
         possible_rms_deg_h=_possible_rms_deg_h(runs[TRAINING:], mechanisms, bench.problem.rows.window_s),
+        seed=seed,
     )
 
 
@@ -176,7 +185,7 @@ class _Bench:
     @classmethod
     def of(cls, lacking: Simulator, gyro: Simulator, rng: np.random.Generator, step_s: float) -> Self:
         programmes = tuple(str(name) for name in rng.permutation(PROGRAMMES[gyro.kind]))
-        stand = _Stand(programmes, tuple(int(number) for number in rng.integers(0, 2**31, len(RUNS))), step_s)
+        stand = _Stand(programmes, tuple(int.from_bytes(rng.bytes(_SEED_BYTES)) for _ in RUNS), step_s)
         return cls(gyro, stand, Problem.of(lacking, stand.record(gyro, RUNS[:TRAINING])), rng)
 
     def left(self, mechanism: Mechanism) -> Array:
@@ -199,6 +208,8 @@ class _Bench:
 
 
 def _chosen(simulator: Simulator, hide: str, rng: np.random.Generator, catalogue: Mapping[str, type[Mechanism]]) -> list[str]:
+    if hide == NOTHING:
+        return []
     allowed = [name for name, form in catalogue.items() if form.named_for(simulator.kind)]
     if hide == RANDOM:
         taken = [name for name in allowed if len(simulator.mechanisms) > 1 or name not in _names(simulator)]
@@ -208,7 +219,7 @@ def _chosen(simulator: Simulator, hide: str, rng: np.random.Generator, catalogue
     unknown = [name for name in names if name not in allowed]
     if unknown or len(set(names)) < len(names):
         raise InputError(
-            f"cannot hide {hide!r}: give 'random', or names from the catalogue of kind {simulator.kind!r}, each once: "
+            f"cannot hide {hide!r}: give 'random', 'none', or names from the catalogue of kind {simulator.kind!r}, each once: "
             f"{', '.join(allowed)}"
         )
     return sorted(names)

@@ -17,6 +17,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from rlgcomp.diagnosis.result import VERDICTS
 from rlgcomp.errors import InputError
 
 Spans = Sequence[tuple[float, float]]
@@ -80,7 +81,7 @@ class Score:
         Raises
         ------
         InputError
-            It is no diagnosis: a key of the contract is missing.
+            It is no diagnosis: a key of the contract is missing, or says what none can.
         """
         try:
             verdict = str(diagnosis["verdict"])
@@ -93,6 +94,7 @@ class Score:
                 for name, estimate in finding["parameters"].items()
             }
             _require_numbers(estimates, hidden.parameters)
+            _require_possible(verdict, diagnosis)
             parameters = {
                 name: (float(value), float(sd or math.nan))
                 for name, (value, sd) in estimates.items()
@@ -131,8 +133,30 @@ class Score:
 def _require_numbers(estimates: Mapping[str, tuple[Any, Any]], numeric: Container[str]) -> None:
     """Refuse text where an estimate belongs: a choice has no standard deviation, and is none of the hidden numbers."""
     for name, (value, sd) in estimates.items():
-        if (sd is not None or name in numeric) and (isinstance(value, bool) or not isinstance(value, int | float)):
-            raise InputError(f"{name} is {value!r} in the diagnosis; it must be a number: give diagnosis.json as diagnose wrote it")
+        numbers = [value] if sd is None else [value, sd]
+        if (sd is not None or name in numeric) and not all(_finite(number) for number in numbers):
+            said = repr(value) if sd is None or not _finite(value) else f"{value!r} ± {sd!r}"
+            raise InputError(f"{name} is {said} in the diagnosis; it must be a number: give diagnosis.json as diagnose wrote it")
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _require_possible(verdict: str, diagnosis: Mapping[str, Any]) -> None:
+    """Refuse a verdict that is none, findings beside a verdict that there are none, and what is no probability."""
+    as_written = "give diagnosis.json as diagnose wrote it"
+    if verdict not in VERDICTS:
+        raise InputError(f"the verdict is {verdict!r}; it must be one of {', '.join(VERDICTS)}: {as_written}")
+    if verdict == "none" and diagnosis["findings"]:
+        names = ", ".join(str(finding["mechanism"]) for finding in diagnosis["findings"])
+        raise InputError(f"the verdict is 'none', yet {names} is found; {as_written}")
+    told = {str(finding["mechanism"]): finding.get("probability") for finding in diagnosis["findings"]}
+    told |= {f"alternative {k}": other.get("probability") for k, other in enumerate(diagnosis.get("alternatives") or ())}
+    told |= {"mismatch.p_value": diagnosis["mismatch"].get("p_value"), "the findings together": diagnosis.get("probability")}
+    for name, value in told.items():
+        if value is not None and not (isinstance(value, int | float) and 0.0 <= value <= 1.0):
+            raise InputError(f"the probability of {name} is {value!r}; it must be from 0 to 1: {as_written}")
 
 
 def _overlap(intervals: Mapping[str, Spans], places: Iterable[tuple[str, Any, Any]]) -> float:

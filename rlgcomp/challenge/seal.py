@@ -2,12 +2,17 @@
 
 `challenge.json`, `simulator.yaml` and the recordings are for whoever diagnoses; `truth.json` is kept back, or left unread, until
 there is a diagnosis. The challenge holds the SHA-256 of the truth, and the truth holds a random salt: it cannot be changed
-afterwards, nor found by hashing every answer that the catalogue allows.
+afterwards, nor found by hashing every answer that the catalogue allows. The truth in turn holds what the challenge says and the
+SHA-256 of its other files. Against a truth made anew, hash and all, only a copy of the hash in other hands protects.
+
+Whoever knows the seed can make the challenge again with each cause in turn and compare: unless one is given, it is a secret number
+of 128 bits, kept in the truth alone.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
@@ -72,9 +77,19 @@ def seal(challenge: Challenge, folder: str | Path) -> None:
         for recording in (*challenge.train, *challenge.test):
             write(recording, scratch / f"{recording.name}.parquet")
         runs = [f"{name}.parquet" for name in RUNS]
+        told = {
+            "schema": CHALLENGE_SCHEMA,
+            "kind": challenge.simulator.kind,
+            "simulator": SIMULATOR,
+            "train": runs[:TRAINING],
+            "test": runs[TRAINING:],
+            "truth": TRUTH,
+        }
         truth = {
             "schema": TRUTH_SCHEMA,
             "salt": secrets.token_hex(_SALT_BYTES),
+            "seed": challenge.seed,
+            "challenge": told,
             "hidden": {mechanism.name: mechanism.to_mapping() for mechanism in challenge.mechanisms},
             "strengths": dict(challenge.strengths),
             "parameters": dict(challenge.hidden.parameters),
@@ -83,16 +98,7 @@ def seal(challenge: Challenge, folder: str | Path) -> None:
             "files": {name: sha256(scratch / name) for name in (SIMULATOR, *runs)},
         }
         write_json(scratch / TRUTH, truth)
-        content = {
-            "schema": CHALLENGE_SCHEMA,
-            "kind": challenge.simulator.kind,
-            "simulator": SIMULATOR,
-            "train": runs[:TRAINING],
-            "test": runs[TRAINING:],
-            "truth": TRUTH,
-            "truth_sha256": sha256(scratch / TRUTH),
-        }
-        write_json(scratch / CHALLENGE, content)
+        write_json(scratch / CHALLENGE, told | {"truth_sha256": sha256(scratch / TRUTH)})
 
 
 def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | None = None) -> Revealed:
@@ -109,8 +115,8 @@ def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | Non
     Raises
     ------
     InputError
-        The truth is not the one that was sealed, a file of the challenge was changed, the diagnosis is one of other recordings, or
-        one of the two is no such thing.
+        The truth is not the one that was sealed, a file of the challenge was changed, the diagnosis is one of other recordings or
+        says what no diagnosis can, or one of the two is no such thing.
     """
     folder, diagnosis = Path(folder), Path(diagnosis)
     challenge = _content(folder / CHALLENGE, CHALLENGE_SCHEMA)
@@ -136,6 +142,12 @@ def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | Non
 
 
 def _scored(folder: Path, challenge: Mapping[str, Any], known: Mapping[str, Any], answer: Mapping[str, Any]) -> Revealed:
+    told = {name: value for name, value in challenge.items() if name != "truth_sha256"}
+    edited = sorted(name for name in {*told, *known["challenge"]} if told.get(name) != known["challenge"].get(name))
+    if edited:
+        raise InputError(
+            f"{folder / CHALLENGE} is not as it was written: {', '.join(edited)} changed since it was sealed; nothing is scored"
+        )
     changed = [name for name, digest in known["files"].items() if not (folder / name).is_file() or sha256(folder / name) != digest]
     if changed:
         raise InputError(f"{folder}: {', '.join(changed)} changed or gone since the challenge was sealed; nothing is scored")
@@ -152,6 +164,8 @@ def _scored(folder: Path, challenge: Mapping[str, Any], known: Mapping[str, Any]
 def _require_same_recordings(challenge: Mapping[str, Any], sealed: Mapping[str, str], answer: Mapping[str, Any]) -> None:
     """Refuse a diagnosis that trained on other files than the challenge's, where it says on which."""
     for part, files in (answer.get("recordings") or {}).items():
+        if part == "simulator":  # one's own may have been asked as well
+            continue
         allowed = {sealed[name] for name in challenge.get(part, ())}
         foreign = sorted(name for name, digest in files.items() if digest not in allowed)
         if foreign:
@@ -167,6 +181,8 @@ def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple
         before, after = float(held_out["baseline_rms"]), float(held_out["augmented_rms"])
     except (KeyError, TypeError, ValueError):
         return None, None
+    if not (math.isfinite(before) and math.isfinite(after)):
+        raise InputError(f"fit.test has rms {before:g} and {after:g} in the diagnosis; give diagnosis.json as diagnose wrote it")
     if not before > 0.0:
         return None, None
     return 1.0 - after / before, 1.0 - possible_rms_deg_h / before

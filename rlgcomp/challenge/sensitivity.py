@@ -1,7 +1,8 @@
 r"""The smallest effect that a laboratory would find: a mechanism put into its own recordings at growing strengths, and sought.
 
-Each trial draws shapes, signs and relative sizes anew. The chance of finding an effect of strength s (see
-:mod:`rlgcomp.challenge.injection`) is taken as logistic in its logarithm,
+Each trial draws shapes, signs and relative sizes anew; of those that come out alike one is made and counted. All share the noise of
+the recordings, one realisation of it: curves and intervals are those of these recordings. The chance of finding an effect of
+strength s (see :mod:`rlgcomp.challenge.injection`) is taken as logistic in its logarithm,
 
 .. math:: P(s) = \frac{1}{1 + \exp\!\big(-(\ln s - \ln s_{50})/w\big)}, \qquad \ln s_{90} = \ln s_{50} + w \ln 9,
 
@@ -39,10 +40,12 @@ DETECTED_P: Final = 0.01
 MEANING: Final = (
     f"Detected asks whether anything is left: the mismatch's p-value is below {DETECTED_P:g}. Named asks what it most probably is: "
     "the most probable set of mechanisms holds it, at whatever p-value, so that a faint effect may be named in more trials "
-    "than it is detected in."
+    "than it is detected in. All trials share the noise of these recordings, one realisation of it: others may show other limits, "
+    "and the intervals do not hold that."
 )
 _USUAL_WIDTH: Final = 0.3
 _REDRAWS: Final = 20
+_ALIKE: Final = 1e-6  # of an effect
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +85,7 @@ class Curve:
     s50, s90 : float
     s50_interval, s90_interval : tuple of float
     width : float
-        w, of the logarithm of the strength.
+        w, of the logarithm of the strength: that of the curve through both.
     """
 
     s50: float
@@ -103,7 +106,7 @@ class Curve:
         weight /= weight.sum()
         at90 = middle[..., 0] + width[..., 0] * math.log(9.0)
         half, most = (_quantiles(np.broadcast_to(at, weight.shape), weight) for at in (middle[..., 0], at90))
-        return cls(half[1], most[1], (half[0], half[2]), (most[0], most[2]), float((weight * width[..., 0]).sum()))
+        return cls(half[1], most[1], (half[0], half[2]), (most[0], most[2]), math.log(most[1] / half[1]) / math.log(9.0))
 
     def probability(self, strengths: Array) -> Array:
         """Chance of finding an effect of each strength."""
@@ -134,7 +137,7 @@ class Sensitivity:
     remarks: tuple[str, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a strength: shares detected, named, named in class."""
+        """One row a strength: shares detected, named, named in class, and of these with a p-value that detects nothing."""
         rows = pd.DataFrame(
             {
                 "strength": trial.strength,
@@ -142,11 +145,12 @@ class Sensitivity:
                 "detected": float(trial.detected),
                 "named": float(trial.named),
                 "in_class": float(trial.in_class),
+                "undetected": float(trial.in_class and not trial.detected),
                 "trials": 1,
             }
             for trial in self.trials
         )
-        shares = {"detected": "mean", "named": "mean", "in_class": "mean", "trials": "sum"}
+        shares = {"detected": "mean", "named": "mean", "in_class": "mean", "undetected": "mean", "trials": "sum"}
         return rows.groupby(["strength", "rms_deg_h"], as_index=False).agg(shares)
 
     def sizes(self, strength: float) -> dict[str, tuple[float, str]]:
@@ -205,7 +209,7 @@ def sensitivity(
         A name in the catalogue that the simulator does not have.
     strengths : sequence of float
     draws : int
-        Trials a strength, each of other shapes and signs.
+        Trials a strength, each of other shapes and signs; fewer where these come out alike.
     seed : int
     gyro : str, optional
     catalogue : mapping
@@ -230,18 +234,24 @@ def sensitivity(
     simulator, runs, remarks = _cleared(simulator, runs, mechanism, background, gyro)
     problem = Problem.of(simulator, runs, gyro=gyro)
     white = white_deg_h(problem)
-    plans = [
-        _injection(form, problem, strength * white, stream(seed, f"sensitivity:{k}:{draw}"))
+    drawn_plans = [
+        [_injection(form, problem, strength * white, stream(seed, f"sensitivity:{k}:{draw}")) for draw in range(draws)]
         for k, strength in enumerate(strengths)
-        for draw in range(draws)
     ]
-    sizes = np.repeat(np.asarray(strengths, dtype=np.float64), draws).tolist()
+    kept = [_distinct(alike, problem) for alike in drawn_plans]
+    plans = [plan for different in kept for plan in different]
+    sizes = np.repeat(np.asarray(strengths, dtype=np.float64), [len(different) for different in kept]).tolist()
+    if len(plans) < len(strengths) * draws:
+        remarks.append(
+            f"{len(plans)} of {len(strengths) * draws} trials are made and counted: the others have the same effect as one of "
+            f"them, for little but the sign of {mechanism} can be varied; more strengths make the curves surer, more draws do not"
+        )
     files = LoadedFirst.of(catalogue.values())
     work = (
         joblib.delayed(_trial)(files, simulator, runs, made, strength, gyro, catalogue)
         for made, strength in zip(plans, sizes, strict=True)
     )
-    trials = tuple(_counted(joblib.Parallel(n_jobs=jobs, return_as="generator")(work), total, progress))
+    trials = tuple(_counted(joblib.Parallel(n_jobs=jobs, return_as="generator")(work), 1 + len(plans), progress))
     tried = np.array(sizes)
     detected = np.array([trial.detected for trial in trials], dtype=np.float64)
     named = np.array([trial.in_class for trial in trials], dtype=np.float64)
@@ -320,6 +330,18 @@ def _injection(form: type[Mechanism], problem: Problem, size_deg_h: float, rng: 
             except InputError as error:
                 why = str(error)
     raise InputError(f"{form.name} cannot be injected at {size_deg_h:.3g} deg/h: {why}")
+
+
+def _distinct(plans: Sequence[tuple[Mechanism, int]], problem: Problem) -> list[tuple[Mechanism, int]]:
+    """Those of injections that differ in what is left of them to be found."""
+    kept: list[tuple[Mechanism, int]] = []
+    effects: list[Array] = []
+    for mechanism, number in plans:
+        effect = unabsorbed(problem, _errors(mechanism, problem.runs, number))
+        if all(np.linalg.norm(effect - other) > _ALIKE * np.linalg.norm(other) for other in effects):
+            kept.append((mechanism, number))
+            effects.append(effect)
+    return kept
 
 
 def _errors(mechanism: Mechanism, runs: Sequence[Recording], number: int) -> list[Array]:

@@ -9,7 +9,7 @@ import logging
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,6 +51,9 @@ CalibrationFile = Annotated[
 MechanismFiles = Annotated[
     list[Path] | None, typer.Option("--mechanisms", metavar="my_physics.py", help="Python file with mechanisms of your own.")
 ]
+OnlyOwn = Annotated[
+    bool, typer.Option("--only-mechanisms", help="Try those of --mechanisms alone, none of the catalogue: for what is no gyro.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
 
@@ -79,6 +82,7 @@ def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[...
         def run(*args: Any, **kwargs: Any) -> None:
             _log_to_stderr()
             try:
+                _require_numbers(kwargs)
                 function(*args, **kwargs)
             except InputError as error:
                 say(f"error: {error}")
@@ -119,22 +123,26 @@ def read_runs(
     period_s: float | None = None,
     history: bool = True,
     computed: bool = False,
+    also: Sequence[str] = (),
 ) -> list[Any]:
     """Recordings of the given files, intervals cut out, calibrated, everything repaired or noted said on standard error.
 
     A single gyro's calibration is applied to `gyro`, where there are several. With `history` what came before an interval stays as
     its lead-in; what is integrated on a turntable has no use for it. What is `computed` by a simulator may stand still and
-    need have no noise.
+    need have no noise. A mapped column need not be in every file, if it is in one of these or of those that are read `also`.
 
     Raises
     ------
     InputError
-        A file cannot be used.
+        A file cannot be used, or no file has a column that is mapped.
     """
-    from rlgcomp.formats import read
-    from rlgcomp.formats.mapping import parse_mapping
+    from rlgcomp.formats import column_names, read
+    from rlgcomp.formats.mapping import has_column, parse_mapping, require_mapped
 
     columns = parse_mapping(list(mapping or []))
+    files = [interval_of(spec)[0] for spec in (*specs, *also)] if columns else []
+    names = {path: column_names(path) for path in files}
+    require_mapped(columns, names)
     calibrated = None
     if calibration is not None:
         from rlgcomp.calibration.file import Calibration
@@ -146,7 +154,7 @@ def read_runs(
             path, interval = interval_of(spec)
             recording = read(
                 path,
-                columns=columns,
+                columns={target: source for target, source in columns.items() if has_column(names[path], source)},
                 drop=list(drop or []),
                 metadata={"pulse_arcsec": pulse_arcsec},
                 period_s=period_s,
@@ -169,6 +177,22 @@ def calibrated_name(gyro: str | None, calibration: Path | None) -> str | None:
     from rlgcomp.recording import rate_name
 
     return gyro if gyro is None or calibration is None else rate_name(gyro)
+
+
+def candidates_of(mechanisms: Sequence[Path] | None, only: bool) -> Any:
+    """What is tried: the catalogue with the user's mechanisms, or these alone.
+
+    Raises
+    ------
+    InputError
+        A file is none of mechanisms, or none was given of which to try all.
+    """
+    from rlgcomp.errors import InputError
+    from rlgcomp.physics.user import user_catalogue
+
+    if only and not mechanisms:
+        raise InputError("--only-mechanisms tries none of the catalogue; give your own with --mechanisms my_physics.py")
+    return user_catalogue(mechanisms or [], {}) if only else user_catalogue(mechanisms or [])
 
 
 def require_folder(out: Path, writes: Sequence[str], *read: str | Path | Sequence[str | Path] | None) -> None:
@@ -195,6 +219,37 @@ def require_folder(out: Path, writes: Sequence[str], *read: str | Path | Sequenc
         for one in [given] if isinstance(given, str | Path) else given or []:
             text = str(one)
             require_apart(out, text, text.rpartition("@")[0], text.rpartition(":")[0])
+
+
+def require_recording(out: Path, *read: str | Path | Sequence[str | Path] | None) -> None:
+    """Raise unless a command could write a recording of this name: said before the work, not after it.
+
+    Raises
+    ------
+    InputError
+        As :func:`require_unread` and :func:`rlgcomp.formats.require_recordable`.
+    """
+    from rlgcomp.formats import require_recordable, written_beside
+
+    require_recordable(out)
+    for file in written_beside(out):
+        require_unread(file, *read)
+
+
+def require_unread(out: Path, *read: str | Path | Sequence[str | Path] | None) -> None:
+    """Raise where a file that a command would write is one that it was given to read, also as RUN@START:STOP.
+
+    Raises
+    ------
+    InputError
+        It is.
+    """
+    from rlgcomp.files import same_file
+
+    for given in read:
+        for one in [given] if isinstance(given, str | Path) else given or []:
+            if same_file(out, one) or same_file(out, interval_of(str(one))[0]):
+                raise InputError(f"{out} would be overwritten, and it is read: {one}; give another name with --out")
 
 
 def say(text: str) -> None:
@@ -236,6 +291,13 @@ def spread(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
         values += 1
         spread_out.append(argument)
     return spread_out
+
+
+def _require_numbers(options: Mapping[str, Any]) -> None:
+    """Refuse options that are not a number where a number is meant: no bound catches them."""
+    for name, value in options.items():
+        if any(isinstance(one, float) and math.isnan(one) for one in (value if isinstance(value, list | tuple) else [value])):
+            raise InputError(f"--{name.replace('_', '-')} is nan, which is no number; give a number, or leave it out")
 
 
 def _taking_several(several: Sequence[str]) -> type[TyperCommand]:

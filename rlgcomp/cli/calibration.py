@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder, say
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder, require_unread, say
 from rlgcomp.cli.show import show_json, show_table
 
 
@@ -42,7 +42,9 @@ def calibrate(
     from rlgcomp.calibration.triad.calibrate import calibrate_turntable
     from rlgcomp.files import require_writable, whole_folder
     from rlgcomp.report.calibration import write_calibration_report
+    from rlgcomp.units import value_and_sd
 
+    require_unread(out, runs)
     require_writable(out)
     writes = ["curves.csv", "report.html"]
     if report is not None:
@@ -66,17 +68,18 @@ def calibrate(
         show_json(found.content)
         return
     frame = found.triad.to_frame()
+    printed = [value_and_sd(*both) for both in zip(frame["value"].tolist(), frame["sd"].tolist(), strict=True)]
     show_table(
         f"{found.triad.gyro_axes} triad, {len(recordings)} runs",
         [
             {
                 "parameter": row.parameter,
                 "": row.symbol,
-                "value": f"{row.value:.5g}" if row.seen else "not seen by these runs",
-                "sd": f"{row.sd:.2g}",
+                "value": value if row.seen else "not seen by these runs",
+                "sd": sd,
                 "unit": row.unit,
             }
-            for row in frame.itertuples()
+            for row, (value, sd) in zip(frame.itertuples(), printed, strict=True)
         ],
     )
     show_table(

@@ -25,6 +25,7 @@ from rlgcomp.cli.base import (
     progress,
     read_runs,
     require_folder,
+    require_recording,
     say,
 )
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
@@ -147,6 +148,7 @@ def train(
         "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
         "half_width_deg_h": compensator.interval_.inside_deg_h,
+        "remarks": list(compensator.remarks_),
     } | ({} if exported is None else {"export": exported.to_mapping()})
     if as_json:
         show_json(summary)
@@ -286,7 +288,7 @@ def compensate(
     Example: `rlgcomp compensate models/unit-17 growing.csv --follow --out corrected.csv`
     """
     from rlgcomp.compensation.keeping import load
-    from rlgcomp.formats import require_recordable, write
+    from rlgcomp.formats import write
 
     if follow:
         from rlgcomp.cli.following import follow as follow_stream
@@ -306,7 +308,7 @@ def compensate(
             show_json(found.to_mapping())
         say(str(found))
         raise typer.Exit(found.exit_code)
-    require_recordable(out)
+    require_recording(out, run, calibration)
     compensator = load(model)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])

@@ -19,12 +19,20 @@ def conceal(
     hide: Annotated[
         str,
         typer.Option(
-            metavar="NAME|random",
+            metavar="NAME|random|none",
             help="What to hide: mechanisms of the simulator (taken out of its file) or of the catalogue (put into the recordings), "
-            "joined by commas; 'random' hides nothing, one or two.",
+            "joined by commas; 'random' hides nothing, one or two; 'none' nothing: a healthy gyro.",
         ),
     ] = "random",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the choice and of all runs.")] = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Seed of the choice and of all runs: the same challenge again, and whoever knows or guesses it can open the seal. "
+            "By default a secret one, kept in truth.json alone.",
+            show_default=False,
+        ),
+    ] = None,
     strength: Annotated[
         float | None,
         typer.Option(help="What the simulator cannot absorb over the white noise of 100 s; default 1, or the size in the file."),
@@ -37,7 +45,7 @@ def conceal(
 
     Hand over everything but truth.json, or leave it unread until there is a diagnosis.
 
-    Example: `rlgcomp conceal gyro.yaml --hide random --seed 7 --out challenge`
+    Example: `rlgcomp conceal gyro.yaml --hide random --out challenge`
     """
     from rlgcomp.challenge.conceal import conceal as make
     from rlgcomp.challenge.seal import CHALLENGE, FILES, SIMULATOR, TRUTH, seal
@@ -56,7 +64,9 @@ def conceal(
     if as_json:
         show_json({"challenge": out / CHALLENGE, "truth_sha256": sha256(out / TRUTH)})
         return
-    say(f"{out}: sealed; SHA-256 of the truth {sha256(out / TRUTH)}")
+    say(f"{out}: sealed; SHA-256 of the truth {sha256(out / TRUTH)} (send it to whoever diagnoses: it binds once others hold it)")
+    if seed is not None:
+        say(f"made with --seed {seed}: whoever knows or guesses it can make the challenge again; leave it out for a secret one")
     runs = f"--train {out}/train*.parquet --test {out}/test*.parquet"
     runs += f" --mechanisms {' '.join(map(str, mechanisms))}" if mechanisms else ""
     say(f"next: rlgcomp diagnose --simulator {out / SIMULATOR} {runs} --out DIAGNOSIS")

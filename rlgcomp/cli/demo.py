@@ -98,10 +98,12 @@ def demo(
 
 def _findings(found: Diagnosis) -> list[dict[str, str | float]]:
     """One row a parameter of each finding."""
+    from rlgcomp.diagnosis.wording import sure_text
+
     return [
         {
             "mechanism": cause.name,
-            "probability": f"{cause.probability:.3f}",
+            "probability": sure_text(cause.probability),
             "rms deg/h": cause.rms_deg_h,
             "parameter": name,
             "value": str(estimate),

@@ -16,8 +16,10 @@ from rlgcomp.cli.base import (
     Gyro,
     Map,
     MechanismFiles,
+    OnlyOwn,
     PulseArcsec,
     calibrated_name,
+    candidates_of,
     command,
     interval_of,
     progress,
@@ -69,6 +71,7 @@ def diagnose(
         typer.Option("--simulated", metavar=RUNS, help="Output of your own simulator: a file a run, in the order of the runs."),
     ] = None,
     mechanisms: MechanismFiles = None,
+    only_own: OnlyOwn = False,
     gyro: Gyro = None,
     averaging_s: Annotated[
         float | None, typer.Option("--averaging-s", help="Averaging time; 100 s, less for short runs.", show_default=False)
@@ -106,21 +109,24 @@ def diagnose(
     with beside(*_BESIDE) as executor:
         from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
         from rlgcomp.diagnosis.held_out import told_apart
-        from rlgcomp.physics.user import user_catalogue
+        from rlgcomp.physics import CATALOGUE
 
-        catalogue = user_catalogue(mechanisms or [])
+        candidates = candidates_of(mechanisms, only_own)
+        catalogue = {**CATALOGUE, **candidates}
         chosen = _simulator(simulator, simulated, catalogue)
         measured = None if noise is None else measured_noise(noise, gyro)
         specs = [*train, *(test or [])]
-        runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro))
-        own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, computed=True)) if simulated else None
+        runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or ()))
+        own = None
+        if simulated:
+            own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, computed=True, also=specs))
         with progress("diagnosing", 100) as advance:
             found = diagnose_runs(
                 chosen,
                 runs[: len(train)],
                 runs[len(train) :],
                 simulated=own,
-                mechanisms=catalogue,
+                mechanisms=candidates,
                 gyro=calibrated_name(gyro, calibration),
                 window_s=averaging_s,
                 noise=measured,

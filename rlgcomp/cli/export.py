@@ -25,6 +25,7 @@ def export(
         list[str] | None,
         typer.Option("--test", metavar="RUN...", help="Runs not trained on: every sample is compared."),
     ] = None,
+    no_board: Annotated[bool, typer.Option("--no-board", help="Skip the comparison on an emulated board, which is slow.")] = False,
     name: Annotated[str | None, typer.Option(help="What files and identifiers begin with; by default the model's name.")] = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -43,7 +44,7 @@ def export(
     require_folder(out, written(model, to, name), model, test, calibration)
     gyro = load(model).gyro if test and calibration is not None else None
     runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration, gyro=gyro)
-    options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name)  # type: ignore[arg-type]
+    options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name, not no_board)  # type: ignore[arg-type]
     found = export_model(model, out, to, options)
     if as_json:
         show_json(found.to_mapping())

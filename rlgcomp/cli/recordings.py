@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, read_runs
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, read_runs, say
 from rlgcomp.cli.show import show_json, show_table
 
 
@@ -14,9 +14,13 @@ def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: Pu
 
     Example: `rlgcomp inspect cold.parquet hot.csv --map gyro_deg_h='Gyro Z [deg/s]'`
     """
-    from rlgcomp.inspection import summarise
+    from rlgcomp.inspection import summarise, wild_samples
 
-    summaries = [summarise(run) for run in read_runs(runs, mapping, drop, pulse_arcsec)]
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    for recording in recordings:
+        for finding in wild_samples(recording):
+            say(f"{recording.name}: {finding}")
+    summaries = [summarise(run) for run in recordings]
     if as_json:
         show_json(summaries)
         return

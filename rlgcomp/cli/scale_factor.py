@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PulseArcsec, Runs, command, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PulseArcsec, Runs, command, read_runs, require_unread, say
 from rlgcomp.cli.show import show_json, show_table
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ def scale_factor(
     from rlgcomp.files import require_writable, write_json
 
     if out is not None:
+        require_unread(out, runs)
         require_writable(out)
     errors = _stated(stated or [])
     found = calibrate_scale_factor(

@@ -14,8 +14,10 @@ from rlgcomp.cli.base import (
     Jobs,
     Map,
     MechanismFiles,
+    OnlyOwn,
     PulseArcsec,
     Runs,
+    candidates_of,
     command,
     progress,
     read_runs,
@@ -39,12 +41,13 @@ def sensitivity(
     strengths: Annotated[
         str, typer.Option(help="Strengths to try: what the simulator cannot absorb over the white noise of 100 s.")
     ] = "0.1,0.2,0.4,0.8,1.6",
-    draws: Annotated[int, typer.Option(min=1, help="Trials a strength, each of other shapes and signs.")] = 6,
+    draws: Annotated[int, typer.Option(min=1, help="Trials a strength, each of other shapes and signs; like ones count once.")] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for curves and trials, replaced as a whole.")
     ] = None,
     mechanisms: MechanismFiles = None,
+    only_own: OnlyOwn = False,
     mapping: Map = None,
     drop: Drop = None,
     gyro: Gyro = None,
@@ -62,7 +65,7 @@ def sensitivity(
     from rlgcomp.challenge.sensitivity import MEANING
     from rlgcomp.challenge.sensitivity import sensitivity as measure
     from rlgcomp.errors import InputError
-    from rlgcomp.physics.user import user_catalogue
+    from rlgcomp.physics import CATALOGUE
     from rlgcomp.simulation.simulator import Simulator
 
     try:
@@ -71,18 +74,18 @@ def sensitivity(
         raise InputError(f"--strengths is {strengths!r}; write numbers joined by commas, as 0.1,0.2,0.4") from None
     if out is not None:
         require_folder(out, FILES, simulator, runs, mechanisms)
-    catalogue = user_catalogue(mechanisms or [])
+    candidates = candidates_of(mechanisms, only_own)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     with progress("diagnosing") as advance:
         found = measure(
-            Simulator.from_yaml(simulator, catalogue),
+            Simulator.from_yaml(simulator, {**CATALOGUE, **candidates}),
             recordings,
             mechanism,
             strengths=wanted,
             draws=draws,
             seed=seed,
             gyro=gyro,
-            catalogue=catalogue,
+            catalogue=candidates,
             jobs=jobs,
             progress=advance,
         )
@@ -97,10 +100,11 @@ def sensitivity(
         [
             {
                 "strength": row["strength"],
-                "rms, deg/h": row["rms_deg_h"],
-                "detected": _percent(row["detected"]),
+                "rms, deg/h": _two_digits(row["rms_deg_h"]),
+                "detected (p < 0.01)": _percent(row["detected"]),
                 "named": _percent(row["named"]),
                 "named or in its class": _percent(row["in_class"]),
+                "named though p > 0.01": _percent(row["undetected"]),
                 "trials": int(row["trials"]),
             }
             for row in found.to_frame().to_dict("records")
@@ -114,15 +118,19 @@ def sensitivity(
             lines.append(
                 {
                     "": f"{what}, {share}",
-                    "strength": size,
+                    "strength": _two_digits(size),
                     "95 % interval": f"{interval[0]:.2g} – {interval[1]:.2g}",
-                    "rms, deg/h": size * found.white_deg_h,
+                    "rms, deg/h": _two_digits(size * found.white_deg_h),
                     "that is": ", ".join(amplitudes) or "–",
                 }
             )
     show_table("Smallest effect found", lines)
     for remark in found.remarks:
         typer.echo(f"- {remark}")
+
+
+def _two_digits(number: float) -> float:
+    return float(f"{number:.2g}")
 
 
 def _percent(share: float) -> str:
@@ -139,13 +147,15 @@ def _write(found: Sensitivity, out: Path) -> None:
     table = found.to_frame()
     tried = table["strength"].to_numpy()
     at = np.geomspace(tried.min() / 2.0, tried.max() * 2.0, 200)
-    curves = [
-        FoundCurve(label, tried, table[column].to_numpy(), at, curve.probability(at), curve.s90_interval)
-        for label, column, curve in (("detected", "detected", found.detection), ("named or in its class", "in_class", found.naming))
-    ]
-    title = f"{found.mechanism}: found in these recordings; shaded: 90 % with its 95 % interval"
-    strength = f"strength (1 = {found.white_deg_h:.3g} deg/h rms that the simulator cannot absorb)"
+    detected, named = (
+        FoundCurve(label, tried, table[column].to_numpy(), at, curve.probability(at), curve.s90, curve.s90_interval)
+        for label, column, curve in (
+            ("detected: something is there (p < 0.01)", "detected", found.detection),
+            ("named: the likeliest set holds it, or its class", "in_class", found.naming),
+        )
+    )
+    title = f"{found.mechanism}, put into these recordings: in how many trials it is found"
     with whole_folder(out, writes=FILES) as folder:
         write_json(folder / "sensitivity.json", found.to_mapping())
         table.to_csv(folder / "shares.csv", index=False)
-        (folder / "curves.png").write_bytes(curves_picture(title, strength, curves, MEANING))
+        (folder / "curves.png").write_bytes(curves_picture(title, found.white_deg_h, detected, named, MEANING))

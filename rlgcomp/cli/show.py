@@ -20,13 +20,14 @@ def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """A table for people, on standard output."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text  # a str would be searched for markup, as which names in brackets would pass
 
-    table = Table(title=title, title_justify="left", title_style="bold", header_style="bold", box=None, pad_edge=False)
+    table = Table(title=Text(title, style="bold"), title_justify="left", header_style="bold", box=None, pad_edge=False)
     columns = list(rows[0]) if rows else []
     for column in columns:
-        table.add_column(column, justify="left" if isinstance(rows[0][column], str) else "right", overflow="fold")
+        table.add_column(Text(column), justify="left" if isinstance(rows[0][column], str) else "right", overflow="fold")
     for row in rows:
-        table.add_row(*(_cell(row[column]) for column in columns))
+        table.add_row(*(Text(_cell(row[column])) for column in columns))
     console = Console(width=None if sys.stdout.isatty() else 160)
     console.print(table)
 
@@ -41,12 +42,13 @@ def show_evaluation(evaluation: Any) -> None:
         rows = [
             {
                 "features": group,
-                **{row.model: f"{_cell(row.residual_std_deg_h)} ({_cell(row.residual_rms_deg_h)})" for row in part.itertuples()},
+                **{row.model: f"{row.residual_std_deg_h:.5f} ({row.residual_rms_deg_h:.5f})" for row in part.itertuples()},
             }
             for group, part in table.groupby("features", sort=False)
         ]
         show_table("By feature and model, deg/h: bias stability (rms, offset included)", rows)
-    show_table("Correlation with the gyro", evaluation.correlation.round(3).to_dict("records"))
+    rows = [row | {"correlation": f"{row['correlation']:.3f}"} for row in evaluation.correlation.to_dict("records")]
+    show_table("Correlation with the gyro", rows)
     for remark in evaluation.remarks:
         typer.echo(f"- {remark}")
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, PulseArcsec, command, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, PulseArcsec, command, read_runs, require_recording, say
 from rlgcomp.cli.show import show_json
 
 SimulatorFile = Annotated[Path, typer.Argument(metavar="SIM.yaml", help="Simulator file.")]
@@ -37,11 +37,11 @@ def simulate(
 
     On a table: `rlgcomp simulate table.yaml --profile 'rate 10 600, rate -10 600, rest 120, sweep -1 1 1800' --out table.parquet`
     """
-    from rlgcomp.formats import require_recordable, write
+    from rlgcomp.formats import write
     from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
-    require_recordable(out)
+    require_recording(out, simulator, mechanisms)
     recording = Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).simulate(
         profile, seed=seed, step_s=step_s, name=out.stem
     )
@@ -76,11 +76,11 @@ def predict(
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
-    from rlgcomp.formats import require_recordable, write
+    from rlgcomp.formats import write
     from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
-    require_recordable(out)
+    require_recording(out, simulator, mechanisms, run)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
     predicted = made.predict(recording)

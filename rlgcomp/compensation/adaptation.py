@@ -21,6 +21,7 @@ N. M. Laird, J. H. Ware, Random-effects models for longitudinal data, Biometrics
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Sequence
 from typing import Final, Self
 
@@ -29,15 +30,17 @@ import numpy.typing as npt
 import pandas as pd
 from sklearn.base import clone
 
-from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.compensator import Compensator, no_gain, require_different
 from rlgcomp.compensation.cubic import CubicLeastSquares
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.compensation.selection import Selection
 from rlgcomp.errors import InputError
+from rlgcomp.knocks import undisturbed
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
+logger = logging.getLogger(__name__)
 FEWEST_UNITS: Final = 3
 _ROUNDS: Final = 100
 _FLOOR: Final = 1e-12  # of the variances, relative to the largest: what no unit shows differently stays as it is
@@ -124,6 +127,8 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         )
     if not runs:
         raise InputError("no runs to adapt to; give at least one recording")
+    require_different(runs)
+    given, (runs, noticed) = runs, undisturbed(runs, compensator.gyro)
     units = [str(run.get("unit") or "") for run in compensator.provenance_]
     known = sorted(set(units) - {""})
     if len(known) < FEWEST_UNITS:
@@ -165,8 +170,11 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
             "hours": run.duration_s / 3600.0,
             "adapted_from": {"units": len(known), "hours": hours},
         }
-        for run in runs
+        for run in given
     ]
+    new.remarks_ = (*noticed, *no_gain(new.selection_, compensator.scaling_, "units"))
+    for remark in new.remarks_:
+        logger.warning("%s", remark)
     new.restart()
     return new
 

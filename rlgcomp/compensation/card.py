@@ -43,6 +43,8 @@ def card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
     known = [run["adapted_from"]["units"] for run in manifest["runs"] if "adapted_from" in run]
     interval = _interval(manifest["interval"], manifest["averaging_s"], "units" if known else "runs")
     before = f"\n- Adapted from what {known[0]} other units have in common" if known else ""
+    noticed = "".join(f"- {remark}\n" for remark in manifest["remarks"])
+    noticed = f"## What was noticed in training\n\n{noticed}\n" if noticed else ""
     return f"""# Bias compensation: {model["name"]} on {len(manifest["inputs"])} inputs
 
 Estimates the bias of `{output["gyro"]}` in {output["unit"]} from the gyro's own monitors. {mean}
@@ -68,7 +70,7 @@ out than {output["reach"]:g} times its range is held there: the output stays bou
 |---|---|---|
 {ranges}
 
-## How far to trust it
+{noticed}## How far to trust it
 
 {interval}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,8 +22,10 @@ from rlgcomp.compensation.lssvm import LSSVMRegressor
 from rlgcomp.compensation.rows import Scaling, rows
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.errors import InputError
-from rlgcomp.recipe import recipe_for
+from rlgcomp.knocks import undisturbed
+from rlgcomp.recipe import left_out_of, recipe_for
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, rate_name
+from rlgcomp.recording.sameness import share_rows
 from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +50,34 @@ class Correction(NamedTuple):
     bias_deg_h: float
     out_of_range: bool
     half_width_deg_h: float
+
+
+def require_different(runs: Sequence[Recording]) -> None:
+    """Refuse rows that are given twice: left out in one run and known from the other, they prove nothing.
+
+    Raises
+    ------
+    InputError
+        Two of the runs share rows, were they rounded.
+    """
+    for one, other in itertools.combinations(runs, 2):
+        if share_rows(one, other):
+            raise InputError(
+                f"{other.name} holds rows of {one.name}: it is a copy, or an interval that overlaps. Rows given twice are known "
+                "when they are left out, which proves nothing; give each run once, and intervals apart, as RUN@0:20000 RUN@20000:"
+            )
+
+
+def no_gain(selection: Selection, scaling: Scaling, what: str) -> list[str]:
+    """What to say of a model that is of no use to the runs or units left out; nothing of any other."""
+    if selection.rmse is None or selection.rmse < 1.0:
+        return []
+    before = scaling.y_scale_deg_h
+    return [
+        f"with {what} left out {selection.rmse * before:.3g} deg/h is left, no less than the {before:.3g} deg/h before: where this "
+        f"model was tested it is worse than none. Hold back {what} and try it there with rlgcomp evaluate before it is used; look "
+        "at those it was trained on with rlgcomp inspect, give more of them, or fewer --features."
+    ]
 
 
 class Compensator:
@@ -82,6 +113,8 @@ class Compensator:
         What it was trained on.
     provenance_ : list of dict
         Where the training runs came from.
+    remarks_ : tuple of str
+        What was noticed in the training runs, and whether the model is of use on runs it has not seen.
     schema_ : str
         Of the artefact that it was read from, or would be saved to.
 
@@ -117,7 +150,14 @@ class Compensator:
 
     # --- training ----------------------------------------------------------------------------------------------------------
 
-    def fit(self, runs: Sequence[Recording], *, journal: Path | None = None, progress: Progress | None = None) -> Self:
+    def fit(
+        self,
+        runs: Sequence[Recording],
+        *,
+        journal: Path | None = None,
+        progress: Progress | None = None,
+        screen: bool = True,
+    ) -> Self:
         """Select parameters by leaving runs out, then fit on all of them.
 
         Parameters
@@ -128,14 +168,19 @@ class Compensator:
             Where the selection keeps finished work; see :mod:`rlgcomp.compensation.selection`.
         progress : callable, optional
             Called with (done, total).
+        screen : bool
+            Leave out samples far beyond any noise, as :mod:`rlgcomp.knocks` tells them; what was screened before needs it no more.
 
         Raises
         ------
         InputError
-            A run is too short, lacks a monitor, or its gyro cannot be told.
+            A run is given twice, is too short, lacks a monitor, or its gyro cannot be told.
         """
         if not runs:
             raise InputError("no runs to train on; give at least one recording")
+        require_different(runs)
+        given, (runs, noticed) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
+        noticed += left_out_of(runs, self.features)
         self.recipe_ = recipe_for(runs, self.features)
         samples = [self.recipe_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(rows(run, self.recipe_, self.averaging_s, self.gyro) for run in runs)
@@ -160,8 +205,11 @@ class Compensator:
         self.model_.fit(X, y, **({"groups": self.run_labels()} if sequential(self.model_) else {}))
         self.interval_ = self.calibrated_interval()
         self.provenance_ = [
-            {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in runs
+            {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in given
         ]
+        self.remarks_ = (*noticed, *no_gain(self.selection_, self.scaling_, "runs"))
+        for remark in self.remarks_:
+            logger.warning("%s", remark)
         self.schema_ = artefact.SCHEMA
         self.restart()
         return self

@@ -66,6 +66,7 @@ def packed(compensator: Compensator) -> artefact.Artefact:
         "selection": {"best": compensator.selection_.best, "rmse": compensator.selection_.rmse},
         "interval": compensator.interval_.to_mapping(),
         "runs": compensator.provenance_,
+        "remarks": list(compensator.remarks_),
     }
     everything = {f"model_{name}": values for name, values in arrays.items()}
     everything |= {name: getattr(scaling, name) for name in _SCALING_ARRAYS}
@@ -136,6 +137,7 @@ def _assemble(held: artefact.Artefact) -> Compensator:
     compensator.selection_ = Selection(dict(selection["best"]), rmse, held.selection)
     compensator.provenance_ = [{**run, "hours": finite(run["hours"], "hours", low=0.0)} for run in manifest["runs"]]
     compensator.schema_ = manifest["schema"]
+    compensator.remarks_ = _remarks(manifest.get("remarks", []))
     if manifest["schema"] == artefact.SCHEMA:
         compensator.interval_ = Interval.from_mapping(manifest["interval"])
     else:
@@ -146,6 +148,12 @@ def _assemble(held: artefact.Artefact) -> Compensator:
         if manifest["schema"] == artefact.SCHEMA:
             _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     return compensator
+
+
+def _remarks(said: object) -> tuple[str, ...]:
+    if not (isinstance(said, list) and all(isinstance(remark, str) for remark in said)):
+        raise InputError("remarks must be a list of sentences")
+    return tuple(said)
 
 
 def _check_shapes(arrays: Mapping[str, Array], features: int, runs: int) -> None:

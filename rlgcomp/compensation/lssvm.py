@@ -139,7 +139,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             The device is not there or its memory too small, or on it H is not positive definite.
         """
         self.check_parameters()
-        inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True)
+        inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True, ensure_min_samples=2)
         system = self._system_of(inputs)
         weights = np.ones(len(target))
         for _ in range(_ROBUST_PASSES if self.robust else 0):

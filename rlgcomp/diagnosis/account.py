@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -14,10 +15,11 @@ from rlgcomp.diagnosis.fit import Fitted, fit
 from rlgcomp.diagnosis.next_experiment import next_experiment, told_apart
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import whiteness_p_value
-from rlgcomp.diagnosis.result import Alternative, Cause, NextExperiment, Unexplained
+from rlgcomp.diagnosis.result import Alternative, Cause, InPart, Law, NextExperiment, Unexplained
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape, norms, whiten
 from rlgcomp.diagnosis.wording import listing
+from rlgcomp.physics.empirical_law import EmpiricalLaw
 
 Array = npt.NDArray[np.float64]
 _ALTERNATIVES: Final = 8
@@ -57,13 +59,27 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
     """Other sets of the catalogue, beside a law where they were weighed beside it; where not, the catalogue's own best as well."""
     shares: dict[tuple[str, ...], float] = {}
     weighed = conclusion.reweighed or not conclusion.laws
-    own = None if not weighed else tuple(sorted(name for name, known in conclusion.model.labels if not known))
+    own = None if not weighed else _named(conclusion.model)
     for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
-        names = tuple(sorted(name for name, known in model.labels if not known))
+        names = _named(model)
         if names != own and not set(names) & set(conclusion.misnamed):
             shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 if weighed else 1.0 - conclusion.lawful)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
     return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
+
+
+def set_probability(explanations: Explanations, conclusion: Conclusion) -> float:
+    """Of the chosen set as a whole, with the laws beyond it where there are any."""
+    if conclusion.laws and not conclusion.reweighed:
+        return conclusion.lawful
+    names = _named(conclusion.model)
+    both = zip(explanations.models, explanations.probabilities, strict=True)
+    return min(1.0, sum(float(p) for model, p in both if _named(model) == names))
+
+
+def _named(model: Model) -> tuple[str, ...]:
+    """What a set adds to the simulator."""
+    return tuple(sorted(name for name, known in model.labels if not known))
 
 
 def what_to_run(
@@ -94,13 +110,25 @@ def whiteness(problem: Problem, after: Fitted, noise: NoiseShape) -> float:
     return whiteness_p_value([left[part] for part in problem.rows.runs])
 
 
-def unexplained_of(conclusion: Conclusion, left: float) -> Unexplained:
-    """What the named causes leave; `left` is the probability that it is noise."""
+def unexplained_of(conclusion: Conclusion, after: Fitted, left: float, in_part: Sequence[InPart] = ()) -> Unexplained:
+    """What the named causes leave; `left` is the probability that it is noise; or what acts in a part of the runs."""
     if conclusion.laws:
         first = conclusion.laws[0]
-        drivers = tuple(dict.fromkeys(driver for law in conclusion.laws for driver in law.drivers))
-        equation = "; ".join(law.equation for law in conclusion.laws)
-        return Unexplained(first.p_value, drivers, first.memory, equation, conclusion.lawful)
+        fitted = [(one.mechanism, one.estimates) for one in after.causes if isinstance(one.mechanism, EmpiricalLaw)]
+        laws = tuple(
+            Law(
+                law.stated(),
+                found.drivers,
+                found.memory,
+                {name: dataclasses.replace(one, unit=law.unit_of(name)) for name, one in estimates.items()},
+            )
+            for found, (law, estimates) in zip(conclusion.laws, fitted, strict=True)
+        )
+        drivers = tuple(dict.fromkeys(driver for law in laws for driver in law.drivers))
+        equation = "; ".join(law.equation for law in laws)
+        return Unexplained(first.p_value, drivers, first.memory, equation, conclusion.lawful, laws)
     if conclusion.unrecorded > UNRECORDED:
         return Unexplained(min(left, 1.0 - conclusion.unrecorded), probability=conclusion.unrecorded)
+    if in_part:
+        return Unexplained(left, tuple(dict.fromkeys(driver for one in in_part for driver in one.drivers)), "static")
     return Unexplained(left)

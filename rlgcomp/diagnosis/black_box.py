@@ -83,6 +83,10 @@ class Mismatch:
         left_out = not_comparable(before, run, predicted)
         return cls(run, said, mismatch, Windows.of(run.replace(table=table), window_s, knee_s, left_out))
 
+    def as_loud(self, loudness: float) -> Mismatch:
+        """The same of a run whose white noise has so many times the variance that the runs' middle one has."""
+        return dataclasses.replace(self, windows=dataclasses.replace(self.windows, loudness=loudness))
+
 
 def learned(mismatches: Sequence[Mismatch], training: int, executor: Executor | None = None) -> Callable[[], list[Array] | None]:
     """Start to train an LS-SVM on the mismatch of the first runs, and call what is returned for what it says of all.
@@ -148,7 +152,7 @@ def _trained(taught: Sequence[Recording], fine: Sequence[Recording], averaging_s
     levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns
     for features in (levels,) if fine[0].metadata.kind == "turntable" else (_of_all(taught, levels), levels):
         try:
-            model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(taught)
+            model = Compensator(LSSVMRegressor(), features=features, averaging_s=averaging_s).fit(taught, screen=False)
             return [model.predict(run)["bias_deg_h"].to_numpy() for run in fine]
         except InputError:
             continue

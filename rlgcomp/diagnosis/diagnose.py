@@ -11,43 +11,46 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
-from rlgcomp.diagnosis.account import alternatives_of, causes_of, unexplained_of, what_to_run, whiteness
+from rlgcomp.diagnosis.account import unexplained_of, what_to_run, whiteness
+from rlgcomp.diagnosis.answer import Answer, and_laws
 from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.bias_steps import told as told_steps
+from rlgcomp.diagnosis.bias_steps import with_places
 from rlgcomp.diagnosis.black_box import Mismatch, learned
-from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.conclusion import (
-    Conclusion,
-    beside_laws,
     beyond_noise,
     concluded,
     healthy,
-    likely_noises,
     rivals_of,
     verdict_of,
 )
+from rlgcomp.diagnosis.conventions import Meant, as_meant, conventions_of
 from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.explain import Explanations, considered
+from rlgcomp.diagnosis.explain import considered
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.held_out import require_held_out
-from rlgcomp.diagnosis.knocks import frozen_in, without_knocks, without_spikes
 from rlgcomp.diagnosis.locate import locate
+from rlgcomp.diagnosis.partly import told as told_in_part
 from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import proved, unreadable
 from rlgcomp.diagnosis.remarks import (
     extrapolations_of,
+    found_behind,
     not_tried,
     off_held_out,
     own_biases_of,
+    own_noises_of,
     remarks_of,
     weighed_means,
     worse_in_training,
     wrong_numbers_of,
 )
-from rlgcomp.diagnosis.result import Diagnosis, Estimate
+from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Step, chance
 from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.diagnosis.whitening import NoiseShape, norms
 from rlgcomp.errors import InputError
+from rlgcomp.knocks import frozen_in, undisturbed
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -122,6 +125,9 @@ def diagnose(
     if own is not None:
         train, test = list(own.runs[: len(train)]), list(own.runs[len(train) :])
     base = base if noise is None else dataclasses.replace(base, noise=noise)
+    meant = [as_meant(run, gyro) if predicted is None else Meant(run) for run in (*train, *test)]
+    conventions = conventions_of([*train, *test], meant)
+    train, test = [one.run for one in meant[: len(train)]], [one.run for one in meant[len(train) :]]
     asked = Asked(train, test if confirm else (), mechanisms, gyro, window_s, predicted)
     posed = Posed.of(asked, base)
     _require_noise(posed.windowed)
@@ -130,10 +136,9 @@ def diagnose(
     box = learned(mismatches, len(train), executor) if black_box and test else None
     stated = mismatches
     posed, explanations, wrong = posed.answered(base)
-    if wrong or posed.problem.own_biases:
+    if wrong or posed.problem.own_biases or posed.problem.steps or posed.problem.partly:
         before, mismatches = _calibrated(posed, [*train, *test])
-    if wrong and box is not None:
-        box = learned(mismatches, len(train), executor)
+        box = learned(mismatches, len(train), executor) if box is not None and (wrong or posed.problem.steps) else box
     problem, windowed = posed.problem, posed.windowed
     told(0.5)
     rng = stream(seed, "diagnosis")
@@ -143,17 +148,14 @@ def diagnose(
         conclusion = concluded(windowed, explanations, posed.whole_windowed)
     detection = detecting.result()
     nothing = healthy(explanations) * (1.0 - conclusion.lawful)
-    explanations, conclusion = _beside_laws(posed, explanations, beyond_noise(conclusion, detection.p_value, explanations.first))
+    explanations, conclusion = and_laws(posed, explanations, beyond_noise(conclusion, detection.p_value, explanations.first))
     told(0.75)
-    noises = likely_noises(windowed, explanations, conclusion)
-    shape = next(iter(noises))
-    chosen = explanations.candidates(conclusion.model)
-    laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
-    calm = [(dataclasses.replace(noise, wander=0.0), share) for noise, share in noises.items()]
-    after = fit(problem, [*chosen, *laws], calm[0][0], calm) if chosen or laws else before  # then nothing is gained
-    if shape.wander > 0.0 or after is before:  # a wander is no part of the white noise either
-        after = dataclasses.replace(after, white_deg_h=fit(problem, [*chosen, *laws], shape).white_deg_h)
-    where = locate(windowed, posed.within, shape, rng)
+    first = Answer.of(posed, explanations, conclusion, before)
+    last = first.and_further() or first
+    after, shape, problem, windowed = last.after, last.shape, last.posed.problem, last.posed.windowed
+    explanations, conclusion = last.explanations, last.conclusion
+    steps, in_part, by_chance = _apart(last.posed, after, shape)
+    where = with_places(locate(posed.windowed, posed.within, first.shape, rng), posed.windowed, steps, after.white_deg_h)
     told(0.85)
     proof = proved(
         mismatches,
@@ -169,7 +171,7 @@ def diagnose(
     rivals = rivals_of(explanations, conclusion.model)
     verdict = verdict_of(conclusion, rivals)
     # a path of jumps, a line or a law is seen by the search alone: the null's own probability then bounds the p-value
-    p_value = min(detection.p_value, nothing) if verdict != "none" else detection.p_value
+    p_value = min(detection.p_value, nothing if verdict != "none" else 1.0, by_chance)
     differing = tuple(name for name in wrong if _differs(base, name, (before.baseline | after.baseline)[name]))
     next_up, untold = (
         what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else (None, ())
@@ -177,12 +179,14 @@ def diagnose(
     model = noise_model(shape, after.white_deg_h, problem.windows[0])
     drivers = {column for mechanism in after.simulator.mechanisms for column in mechanism.driver_columns(train[0])} - {TIME}
     return Diagnosis(
-        verdict=verdict,
+        verdict="unknown" if steps or in_part else verdict,
         p_value=p_value,
         where=where,
-        causes=causes_of(problem, explanations, conclusion, after, rivals),
-        alternatives=alternatives_of(explanations, conclusion),
-        unexplained=unexplained_of(conclusion, detection.p_value if verdict == "none" else whiteness(problem, after, shape)),
+        causes=last.causes(rivals),
+        alternatives=last.alternatives(),
+        unexplained=unexplained_of(
+            conclusion, after, detection.p_value if verdict == "none" else whiteness(problem, after, shape), in_part
+        ),
         train=proof.train,
         test=proof.test,
         next_experiment=next_up,
@@ -190,7 +194,7 @@ def diagnose(
         augmented=dataclasses.replace(after.simulator, noise=model),
         noise=model,
         calibration=before.baseline,
-        recalibration=after.baseline,
+        recalibration={name: found for name, found in after.baseline.items() if name not in last.earlier_names},
         wrong=differing,
         alignment=() if own is None else own.alignment,
         remarks=(
@@ -199,19 +203,25 @@ def diagnose(
             *(() if own is None else own.remarks),
             *knocks,
             *more,
+            *conventions,
             *untold,
             *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+            *found_behind(last),
             *not_tried(explanations, mechanisms),
             *wrong_numbers_of({name: (before.baseline | after.baseline)[name] for name in differing}, stated),
             *own_biases_of(after.baseline),
             *weighed_means(model, problem.rows.window_s),
+            *own_noises_of(mismatches, after.white_deg_h),
             *worse_in_training(proof.train, [cause.mechanism for cause in after.causes]),
             *off_held_out(verdict, proof.test, [cause.mechanism for cause in after.causes]),
             *(said for said in (unreadable(after.simulator, one.run) for one in mismatches) if said is not None),
             *extrapolations_of(proof.traces, drivers),
         ),
         traces=proof.traces,
-        healthy=nothing,
+        healthy=nothing * by_chance,
+        probability=last.probability,
+        steps=steps,
+        in_part=in_part,
     )
 
 
@@ -267,10 +277,8 @@ def _require_noise(problem: Problem) -> None:
 
 def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
     """Runs without knocks and spikes, and what to say of these and of monitors that freeze."""
-    calm = [without_knocks(run, gyro) for run in runs]
-    found = [without_spikes(run) for run, _ in calm]
-    remarks = [said for _, said in calm if said is not None]
-    return [run for run, _ in found], [*remarks, *(line for run, said in found for line in (*said, *frozen_in(run)))]
+    calm, remarks = undisturbed(runs, gyro)
+    return calm, [*remarks, *(said for run in calm for said in frozen_in(run))]
 
 
 def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[Mismatch]]:
@@ -278,15 +286,17 @@ def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[M
     # whatever wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
     before = fit(posed.problem, [], NoiseShape(), [(dataclasses.replace(_noise_of_nothing(posed.problem), wander=0.0), 1.0)])
     asked, window_s, knee_s = posed.asked, posed.problem.rows.window_s, posed.problem.windows[0].knee_s
-    return before, [Mismatch.of(before.simulator, run, asked.gyro, asked.predicted, window_s, knee_s) for run in runs]
+    left = [Mismatch.of(before.simulator, run, asked.gyro, asked.predicted, window_s, knee_s) for run in runs]
+    known = posed.problem.windows[: len(asked.train)]
+    heard = [*known, *(posed.problem.heard(one.windows, one.mismatch_deg_h) for one in left[len(known) :])]
+    return before, [one.as_loud(part.loudness) for one, part in zip(left, heard, strict=True)]
 
 
-def _beside_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -> tuple[Explanations, Conclusion]:
-    """Sets of causes, and the conclusion, once laws that were found beside causes are in place."""
-    if not (conclusion.laws and conclusion.model.labels):
-        return explanations, conclusion
-    explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained()
-    return explanations, beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
+def _apart(posed: Posed, after: Fitted, shape: NoiseShape) -> tuple[tuple[Step, ...], tuple[InPart, ...], float]:
+    """Steps of the bias, causes that act in a part of the runs, and the probability that there are none."""
+    steps = told_steps(posed.windowed, after.baseline)
+    in_part = told_in_part(posed.windowed, posed.whole_windowed, after.baseline, shape)
+    return steps, in_part, min(chance(steps), chance(in_part))
 
 
 def _differs(simulator: Simulator, name: str, found: Mapping[str, Estimate]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -25,6 +26,7 @@ _GRIDS_K: Final = (1.0, 0.1)  # temperatures are multiples of the first that lea
 _STEPS_IN_RANGE: Final = 20
 _SURE_K: Final = 0.05  # a range that was recorded to within this of a number reaches it
 _SURE: Final = 0.005  # the same of a rate, relative
+_ANOTHER_K: Final = 5.0  # from the usual temperature: less is a room that drifts and a gyro that warms itself
 _SAME_K: Final = 0.5  # thermometers and chambers are no surer of where they are
 
 
@@ -77,7 +79,8 @@ def _variants(cold: float, hot: float, start: float, rate: float, share: float) 
 def table_programmes(runs: Sequence[Recording]) -> list[TableProgramme]:
     """Presets and variants of them that turn no faster than what was recorded, none longer than 14 h; none for a table that stood.
 
-    Rates in equal ratios both ways, sweeps through zero, slow turns, and the same turned with accelerations ten times apart.
+    Rates in equal ratios both ways, sweeps through zero, slow turns, and the same turned with accelerations ten times apart, all
+    at the usual temperature; where others were recorded, rates both ways at the coldest and the hottest of them as well.
     """
     fastest = max(float(np.abs(rate_deg_s(run)).max()) for run in runs)
     if fastest == 0.0:
@@ -93,8 +96,20 @@ def table_programmes(runs: Sequence[Recording]) -> list[TableProgramme]:
     swinging = ", ".join([f"rate {fastest:g} 60, rate {-fastest:g} 60"] * 15)
     texts = [both_ways, slow, near_zero, swinging, f"acceleration 2, {swinging}", f"acceleration 20, {swinging}"]
     texts += [f"rest 600, {both_ways}, {near_zero}"]
-    made = [TableProgramme.parse(text) for text in [*texts, *table.PRESETS]]
+    usual, others = _room_temperatures(runs)
+    made = [dataclasses.replace(TableProgramme.parse(text), room_degC=usual) for text in [*texts, *table.PRESETS]]
+    made += [dataclasses.replace(TableProgramme.parse(text), room_degC=room) for room in others for text in (both_ways, texts[-1])]
     return [one for one in made if one.duration_s <= LONGEST_S and float(np.abs(one.corners[1]).max()) <= 1.05 * fastest]
+
+
+def _room_temperatures(runs: Sequence[Recording]) -> tuple[float | None, list[float]]:
+    """The usual temperature in degC and, well away from it, the coldest and the hottest recorded; None without thermometers."""
+    with_thermometer = [run for run in runs if any(column.startswith("temperature_") for column in run.columns)]
+    if not with_thermometer:
+        return None, []
+    recorded = np.concatenate([run.column(run.temperature_column) for run in with_thermometer])
+    usual, *ends = float(np.median(recorded)), math.ceil(recorded.min() - _SURE_K), math.floor(recorded.max() + _SURE_K)
+    return round(usual, 1), [float(end) for end in ends if abs(end - usual) >= _ANOTHER_K]
 
 
 def _chamber_limits(runs: Sequence[Recording]) -> tuple[float, float, float, float]:

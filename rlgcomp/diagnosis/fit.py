@@ -22,11 +22,12 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.linearised import STEPS, amplitudes, late, moved, slopes, solve, whole, wider
-from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
+from rlgcomp.diagnosis.problem import OWN_BIAS, PARTLY, STEP, Problem, law_slopes
 from rlgcomp.diagnosis.result import Estimate
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.windows import Windows
 from rlgcomp.noise import NoiseModel
+from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
@@ -35,6 +36,7 @@ Array = npt.NDArray[np.float64]
 _OWN_STEPS: Final = 8  # of the simulator's own shapes, each time
 _NO_BETTER: Final = 1e-5  # of the square that is left: a step that takes less is the last
 _TOLD: Final = 1e-6  # of a derivative: with less beyond its own amplitudes a shape is not told
+_MADE_UP_FOR: Final = 0.01  # of a derivative by a law's shape: with less beyond all else, what that is off by passes unseen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,12 +51,28 @@ class FittedCause:
     contribution_deg_h : ndarray, shape (n,)
     known : bool
         The simulator has it, with other numbers.
+    chi_square : float
+        Of its amplitudes together against none, shapes held: one whose shape is hardly known may be sure all the same.
     """
 
     mechanism: Mechanism
     estimates: dict[str, Estimate]
     contribution_deg_h: Array
     known: bool
+    chi_square: float = math.inf
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether its size is nothing: its amplitudes together, within what noise makes of so many, or each of the wrong sign; of a
+        mechanism that is settled, each number within a standard deviation of zero."""
+        if self.known or self.mechanism.open_set:
+            return False
+        sizes = {p.name: p.low for p in self.mechanism.parameters() if p.role == "amplitude" and p.name in self.estimates}
+        if type(self.mechanism).settled is not Mechanism.settled:
+            lowest = sizes or dict.fromkeys(self.estimates, 0.0)
+            return all(abs(max(self.estimates[name].value, low)) <= self.estimates[name].sd for name, low in lowest.items())
+        wrong = [self.estimates[name].value <= low for name, low in sizes.items() if low == 0.0]
+        return self.chi_square <= len(sizes) or (len(wrong) == len(sizes) > 0 and all(wrong))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,9 +136,14 @@ def fit(
         if shifted == mechanisms or solve(problem, np.column_stack([problem.baseline, *trial]), noise)[2] >= lowest:
             break
         mechanisms, columns = shifted, trial
+    for k, (mechanism, part) in enumerate(zip(mechanisms, parts, strict=True)):
+        if isinstance(mechanism, EmpiricalLaw):
+            derived[k] = _of_law(problem, mechanism, float(part[0]), plain)
+    design = np.column_stack([plain, *(column for found in derived for _, column in found)])
+    weights = solve(problem, design, noise)[0]
     final = np.zeros(plain.shape[1])
     held = np.r_[problem.held(), np.ones(plain.shape[1] - problem.baseline.shape[1], dtype=np.bool_)]
-    final[held], _, square = solve(problem, plain[:, held], noise)  # the simulator's own shapes are at their best
+    final[held], covariance, square = solve(problem, plain[:, held], noise)  # the simulator's own shapes are at their best
     freedom = len(problem.rows) - design.shape[1]
     widened = [1.0] * plain.shape[1]
     for k, found in enumerate(derived):
@@ -132,10 +155,14 @@ def fit(
     lateness = late(problem, [mechanisms[k] for k in steady], [parts[k] for k in steady])
     answer = solve(dataclasses.replace(problem, target_deg_h=lateness), design, noise)[0]
     sd = np.sqrt(np.square(widened) * _variances(problem, design, weights, likely or [(noise, 1.0)]) + answer**2)
+    laws, widths = [mechanism.open_set for mechanism in mechanisms], [block.shape[1] for block in columns]
+    of_laws = np.repeat([False, *laws, *laws], [problem.baseline.shape[1], *widths, *map(len, derived)])
+    rounded = weights - np.r_[final, np.zeros(design.shape[1] - plain.shape[1])]  # numbers of laws are
+    sd = np.where(of_laws, np.hypot(sd, rounded), sd)
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
     beside = [*columns, *(column[:, None] for found in derived for _, column in found)]
     baseline, simulator = _own_settled(problem, baseline, simulator, beside, noise)
-    causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd)
+    causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd, covariance * square / freedom)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
         causes = _settled(problem, chosen, causes, columns, noise)
     for cause in causes:
@@ -153,6 +180,14 @@ def _told(derived: list[tuple[str, Array]], mechanism: Mechanism, columns: Array
         for name, slope in derived
         if np.linalg.norm(slope - basis @ (basis.T @ slope)) > _TOLD * np.linalg.norm(slope)
     ]
+
+
+def _of_law(problem: Problem, law: EmpiricalLaw, amplitude_deg_h: float, plain: Array) -> list[tuple[str, Array]]:
+    """Derivatives by a law's shapes, which are at their best, and uncertain all the same; none that other columns make up for."""
+    basis = np.linalg.qr(plain / norms(plain))[0]
+    slopes = {name: amplitude_deg_h * slope for name, slope in law_slopes(problem, law).items()}
+    left = {name: np.linalg.norm(slope - basis @ (basis.T @ slope)) for name, slope in slopes.items()}
+    return [(name, slope) for name, slope in slopes.items() if left[name] > _MADE_UP_FOR * np.std(slope) * math.sqrt(len(slope))]
 
 
 def _variances(problem: Problem, design: Array, weights: Array, likely: Sequence[tuple[NoiseShape, float]]) -> Array:
@@ -212,8 +247,8 @@ def _baseline(problem: Problem, weights: Array, sd: Array) -> tuple[dict[str, di
     simulator = problem.simulator
     estimates: dict[str, dict[str, Estimate]] = {}
     for k, (name, parameter) in enumerate(problem.baseline_names):
-        if parameter == OWN_BIAS:
-            estimates.setdefault("gyro", {})[f"{OWN_BIAS}:{name}"] = Estimate(float(weights[k]), float(sd[k]), "deg/h")
+        if parameter.startswith((OWN_BIAS, STEP, PARTLY)):
+            estimates.setdefault("gyro", {})[f"{parameter}:{name}"] = Estimate(float(weights[k]), float(sd[k]), "deg/h")
             continue
         mechanism = next((mechanism for mechanism in simulator.mechanisms if mechanism.name == name), None)
         if mechanism is None:
@@ -242,8 +277,11 @@ def _causes(
     derived: Sequence[list[tuple[str, Array]]],
     weights: Array,
     sd: Array,
+    covariance: Array,
 ) -> list[FittedCause]:
+    """The causes with their numbers; the covariance is that of all amplitudes, shapes held, the causes' last."""
     causes = []
+    held = len(covariance) - len(weights)  # the simulator's own shapes are not among them
     place = problem.baseline.shape[1]
     slope_place = place + sum(block.shape[1] for block in columns)
     for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, derived, strict=True):
@@ -257,7 +295,9 @@ def _causes(
         values = {name: estimate.value for name, estimate in estimates.items()}
         limits = {p.name: (p.low, p.high) for p in mechanism.parameters()}
         filled = dataclasses.replace(mechanism, **{k: float(np.clip(v, *limits[k])) for k, v in values.items()})  # type: ignore[type-var]
-        causes.append(FittedCause(filled, estimates, block @ weights[part], candidate.known))
+        there = slice(part.start + held, part.stop + held)
+        chi_square = float(weights[part] @ np.linalg.pinv(covariance[there, there], hermitian=True) @ weights[part])
+        causes.append(FittedCause(filled, estimates, block @ weights[part], candidate.known, chi_square))
     return causes
 
 
@@ -370,7 +410,9 @@ def _of_jumps(problem: Problem, candidate: Candidate, mechanism: Mechanism, half
 
 
 def _joined(simulator: Simulator, cause: FittedCause) -> Simulator:
-    """The simulator with a cause in it, its fitted parameters free to be calibrated again."""
-    free = dict(simulator.free)
-    free[cause.mechanism.name] = free.get(cause.mechanism.name, frozenset()) | frozenset(cause.estimates)
+    """The simulator with a cause in it, its fitted parameters free to be calibrated again; of a law, its amplitude."""
+    free, fitted = dict(simulator.free), frozenset(cause.estimates)
+    if cause.mechanism.open_set:
+        fitted &= {parameter.name for parameter in cause.mechanism.amplitude_parameters()}
+    free[cause.mechanism.name] = free.get(cause.mechanism.name, frozenset()) | fitted
     return dataclasses.replace(simulator.with_mechanism(cause.mechanism), free=free)

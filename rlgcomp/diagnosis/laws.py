@@ -3,7 +3,8 @@ r"""The dictionary of laws: drivers × memory × form, with the shapes to try an
 Before the data are seen, a law is in one driver or in the product of two (three to one), every driver counts equally, then every
 memory (static, dynamic, rate-independent), every form, every point of the form's grid. A straight line in a monitor is so not
 swamped by thousands of bumps. Beside every column stand the differences of two alike (two arms' currents, two photodiodes), each
-with a share of a column's weight; beside a table's rate its size, whose laws are the same either way round or turned round with it.
+with a share of a column's weight; beside a table's rate its size, whose laws are the same either way round or turned round with it:
+what turning warms is late. A rate's size is multiplied with other drivers as well, a rate itself also with their squares.
 
 Columns are computed on the recordings' fine rows and averaged over the windows, many at once.
 """
@@ -250,6 +251,7 @@ class Dictionary:
         for driver in self._sizes:
             shaped = [one for one in self._static(driver) if one.form != "power"]  # powers of the rate itself are as good
             members = [dataclasses.replace(one, parity=parity) for parity in ("even", "odd") for one in shaped]
+            members.append(Family(driver, "", "lag", "power", 1, (lag,), parity="even"))  # what turning warms
             weight = math.log(ONE_DRIVER * shares[driver] / every / sum(math.exp(family.log_prior) for family in members))
             found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
         single = [driver for driver in self.drivers if driver not in self._sizes]
@@ -271,14 +273,18 @@ class Dictionary:
                 together = 3 * sum(math.exp(family.log_prior) for family in members)
                 weight = math.log(ONE_DRIVER * shares[driver] / every / together)
                 found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
-        pairs = [
-            (one, two) for one, two in itertools.permutations(single, 2) if not set(self._columns[one]) & set(self._columns[two])
-        ]
+        tried = [*itertools.permutations(single, 2), *itertools.product(self._sizes, single)]
+        pairs = [(one, two) for one, two in tried if not set(self._columns[one]) & set(self._columns[two])]
         every = sum(shares[one] * shares[two] for one, two in pairs)
         for one, two in pairs:
             ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))
             weight = math.log((1.0 - ONE_DRIVER) * shares[one] * shares[two] / every)
-            if one < two:
+            if one in self._sizes:
+                found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight, parity="even"))
+            elif two in self._sizes.values():  # a scale factor that is no straight line in what drives it
+                weight -= math.log(2.0)
+                found.append(Family(one, two, "static", "power", 2, ats, log_prior=weight))
+            if one in single and one < two:
                 found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight))
             if one.startswith("temperature_"):
                 _, low, high = self._series(Held(one, "rate"))

@@ -114,7 +114,8 @@ def next_experiment(
         return None
     if_true, programme = min(refined, key=lambda item: _preference(float(prior @ item[0]), item[1]))
     expected, nothing_learnt = float(prior @ if_true), float(prior @ prior)
-    if expected < nothing_learnt + _GAINED * min(nothing_learnt, 1.0 - nothing_learnt):
+    worth = nothing_learnt + _GAINED * min(nothing_learnt, 1.0 - nothing_learnt)
+    if expected < max(worth, float(prior.max())):  # nobody runs a programme after which less is expected than is known
         return None
     return NextExperiment(told_apart(rivals), str(programme), expected, tuple(if_true.tolist()))
 
@@ -172,7 +173,8 @@ def _simulated(
     if laboratory is not None and isinstance(programme, Programme):
         run = laboratory.foreseen(programme, problem.simulator.monitors.plant, step_s)
     else:
-        bare = dataclasses.replace(problem.simulator, mechanisms=(), free={})
+        steady = dataclasses.replace(problem.simulator.table, room_drift_K=0.0, warm_up_K=0.0)  # what nobody sets tells nothing
+        bare = dataclasses.replace(problem.simulator, mechanisms=(), free={}, table=steady)
         run = _as_recorded(bare.simulate(programme, seed=seed, step_s=step_s, name="next"), problem.runs)
     windows = Windows.of(run, window_s, problem.windows[0].knee_s)
     time_s = windows.middles_s

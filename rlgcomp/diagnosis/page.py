@@ -16,6 +16,7 @@ from rlgcomp.files import write_text
 from rlgcomp.units import typeset
 
 PICTURES: Final = ("timeline", "left", "driver_map", "loop", "channels", "probabilities", "held_out", "bars", "programme")
+_INDENT: Final = "\u2003"  # of a run below the row of all runs: a page would drop plain spaces
 
 
 def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis, executor: Executor | None = None) -> None:
@@ -49,22 +50,31 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         lstrip_blocks=True,
         finalize=lambda said: typeset(said) if type(said) is str else said,  # drawings and tables are markup by then
     )
+    fit = diagnosis.test or diagnosis.train
     page = {
         "title": wording.title(diagnosis),
+        "headline": wording.headline(diagnosis),
+        "gain": wording.gain_sentence(diagnosis),
+        "rms_before": wording.rms_text(fit.baseline_rms, fit),
+        "rms_after": wording.rms_text(fit.augmented_rms, fit),
         "about": wording.about(diagnosis),
         "style": importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
         "version": rlgcomp.__version__,
         "diagnosis": diagnosis,
-        "fit": diagnosis.test or diagnosis.train,
+        "fit": fit,
         "changed": diagnosis.changed,
         "proved": "held out" if diagnosis.test is not None else "in training",
         "proof_title": wording.proof_title(diagnosis),
         "p_value": wording.p_number(diagnosis.p_value),
         **_left(diagnosis.unexplained),
+        "steps": wording.events_text(diagnosis),
         **_next(diagnosis.next_experiment),
         "places": _places(diagnosis),
+        "place_note": wording.place_note(diagnosis),
         "causes": _causes(diagnosis),
+        "several": len(diagnosis.causes) + bool(diagnosis.unexplained.equation) > 1,
         "parameters": _parameters(diagnosis),
+        "laws": _laws(diagnosis.unexplained),
         "fits": _fits(diagnosis),
         "whiteness": [
             (name, wording.p_number(fit.whiteness_p_value))
@@ -84,6 +94,7 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
 def _left(unexplained: Unexplained) -> dict[str, str]:
     sure = unexplained.probability
     return {
+        "left_memory": wording.memory_text(unexplained),
         "left_p_value": wording.p_number(unexplained.p_value),
         "left_probability": "" if sure is None else wording.sure_text(sure, 2),
     }
@@ -128,11 +139,22 @@ def _parameters(diagnosis: Diagnosis) -> pd.DataFrame:
     )
 
 
+def _laws(unexplained: Unexplained) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {"follows": ", ".join(law.drivers), "parameter": name, "value": str(estimate)}
+            for law in unexplained.laws
+            for name, estimate in law.parameters.items()
+        ]
+    )
+
+
 def _fits(diagnosis: Diagnosis) -> pd.DataFrame:
     rows = wording.fit_rows("training", diagnosis.train)
     if diagnosis.test is not None:
         rows = wording.fit_rows("held out", diagnosis.test) + rows
     columns, rows = wording.filled(wording.FIT_COLUMNS, rows)
+    rows = [[name.replace("  ", _INDENT), *cells] for name, *cells in rows]
     return pd.DataFrame(rows, columns=columns)
 
 

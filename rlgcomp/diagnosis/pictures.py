@@ -12,14 +12,18 @@ import numpy.typing as npt
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from rlgcomp.allan.deviation import allan_deviation
+from rlgcomp.diagnosis.channel_shares import channel_shares
 from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
 from rlgcomp.diagnosis.wording import sure_text
 from rlgcomp.errors import InputError
+from rlgcomp.motion import ANGLES, RATE
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, svg
 from rlgcomp.simulation.programme import Programme
+from rlgcomp.simulation.table_programme import TableProgramme
 from rlgcomp.units import SECONDS_PER_HOUR, column_unit, typeset
 
 Array = npt.NDArray[np.float64]
@@ -30,8 +34,12 @@ BESIDE: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 BLACK_BOX: Final = "#cc79a7"
 COLD: Final = "#56b4e9"
 _DOTS: Final = {"marker": ".", "linestyle": "", "rasterized": True}
-_BINS: Final = 8
-SLIGHT: Final = 0.01  # probability of something unrecorded below which it has no bar
+_TICKS: Final = 6  # along x, of half a figure
+_MARGIN: Final = 0.15
+_TOGETHER: Final = 0.9  # correlation from which two columns of one unit are shown by their difference
+_MOTION: Final = (RATE, *ANGLES)
+SLIGHT: Final = 0.01  # probability of something unrecorded, or of all other sets, below which it has no bar
+NEGLIGIBLE: Final = 0.001  # the same of one set
 LEAST_AXIS: Final = 20.0  # %, so that what chance leaves does not fill the picture
 DOTS_PER_INCH: Final = 130
 ABOVE_IN, BELOW_IN, GAP_IN, SIDE_GAP_IN = 0.32, 0.48, 0.52, 0.5
@@ -85,12 +93,13 @@ def loop(diagnosis: Diagnosis) -> str:
                 for axes, values in zip(row, both, strict=False):
                     for direction, colour in parts:
                         axes.plot(x[direction], scale * values[direction], color=colour, ms=3.5, alpha=0.6, **_DOTS)
-            reach = 1.3 * scale * float(np.quantile(np.abs(np.concatenate(view.before)), 0.99))
-            row[0].set_ylim(-reach, reach)
+            ends = scale * np.quantile(np.concatenate([*view.before, *view.after]), (0.001, 0.999))
+            row[0].set_ylim(*(ends + _MARGIN * np.ptp(ends) * np.array([-1.0, 1.0])))
             row[0].set_ylabel(unit)
             for axes, title in zip(row, (view.title if sides > 1 else "Mismatch", "After"), strict=False):
                 axes.set_title(title)
                 axes.set_xlabel(view.label)
+                axes.locator_params(axis="x", nbins=_TICKS)
         for first in [row[0] for view, row in zip(shown, grid, strict=True) if view.turns][:1]:
             first.plot([], [], ".", color=WARM, ms=8, label="rising")
             first.plot([], [], ".", color=RESIDUAL, ms=8, label="falling")
@@ -107,7 +116,7 @@ class View:
     x: list[Array]
     before: list[Array]
     after: list[Array]
-    turns: bool = True  # x rises and falls
+    turns: bool = True  # x rises and falls, and what is drawn may depend on which
 
 
 def views(diagnosis: Diagnosis) -> list[View]:
@@ -124,7 +133,7 @@ def views(diagnosis: Diagnosis) -> list[View]:
         before = [trace.after_deg_h + trace.added_deg_h[name] for trace in traces]
         title, after = "Mismatch before", [trace.after_deg_h for trace in traces]
         if len(findings) > 1:
-            title = f"{said}: mismatch less the others"
+            title = f"{said}: before"
         else:
             before = [trace.before_deg_h for trace in traces]
         moving = [column for column in drivers if any(column in t.monitors and np.ptp(t.monitors[column]) > 0.0 for t in traces)]
@@ -135,7 +144,7 @@ def views(diagnosis: Diagnosis) -> list[View]:
             x, label = [trace.monitors[moving[0]].to_numpy() for trace in traces], column_label(moving[0])
         else:
             x, label = [trace.time_s / SECONDS_PER_HOUR for trace in traces], "time in h"
-        found.append(View(title, label, x, before, after, turns=label != "time in h"))
+        found.append(View(title, label, x, before, after, turns=len(drivers) == 1 and bool(moving) and moving[0] not in _MOTION))
     return found
 
 
@@ -146,22 +155,22 @@ def _against(traces: Sequence[Trace], driver: str) -> View:
 
 
 def driver_map(diagnosis: Diagnosis) -> str:
-    """Mean mismatch over a driver and its rate of change, before and after, in one colour scale."""
-    driver = _driver(diagnosis)
+    """Mean mismatch over a driver and another, or its rate of change, before and after, in one colour scale."""
+    found = map_axes(diagnosis)
     scale, unit = _scale(diagnosis.train)
-    if driver is None:
+    if found is None:
         return ""
-    x, rate, before, after = (np.concatenate(parts) for parts in zip(*_driver_samples(diagnosis.traces, driver), strict=True))
-    if np.ptp(x) == 0.0 or np.ptp(rate) == 0.0:
+    x, y, label_x, label_y = found
+    before = np.concatenate([trace.before_deg_h for trace in diagnosis.traces])
+    after = np.concatenate([trace.after_deg_h for trace in diagnosis.traces])
+    low, high = (float(end) for end in np.quantile(y, (0.01, 0.99)))
+    if np.ptp(x) == 0.0 or low == high:
         return ""
-    edges_x = np.linspace(x.min(), x.max(), 13)
-    reach = float(np.quantile(np.abs(rate), 0.98)) or float(np.abs(rate).max())
-    edges_rate = np.linspace(-reach, reach, 10)
-    factor, per_minute = _power(reach, f"{typeset(column_unit(driver) or '1')}/min")
-    counts, _, _ = np.histogram2d(x, rate, (edges_x, edges_rate))
+    edges_x, edges_y = np.linspace(x.min(), x.max(), 13), np.linspace(low, high, 10)
+    counts, _, _ = np.histogram2d(x, y, (edges_x, edges_y))
     maps = []
     for values in (before, after):
-        sums, _, _ = np.histogram2d(x, rate, (edges_x, edges_rate), weights=scale * values)
+        sums, _, _ = np.histogram2d(x, y, (edges_x, edges_y), weights=scale * values)
         maps.append(np.where(counts >= 3, sums / np.maximum(counts, 1), np.nan))
     if not np.isfinite(maps[0]).any():
         return ""
@@ -171,67 +180,68 @@ def driver_map(diagnosis: Diagnosis) -> str:
         titles = ("Mean mismatch before", "After") if len(maps) > 1 else ("Mean mismatch",)
         figure, (panels,) = _figure(3.3, columns=len(maps), sharey=True, right_in=0.1)
         for axes, values, title in zip(panels, maps, titles, strict=True):
-            mesh = axes.pcolormesh(edges_x, factor * edges_rate, values.T, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True)
+            mesh = axes.pcolormesh(edges_x, edges_y, values.T, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True)
             axes.set_title(title)
-            axes.set_xlabel(column_label(driver))
+            axes.set_xlabel(label_x)
+            axes.locator_params(axis="x", nbins=_TICKS)
             axes.grid(visible=False)
-        panels[0].set_ylabel(f"rate of change, {per_minute}")
+        panels[0].set_ylabel(label_y)
         figure.colorbar(mesh, ax=panels, label=unit, pad=0.01)
         return svg(figure)
 
 
+def map_axes(diagnosis: Diagnosis) -> tuple[Array, Array, str, str] | None:
+    """A driver and what it is shown with over all runs, with their labels: the second driver of the same finding (less the first
+    where both go together), else its own rate of change; None where neither says anything."""
+    driver, traces = _driver(diagnosis), diagnosis.traces
+    if driver is None or not all(driver in trace.monitors for trace in traces):
+        return None
+    x = np.concatenate([trace.monitors[driver].to_numpy() for trace in traces])
+    findings = [*(cause.drivers for cause in diagnosis.causes), diagnosis.unexplained.drivers]
+    others = [other for drivers in findings if driver in drivers for other in drivers if other != driver]
+    moving = (one for one in others if all(one in trace.monitors and np.ptp(trace.monitors[one]) > 0.0 for trace in traces))
+    other = next(moving, None)
+    if other is not None:
+        y = np.concatenate([trace.monitors[other].to_numpy() for trace in traces])
+        if column_unit(driver) == column_unit(other) and abs(np.corrcoef(x, y)[0, 1]) > _TOGETHER:
+            name, unit = column_label(driver).rsplit(", ", 1)
+            return x, y - x, column_label(driver), f"{column_label(other).rsplit(', ', 1)[0]}\nless {name}, {unit}"
+        return x, y, column_label(driver), column_label(other)
+    if driver in _MOTION:
+        return None  # a table's rate jumps from one value to the next
+    rate = np.concatenate([60.0 * np.gradient(trace.monitors[driver].to_numpy(), trace.time_s) for trace in traces])
+    factor, per_minute = _power(float(np.quantile(np.abs(rate), 0.98)), f"{typeset(column_unit(driver) or '1')}/min")
+    return x, factor * rate, column_label(driver), f"rate of change, {per_minute}"
+
+
 def channels(diagnosis: Diagnosis) -> str:
-    """How much of the mismatch follows each recorded channel, before and after: share of its variance between bins."""
-    shares = channel_shares(diagnosis.traces)
+    """How much of the mismatch follows each recorded channel, before and after: share of its variance between bins; with what noise
+    alone reaches."""
+    shares = channel_shares(diagnosis.traces, diagnosis.noise, diagnosis.train.averaging_s)
     if shares.empty:
         return ""
     with rc_context(STYLE):
-        figure, ((axes,),) = _figure(0.9 + 0.34 * len(shares), left_in=2.3, right_in=1.0)
+        figure, ((axes,),) = _figure(0.9 + 0.34 * len(shares), left_in=2.3, right_in=1.3)
         places = np.arange(len(shares))
         both = diagnosis.changed
         axes.barh(places - 0.19 * both, 100.0 * shares["before"], height=0.36, color=RAW, label="before")
         if both:
             axes.barh(places + 0.19, 100.0 * shares["after"], height=0.36, color=RESIDUAL, label="after")
+        axes.vlines(100.0 * shares["noise"], places - 0.42, places + 0.42, color=FLOOR, lw=2.0, label="noise alone")
         axes.set_yticks(places, [column_label(column) for column in shares["channel"]])
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("share of the mismatch that a function of this channel alone could explain, %")
-        axes.set_xlim(0.0, max(LEAST_AXIS, 105.0 * float(shares[["before", "after"]].to_numpy().max())))
-        if both:
-            axes.legend(**BESIDE)
+        axes.set_xlim(0.0, max(LEAST_AXIS, 105.0 * float(shares[["before", "after", "noise"]].to_numpy().max())))
+        axes.legend(**BESIDE)
         return svg(figure)
 
 
-def channel_shares(traces: Sequence[Trace]) -> pd.DataFrame:
-    """For each channel of all runs, the share of variance between eight equally filled bins, what chance gives taken off."""
-    common = set.intersection(*(set(trace.monitors.columns) for trace in traces)) if traces else set()
-    rows = []
-    for column in [column for column in traces[0].monitors.columns if column in common] if traces else []:
-        x = np.concatenate([trace.monitors[column].to_numpy() for trace in traces])
-        if np.ptp(x) == 0.0:
-            continue
-        bins = np.searchsorted(np.quantile(x, np.arange(1, _BINS) / _BINS), x)
-        before, after = (
-            _share_between(bins, np.concatenate([getattr(trace, name) for trace in traces]))
-            for name in ("before_deg_h", "after_deg_h")
-        )
-        rows.append({"channel": column, "before": before, "after": after})
-    frame = pd.DataFrame(rows, columns=["channel", "before", "after"])
-    return frame.sort_values("before", ascending=False, kind="stable").reset_index(drop=True)
-
-
 def probabilities(diagnosis: Diagnosis) -> str:
-    """Posterior probability of the chosen set and of each other; the chosen one has what the others leave."""
+    """Posterior probability of the chosen set and of each other that has some."""
     if not diagnosis.alternatives:
         return ""
-    chosen = tuple(cause.name for cause in diagnosis.causes)
-    shares = {item.mechanisms: item.probability for item in diagnosis.alternatives if set(item.mechanisms) != set(chosen)}
-    left = max(0.0, 1.0 - sum(shares.values()))
-    shown = [((*chosen, *_beyond(diagnosis)), left), *sorted(shares.items(), key=lambda item: -item[1])[:8]]
-    if diagnosis.verdict == "none" and diagnosis.healthy is not None:
-        wandering = ("no mechanism of the catalogue, but something unrecorded",)
-        shown[:1] = [((), diagnosis.healthy), (wandering, left - diagnosis.healthy)]
-        shown = [one for one in shown if one[0] != wandering or one[1] >= SLIGHT]
+    shown = likely_sets(diagnosis)
     with rc_context(STYLE):
         figure, ((axes,),) = _figure(0.9 + 0.36 * len(shown), left_in=3.6)
         axes.barh(range(len(shown)), [share for _, share in shown], color=[FIT, *[RESIDUAL] * (len(shown) - 1)], height=0.6)
@@ -243,6 +253,22 @@ def probabilities(diagnosis: Diagnosis) -> str:
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("probability that this is what is missing")
         return svg(figure)
+
+
+def likely_sets(diagnosis: Diagnosis) -> list[tuple[tuple[str, ...], float]]:
+    """The chosen set with its probability, then each other that has some, one at least, then all others together."""
+    chosen = tuple(cause.name for cause in diagnosis.causes)
+    shares = {item.mechanisms: item.probability for item in diagnosis.alternatives if set(item.mechanisms) != set(chosen)}
+    left = max(0.0, 1.0 - sum(shares.values()))
+    own = left if diagnosis.probability is None else diagnosis.probability
+    first = [((*chosen, *_beyond(diagnosis)), own)]
+    if diagnosis.verdict == "none" and diagnosis.healthy is not None:
+        wandering = ("no mechanism of the catalogue, but something unrecorded",)
+        first = [((), diagnosis.healthy), *([(wandering, own - diagnosis.healthy)] if own - diagnosis.healthy >= SLIGHT else [])]
+    others = sorted(shares.items(), key=lambda item: -item[1])
+    others = [one for k, one in enumerate(others) if k == 0 or one[1] >= NEGLIGIBLE]
+    rest = 1.0 - sum(share for _, share in (*first, *others))
+    return [*first, *others, *([(("any other set",), rest)] if rest >= SLIGHT else [])]
 
 
 def _beyond(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -332,6 +358,7 @@ def what_is_left(diagnosis: Diagnosis) -> str:
             tau = np.geomspace(fit.averaging_s, longest)
             floor = fit.white_floor_rms * np.sqrt(fit.averaging_s / tau)
             spread.loglog(tau, floor, color=FLOOR, lw=1.2, ls="--", label="white noise")
+        spread.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
         for axis in (spread.xaxis, spread.yaxis):
             axis.set_major_formatter(Powers())
             axis.set_minor_formatter(Powers())
@@ -345,18 +372,19 @@ def what_is_left(diagnosis: Diagnosis) -> str:
 
 
 def programme(diagnosis: Diagnosis) -> str:
-    """The chamber's set point over time in the experiment that is proposed."""
+    """The chamber's set point, or the table's rate, over time in the experiment that is proposed."""
     if diagnosis.next_experiment is None:
         return ""
+    turning = diagnosis.augmented.kind == "turntable"
     try:
-        times_s, temperatures = Programme.parse(diagnosis.next_experiment.profile).corners
+        (times_s, values) = (TableProgramme if turning else Programme).parse(diagnosis.next_experiment.profile).corners
     except InputError:
         return ""
     with rc_context(STYLE):
         figure, ((axes,),) = _figure(2.2)
-        axes.plot(times_s / SECONDS_PER_HOUR, temperatures, color=WARM, lw=1.8)
+        axes.plot(times_s / SECONDS_PER_HOUR, values, color=RESIDUAL if turning else WARM, lw=1.8)
         axes.set_xlabel("time in h")
-        axes.set_ylabel("chamber, °C")
+        axes.set_ylabel("table, deg/s" if turning else "chamber, °C")
         return svg(figure)
 
 
@@ -429,22 +457,3 @@ def _driver(diagnosis: Diagnosis) -> str | None:
 
 def _with(traces: Sequence[Trace], column: str) -> list[Trace]:
     return [trace for trace in traces if column in trace.monitors]
-
-
-def _driver_samples(traces: Sequence[Trace], driver: str) -> list[tuple[Array, Array, Array, Array]]:
-    samples = []
-    for trace in _with(traces, driver):
-        x = trace.monitors[driver].to_numpy()
-        samples.append((x, 60.0 * np.gradient(x, trace.time_s), trace.before_deg_h, trace.after_deg_h))
-    return samples
-
-
-def _share_between(bins: npt.NDArray[np.intp], values: Array) -> float:
-    total = float(np.sum((values - values.mean()) ** 2))
-    if total == 0.0:
-        return 0.0
-    counts = np.bincount(bins, minlength=_BINS)
-    means = np.bincount(bins, weights=values, minlength=_BINS) / np.maximum(counts, 1)
-    between = float(np.sum(counts * (means - values.mean()) ** 2)) / total
-    by_chance = (int((counts > 0).sum()) - 1) / max(1, len(values) - 1)
-    return max(0.0, (between - by_chance) / (1.0 - by_chance))

@@ -1,8 +1,8 @@
 """What runs ask of a simulator: problems by window means and within windows, of training runs and of all; and the sets that answer.
 
-What an answer shows about the question is taken in and asked again: numbers that were said to be known and are wrong, a bias of
-each run's own, and shapes of the simulator that were calibrated before its missing causes were known. None of these is missing
-physics, and all would pass for some.
+What an answer shows about the question is taken in and asked again: a step of the bias in one run, numbers that were said to be
+known and are wrong, a bias of each run's own, and shapes of the simulator that were calibrated before its missing causes were
+known. None of these is missing physics, and all would pass for some.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.candidates import fast_candidates
 from rlgcomp.diagnosis.confirm import confirmed
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.linearised import solve
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.problem import BiasStep, Partly, Problem
 from rlgcomp.diagnosis.signatures import undoubted
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
@@ -29,6 +30,7 @@ from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 _ROUNDS: Final = 2
+_STEPS: Final = 2  # of the bias, at most
 _PULLED: Final = 0.1  # log units: weak causes are told apart by little more
 
 
@@ -75,9 +77,11 @@ class Posed:
         own_biases: bool = False,
         beside: Sequence[Mechanism] = (),
         laws: Sequence[EmpiricalLaw] = (),
+        steps: Sequence[BiasStep] = (),
+        in_part: Sequence[Partly] = (),
     ) -> Self:
         """What runs ask of a simulator, each with a bias of its own where that is said; its free shapes calibrated beside causes;
-        laws part of it.
+        laws part of it; with steps of the bias, and causes that act in a part of the runs.
 
         Raises
         ------
@@ -87,6 +91,8 @@ class Posed:
         windowed = Problem.of(base, asked.train, gyro=asked.gyro, window_s=asked.window_s, predicted=asked.predicted)
         within = Within.of(windowed)
         lines, among = mechanisms_at_lines(windowed, within, asked.mechanisms)
+        windowed = windowed.with_steps(steps) if steps else windowed
+        windowed = windowed.with_partly(in_part) if in_part else windowed
         windowed = windowed.with_own_biases() if own_biases else windowed
         windowed = windowed.calibrated_beside(beside) if beside else windowed
         windowed = windowed.beside_laws(laws) if laws else windowed
@@ -102,26 +108,44 @@ class Posed:
     def answered(self, base: Simulator) -> tuple[Self, Explanations, tuple[str, ...]]:
         """What was asked in the end, of a simulator with its wrong numbers set free; the sets that answer it; and whose numbers,
         said to be known, were wrong."""
-        posed, explanations, wrong = self, self.explained(), dict[str, None]()
+        posed, explanations = self._stepping(base)
+        wrong = dict[str, None]()
         for _ in range(_ROUNDS):
-            known, own_biases, causes = explanations.wrong_numbers(), explanations.own_biases(), posed._pulled(explanations)
+            known, own_biases, causes = explanations.wrong_numbers(), explanations.own_biases(), posed.pulled(explanations)
             if not (known or own_biases or causes):
                 break
             wrong |= dict.fromkeys(known)
             own_biases = own_biases or posed.windowed.own_biases
-            posed = type(self).of(self.asked, base.freed(tuple(wrong)), own_biases=own_biases, beside=causes)
+            freed, steps, in_part = base.freed(tuple(wrong)), posed.windowed.steps, posed.windowed.partly
+            posed = type(self).of(self.asked, freed, own_biases=own_biases, beside=causes, steps=steps, in_part=in_part)
             explanations = posed.explained()
         return posed, explanations, tuple(wrong)
+
+    def _stepping(self, base: Simulator) -> tuple[Self, Explanations]:
+        """The same asked of runs in which the bias steps, or a cause acts in a part, where that is so; and the sets that answer."""
+        posed, explanations = self, self.explained()
+        for _ in range(_STEPS if base.kind == "chamber" else 0):
+            step = bias_steps.sought(posed.windowed, explanations, posed.whole_windowed)
+            if step is None:
+                break
+            posed = type(self).of(self.asked, base, steps=[*posed.windowed.steps, step])
+            explanations = posed.explained()
+        found = partly.sought(posed.windowed, explanations) if base.kind == "chamber" else None
+        if found is not None:
+            posed = type(self).of(self.asked, base, steps=posed.windowed.steps, in_part=[found])
+            explanations = posed.explained()
+        return posed, explanations
 
     def beside_laws(self, laws: Sequence[EmpiricalLaw]) -> Self:
         """The same asked of a simulator that has laws as well; of training runs alone where held-out runs lack what a law reads."""
         columns = {column for law in laws for column in law.driver_names()}
         readable = all(column in run for run in self.asked.test for column in columns)
         asked = self.asked if readable else dataclasses.replace(self.asked, test=())
-        beside, own_biases = self.windowed.beside, self.windowed.own_biases
-        return type(self).of(asked, self.windowed.simulator, own_biases=own_biases, beside=beside, laws=laws)
+        known = self.windowed
+        beside, own_biases, steps, in_part = known.beside, known.own_biases, known.steps, known.partly
+        return type(self).of(asked, known.simulator, own_biases=own_biases, beside=beside, laws=laws, steps=steps, in_part=in_part)
 
-    def _pulled(self, explanations: Explanations) -> list[Mechanism]:
+    def pulled(self, explanations: Explanations) -> list[Mechanism]:
         """Causes that pulled the simulator's free shapes away, which were calibrated without them: with these where they belong all
         explains more."""
         model = explanations.in_training(explanations.likeliest)

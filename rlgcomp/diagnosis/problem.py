@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.departures import departures_deg_h, not_comparable
+from rlgcomp.diagnosis.own_noise import beside, with_own_noise
 from rlgcomp.diagnosis.shapes import neighbours, refined, shifted
 from rlgcomp.diagnosis.whitening import Rows, norms
 from rlgcomp.diagnosis.windows import Contrasts, Windows, default_window_s, with_knee
@@ -22,9 +23,60 @@ from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 OWN_BIAS: Final = "own_bias_deg_h"
+STEP: Final = "bias_step_deg_h"
+PARTLY: Final = "in_part"
 _RELATIVE_STEP: Final = 1e-3
 _STARTS: Final = 4  # from which a shape is sought
 _SWEEPS: Final = 3  # over mechanisms whose shapes are free, each beside the others
+
+
+@dataclasses.dataclass(frozen=True)
+class BiasStep:
+    """One step of the bias in one run.
+
+    Parameters
+    ----------
+    run : int
+        Among the training runs.
+    at_s : float
+        By that run's clock.
+    after : bool
+        What comes after is apart from other runs; else what was before.
+    probability : float
+        That there is one.
+    """
+
+    run: int
+    at_s: float
+    after: bool
+    probability: float = 1.0
+
+    @property
+    def parameter(self) -> str:
+        """Its name among what is free."""
+        return f"{STEP}_at_{self.at_s:.0f}_s"
+
+
+@dataclasses.dataclass(frozen=True)
+class Partly:
+    """A cause that acts in a part of the training runs.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Of one column.
+    runs : tuple of int
+        In which it acts from beginning to end.
+    moment : BiasStep, optional
+        In one more run it acts after some moment, or before.
+    probability : float
+        That it is so.
+    """
+
+    mechanism: Mechanism
+    runs: tuple[int, ...]
+    moment: BiasStep | None = None
+    probability: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +111,10 @@ class Problem:
         Causes beside which the simulator's free shapes are calibrated.
     laws : tuple of EmpiricalLaw
         Laws that count as part of the simulator, free as far as a straight line goes: amplitudes, and derivatives by shapes.
+    steps : tuple of BiasStep
+        Steps of the bias, each free.
+    partly : tuple of Partly
+        Causes that act in a part of the training runs, each free there, and in each held-out run by itself.
     """
 
     windows: tuple[Windows, ...]
@@ -75,6 +131,8 @@ class Problem:
     offsets: bool = True
     beside: tuple[Mechanism, ...] = ()
     laws: tuple[EmpiricalLaw, ...] = ()
+    steps: tuple[BiasStep, ...] = ()
+    partly: tuple[Partly, ...] = ()
 
     @classmethod
     def of(
@@ -109,10 +167,10 @@ class Problem:
         window_s = default_window_s(runs) if window_s is None else window_s
         windows = tuple(Windows.of(run, window_s, left_out=not_comparable(simulator, run, predicted)) for run in runs)
         informed = tuple(mechanism.informed_by(runs) for mechanism in simulator.mechanisms)
-        simulator = dataclasses.replace(simulator, mechanisms=informed)
+        simulator = dataclasses.replace(simulator, mechanisms=informed).with_own_amplitudes_free()
         departures = departures_deg_h(simulator, windows, gyro, predicted)
         if simulator.kind == "chamber":
-            windows = with_knee(windows, departures)
+            windows = with_own_noise(with_knee(windows, departures), departures)
         return cls._posed(simulator, windows, departures, runs[0].gyro_column(gyro)).with_free_part()
 
     @classmethod
@@ -146,9 +204,18 @@ class Problem:
         """
         window_s, knee_s = self.rows.window_s, self.windows[0].knee_s
         more = tuple(Windows.of(run, window_s, knee_s, not_comparable(self.simulator, run, predicted)) for run in runs)
-        departures = (*self.unexplained_deg_h, *departures_deg_h(self.simulator, more, gyro, predicted))
-        bare = self._posed(self.simulator, (*self.windows, *more), departures, self.channel)
-        return dataclasses.replace(bare, held_out=len(runs), own_biases=self.own_biases, laws=self.laws).with_free_part()
+        departures = departures_deg_h(self.simulator, more, gyro, predicted)
+        more = tuple(self.heard(part, values) for part, values in zip(more, departures, strict=True))
+        together = (*self.unexplained_deg_h, *departures)
+        bare = self._posed(self.simulator, (*self.windows, *more), together, self.channel)
+        known = {name: getattr(self, name) for name in ("own_biases", "laws", "steps", "partly")}
+        return dataclasses.replace(bare, held_out=len(runs), **known).with_free_part()
+
+    def heard(self, windows: Windows, values_deg_h: Array) -> Windows:
+        """Windows of a further run that know how loud its white noise is beside that of these; on a turntable they do not ask."""
+        if self.simulator.kind != "chamber":
+            return windows
+        return beside(self.windows, self.unexplained_deg_h, windows, values_deg_h)
 
     def with_own_biases(self) -> Self:
         """The problem in which each training run has a bias of its own."""
@@ -161,6 +228,32 @@ class Problem:
     def beside_laws(self, laws: Sequence[EmpiricalLaw]) -> Self:
         """The problem to a simulator that has laws as well."""
         return dataclasses.replace(self, laws=tuple(laws)).with_free_part()
+
+    def with_steps(self, steps: Sequence[BiasStep]) -> Self:
+        """The problem in which the bias steps."""
+        return dataclasses.replace(self, steps=tuple(steps)).with_free_part()
+
+    def with_partly(self, partly: Sequence[Partly]) -> Self:
+        """The problem in which causes act in a part of the runs."""
+        return dataclasses.replace(self, partly=tuple(partly)).with_free_part()
+
+    def partly_column(self, partly: Partly) -> Array:
+        """Window means of what a cause does in a part of the training runs, per unit of amplitude, shape (n,)."""
+        return self.in_part(self.columns(partly.mechanism)[:, 0], partly)
+
+    def in_part(self, column: Array, partly: Partly) -> Array:
+        """A column, shape (n,), about its mean in the training runs, in a part of these."""
+        inside = np.isin(self.rows.run, partly.runs).astype(np.float64)
+        if partly.moment is not None:
+            inside += self.step_column(partly.moment)
+        return np.asarray((column - column[self.rows.run < len(self.windows) - self.held_out].mean()) * inside)
+
+    def step_column(self, step: BiasStep) -> Array:
+        """Window means of a step of one, shape (n,): contrasts do not see it."""
+        part, rows = self.windows[step.run], self.rows.runs[step.run]
+        column = np.zeros(len(self.rows))
+        column[rows] = part.means(((part.full.time_s >= step.at_s) == step.after).astype(np.float64))
+        return column
 
     def without_offsets(self) -> Self:
         """The problem in which held-out runs have the bias that training runs have."""
@@ -263,6 +356,12 @@ class Problem:
         return np.concatenate([part.means(part.full.column(column)) for part in self.windows])
 
     @property
+    def loudness(self) -> Array:
+        """Variance of each row's white noise over that of the same row in the runs' middle one, shape (n,)."""
+        of_runs = np.array([*(part.loudness for part in self.windows), 1.0])  # contrasts belong to no run
+        return np.asarray(of_runs[self.rows.run])
+
+    @property
     def runs(self) -> tuple[Recording, ...]:
         return tuple(part.full for part in self.windows)
 
@@ -346,7 +445,16 @@ class Problem:
         if not columns or not _spans(np.column_stack(columns), self.ones):
             columns.append(self.ones)
             names.append(("", "constant_deg_h"))
+        for step in self.steps:
+            columns.append(self.step_column(step))
+            names.append((self.runs[step.run].name, step.parameter))
         training = self.rows.run < len(self.windows) - self.held_out
+        for one in self.partly:
+            columns.append(self.partly_column(one))
+            names.append((one.mechanism.name, PARTLY))
+            held_out = range(len(self.windows) - self.held_out, len(self.windows))
+            columns += [self.partly_column(Partly(one.mechanism, (run,))) for run in held_out]
+            names += [(one.mechanism.name, f"{PARTLY}:{self.runs[run].name}") for run in held_out]
         for run in range(len(self.windows) - self.held_out - 1 if self.own_biases else 0):  # off the last; their mean is the gyro's
             inside = self.rows.run == run
             columns.append(inside - np.mean(inside[training]) * training)
@@ -405,14 +513,20 @@ class Problem:
 
 def tangents(problem: Problem, law: EmpiricalLaw) -> Array:
     """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
-    columns = [problem.columns(law)]
+    return np.column_stack([problem.columns(law), *law_slopes(problem, law).values()])
+
+
+def law_slopes(problem: Problem, law: EmpiricalLaw) -> dict[str, Array]:
+    """Derivatives of a law's column by those of its shapes that it has."""
+    column = problem.columns(law)[:, 0]
     steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width", "lead_s")}
     steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
+    found = {}
     for name, step in steps.items():
-        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step})) - columns[0]
-        if np.ptp(change) > 1e-9 * np.ptp(columns[0]):
-            columns.append(change)
-    return np.column_stack(columns)
+        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step}))[:, 0] - column
+        if np.ptp(change) > 1e-9 * np.ptp(column):
+            found[name] = change / step
+    return found
 
 
 def _free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.account import alternatives_of
+from rlgcomp.diagnosis.answer import Answer, spoken_for
 from rlgcomp.diagnosis.background import Background
 from rlgcomp.diagnosis.black_box import Mismatch
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, acquitted, healthy, verdict_of
@@ -20,10 +21,11 @@ from rlgcomp.diagnosis.explain import Explanations
 from rlgcomp.diagnosis.fit import Fitted, FittedCause, noise_model
 from rlgcomp.diagnosis.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.noises import stated_noise
+from rlgcomp.diagnosis.own_noise import Level, differing
 from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.result import Estimate, Fit, Trace, Verdict
 from rlgcomp.diagnosis.whitening import NoiseShape
-from rlgcomp.diagnosis.wording import listing
+from rlgcomp.diagnosis.wording import listing, p_text
 from rlgcomp.noise import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
@@ -39,7 +41,6 @@ _AS_STATED: Final = 2.0  # times as strong
 _OFF_ALONE: Final = 1.25  # the same of one run
 _OFF: Final = 1.5  # times the noise floor, from which held-out runs are said to be off
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
-_SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _AS_LIKELY: Final = 0.8  # relative probability from which training runs prefer neither of two sets
 _TIMES: Final = 15  # correlation times that are tried, and sizes
 _APART: Final = 2.0  # standard deviations from which biases differ
@@ -80,7 +81,8 @@ def remarks_of(
         problem = explanations.evidence.problem
         design = np.column_stack([problem.baseline, *(one.columns for one in explanations.candidates(conclusion.model))])
         time = _about(*correlation_time_s(problem, design, noise))
-        size = math.sqrt(max(float(np.var(after.residual_deg_h)) - after.white_deg_h**2, 0.0))
+        noise_deg_h2 = after.white_deg_h**2 * float(problem.loudness.mean())
+        size = math.sqrt(max(float(np.var(after.residual_deg_h)) - noise_deg_h2, 0.0))
         remarks.append(
             f"Something wanders that no recorded column follows, with standard deviation {size:.2g} deg/h in these runs and a "
             f"correlation time {time}{swing} (probability {conclusion.unrecorded:.2f}): record more monitors."
@@ -135,7 +137,7 @@ def _together(explanations: Explanations, conclusion: Conclusion) -> list[str]:
 
 def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:
     """What to say where what is left passes for noise because slow noise does."""
-    times = float(np.std(after.residual_deg_h)) / after.white_deg_h
+    times = float(np.std(after.residual_deg_h / np.sqrt(problem.loudness))) / after.white_deg_h
     found, stated = noise_model(shape, after.white_deg_h, problem.windows[0]), problem.simulator.noise
     nothing_stated = stated is None or stated_noise(stated, problem.windows[0].white_s) is None
     if times < (_SLOW if nothing_stated else _SLOWER):
@@ -199,23 +201,27 @@ def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
 
 def _behind(explanations: Explanations, conclusion: Conclusion) -> list[str]:
     """What to say of a further cause that training runs speak for, though no more than equations of strong ones may be wrong by."""
-    alone = explanations.proposed or explanations
-    search, own = alone.search, explanations.in_training(conclusion.model)
-    further = [model for model in alone.models if model.labels > own.labels and len(model.labels) == len(own.labels) + 1]
-    further = [model for model in further if search.has_own_biases(model.labels) == search.has_own_biases(own.labels)]
-    if not own.labels or not further or conclusion.misnamed:
+    name = spoken_for(explanations, conclusion)
+    if name is None:
         return []
-    spared = {model: model.log_posterior + search.toll(model.labels) for model in (own, *further)}
-    best = max(further, key=lambda model: spared[model])
-    if spared[best] - spared[own] < _SPOKEN_FOR:
-        return []
-    ((name, _),) = best.labels - own.labels
-    names = listing(sorted(name for name, _ in own.labels))
+    names = listing(sorted(name for name, _ in conclusion.model.labels))
     wrong_by = f"no more than an equation may be wrong by ({100.0 * INADEQUACY:.0f} % of what it does)"
-    return [
-        f"Beside {names}, {name} would explain more, though {wrong_by}. To look for it, diagnose again with augmented.yaml as the "
-        "simulator."
-    ]
+    said = f"Beside {names}, {name} would explain more, though {wrong_by}."
+    if explanations.evidence.problem.simulator.kind == "turntable":
+        return [f"{said} Asked of a simulator that has {names}, these runs do not bear it out, or leave more than noise."]
+    return [f"{said} To look for it, diagnose again with augmented.yaml as the simulator."]
+
+
+def found_behind(last: Answer) -> tuple[str, ...]:
+    """What to say of causes that were found once the strong ones were part of the simulator."""
+    if last.earlier is None:
+        return ()
+    first, then = listing(sorted(last.earlier_names)), listing(sorted(cause.mechanism.name for cause in last.after.causes))
+    return (
+        f"{then} was found once {first} counted as a part of the simulator: it explains no more than an equation may be wrong by "
+        f"({100.0 * INADEQUACY:.0f} % of what it does), but beside it nothing is left but noise, of which a wrong equation would "
+        "leave more.",
+    )
 
 
 def _beside_a_law(causes: Sequence[FittedCause]) -> list[str]:
@@ -331,6 +337,19 @@ def weighed_means(model: NoiseModel, averaging_s: float) -> tuple[str, ...]:
     return (
         f"The gyro's angle errs by {model.quantization_arcsec:.2g} arcsec in each sample, as by rounding to pulses or dither "
         f"that is left: means of {averaging_s:g} s have weights that fall to zero at both ends, which are those of least variance.",
+    )
+
+
+def own_noises_of(mismatches: Sequence[Mismatch], white_deg_h: float) -> tuple[str, ...]:
+    """What to say where runs are weighed by a white noise of their own; `white_deg_h` is that of the middle one's windows."""
+    apart = [one for one in mismatches if one.windows.loudness != 1.0]
+    if not apart:
+        return ()
+    p_value = differing([Level.of(one.windows, one.mismatch_deg_h) for one in mismatches])
+    told = ", ".join(f"{one.run.name} {math.sqrt(one.windows.loudness):.2f} times" for one in apart)
+    return (
+        f"White noise differs between runs ({p_text(p_value)}): that of {told} the {white_deg_h:.2g} deg/h that means of "
+        f"{apart[0].windows.window_s:g} s have in the middle one. Each run is weighed by its own.",
     )
 
 

@@ -159,6 +159,19 @@ class Search:
         best = max(which, key=lambda candidate: at_best[candidate])
         return Member(best, int(node.best_size[best]))
 
+    def further(self, model: Model) -> dict[str, float]:
+        """Log odds of each further cause beside a set, were all equations right: the members held at their best, and no toll."""
+        alone = self.evidence.extensions(model.members).point + self.noise_log_prior
+        point = float(log_sum_exp(alone)) + self._given(model.members)
+        missing = sum(not known for _, known in model.labels)
+        rarer = self._log_prior(missing + 1, 0) - self._log_prior(missing, 0)
+        passed = self._own_biases | self._jumping
+        return {
+            label[0]: log_evidence - point + rarer
+            for label, (log_evidence, *_) in self._scores(model.members).items()
+            if not label[1] and label not in passed
+        }
+
     def has_own_biases(self, labels: Collection[Label]) -> bool:
         """Whether a set holds a bias of each run's own; no equation of that can be wrong."""
         return not self._own_biases.isdisjoint(labels)

@@ -228,11 +228,34 @@ def _course(run: Recording, rate_deg_h: Array) -> Array:
     return course / (np.linalg.norm(course) or 1.0)
 
 
+class _WithoutGyro(Recording):
+    """What a simulator may see of a recording. Recordings made from it have a gyro again, of zeros until it is assigned."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, recording: Recording) -> Self:
+        zeros = dict.fromkeys(recording.gyro_columns, 0.0)
+        return cls(recording.table.assign(**zeros), recording.metadata, name=recording.name, findings=recording.findings)
+
+    def column(self, name: str) -> Array:
+        """One column as a read-only array.
+
+        Raises
+        ------
+        InputError
+            There is no such column, or it is the gyro's.
+        """
+        if name in self.gyro_columns:
+            raise InputError(f"{name} is what a simulator is to say: of {self.name} it sees all but the gyro; let it read monitors")
+        return Recording.column(self, name)
+
+
 @dataclasses.dataclass(frozen=True)
 class PythonSimulator:
     """A function of the user's that maps a recording's monitors to the predicted gyro.
 
-    It gets a :class:`~rlgcomp.Recording` whose gyro columns are zero, and returns one value a row: an array or Series in deg/h, or
+    It gets a :class:`~rlgcomp.Recording` whose gyro cannot be read, and returns one value a row: an array or Series in deg/h, or
     a DataFrame or Recording with a gyro column, whose unit its name tells.
 
     Parameters
@@ -274,8 +297,7 @@ class PythonSimulator:
         for known, rate in self._said:
             if known is recording:
                 return rate
-        table = recording.table
-        blind = recording.replace(table=table.assign(**dict.fromkeys(recording.gyro_columns, 0.0)), truth=None)
+        blind = _WithoutGyro.of(recording)
         try:
             with contextlib.redirect_stdout(sys.stderr):  # standard output is for results
                 answer = self.function(blind)

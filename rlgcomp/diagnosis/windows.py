@@ -66,6 +66,7 @@ class Windows:
     frozen: IntArray  # windows in which a monitor is frozen, or a row is left out: they are not kept
     window_s: float
     knee_s: float = 0.0
+    loudness: float = 1.0  # variance of this run's white noise over that of the runs' middle one
 
     @classmethod
     def of(cls, run: Recording, window_s: float, knee_s: float = 0.0, left_out: Flags | None = None) -> Self:
@@ -136,6 +137,10 @@ class Windows:
         means = np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
         return self.rows_within(values) - np.repeat(means[self.kept], counts[self.kept], axis=0)
 
+    def within_calm(self, values: Array) -> Array:
+        """The same where white noise has been made as loud as the runs' middle one."""
+        return self.within(values) / math.sqrt(self.loudness)
+
     def rows_within(self, values: Array) -> Array:
         """Rows of the kept windows."""
         return np.asarray(values[self._full_starts[0] :][np.repeat(self.kept, self._full_counts)])
@@ -175,15 +180,15 @@ class Windows:
 
     @property
     def white(self) -> Array:
-        """Variance of the mean of each kept window, over that of a full window."""
+        """Variance of the mean of each kept window, over that of a full window of a run that is as loud as most."""
         if self.knee_s:
             knee = self.knee_s / self.full.period_s
             share, places = self._full_shares, self._places(self.full, self.of_full)
             joined = np.r_[np.rint(np.diff(places)) == 1.0, False]  # a sample to the next: the error between them cancels
             variance = (1.0 + 2.0 * knee) * share**2 - 2.0 * knee * joined * share * np.r_[share[1:], 0.0]
             whole = np.add.reduceat(variance, self._full_starts - self._full_starts[0])[self.kept]
-            return np.asarray(whole * self.white_s / self.full.period_s)
-        return np.asarray(self.window_s / (self.counts[self.kept] * self.full.period_s))
+            return np.asarray(self.loudness * (whole * self.white_s / self.full.period_s))
+        return np.asarray(self.loudness * (self.window_s / (self.counts[self.kept] * self.full.period_s)))
 
     @property
     def white_s(self) -> float:
@@ -253,7 +258,7 @@ class Contrasts:
         cls, windows: tuple[Windows, ...], columns: Sequence[Array], noise: Sequence[Array], scatter: Sequence[Array]
     ) -> Self | None:
         """From fast columns of each run and independent disturbances in deg/h; None where columns do nothing within windows."""
-        inside = [part.within(block) for part, block in zip(windows, columns, strict=True)]
+        inside = [part.within_calm(block) for part, block in zip(windows, columns, strict=True)]
         norm = np.sqrt(sum(((block**2).sum(axis=0) for block in inside), np.zeros(inside[0].shape[1])))
         whole = np.sqrt(sum(((block**2).sum(axis=0) for block in columns), np.zeros(len(norm))))
         used = norm > _WITHIN * whole
@@ -263,12 +268,12 @@ class Contrasts:
         values, vectors = np.linalg.eigh(sum((block.T @ block for block in scaled), np.zeros((int(used.sum()),) * 2)))
         kept = values > _DEPENDENT * values[-1]
         spanning = [block @ (vectors[:, kept] / np.sqrt(values[kept])) for block in scaled]
-        seen = [part.within(values) for part, values in zip(windows, noise, strict=True)]
+        seen = [part.within_calm(values) for part, values in zip(windows, noise, strict=True)]
         size = sum((block.T @ values for block, values in zip(spanning, seen, strict=True)), np.zeros(int(kept.sum())))
         bands, level = _bands([values - block @ size for block, values in zip(spanning, seen, strict=True)], windows)
         covariance = sum((_in_noise(block, bands) for block in spanning), np.zeros((int(kept.sum()),) * 2))
         for block, part, disturbances in zip(spanning, windows, scatter, strict=True):
-            disturbed = block.T @ part.within(disturbances)
+            disturbed = block.T @ part.within_calm(disturbances)
             covariance += disturbed @ disturbed.T / level if level > 0.0 else 0.0
         sizes, turned = np.linalg.eigh(covariance)
         return cls(windows, tuple(block @ (turned / np.sqrt(np.maximum(sizes, 1.0))) for block in spanning), level)
@@ -279,7 +284,7 @@ class Contrasts:
 
     def of(self, columns: Sequence[Array]) -> Array:
         """Contrasts of columns, (rows, k) for each run, shape (count, k)."""
-        parts = [v.T @ part.within(block) for v, part, block in zip(self.directions, self.windows, columns, strict=True)]
+        parts = [v.T @ part.within_calm(block) for v, part, block in zip(self.directions, self.windows, columns, strict=True)]
         scale = math.sqrt(self.windows[0].full.period_s / self.windows[0].window_s)
         return np.asarray(scale * sum(parts, np.zeros((self.count, columns[0].shape[1]))))
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from rlgcomp.units import SECONDS_PER_HOUR
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, NextExperiment, Place, RunFit
+    from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, InPart, NextExperiment, Place, RunFit, Unexplained
 
 FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval")
 PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
@@ -22,6 +22,18 @@ DOUBTED: Final = 0.1  # probability that nothing is missing from which it is sai
 DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
 SMALL: Final = 1e-6  # probability below which only that is said
 A_DATE_S: Final = 3e8  # time that is larger counts from 1970
+EVEN: Final = 0.5  # probability of a set up to which it is said to be the likeliest, and no more
+ROUGH: Final = 0.05  # width of an interval of an improvement from which whole percents are said
+MOSTLY: Final = 0.5  # of an improvement: with less about each run's own mean, most of it is offsets
+DIGITS: Final = 3  # of the noise floor
+LEAST_P: Final = 1e-12
+SMALLEST_PLAIN: Final = 1e-4  # printed without a power of ten
+MEMORIES: Final = {
+    "static": "by what they are at the moment",
+    "dynamic": "late, or by how fast they change",
+    "rate-independent": "by the path they took, as backlash does",
+}
+_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 AS_GOOD_AS_NONE: Final = 0.005  # loss of which nothing is said
 SHOWN_PLACES: Final = 6
 SHOWN_ALTERNATIVES: Final = 5
@@ -74,31 +86,30 @@ def proof_title(diagnosis: Diagnosis) -> str:
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict, the causes with their probability, and what they gain held out."""
+    return " ".join(part for part in (headline(diagnosis), gain_sentence(diagnosis)) if part)
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict and the causes with their probability."""
     who = subject(diagnosis)
     who = who[:1].upper() + who[1:] if who == "the simulator" else who
+    hardly = f"hardly noise alone ({p_text(diagnosis.p_value)})"
     if diagnosis.verdict == "none" and diagnosis.wrong:
-        hardly = "hardly noise alone" if diagnosis.p_value < DOUBTFUL else "noise"
+        noise = hardly if diagnosis.p_value < DOUBTFUL else f"noise ({p_text(diagnosis.p_value)})"
         return (
             f"{who} lacks no physics that these runs show, but its numbers of {listing(list(diagnosis.wrong))}, said to be known, "
-            f"do not fit; with those of these runs what it leaves is {hardly} ({p_text(diagnosis.p_value)})."
+            f"do not fit; with those of these runs what it leaves is {noise}."
         )
     if diagnosis.verdict == "none" and diagnosis.p_value < DOUBTFUL:
-        return (
-            f"{who} lacks nothing that these runs could name, though what it leaves is hardly noise alone "
-            f"({p_text(diagnosis.p_value)}) once its free parameters are calibrated."
-        )
+        return f"{who} lacks nothing that these runs could name, though what it leaves is {hardly}."
     if diagnosis.verdict == "none":
-        return (
-            f"{who} lacks nothing that these runs show: what it leaves is noise ({p_text(diagnosis.p_value)}) "
-            "once its free parameters are calibrated."
-        )
+        return f"{who} lacks nothing that these runs show: what it leaves is noise ({p_text(diagnosis.p_value)})."
     named = listing([_named(cause) for cause in diagnosis.causes])
     healthy = sum(item.probability for item in diagnosis.alternatives if not item.mechanisms)
-    doubt = f", unless nothing is missing (probability {healthy:.3f})" if healthy > DOUBTED else ""
-    repeats = [cause.mechanism.repeats() for cause in diagnosis.causes]
-    gain = _gain(diagnosis.test, foretold=not repeats or any(repeats))
-    if diagnosis.wrong:
-        gain = f" Its numbers of {listing(list(diagnosis.wrong))}, said to be known, do not fit either.{gain}"
+    doubt = f", unless nothing is missing (probability {sure_text(healthy, 2)})" if healthy > DOUBTED else ""
+    if _events_alone(diagnosis):
+        start = f"{who} lacks {named}; beside that" if named else f"{who} lacks nothing that all these runs show, but"
+        return f"{start} {events_text(diagnosis)}"
     if diagnosis.verdict == "unknown":
         left = diagnosis.unexplained
         driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
@@ -107,12 +118,56 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             doubt = f", unless it is noise after all ({p_text(left.p_value)})"
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
         sure = "" if left.probability is None or left.equation else f" (probability {sure_text(left.probability, 2)})"
-        return f"{start} that no known mechanism explains{sure}; it {driven}{memory}{doubt}.{gain}"
+        beside = f" Beside that {events_text(diagnosis)}" if diagnosis.steps or diagnosis.in_part else ""
+        return f"{start} that no known mechanism explains{sure}; it {driven}{memory}{doubt}.{beside}"
     if diagnosis.verdict == "ambiguous":
-        apart = [listing([cause.name, *cause.indistinguishable_from]) for cause in diagnosis.causes if cause.indistinguishable_from]
-        them = "them" if len(diagnosis.causes) == 1 else ", nor ".join(apart)
-        return f"{who} lacks {_either(diagnosis)}{doubt}: these runs cannot tell {them} apart.{gain}"
-    return f"{who} lacks {named}{doubt}.{gain}"
+        return f"{who} lacks {_either(diagnosis)}{doubt}: these runs cannot tell which."
+    if diagnosis.probability is not None and diagnosis.probability <= EVEN:
+        share = f"probability {sure_text(diagnosis.probability, 2)}"
+        whole = f"{named}, together with {share}" if len(diagnosis.causes) > 1 else f"{named}, and that alone with {share}"
+        return f"Most likely {subject(diagnosis)} lacks {whole}{doubt}."
+    return f"{who} lacks {named}{doubt}."
+
+
+def gain_sentence(diagnosis: Diagnosis) -> str:
+    """What the causes gain held out, and whose numbers do not fit beside them; empty where nothing was found."""
+    if diagnosis.verdict == "none" or (_events_alone(diagnosis) and not diagnosis.causes):
+        return ""
+    repeats = [cause.mechanism.repeats() for cause in diagnosis.causes]
+    gain = _gain(diagnosis.test, foretold=not repeats or any(repeats))
+    if diagnosis.wrong:
+        gain = f"Its numbers of {listing(list(diagnosis.wrong))}, said to be known, do not fit either. {gain}".rstrip()
+    return gain
+
+
+def _events_alone(diagnosis: Diagnosis) -> bool:
+    """Whether nothing is unknown but what acts in a part of the runs, or in one event."""
+    events = bool(diagnosis.steps or diagnosis.in_part)
+    return diagnosis.verdict == "unknown" and events and diagnosis.unexplained.probability is None
+
+
+def events_text(diagnosis: Diagnosis) -> str:
+    """What acts in a part of the runs, or in one event, and what to do about it."""
+    said = [_in_part_text(one) for one in diagnosis.in_part]
+    if diagnosis.steps:
+        told = [
+            f"by {one.size} at {_time_text(one.at_s)} of {one.run} (probability {sure_text(one.probability, 2)})"
+            for one in diagnosis.steps
+        ]
+        law = "No law can be learnt of one event: look at what was touched or switched then."
+        said.append(f"the bias steps {listing(told)}, as in no other run. {law}")
+    return " Beside that ".join(said)
+
+
+def _in_part_text(one: InPart) -> str:
+    acts = list(one.acts)
+    if one.run is not None and one.at_s is not None:
+        acts.append(f"{one.run} {'from' if one.after else 'until'} {_time_text(one.at_s)}{' on' if one.after else ''}")
+    silent = f", but not in {listing(list(one.silent))}" if one.silent else ""
+    return (
+        f"something follows {listing(list(one.drivers))}, as {one.mechanism} does ({one.size}), in {listing(acts)}{silent} "
+        f"(probability {sure_text(one.probability, 2)}). What was not recorded switches it on: look at cabling and settings."
+    )
 
 
 def methods(diagnosis: Diagnosis) -> list[str]:
@@ -127,10 +182,11 @@ def methods(diagnosis: Diagnosis) -> list[str]:
 
 def as_text(diagnosis: Diagnosis) -> str:
     """The whole diagnosis for a terminal: verdict first."""
-    parts = [diagnosis.sentence]
+    parts = ["\n".join(part for part in (headline(diagnosis), gain_sentence(diagnosis)) if part)]
     if diagnosis.where:
         rows = place_rows(diagnosis.where)[:SHOWN_PLACES]
         parts.append(_table(f"Where (p-value of no mismatch: {p_number(diagnosis.p_value)})", ["place", "share", "p"], rows))
+        parts += [note for note in [place_note(diagnosis)] if note]
     if diagnosis.causes:
         rows = []
         for cause in diagnosis.causes:
@@ -142,20 +198,22 @@ def as_text(diagnosis: Diagnosis) -> str:
         rows = [[set_text(names), probability_text(share)] for names, share in _instead(diagnosis)[:SHOWN_ALTERNATIVES]]
         parts.append(_table("Alternatives", ["mechanisms", "probability"], rows))
     left = diagnosis.unexplained
-    if diagnosis.verdict == "unknown":
+    if diagnosis.verdict == "unknown" and (left.probability is not None or not (diagnosis.steps or diagnosis.in_part)):
         law = left.equation or "no law found"
         sure = "" if left.probability is None else f"probability {sure_text(left.probability, 2)}, "
         parts.append(
             f"Unexplained ({sure}p-value of {'no law' if left.equation else 'noise'} {p_number(left.p_value)}): {law}; "
-            f"drivers {', '.join(left.drivers) or 'none of the recorded columns'}"
+            f"drivers {', '.join(left.drivers) or 'none of the recorded columns'}{memory_text(left)}"
+            + "".join(f"\n  {name} = {value}" for law in left.laws for name, value in law.parameters.items())
         )
     rows = fit_rows("training", diagnosis.train) + ([] if diagnosis.test is None else fit_rows("held out", diagnosis.test))
     parts.append(_table(f"Rms of {diagnosis.train.averaging_s:g} s means, {diagnosis.train.unit}", *filled(FIT_COLUMNS, rows)))
     told = diagnosis.test or diagnosis.train
+    stds = [rms_text(std or 0.0, told) for std in (told.baseline_std, told.augmented_std)]
     if told.improvement_std is not None and abs(told.improvement_std - told.improvement) > OFFSETS_COUNT:
         parts.append(
-            f"Offsets from switch-on to switch-on count above. About each run's own mean: {told.baseline_std:.5f} before, "
-            f"{told.augmented_std:.5f} after, {100 * told.improvement_std:.1f} %"
+            f"Offsets from switch-on to switch-on count above. About each run's own mean: {stds[0]} before, {stds[1]} after, "
+            f"{percent_text(told.improvement_std, 1)}"
             + ("" if told.improvement_std_ci95 is None else f" ({interval_text(told.improvement_std_ci95)})")
         )
     parts += [f"{shift.run}: {clock_text(shift)}" for shift in diagnosis.alignment]
@@ -171,6 +229,11 @@ def as_text(diagnosis: Diagnosis) -> str:
     return "\n\n".join(parts)
 
 
+def memory_text(left: Unexplained) -> str:
+    """How what is unexplained follows its drivers."""
+    return f" ({left.memory}: {MEMORIES[left.memory]})" if left.drivers and left.memory in MEMORIES else ""
+
+
 def next_aim(following: NextExperiment) -> str:
     """What the next experiment is for; where even the best programme would hardly tell the rivals apart, that is said."""
     rivals = listing(list(following.separates), "and")
@@ -184,7 +247,9 @@ def next_aim(following: NextExperiment) -> str:
 
 def probability_text(probability: float) -> str:
     """A probability as it is printed."""
-    return f"< {SMALL:g}" if probability < SMALL else f"{probability:.3g}" if probability <= 0.999 else sure_text(probability)
+    if probability < SMALL:
+        return f"< {small_text(SMALL)}"
+    return small_text(probability) if probability < 0.001 else sure_text(probability)
 
 
 def probability_cells(cause: Cause) -> list[str]:
@@ -213,7 +278,7 @@ def filled(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[list[
 
 def fit_rows(name: str, fit: Fit) -> list[list[str]]:
     """Cells of a table of rms before and after: all runs together, then each."""
-    return [_fit_row(name, fit), *(_fit_row(f"  {run.run}", run) for run in fit.per_run)]
+    return [_fit_row(name, fit, fit), *(_fit_row(f"  {run.run}", run, fit) for run in fit.per_run)]
 
 
 def place_text(place: Place) -> str:
@@ -238,19 +303,36 @@ def _span_text(start_s: float, end_s: float) -> str:
     return f"{start:%Y-%m-%d %H:%M} to {end:%H:%M}" + (f" on {end:%Y-%m-%d}" if end.date() > start.date() else "") + " UTC"
 
 
+def _time_text(time_s: float) -> str:
+    """A moment in hours, or by the clock where time counts from 1970."""
+    if time_s < A_DATE_S:
+        return f"{time_s / SECONDS_PER_HOUR:.2f} h"
+    return f"{datetime.datetime.fromtimestamp(time_s, datetime.UTC):%Y-%m-%d %H:%M} UTC"
+
+
 def place_rows(places: Sequence[Place]) -> list[list[str]]:
     """Place, share and p-value; all stays in one regime in one row."""
     rows = []
     for (regime, p_value), group in itertools.groupby(places, key=lambda place: (place.regime, place.p_value)):
         stays = list(group)
         if regime is None or len(stays) == 1:
-            rows += [[place_text(place), f"{100 * place.share:.0f} %", p_text(p_value)] for place in stays]
+            rows += [[place_text(place), f"{100 * place.share:.0f} %", p_number(p_value)] for place in stays]
             continue
         hours = sum((place.end_s or 0.0) - (place.start_s or 0.0) for place in stays) / SECONDS_PER_HOUR
         runs = listing(sorted({place.run for place in stays}))
         said = f"{runs} {stays[0].channel}, {len(stays)} intervals, {hours:.2f} h in all, {regime}"
-        rows.append([said, f"{100 * sum(place.share for place in stays):.0f} %", p_text(p_value)])
+        rows.append([said, f"{100 * sum(place.share for place in stays):.0f} %", p_number(p_value)])
     return rows
+
+
+def place_note(diagnosis: Diagnosis) -> str:
+    """What to say of places where there is no mismatch on the whole: the two are asked under different noises."""
+    if not diagnosis.where or diagnosis.verdict != "none" or diagnosis.p_value < DOUBTFUL:
+        return ""
+    return (
+        f"Places are judged against the likeliest noise; against all noises that these runs allow there is no mismatch "
+        f"({p_text(diagnosis.p_value)}). A step or a drift of the bias may be what stands out there."
+    )
 
 
 def set_text(names: Sequence[str]) -> str:
@@ -271,14 +353,62 @@ def clock_text(shift: Alignment) -> str:
     )
 
 
-def interval_text(interval: tuple[float, float]) -> str:
+def percent_text(share: float, digits: int = 0) -> str:
+    """A share in percent, nothing without a sign.
+
+    >>> percent_text(0.613), percent_text(-0.0002, 1)
+    ('61 %', '0.0 %')
+    """
+    return f"{round(100.0 * share, digits) + 0.0:.{digits}f} %"
+
+
+def interval_text(interval: tuple[float, float], digits: int = 1) -> str:
     """A 95 % interval of a relative improvement."""
-    return f"{100 * interval[0]:.1f} to {100 * interval[1]:.1f} %"
+    low, high = (percent_text(end, digits) for end in interval)
+    return f"{low.removesuffix(' %')} to {high}"
+
+
+def rms_text(value: float, fit: Fit) -> str:
+    """A root mean square with as many decimals as give the noise floor three digits.
+
+    >>> from types import SimpleNamespace
+    >>> rms_text(0.004731, SimpleNamespace(noise_floor_rms=0.00183)), rms_text(45.11856, SimpleNamespace(noise_floor_rms=0.0334))
+    ('0.00473', '45.1186')
+    """
+    floor = fit.noise_floor_rms
+    decimals = DIGITS - 1 - math.floor(math.log10(floor)) if math.isfinite(floor) and floor > 0.0 else 5
+    return f"{value:.{max(0, decimals)}f}"
 
 
 def p_text(p_value: float) -> str:
-    """A p-value as it is printed."""
-    return f"p < {1e-12:g}" if p_value < 1e-12 else f"p = {p_value:.2g}"
+    """A p-value as it is printed.
+
+    >>> p_text(0.017), p_text(1.7e-8), p_text(0.0)
+    ('p = 0.017', 'p = 1.7·10⁻⁸', 'p < 10⁻¹²')
+    """
+    return f"p < {small_text(LEAST_P)}" if p_value < LEAST_P else f"p = {small_text(p_value)}"
+
+
+def small_text(number: float, digits: int = 2) -> str:
+    """A number with so many digits, a small one with a power of ten.
+
+    >>> small_text(0.00021), small_text(1.65e-5), small_text(1e-6)
+    ('0.00021', '1.7·10⁻⁵', '10⁻⁶')
+    """
+    if not 0.0 < number < SMALLEST_PLAIN:
+        return f"{number:.{digits}g}"
+    mantissa, power = f"{number:.{digits - 1}e}".split("e")
+    raised = f"10{raised_text(int(power))}"
+    return raised if float(mantissa) == 1.0 else f"{mantissa}·{raised}"
+
+
+def raised_text(power: int) -> str:
+    """A power as it is printed above the line.
+
+    >>> raised_text(-12)
+    '⁻¹²'
+    """
+    return str(power).translate(_RAISED)
 
 
 def p_number(p_value: float) -> str:
@@ -308,7 +438,8 @@ def _either(diagnosis: Diagnosis) -> str:
             continue
         rivals = itertools.zip_longest(cause.indistinguishable_from, cause.rival_probabilities)
         those = [(cause.name, cause.probability), *rivals]
-        said.append(listing([name if p is None else f"{name} ({sure_text(p, 2)})" for name, p in those], "or"))
+        either = "either " if len(diagnosis.causes) > 1 else ""
+        said.append(either + listing([name if p is None else f"{name} ({sure_text(p, 2)})" for name, p in those], "or"))
     return ", and ".join(said)
 
 
@@ -322,33 +453,35 @@ def _gain(fit: Fit | None, *, foretold: bool) -> str:
     if fit is None:
         return ""
     low, high = fit.improvement_ci95
-    numbers = f"from {fit.baseline_rms:.5f} to {fit.augmented_rms:.5f} {fit.unit}"
-    share = f"({100 * fit.improvement:.0f} %, 95 % interval {interval_text(fit.improvement_ci95)}{_about_own_means(fit)})"
+    digits = 0 if high - low > ROUGH else 1
+    numbers = f"from {rms_text(fit.baseline_rms, fit)} to {rms_text(fit.augmented_rms, fit)} {fit.unit}"
+    interval = interval_text(fit.improvement_ci95, digits)
     if not foretold and high >= 0.0:
-        return f" No run foretells it in another: what changes held out is the mean alone, {numbers} {share}."
+        share = f"{percent_text(fit.improvement, digits)}, 95 % interval {interval}"
+        return f"No run foretells it in another: what changes held out is the mean alone, {numbers} ({share})."
     if low > 0.0:
-        return f" On runs held out its error falls {numbers} {share}; the noise floor is {fit.noise_floor_rms:.5f}."
+        share = f"by {percent_text(fit.improvement, digits)} (95 % interval {interval}{_about_own_means(fit)})"
+        return f"On runs held out its error falls {share}, {numbers}; the noise floor is {rms_text(fit.noise_floor_rms, fit)}."
+    share = f"({percent_text(fit.improvement, digits)}, 95 % interval {interval}{_about_own_means(fit)})"
     if high < 0.0 and fit.improvement < -AS_GOOD_AS_NONE:
         grows = f"the error grows: {numbers} {share}"
-        return f" On runs held out no gain can be claimed, {grows}; do not use the augmented simulator as it is."
-    return f" On runs held out no gain can be claimed: {numbers} {share}."
+        return f"On runs held out no gain can be claimed, {grows}; do not use the augmented simulator as it is."
+    return f"On runs held out no gain can be claimed: {numbers} {share}."
 
 
 def _about_own_means(fit: Fit) -> str:
-    """The improvement without offsets, where these make much of it."""
-    if fit.improvement_std is None or abs(fit.improvement_std - fit.improvement) <= OFFSETS_COUNT:
+    """The improvement without offsets, where these make most of it."""
+    if fit.improvement_std is None or fit.improvement_std >= MOSTLY * fit.improvement:
         return ""
-    return f"; {100 * fit.improvement_std:.0f} % about each run's own mean"
+    return f"; {percent_text(fit.improvement_std)} about each run's own mean"
 
 
-def _fit_row(name: str, fit: Fit | RunFit) -> list[str]:
+def _fit_row(name: str, fit: Fit | RunFit, whole: Fit) -> list[str]:
     return [
         name,
-        f"{fit.baseline_rms:.5f}",
-        f"{fit.augmented_rms:.5f}",
-        f"{fit.noise_floor_rms:.5f}",
-        "" if fit.compensation_rms is None else f"{fit.compensation_rms:.5f}",
-        f"{100 * fit.improvement:.1f} %",
+        *(rms_text(value, whole) for value in (fit.baseline_rms, fit.augmented_rms, fit.noise_floor_rms)),
+        "" if fit.compensation_rms is None else rms_text(fit.compensation_rms, whole),
+        percent_text(fit.improvement, 1),
         interval_text(fit.improvement_ci95),
     ]
 

@@ -61,7 +61,7 @@ def export(model: Path, out: Path, options: Options) -> CExport:
     with whole_folder(out, writes=all_written(model, "c", options.name)) as folder:
         for name, text in files.items():
             (folder / name).write_text(text, encoding="ascii")
-        checks, skipped, measured, step_ns = _verified(folder, design, streams, bounds)
+        checks, skipped, measured, step_ns = _verified(folder, design, streams, bounds, board=options.board)
         span = span_deg_h(compensator)
         allowed_within = max(
             float(each.bias_deg_h[stream.status == OK].max(initial=0.0)) for stream, each in zip(streams, bounds, strict=True)
@@ -98,7 +98,7 @@ def export(model: Path, out: Path, options: Options) -> CExport:
 
 
 def _verified(
-    folder: Path, design: Design, streams: Sequence[Stream], bounds: Sequence[Bounds]
+    folder: Path, design: Design, streams: Sequence[Stream], bounds: Sequence[Bounds], *, board: bool
 ) -> tuple[list[tools.Check], list[str], list[dict[str, Any]], dict[str, float]]:
     """Checks, what was skipped, measured sizes and nanoseconds a step, by toolchain."""
     checks: list[tools.Check] = []
@@ -107,6 +107,9 @@ def _verified(
     step_ns: dict[str, float] = {}
     module, test = folder / f"{design.name}.c", folder / f"{design.name}_selftest.c"
     for toolchain in tools.TOOLCHAINS:
+        if toolchain.board and not board:
+            skipped.append(f"{toolchain.name}: skipped, as was asked")
+            continue
         if toolchain.missing:
             skipped.append(f"{toolchain.name}: skipped, {toolchain.missing} is not installed")
             continue

@@ -40,6 +40,8 @@ class Options:
         trained on.
     name : str, optional
         What files and identifiers begin with; by default the model folder's name.
+    board : bool
+        Of C code: also run it on an emulated board where an emulator is found, which takes minutes for long recordings.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class Options:
     smallest: bool = False
     runs: Sequence[Recording] = ()
     name: str | None = None
+    board: bool = True
 
     def __post_init__(self) -> None:
         if self.precision not in ("double", "float"):

@@ -23,6 +23,7 @@ from rlgcomp.formats import csv, hdf5, matlab, parquet
 from rlgcomp.formats.mapping import apply_mapping, require_droppable
 from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.repair import repair
+from rlgcomp.units import column_unit
 
 FORMATS: Final[tuple[ModuleType, ...]] = (parquet, csv, hdf5, matlab)
 TRUTH_PREFIX: Final = "truth_"
@@ -68,13 +69,7 @@ def read(
         The file cannot be read or mended; everything that is wrong is in one list.
     """
     path = Path(path)
-    form = _format_of(path)
-    if not path.exists():
-        raise InputError(f"{path} does not exist")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; give a recording's file")
-    if path.stat().st_size == 0:
-        raise InputError(f"{path} is empty (0 bytes)")
+    form = _readable(path)
     table, stored = form.load(path)
     beside = read_sidecar(path)
     mapping = column_mapping(beside, path) | dict(columns or {})
@@ -93,6 +88,21 @@ def read(
     truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
     rest = table.drop(columns=truths)
     return Recording.repaired(rest, merged, name=_stem(path), truth=truth if truths else None, findings=findings)
+
+
+def column_names(path: str | Path) -> list[str]:
+    """A file's own names of its columns.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    path = Path(path)
+    form = _readable(path)
+    if form is parquet:
+        return parquet.header(path)[0]
+    return csv.header(path) if form is csv else [str(name) for name in form.load(path)[0].columns]
 
 
 def write(recording: Recording, path: str | Path) -> None:
@@ -131,6 +141,11 @@ def require_recordable(path: Path) -> None:
         require_sidecar(path)
 
 
+def written_beside(path: Path) -> tuple[Path, ...]:
+    """The files that :func:`write` makes of a recording of this name."""
+    return (path, sidecar(path)) if _format_of(path) is csv else (path,)
+
+
 def require_sidecar(path: Path) -> None:
     """Raise where the .yaml beside a recording that is to be written holds what :func:`write_sidecar` never wrote.
 
@@ -164,8 +179,11 @@ def column_mapping(beside: dict[str, Any], path: Path) -> dict[str, str]:
     Raises
     ------
     InputError
-        It is no mapping of names to names.
+        It is no mapping of names to names, or one stands under another key.
     """
+    misplaced = [key for key, value in beside.items() if key != "columns" and _maps_columns(value)]
+    if misplaced:
+        raise InputError(f"{sidecar(path)}: {misplaced[0]} maps columns, which nobody reads there; write it under 'columns:'")
     said = beside.pop("columns", None)
     if said is None:
         return {}
@@ -175,6 +193,12 @@ def column_mapping(beside: dict[str, Any], path: Path) -> dict[str, str]:
             "own; write a line such as 'columns: {gyro_deg_h: \"Gyro Z [deg/s]\"}'"
         )
     return {str(target): str(source) for target, source in said.items()}
+
+
+def _maps_columns(said: Any) -> bool:
+    if not isinstance(said, dict) or not all(isinstance(source, str) for source in said.values()):
+        return False
+    return any(str(target) == TIME or column_unit(str(target)) is not None for target in said)
 
 
 def with_metadata(recording: Recording, **changes: Any) -> Recording:
@@ -197,6 +221,18 @@ def _format_of(path: Path) -> ModuleType:
             return form
     known = ", ".join(suffix for form in FORMATS for suffix in form.SUFFIXES)
     raise InputError(f"{path}: the ending {path.suffix!r} is no known format; known endings are {known}")
+
+
+def _readable(path: Path) -> ModuleType:
+    """The format of a file that is there and holds something."""
+    form = _format_of(path)
+    if not path.exists():
+        raise InputError(f"{path} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give a recording's file")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path} is empty (0 bytes)")
+    return form
 
 
 def _stem(path: Path) -> str:

@@ -24,6 +24,10 @@ SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
 _LARGE: Final = 1 << 23  # bytes from which a reader of numbers alone, which uses all cores, pays for its import
 _HEAD: Final = 1 << 16  # bytes that show how a file is written
 _LINES: Final = 20  # of its first lines
+_TOP: Final = 60  # of its first lines, among which the one that names the columns is looked for
+_NEARLY_ALL: Final = 0.8
+_NUMBER: Final = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
+_RAGGED: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
 
@@ -35,6 +39,7 @@ class Dialect:
     encoding: str
     separator: str
     decimal: str
+    above: tuple[str, ...] = ()  # lines before the one that names the columns: what a recorder says of itself
 
 
 def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -44,19 +49,20 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         if table is not None:
             return table, {}
     try:
-        return _pandas(path), {}
+        above = " | ".join(line.strip() for line in _dialect(path).above if line.strip() and not line.startswith("#"))
+        return _pandas(path), {"above_the_header": above} if above else {}
     except pd.errors.EmptyDataError:
         raise InputError(f"{path} is empty: no header and no rows") from None
     except (pd.errors.ParserError, UnicodeError, OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path} is not readable as CSV: {_said_of(error)}") from None
 
 
 def header(path: Path) -> list[str]:
     """Column names of a CSV file."""
     try:
         return [str(name) for name in _pandas(path, nrows=0).columns]
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError) as error:
-        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path} is not readable as CSV: {_said_of(error)}") from None
 
 
 def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
@@ -66,13 +72,14 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
             for table in reader:
                 yield table[list(columns)]
     except (pd.errors.ParserError, UnicodeError) as error:
-        raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path} is not readable as CSV: {_said_of(error)}") from None
 
 
 def _pandas(path: Path, **named: Any) -> Any:
     written = _dialect(path)
     return pd.read_csv(
         path,
+        skiprows=len(written.above),
         sep=written.separator,
         decimal=written.decimal,
         encoding=written.encoding,
@@ -97,7 +104,7 @@ def _all_numbers(path: Path) -> pd.DataFrame | None:
     except (OSError, UnicodeError):
         return None
     written = _dialect(path)
-    names = next(text.reader([header], delimiter=written.separator), [])
+    names = [] if written.above else next(text.reader([header], delimiter=written.separator), [])
     plain = not header.startswith(("#", "\ufeff")) and all(name and name == name.strip() for name in names)
     if not (names and plain and len(set(names)) == len(names) and written.decimal == "." and written.encoding == "utf-8"):
         return None
@@ -124,11 +131,36 @@ def _dialect(path: Path) -> Dialect:
     with opener(path, "rb") as stream:
         head = stream.read(_HEAD)
     encoding = _encoding(head, path)
-    lines = [line for line in head.decode(encoding, errors="ignore").splitlines() if line.strip() and not line.startswith("#")]
+    every = head.decode(encoding, errors="ignore").splitlines()
+    places = [place for place, line in enumerate(every) if line.strip() and not line.startswith("#")]
+    named = _header_of([every[place] for place in places[:_TOP]])
+    above, lines = every[: places[named]] if named else [], [every[place] for place in places[named:]]
     separator = separator_of(lines[0] if lines else "")
     entries = [entry.strip() for line in lines[1:_LINES] for entry in line.split(separator)]
     commas = separator != "," and any(map(_DECIMAL_COMMA.fullmatch, entries)) and not any("." in entry for entry in entries)
-    return Dialect(encoding, separator, "," if commas else ".")
+    return Dialect(encoding, separator, "," if commas else ".", tuple(above))
+
+
+def _header_of(lines: Sequence[str]) -> int:
+    """Which line names the columns: the first one without numbers that has as many entries as nearly all lines after it."""
+    for place, line in enumerate(lines[:-1]):
+        separator = separator_of(line)
+        entries, after = [entry.strip() for entry in line.split(separator)], lines[place + 1 :]
+        agree = sum(other.count(separator) == len(entries) - 1 for other in after)
+        if len(entries) > 1 and agree >= _NEARLY_ALL * len(after) and not any(map(_NUMBER.fullmatch, entries)):
+            return place
+    return 0
+
+
+def _said_of(error: Exception) -> str:
+    """What a parser complains of, for people."""
+    found = _RAGGED.search(str(error))
+    if found is None:
+        return str(error).splitlines()[0]
+    return (
+        f"line {found[2]} has {found[3]} entries where the lines before it have {found[1]}; give every line as many as the line "
+        "that names the columns, and begin lines that are no data with #"
+    )
 
 
 def _encoding(head: bytes, path: Path) -> str:

@@ -90,6 +90,25 @@ def require_droppable(drop: Collection[str], columns: Collection[str], path: str
         raise InputError(f"{path}: cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, columns))}")
 
 
+def require_mapped(mapping: Mapping[str, str], files: Mapping[Path, Collection[str]]) -> None:
+    """Refuse to map what no file has; `files` are the names of columns of each.
+
+    Raises
+    ------
+    InputError
+        A source is in none of them.
+    """
+    for source in mapping.values():
+        if files and not any(has_column(columns, source) for columns in files.values()):
+            first, columns = next(iter(files.items()))
+            find_column(columns, source, first.name)
+
+
+def has_column(columns: Collection[str], source: str) -> bool:
+    """Whether a source means one of a file's columns, with its unit or without."""
+    return source in columns or units.header_unit(source)[0] in columns
+
+
 def find_column(columns: Collection[str], source: str, name: str) -> tuple[str, str | None]:
     """Which of a file's columns a source means, and the unit that it states.
 

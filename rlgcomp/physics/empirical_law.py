@@ -131,7 +131,7 @@ class EmpiricalLaw(Mechanism):
 
     def stated(self) -> str:
         """The equation with its numbers, drivers and units."""
-        unit = self._unit(self.driver) + ("/min" if self.memory == "rate" else "")
+        unit = self.unit_of("at")
         half = 0.5 * (self.high - self.low)
         signed, *second = (named(*(name for name in pair if name)) for pair in self._quantities())
         first = f"|{signed}|" if self.parity != "none" else signed
@@ -163,6 +163,20 @@ class EmpiricalLaw(Mechanism):
             other = self._unit(self.driver_2)
             text += f" * ({quantity} - {_with(self.at_2, other)}) / {_with(0.5 * (self.high_2 - self.low_2), other)}"
         return f"b = {self.amplitude_deg_h:.4g} deg/h * {text}"
+
+    def unit_of(self, parameter: str) -> str:
+        """Unit of one of its parameters, which is that of the columns that it reads.
+
+        >>> EmpiricalLaw(driver="pressure_hPa").unit_of("at"), EmpiricalLaw().unit_of("lag_s")
+        ('hPa', 's')
+        """
+        unit = next(one.unit for one in self.parameters() if one.name == parameter)
+        of_driver = self._unit(self.driver)
+        return {
+            "unit of driver": of_driver,
+            "unit of m": f"{of_driver}/min" if self.memory == "rate" else of_driver,
+            "unit of driver_2": self._unit(self.driver_2),
+        }.get(unit, unit)
 
     @staticmethod
     def _unit(driver: str) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from rlgcomp.motion import acceleration_deg_s2
+import numpy as np
+
+from rlgcomp.motion import rate_at_ends_deg_s
 from rlgcomp.physics.mechanism import TABLE_RATE, Array, Mechanism, amplitude
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_HOUR
@@ -16,6 +18,7 @@ class EncoderDelay(Mechanism):
 
     .. math:: b = \tau \, \dot W
 
+    Of a sample's mean it is :math:`\tau` times what the rate changes by from one end of the sample to the other, per time.
     At constant rate nothing is seen; speeding up and slowing down push in opposite directions. A positive delay: the encoder lags.
     """
 
@@ -30,4 +33,6 @@ class EncoderDelay(Mechanism):
     delay_s: float = amplitude(1e-4, "s", limit=10.0)
 
     def basis(self, recording: Recording) -> Array:
-        return (SECONDS_PER_HOUR * acceleration_deg_s2(recording))[:, None]
+        at_ends, time_s = rate_at_ends_deg_s(recording), recording.time_s
+        spans_s = np.diff(time_s, prepend=time_s[0] - recording.period_s)
+        return (SECONDS_PER_HOUR * np.diff(at_ends, prepend=at_ends[:1]) / spans_s)[:, None]

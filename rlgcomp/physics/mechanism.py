@@ -145,7 +145,8 @@ class Mechanism(abc.ABC):
         Parameters
         ----------
         recording : Recording
-            Only its monitors are read, never its gyro.
+            Only its monitors are read, never its gyro. Of the same run it may hold rows or means over some, so lags and rates are
+            reckoned in seconds (`recording.time_s`, `recording.period_s`), never in rows.
 
         Returns
         -------

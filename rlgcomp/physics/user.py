@@ -27,6 +27,15 @@ _KINDS: Final = ("chamber", "turntable", "any")
 _ROWS: Final = 64
 _SCALES: Final = (1.0, -1.0, 10.0, 100.0, 1000.0)  # of what monitors read: thresholds are anywhere
 _LARGEST: Final = 1e50  # of a column: its square and sums of it are numbers still
+_MEAN_S: Final = 20.0
+_MEAN_ROWS: Final = (2, 10)  # that a mean over so long may have, at least and at most
+_NODES: Final = (8, 64)  # between which the smooth course of a run's monitors is straight
+_APART: Final = 5  # means from node to node
+_UNLIKE: Final = 0.1  # of a column's standard deviation
+_IN_SECONDS: Final = (
+    "diagnosis computes it from both: let its basis reckon in seconds (recording.time_s, recording.period_s), not in rows, or "
+    "write fast = True in the class, and it is computed from rows alone"
+)
 _EXAMPLE: Final = "see 'Add a mechanism' in CONTRIBUTING.md, and rlgcomp/physics/thermal_lag.py for an example"
 
 
@@ -76,7 +85,7 @@ def require_computable(mechanisms: Mapping[str, type[Mechanism]], runs: Sequence
     Raises
     ------
     InputError
-        A basis raises, or is not a finite real number a row and amplitude.
+        A basis raises, is not a finite real number a row and amplitude, or says something else of means over rows.
     """
     for mechanism in mechanisms.values():
         if CATALOGUE.get(mechanism.name) is mechanism:
@@ -88,6 +97,45 @@ def require_computable(mechanisms: Mapping[str, type[Mechanism]], runs: Sequence
                 fault = _fault_on(form, run)
                 if fault is not None:
                     raise InputError(f"{mechanism.name} cannot be tried{said}: {fault}; correct the mechanism, or its bounds")
+            fault = None if usual.fast else _fault_on_means(usual, run)
+            if fault is not None:
+                raise InputError(f"{mechanism.name} cannot be tried: {fault}")
+
+
+def _fault_on_means(mechanism: Mechanism, run: Recording) -> str | None:
+    """What is wrong where columns of means over rows are not the means of columns, the monitors made smooth, so that one that is
+    not linear in them is not blamed for their noise; nothing on a run too short to tell."""
+    rows = min(max(round(_MEAN_S / run.period_s), _MEAN_ROWS[0]), _MEAN_ROWS[1])
+    nodes = min(len(run) // (_APART * rows), _NODES[1])
+    if nodes < _NODES[0]:
+        return None
+    smooth = _smooth(run, nodes)
+    if _fault_on(mechanism, smooth) is not None:
+        return None
+    with np.errstate(all="ignore"):
+        columns = pd.DataFrame(np.asarray(mechanism.basis(smooth), dtype=np.float64)).add_prefix("basis_")
+        means = smooth.averaged(rows * run.period_s, extra=columns)
+        if _fault_on(mechanism, means) is not None:
+            return f"of means over {rows} rows, {_fault_on(mechanism, means)}; {_IN_SECONDS}"
+        wanted = np.column_stack([np.empty((len(means), 0)), *(means.column(str(name)) for name in columns)])
+        unlike = np.std(mechanism.basis(means) - wanted, axis=0)
+    size = np.std(wanted, axis=0)
+    if not (unlike > _UNLIKE * size)[size > 0.0].any():
+        return None
+    share = np.max(unlike[size > 0.0] / size[size > 0.0])
+    return (
+        f"it says something else of means over {rows} rows of {run.name} than of the rows (unlike by {100.0 * share:.0f} % of its "
+        f"standard deviation); {_IN_SECONDS}"
+    )
+
+
+def _smooth(run: Recording, nodes: int) -> Recording:
+    """A run whose monitors go straight from mean to mean over so many equal parts, without a lead-in."""
+    parts = np.array_split(np.arange(len(run)), nodes)
+    at_s = [run.time_s[part].mean() for part in parts]
+    monitors = [name for name in run.columns if name != TIME and name not in run.gyro_columns]
+    course = {name: np.interp(run.time_s, at_s, [run.column(name)[part].mean() for part in parts]) for name in monitors}
+    return run.replace(table=run.table.assign(**course), metadata=dataclasses.replace(run.metadata, lead_in_s=0.0))
 
 
 def _forms(usual: Mechanism) -> dict[str, Mechanism]:
@@ -144,7 +192,7 @@ def _faults_computed(mechanism: type[Mechanism]) -> list[str]:
         usual = mechanism()
         trial = _trial(usual)
         without = usual.covariance(np.zeros(1)) is None
-    except Exception as error:  # noqa: BLE001 - whatever it raises is the file's fault
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it raises is the file's fault
         return [f"it fails{_line(mechanism, error)}: {type(error).__name__}: {error}"]
     fault = _fault_on(usual, trial)
     if fault is not None:
@@ -178,7 +226,7 @@ def _fault_on(mechanism: Mechanism, run: Recording) -> str | None:
     try:
         with np.errstate(all="ignore"):
             basis: Any = mechanism.basis(run)
-    except Exception as error:  # noqa: BLE001 - whatever it raises is the file's fault
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it raises is the file's fault
         return f"it fails on {run.name}{_line(type(mechanism), error)}: {type(error).__name__}: {error}"
     wanted = (len(run), len(mechanism.amplitude_parameters()))
     if getattr(basis, "shape", None) != wanted:
@@ -194,7 +242,7 @@ def _fault_on(mechanism: Mechanism, run: Recording) -> str | None:
     return None
 
 
-def _line(mechanism: type[Mechanism], error: Exception) -> str:
+def _line(mechanism: type[Mechanism], error: BaseException) -> str:
     return said_line(error, getattr(sys.modules.get(mechanism.__module__), "__file__", None) or "")
 
 

@@ -7,7 +7,7 @@ measured recordings differ only in `truth`. Files are read and mended by :mod:`r
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +19,13 @@ from rlgcomp.recording.averaging import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Ful
 from rlgcomp.recording.columns import GYRO_UNITS, TIME, is_gyro, rate_name
 from rlgcomp.recording.metadata import Finding, Kind, Metadata
 from rlgcomp.recording.validity import FEWEST_ROWS, problems_of
+from rlgcomp.sampling import GAP_PERIODS, Sampling
 
 __all__ = [
     "DEFAULT_AVERAGING_S", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "TIME",
     "Finding", "Kind", "Metadata", "Recording", "is_gyro", "rate_name",
 ]  # fmt: skip
 Array = npt.NDArray[np.float64]
-
-GAP_PERIODS: Final = 1.5
 
 
 class Recording:
@@ -50,13 +49,14 @@ class Recording:
         The table is no valid recording; the message lists everything that is wrong.
     """
 
-    __slots__ = ("_arrays", "_columns", "_findings", "_metadata", "_name", "_table", "_truth")
+    __slots__ = ("_arrays", "_columns", "_findings", "_metadata", "_name", "_sampling", "_table", "_truth")
 
     _table: pd.DataFrame
     _columns: tuple[str, ...]
     _arrays: dict[str, Array]  # views of columns that were asked for: pandas makes one in ten microseconds or more
     _metadata: Metadata
     _name: str
+    _sampling: Sampling | None  # once it was asked for
     _truth: pd.DataFrame | None
     _findings: tuple[Finding, ...]
 
@@ -147,8 +147,8 @@ class Recording:
 
     @property
     def period_s(self) -> float:
-        """Sample period in s: the median step."""
-        return float(np.median(np.diff(self.time_s)))
+        """Sample period in s."""
+        return self._clock.period_s
 
     @property
     def duration_s(self) -> float:
@@ -157,8 +157,15 @@ class Recording:
 
     @property
     def gaps(self) -> npt.NDArray[np.intp]:
-        """Rows after which more than 1.5 periods pass."""
-        return np.flatnonzero(np.diff(self.time_s) > GAP_PERIODS * self.period_s)
+        """Rows after which samples are missing."""
+        return self._clock.gaps
+
+    @property
+    def _clock(self) -> Sampling:
+        if self._sampling is None:
+            object.__setattr__(self, "_sampling", Sampling.of(self.time_s))
+        assert self._sampling is not None  # noqa: S101  (for mypy)
+        return self._sampling
 
     @property
     def scored(self) -> npt.NDArray[np.bool_]:
@@ -308,6 +315,7 @@ def _hold(
     object.__setattr__(recording, "_arrays", {})
     object.__setattr__(recording, "_metadata", metadata or Metadata())
     object.__setattr__(recording, "_name", name)
+    object.__setattr__(recording, "_sampling", None)
     object.__setattr__(recording, "_truth", None if truth is None else truth.reset_index(drop=True))
     object.__setattr__(recording, "_findings", tuple(findings))
 

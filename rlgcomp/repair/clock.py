@@ -7,8 +7,9 @@ import bisect
 import numpy as np
 import pandas as pd
 
-from rlgcomp.recording import FEWEST_ROWS, GAP_PERIODS, TIME
+from rlgcomp.recording import FEWEST_ROWS, TIME
 from rlgcomp.repair.context import FEW, Array, Context, Rows
+from rlgcomp.sampling import Sampling
 
 
 def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -93,8 +94,8 @@ def sampling(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if context.steps(table).greatest <= 1.25 * context.steps(table).least:  # whatever the period is, no step is far from it
         return table
     steps = np.diff(time_s)
-    period_s = float(np.median(steps))
-    gaps = np.flatnonzero(steps > GAP_PERIODS * period_s)
+    clock = Sampling.of(time_s)
+    period_s, gaps = clock.period_s, clock.gaps
     if len(gaps):
         longest = float(steps[gaps].max())
         context.add(

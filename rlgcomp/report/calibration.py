@@ -18,7 +18,7 @@ from rlgcomp.calibration.triad.estimate import PRIOR_SD, SEEN, RunResult
 from rlgcomp.files import write_text
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
 from rlgcomp.triad import GYRO
-from rlgcomp.units import SECONDS_PER_MINUTE
+from rlgcomp.units import SECONDS_PER_MINUTE, value_and_sd
 
 
 def write_calibration_report(folder: Path, found: TableCalibration) -> None:
@@ -35,6 +35,7 @@ def render(found: TableCalibration) -> str:
     shown = [run for run in found.triad.runs if run.shows == "velocity"]
     errors = largest(shown)
     frame = found.triad.to_frame()
+    printed = [value_and_sd(*both) for both in zip(frame["value"].tolist(), frame["sd"].tolist(), strict=True)]
     return environment.get_template("calibration.html").render(
         title=f"Calibration of {found.content['unit'] or 'a triad'}",
         style=importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
@@ -47,8 +48,8 @@ def render(found: TableCalibration) -> str:
             {
                 "": frame["symbol"],
                 "parameter": frame["parameter"],
-                "value": [f"{row.value:.5g}" if row.seen else "not seen" for row in frame.itertuples()],
-                "sd": [f"{sd:.2g}" for sd in frame["sd"]],
+                "value": [value if seen else "not seen" for (value, _), seen in zip(printed, frame["seen"], strict=True)],
+                "sd": [sd for _, sd in printed],
                 "unit": frame["unit"],
             }
         ),

@@ -72,7 +72,7 @@ def over_time(trace: Trace, floor_deg_h: float) -> str:
         middle.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         if rest and trace.temperature_degC is not None:
             rest[0].plot(hours, trace.temperature_degC, color=WARM, lw=1.4, label="temperature")
-            rest[0].set_ylabel("degC")
+            rest[0].set_ylabel("°C")
             rest[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         (rest[0] if rest else middle).set_xlabel("time in h")
         return svg(figure)
@@ -92,7 +92,7 @@ def loop(trace: Trace) -> str:
             axes.plot(trace.temperature_degC, centred, color="#d7dade", lw=0.7, zorder=1)
             points = axes.scatter(trace.temperature_degC, centred, c=hours, cmap="viridis", s=10, zorder=2)
             axes.set_title(title)
-            axes.set_xlabel("temperature in degC")
+            axes.set_xlabel("temperature in °C")
         before.set_ylabel("10⁻³ deg/h")
         figure.colorbar(points, ax=(before, after), label="time in h", pad=0.01)
         return svg(figure)

@@ -55,6 +55,7 @@ def render(
         style=style,
         version=rlgcomp.__version__,
         evaluation=evaluation,
+        correlation=evaluation.correlation.assign(correlation=[f"{value:.3f}" for value in evaluation.correlation["correlation"]]),
         model=type(compensator.model_).__name__,
         parameters=parameters_of(compensator.model_),
         recipe=compensator.recipe_,

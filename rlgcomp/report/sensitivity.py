@@ -5,45 +5,66 @@ from __future__ import annotations
 import dataclasses
 import io
 import textwrap
-from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from rlgcomp.report.figures import RAW, RESIDUAL, STYLE, WIDTH_IN
+from rlgcomp.report.figures import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN
 
 Array = npt.NDArray[np.float64]
-_COLOURS: Final = (RESIDUAL, RAW)
+_MOST: Final = 0.9  # share of trials at which intervals are drawn
 
 
 @dataclasses.dataclass(frozen=True)
 class FoundCurve:
-    """Shares found at the strengths tried, and the curve through them with the interval of its 90 % point."""
+    """Shares found at the strengths tried, and the curve through them with its 90 % point and the interval of that."""
 
     label: str
     strengths: Array
     shares: Array
     at: Array
     chance: Array
+    s90: float
     s90_interval: tuple[float, float]
 
 
-def curves_picture(title: str, strength: str, curves: Sequence[FoundCurve], note: str) -> bytes:
-    """PNG with the curves over the strength, which `strength` explains, and a note below."""
+def curves_picture(title: str, white_deg_h: float, detected: FoundCurve, named: FoundCurve, note: str) -> bytes:
+    """PNG with both curves over the strength, which is told in deg/h as well, and a note below.
+
+    Parameters
+    ----------
+    title : str
+    white_deg_h : float
+        What the simulator cannot absorb, rms, at strength one.
+    detected, named : FoundCurve
+        Where more are named than detected, that is filled and said.
+    note : str
+    """
     with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 4.0), layout="constrained", dpi=130)
+        figure = Figure(figsize=(WIDTH_IN, 4.4), layout="constrained", dpi=130)
         axes = figure.subplots()
-        for curve, colour in zip(curves, _COLOURS, strict=False):
-            axes.plot(curve.at, curve.chance, color=colour, lw=1.6, label=curve.label)
-            axes.plot(curve.strengths, curve.shares, "o", color=colour, ms=5)
-            axes.axvspan(*curve.s90_interval, color=colour, alpha=0.08, lw=0)
+        earlier = named.chance > detected.chance
+        filled: dict[str, Any] = {"where": earlier, "color": FIT, "alpha": 0.12, "lw": 0.0, "label": "named before it is detected"}
+        axes.fill_between(detected.at, detected.chance, named.chance, **filled)
+        square: dict[str, Any] = {"color": FIT, "marker": "s", "mfc": "none", "ms": 9.0}  # neither hides the other
+        for curve, dots, width in ((named, square, 5.0), (detected, {"color": RESIDUAL, "marker": "o", "ms": 5.0}, 2.5)):
+            colour = dots["color"]
+            axes.plot(curve.at, curve.chance, color=colour, lw=1.6)
+            axes.plot(curve.strengths, curve.shares, ls="", label=curve.label, **dots)
+            low, high = np.clip(curve.s90_interval, curve.at[0], curve.at[-1])
+            axes.hlines(_MOST, low, high, color=colour, lw=width, alpha=0.35)
+            axes.plot([curve.s90], [_MOST], "|", color=colour, ms=14, mew=2)
+        axes.plot([], [], color=RAW, lw=2.5, alpha=0.6, label="bars: 90 % found, with its 95 % interval")
         axes.set_xscale("log")
-        axes.set_xlim(float(curves[0].at[0]), float(curves[0].at[-1]))
-        axes.set_ylim(-0.03, 1.03)
-        axes.set_xlabel(strength)
+        axes.set_xlim(float(detected.at[0]), float(detected.at[-1]))
+        tried = detected.strengths
+        axes.set_xticks(tried, [f"{strength:g}\n{strength * white_deg_h:.2g} deg/h" for strength in tried])
+        axes.set_xticks([], minor=True)
+        axes.set_ylim(-0.03, 1.05)
+        axes.set_xlabel("strength; below it the rms that the simulator cannot absorb")
         figure.supxlabel(textwrap.fill(note, 165), fontsize=7.5, ha="left", x=0.01)
         axes.set_ylabel("share of trials")
         axes.set_title(title, loc="left")

@@ -235,6 +235,15 @@ class Simulator:
         }
         return dataclasses.replace(self, free={**self.free, **fitted})
 
+    def with_own_amplitudes_free(self) -> Self:
+        """The same simulator with amplitudes free that are each run's own: whatever is stated of them, no run's can be foretold."""
+        own = {
+            mechanism.name: self.free.get(mechanism.name, frozenset()) | {p.name for p in mechanism.amplitude_parameters()}
+            for mechanism in self.mechanisms
+            if mechanism.each_run
+        }
+        return dataclasses.replace(self, free={**self.free, **own})
+
     # --- its file ----------------------------------------------------------------------------------------------------------
 
     @classmethod

@@ -2,7 +2,8 @@
 
 Written as text, `acceleration 10, rate 10 600, rate -10 600, rest 120, sweep -1 1 1800` turns at 10 deg/s for 600 s and back for as
 long, rests for 120 s and then goes from -1 to 1 deg/s at a steady acceleration within 1800 s. Between them the table speeds up or
-slows down at the given acceleration (10 deg/s² where none is given). The same text comes back from `str(programme)`.
+slows down at the given acceleration (10 deg/s² where none is given). `room 40` at the head is the temperature in degC of the room,
+or of the chamber that stands on the table. The same text comes back from `str(programme)`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ Array = npt.NDArray[np.float64]
 FASTEST_DEG_S: Final = 2000.0
 STEEPEST_DEG_S2: Final = 5000.0
 USUAL_DEG_S2: Final = 10.0
+COLDEST_DEGC: Final = -100.0
+HOTTEST_DEGC: Final = 150.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,17 +58,22 @@ class TableProgramme:
     steps : tuple of Rate and Sweep
     acceleration_deg_s2 : float
         Between steps.
+    room_degC : float, optional
+        Of the room, or of the chamber on the table; None where nobody sets it.
 
     Raises
     ------
     InputError
-        A rate, acceleration or duration that no table can do.
+        A rate, acceleration, duration or temperature that no table can do.
     """
 
     steps: tuple[Rate | Sweep, ...]
     acceleration_deg_s2: float = USUAL_DEG_S2
+    room_degC: float | None = None
 
     def __post_init__(self) -> None:
+        if self.room_degC is not None and not COLDEST_DEGC <= self.room_degC <= HOTTEST_DEGC:
+            raise InputError(f"programme {self}: the room must be between {COLDEST_DEGC:g} and {HOTTEST_DEGC:g} degC")
         if not 0.0 < self.acceleration_deg_s2 <= STEEPEST_DEG_S2:
             raise InputError(f"programme {self}: the acceleration must be positive and at most {STEEPEST_DEG_S2:g} deg/s²")
         if not self.steps:
@@ -88,14 +96,18 @@ class TableProgramme:
 
         >>> TableProgramme.parse("acceleration 5, rate 10 600, rest 60").duration_s
         664.0
+        >>> TableProgramme.parse("room 40, rate 10 600").room_degC
+        40.0
         """
         text, words = words_of(text, PRESETS, "rate 10 600, rate -10 600, rest 120, ...")
-        acceleration, steps = USUAL_DEG_S2, list[Rate | Sweep]()
+        acceleration, room, steps = USUAL_DEG_S2, None, list[Rate | Sweep]()
         try:
-            for place, word in enumerate(words):
+            for word in words:
                 numbers = [float(number) for number in word[1:]]
-                if word[0] == "acceleration" and place == 0:
+                if word[0] == "acceleration" and not steps:
                     (acceleration,) = numbers
+                elif word[0] == "room" and not steps:
+                    (room,) = numbers
                 elif word[0] == "rate":
                     steps.append(Rate(*numbers))
                 elif word[0] == "rest":
@@ -106,10 +118,10 @@ class TableProgramme:
                     raise ValueError
         except (ValueError, TypeError):
             raise InputError(
-                f"turntable programme {text!r} is not understood; write '[acceleration DEG_S2,] rate DEG_S SECONDS, rest SECONDS, "
-                f"sweep FROM_DEG_S TO_DEG_S SECONDS, ...' or a preset: {', '.join(PRESETS)}"
+                f"turntable programme {text!r} is not understood; write '[room DEGC,] [acceleration DEG_S2,] "
+                f"rate DEG_S SECONDS, rest SECONDS, sweep FROM_DEG_S TO_DEG_S SECONDS, ...' or a preset: {', '.join(PRESETS)}"
             ) from None
-        return cls(tuple(steps), acceleration)
+        return cls(tuple(steps), acceleration, room)
 
     @property
     def corners(self) -> tuple[Array, Array]:
@@ -144,7 +156,8 @@ class TableProgramme:
         return np.asarray(at[k] + rates[k] * since + 0.5 * slope * since**2)
 
     def __str__(self) -> str:
-        return ", ".join([f"acceleration {self.acceleration_deg_s2:g}", *map(str, self.steps)])
+        room = [] if self.room_degC is None else [f"room {self.room_degC:g}"]
+        return ", ".join([*room, f"acceleration {self.acceleration_deg_s2:g}", *map(str, self.steps)])
 
 
 def _both_ways(rates_deg_s: tuple[float, ...], seconds: float) -> str:

@@ -39,7 +39,7 @@ class Turntable:
     rate_resolution_deg_s : float
         Step of the recorded rate; 0 for none.
     room_degC, room_drift_K, room_drift_s : float
-        Temperature of the room, standard deviation and correlation time of its drift.
+        Temperature of the room, where the programme does not set it, standard deviation and correlation time of its drift.
     warm_up_K, warm_up_s : float
         How far and how slowly the gyro warms itself from switching on.
 
@@ -96,7 +96,8 @@ class Turntable:
         angle = self.start_deg + programme.angle_deg(edges_s)
         rate = np.diff(angle) / step_s
         time_s: Array = edges_s[1:]
-        block = self.room_degC + self.warm_up_K * -np.expm1(-time_s / self.warm_up_s)
+        room = self.room_degC if programme.room_degC is None else programme.room_degC
+        block = room + self.warm_up_K * -np.expm1(-time_s / self.warm_up_s)
         block += wander(self.room_drift_K, self.room_drift_s, time_s, stream(seed, "monitor:room"))
         read = PlatinumThermometer().read(block, time_s, stream(seed, "sensor:temperature_block_degC"))
         encoder = _stepped(angle[1:], self.encoder_arcsec / ARCSEC_PER_DEG)

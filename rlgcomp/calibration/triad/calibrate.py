@@ -22,6 +22,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.rate_table import Triad
 from rlgcomp.triad import GYRO, TriadErrors
+from rlgcomp.units import value_and_sd
 
 CHI_SQUARED_RATIO: Final = (0.8, 1.25)
 ALTERNATIVES: Final = ("step-3", "step-3-slow-outer", "step-3-modulated")
@@ -207,7 +208,7 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
         )
     if any(run.shows == "velocity" for run in triad.runs):
         angles = zip("xyz", triad.mount_arcsec, triad.mount_sd_arcsec, strict=True)
-        turned = ", ".join(f"{axis} {angle:.3g} ± {sd:.2g}" for axis, angle, sd in angles)
+        turned = ", ".join(f"{axis} {' ± '.join(value_and_sd(angle, sd))}" for axis, angle, sd in angles)
         remarks.append(f"the triad stands turned from the table's axes by {turned} arcsec; the errors above do not depend on it")
     if triad.seen[6]:
         remarks.append(

@@ -17,7 +17,18 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.diagnosis import wording
-from rlgcomp.diagnosis.result.findings import Alternative, Cause, Estimate, NextExperiment, Place, Unexplained
+from rlgcomp.diagnosis.result.findings import (
+    Alternative,
+    Cause,
+    Estimate,
+    InPart,
+    Law,
+    NextExperiment,
+    Place,
+    Step,
+    Unexplained,
+    chance,
+)
 from rlgcomp.diagnosis.result.fits import Alignment, Fit, RunFit, Trace
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256, to_json, write_json
@@ -25,8 +36,8 @@ from rlgcomp.noise import NoiseModel
 from rlgcomp.simulation.simulator import Simulator
 
 __all__ = [
-    "Alignment", "Alternative", "Cause", "Diagnosis", "Estimate", "Fit",
-    "NextExperiment", "Place", "RunFit", "Trace", "Unexplained", "Verdict",
+    "Alignment", "Alternative", "Cause", "Diagnosis", "Estimate", "Fit", "InPart", "Law",
+    "NextExperiment", "Place", "RunFit", "Step", "Trace", "Unexplained", "Verdict", "chance",
 ]  # fmt: skip
 
 _ROUNDING: Final = 1e-9
@@ -75,6 +86,12 @@ class Diagnosis:
         Under "train" and "test": SHA-256 of the files, by name, where runs were read from files; under "simulator" that of its own.
     healthy : float, optional
         Probability that nothing is missing and nothing unrecorded wanders.
+    probability : float, optional
+        Of the chosen set as a whole, with the laws beyond it where there are any.
+    steps : tuple of Step
+        Of the bias in single training runs: they are no part of either simulator.
+    in_part : tuple of InPart
+        Causes that act in a part of the runs; neither are they.
 
     Raises
     ------
@@ -103,6 +120,9 @@ class Diagnosis:
     simulator: str = "simulator"
     recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
     healthy: float | None = None
+    probability: float | None = None
+    steps: tuple[Step, ...] = ()
+    in_part: tuple[InPart, ...] = ()
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:
@@ -155,9 +175,12 @@ class Diagnosis:
             "verdict": self.verdict,
             "mismatch": {"p_value": self.p_value, "where": [dataclasses.asdict(place) for place in self.where]},
             "findings": self.findings,
+            "probability": self.probability,
             "nothing_missing": self.healthy,
             "alternatives": [dataclasses.asdict(alternative) for alternative in self.alternatives],
             "unexplained": dataclasses.asdict(self.unexplained),
+            "steps": [dataclasses.asdict(step) for step in self.steps],
+            "in_part": [dataclasses.asdict(one) for one in self.in_part],
             "fit": {
                 "train": dataclasses.asdict(self.train),
                 "test": None if self.test is None else dataclasses.asdict(self.test),

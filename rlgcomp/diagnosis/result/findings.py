@@ -5,15 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from rlgcomp.diagnosis.wording import sure_text
+from rlgcomp.diagnosis.wording import raised_text, sure_text
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE, Mechanism, Parameter
 
 _SYMBOLS: Final = {TEMPERATURE: "T", TABLE_RATE: "W", TABLE_ANGLE: "theta"}
 _SMALLEST, _LARGEST = -3, 5  # powers of ten that numbers are printed without
-_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Estimate:
         value, sd = (f"{number * 10.0**-power:.{digits}f}" for number in (self.value, self.sd))
         if not power:
             return f"{value} ± {sd} {self.unit}".rstrip()
-        return f"({value} ± {sd})·10{str(power).translate(_RAISED)} {self.unit}".rstrip()
+        return f"({value} ± {sd})·10{raised_text(power)} {self.unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,6 +174,26 @@ class Alternative:
 
 
 @dataclasses.dataclass(frozen=True)
+class Law:
+    """A law that was found in recorded columns.
+
+    Parameters
+    ----------
+    equation : str
+    drivers : tuple of str
+    memory : {"static", "dynamic", "rate-independent"}
+    parameters : mapping of str to Estimate
+        Its numbers, by name, with their standard deviations, each with all others uncertain as well. None is here that the runs
+        leave open, because the simulator's own terms make up for it, nor the half ranges by which the equation is scaled.
+    """
+
+    equation: str
+    drivers: tuple[str, ...]
+    memory: str
+    parameters: Mapping[str, Estimate]
+
+
+@dataclasses.dataclass(frozen=True)
 class Unexplained:
     """What is left when the named mechanisms are taken out.
 
@@ -188,6 +208,8 @@ class Unexplained:
         The best law found.
     probability : float, optional
         That there is such a law, or something that wanders unrecorded; None where neither is claimed.
+    laws : tuple of Law
+        One for each term of the equation.
     """
 
     p_value: float
@@ -195,6 +217,67 @@ class Unexplained:
     memory: str = "none"
     equation: str | None = None
     probability: float | None = None
+    laws: tuple[Law, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """A step of the bias in one training run, which no other run shows: no law can be learnt of one event.
+
+    Parameters
+    ----------
+    run : str
+    at_s : float
+        In the run's own time.
+    size : Estimate
+        What the bias is more by, afterwards.
+    probability : float
+    """
+
+    run: str
+    at_s: float
+    size: Estimate
+    probability: float
+
+
+@dataclasses.dataclass(frozen=True)
+class InPart:
+    """A cause that acts in a part of the training runs: something that was not recorded switches it on.
+
+    Parameters
+    ----------
+    mechanism : str
+        That does as it does.
+    drivers : tuple of str
+    size : Estimate
+        Of its amplitude, where it acts.
+    acts : tuple of str
+        Runs, those held out included, in which it acts throughout.
+    silent : tuple of str
+        Runs in which it does not act; what others show is not certain.
+    probability : float
+    run : str, optional
+        One more run in which it acts,
+    at_s : float, optional
+        by a moment:
+    after : bool
+        after that, or before.
+    """
+
+    mechanism: str
+    drivers: tuple[str, ...]
+    size: Estimate
+    acts: tuple[str, ...]
+    silent: tuple[str, ...]
+    probability: float
+    run: str | None = None
+    at_s: float | None = None
+    after: bool = True
+
+
+def chance(events: Sequence[Step | InPart]) -> float:
+    """That none of these is there."""
+    return min((max(1.0 - one.probability, sys.float_info.epsilon) for one in events), default=1.0)
 
 
 @dataclasses.dataclass(frozen=True)

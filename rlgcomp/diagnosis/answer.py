@@ -1,0 +1,156 @@
+"""What answers the question in the end: the set and the laws concluded, with their numbers; and what hides behind a strong cause.
+
+On a table a strong cause asks much of a further one, lest that be what its own equation is wrong by. Where training runs speak for
+one nevertheless, the same question is asked of a simulator that has what was found, its numbers free. What answers it is named
+where nothing but noise is left then: an equation that is wrong by as much would have left more.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Final, Self
+
+from rlgcomp.diagnosis.account import alternatives_of, causes_of, set_probability, whiteness
+from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, beside_laws, concluded, likely_noises, rivals_of, verdict_of
+from rlgcomp.diagnosis.explain import Explanations
+from rlgcomp.diagnosis.fit import Fitted, fit
+from rlgcomp.diagnosis.posed import Posed
+from rlgcomp.diagnosis.result import Alternative, Cause
+from rlgcomp.diagnosis.whitening import NoiseShape
+
+_SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
+_NOISE_LEFT: Final = 0.01  # p-value from which what is left passes for noise
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """A conclusion with its fit.
+
+    Parameters
+    ----------
+    posed : Posed
+    explanations : Explanations
+    conclusion : Conclusion
+    noises : mapping of NoiseShape to float
+        What the noise may be, with probabilities, the likeliest first.
+    after : Fitted
+    earlier : Answer, optional
+        What was found first and is part of the simulator here.
+    """
+
+    posed: Posed
+    explanations: Explanations
+    conclusion: Conclusion
+    noises: dict[NoiseShape, float]
+    after: Fitted
+    earlier: Answer | None = None
+
+    @classmethod
+    def of(cls, posed: Posed, explanations: Explanations, conclusion: Conclusion, before: Fitted) -> Self:
+        """The numbers of a conclusion; a cause whose size is nothing is given up, and the rest concluded anew.
+
+        Parameters
+        ----------
+        posed : Posed
+        explanations : Explanations
+        conclusion : Conclusion
+        before : Fitted
+            The simulator with nothing added.
+        """
+        found = cls._fitted(posed, explanations, conclusion, before)
+        nothing = [one.mechanism.name for one in found.after.causes if one.vanishes]
+        if not nothing:
+            return found
+        for name in nothing:
+            explanations = explanations.without(name, "its size is nothing, within its error")
+        if conclusion.reweighed:
+            conclusion = beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
+        else:
+            explanations, conclusion = and_laws(posed, explanations, concluded(posed.windowed, explanations, posed.whole_windowed))
+        return cls.of(posed, explanations, conclusion, before)
+
+    @classmethod
+    def _fitted(cls, posed: Posed, explanations: Explanations, conclusion: Conclusion, before: Fitted) -> Self:
+        problem = posed.problem
+        noises = likely_noises(posed.windowed, explanations, conclusion)
+        shape = next(iter(noises))
+        laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
+        chosen = [*explanations.candidates(conclusion.model), *laws]
+        calm = [(dataclasses.replace(noise, wander=0.0), share) for noise, share in noises.items()]
+        after = fit(problem, chosen, calm[0][0], calm) if chosen else before  # then nothing is gained
+        if shape.wander > 0.0 or after is before:  # a wander is no part of the white noise either
+            after = dataclasses.replace(after, white_deg_h=fit(problem, chosen, shape).white_deg_h)
+        return cls(posed, explanations, conclusion, noises, after)
+
+    @property
+    def shape(self) -> NoiseShape:
+        """The likeliest noise."""
+        return next(iter(self.noises))
+
+    def and_further(self) -> Self | None:
+        """What a table's simulator answers that has these causes as well, where training runs speak for one more; None where there
+        is none, or where what it leaves is no noise."""
+        on_a_table = self.posed.problem.simulator.kind == "turntable"
+        if not on_a_table or self.conclusion.laws or spoken_for(self.explanations, self.conclusion) is None:
+            return None
+        if verdict_of(self.conclusion, rivals_of(self.explanations, self.conclusion.model)) == "ambiguous":
+            return None
+        simulator, own_biases = self.after.simulator, self.posed.windowed.own_biases
+        posed, explanations, wrong = Posed.of(self.posed.asked, simulator, own_biases=own_biases).answered(simulator)
+        conclusion = concluded(posed.windowed, explanations, posed.whole_windowed)
+        found = type(self).of(posed, explanations, conclusion, self.after)
+        named = any(not known for _, known in found.conclusion.model.labels)
+        if wrong or not named or found.conclusion.laws or found.conclusion.unrecorded > UNRECORDED:
+            return None
+        noise = whiteness(found.posed.problem, found.after, found.shape) > _NOISE_LEFT
+        return dataclasses.replace(found, earlier=self) if noise else None
+
+    @property
+    def earlier_names(self) -> tuple[str, ...]:
+        """Causes that were found first."""
+        return () if self.earlier is None else tuple(one.mechanism.name for one in self.earlier.after.causes if not one.known)
+
+    @property
+    def probability(self) -> float:
+        """Of all causes together."""
+        found = set_probability(self.explanations, self.conclusion)
+        return found if self.earlier is None else found * self.earlier.probability
+
+    def causes(self, rivals: Mapping[str, Mapping[str, float]]) -> tuple[Cause, ...]:
+        """All causes, the most probable first; those that were found first with the numbers that they have beside the others."""
+        found = causes_of(self.posed.problem, self.explanations, self.conclusion, self.after, rivals)
+        if self.earlier is None:
+            return found
+        before = self.earlier.causes(rivals_of(self.earlier.explanations, self.earlier.conclusion.model))
+        now = {mechanism.name: mechanism for mechanism in self.after.simulator.mechanisms}
+        again = [
+            dataclasses.replace(cause, mechanism=now[cause.name], parameters=self.after.baseline.get(cause.name, cause.parameters))
+            for cause in before
+        ]
+        return tuple(sorted([*again, *found], key=lambda cause: -cause.probability))
+
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """Other sets; what was found first is in all that were weighed beside it."""
+        found = alternatives_of(self.explanations, self.conclusion)
+        return tuple(dataclasses.replace(one, mechanisms=tuple(sorted((*one.mechanisms, *self.earlier_names)))) for one in found)
+
+
+def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -> tuple[Explanations, Conclusion]:
+    """Sets of causes, and the conclusion, once laws that were found beside causes are in place."""
+    if not (conclusion.laws and conclusion.model.labels):
+        return explanations, conclusion
+    explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained()
+    return explanations, beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
+
+
+def spoken_for(explanations: Explanations, conclusion: Conclusion) -> str | None:
+    """The further cause that training runs speak for, though no more than equations of strong ones may be wrong by."""
+    own = explanations.in_training(conclusion.model)
+    if not own.labels or conclusion.misnamed:
+        return None
+    odds = (explanations.proposed or explanations).search.further(own)
+    likely = {name: odd for name, odd in odds.items() if odd > _SPOKEN_FOR and name not in explanations.doubted}
+    return max(likely, key=likely.__getitem__) if likely else None

@@ -1,0 +1,176 @@
+r"""A cause that acts in a part of the runs: something that was not recorded switches it on.
+
+.. math:: y = X \beta + \sum_m \Phi_m a_m + a \, \phi \, [r \in A] + \epsilon
+
+with phi the one column of a mechanism that follows a recorded channel and A some of the training runs, one of which it may act in
+from some moment on, or until then. Its odds are as those of a step (:mod:`rlgcomp.diagnosis.bias_steps`), over the number of
+mechanisms and of parts. Where it acts in the other runs as well, only less, it is none: then its equation is another.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.background import Background
+from rlgcomp.diagnosis.evidence import log_sum_exp
+from rlgcomp.diagnosis.explain import Explanations, considered
+from rlgcomp.diagnosis.inadequacy import inadequacy
+from rlgcomp.diagnosis.linearised import solve
+from rlgcomp.diagnosis.problem import PARTLY as PART
+from rlgcomp.diagnosis.problem import BiasStep, Partly, Problem
+from rlgcomp.diagnosis.result import Estimate, InPart
+from rlgcomp.diagnosis.search import Model
+from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.physics.mechanism import Mechanism
+
+Array = npt.NDArray[np.float64]
+PARTLY: Final = 0.03  # before the data are seen: that a cause acts in a part of the runs
+_SURE: Final = 0.95  # probability from which that is said
+_LESS: Final = 0.5  # of what it is where it acts, that a cause is less than where it does not,
+_BY: Final = 3.0  # by so many standard deviations
+_ALL_PARTS: Final = 4  # runs, of which all parts are tried; of more, one run or all but one
+_MOMENTS: Final = 60  # of a run
+_SHORTEST: Final = 10  # windows on either side of a moment
+
+
+def sought(problem: Problem, explanations: Explanations) -> Partly | None:
+    """The cause that training runs show in a part of them; None where there is hardly one.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the training runs, window means alone.
+    explanations : Explanations
+    """
+    columns, parts = _columns(explanations, len(problem.rows)), _parts(len(problem.windows))
+    if not columns or not parts:
+        return None
+    noises, prior, _ = considered(problem)
+    found = []
+    for model in _sets(explanations):
+        named = {name for name, _ in model.labels}
+        tried = [Partly(one, part) for one in columns if one.name not in named for part in parts]
+        causes = [candidate.columns[: len(problem.rows)] for candidate in explanations.candidates(model)]
+        design = np.column_stack([problem.baseline, *causes])
+        background = Background(problem, design, noises, prior)
+        best, _ = _best(problem, background.few(), tried, columns)
+        best, log_factor = _best(problem, background, [best], columns)
+        toll = inadequacy(explanations.evidence.explained(model.members, int(np.argmax(model.noise_log))))
+        found.append((model.log_posterior + log_factor - math.log(len(tried)) - toll, best, background, design))
+    with_it = float(log_sum_exp(np.array([one[0] for one in found]))) + math.log(PARTLY / (1.0 - PARTLY))
+    without = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
+    probability = 1.0 / (1.0 + math.exp(min(700.0, without - with_it)))
+    if probability < _SURE:
+        return None
+    _, best, background, design = max(found, key=lambda one: one[0])
+    best = dataclasses.replace(_from_a_moment_on(problem, background, best, columns), probability=probability)
+    return best if _silent_elsewhere(problem, best, design, background.noises, prior) else None
+
+
+def told(
+    problem: Problem, whole: Problem | None, baseline: Mapping[str, Mapping[str, Estimate]], noise: NoiseShape
+) -> tuple[InPart, ...]:
+    """Causes of a problem that act in a part of the runs, with their sizes, from what was fitted of its baseline; and what held-out
+    runs show of them, in the whole problem."""
+    found, names = [], [run.name for run in problem.runs]
+    for one in problem.partly:
+        size = baseline["gyro"][f"{PART}:{one.mechanism.name}"]
+        size = dataclasses.replace(size, unit=one.mechanism.amplitude_parameters()[0].unit)
+        mentioned = {*one.runs, *([one.moment.run] if one.moment else [])}
+        acts = [names[run] for run in one.runs]
+        silent = [name for run, name in enumerate(names) if run not in mentioned]
+        for name, (theirs, sd) in {} if whole is None else _held_out(whole, one, noise).items():
+            acts += [name] if abs(theirs - size.value) < _BY * sd < _LESS * abs(size.value) else []
+            silent += [name] if abs(theirs) + _BY * sd < _LESS * abs(size.value) else []
+        drivers = one.mechanism.driver_columns(problem.runs[0])
+        told_of = InPart(one.mechanism.name, drivers, size, tuple(acts), tuple(silent), one.probability)
+        if one.moment is not None:
+            at = one.moment
+            told_of = dataclasses.replace(told_of, run=names[at.run], at_s=at.at_s, after=at.after)
+        found.append(told_of)
+    return tuple(found)
+
+
+def _held_out(whole: Problem, one: Partly, noise: NoiseShape) -> dict[str, tuple[float, float]]:
+    """A cause's amplitude in each held-out run, and its standard deviation."""
+    weights, covariance, square = solve(whole, whole.baseline, noise)
+    variance = np.diag(covariance) * square / (len(whole.rows) - whole.baseline.shape[1])
+    return {
+        parameter.removeprefix(f"{PART}:"): (float(weights[k]), math.sqrt(max(float(variance[k]), 0.0)))
+        for k, (name, parameter) in enumerate(whole.baseline_names)
+        if name == one.mechanism.name and parameter.startswith(f"{PART}:")
+    }
+
+
+def _sets(explanations: Explanations) -> list[Model]:
+    """Beside which it is sought: the likeliest without a path of jumps and biases of each run's own; it less one cause; nothing."""
+    search = explanations.search
+    calm = [
+        one
+        for one in explanations.models
+        if search.without_jumps(one.labels) == one.labels and not search.has_own_biases(one.labels)
+    ]
+    less = [one for one in calm if any(len(other.labels - one.labels) == 1 and one.labels < other.labels for other in calm[:1])]
+    return list(dict.fromkeys([*calm[:1], *less, explanations.nothing]))
+
+
+def _columns(explanations: Explanations, rows: int) -> dict[Mechanism, Array]:
+    """Of mechanisms with one that follow a recorded channel, at the shapes that were tried before the data were looked at."""
+    run = explanations.evidence.problem.runs[0]
+    tried = explanations.evidence.candidates[: explanations.coarse]
+    return {
+        one.mechanism: one.columns[:rows, 0]
+        for one in tried
+        if one.columns.shape[1] == 1 and not (one.known or one.mechanism.edges() or one.mechanism.open_set)
+        if one.mechanism.repeats() and one.mechanism.driver_columns(run)
+    }
+
+
+def _parts(runs: int) -> list[tuple[int, ...]]:
+    """Parts of so many runs, neither none nor all."""
+    sizes = range(1, runs) if runs <= _ALL_PARTS else sorted({1, runs - 1})
+    return [part for size in sizes for part in itertools.combinations(range(runs), size)]
+
+
+def _best(
+    problem: Problem, background: Background, tried: Sequence[Partly], columns: Mapping[Mechanism, Array]
+) -> tuple[Partly, float]:
+    """The likeliest, and the logarithm of its Bayes factor."""
+    table = np.column_stack([problem.in_part(columns[one.mechanism], one) for one in tried])
+    logs = background.log_bayes_factors(table)
+    return tried[int(np.argmax(logs))], float(logs.max())
+
+
+def _from_a_moment_on(problem: Problem, background: Background, best: Partly, columns: Mapping[Mechanism, Array]) -> Partly:
+    """The same, acting in one run from some moment on, or until then, where that explains more than the choice of a moment does."""
+    tried = []
+    for run, part in enumerate(problem.rows.runs):
+        begins_s = (problem.rows.time_s[part] - 0.5 * problem.rows.window_s)[_SHORTEST:-_SHORTEST]
+        others = tuple(other for other in best.runs if other != run)
+        for at_s in begins_s[:: math.ceil(len(begins_s) / _MOMENTS)]:
+            tried += [Partly(best.mechanism, others, BiasStep(run, float(at_s), after)) for after in (True, False)]
+    if not tried:
+        return best
+    _, plain = _best(problem, background, [best], columns)
+    sooner, _ = _best(problem, background.few(), tried, columns)
+    sooner, log_factor = _best(problem, background, [sooner], columns)
+    return sooner if log_factor - math.log(len(tried)) > plain else best
+
+
+def _silent_elsewhere(problem: Problem, found: Partly, design: Array, noises: Sequence[NoiseShape], prior: Array) -> bool:
+    """Whether it is certain that the cause hardly acts in each of the other runs."""
+    column = problem.partly_column(found)
+    size, _ = Background(problem, design, noises, prior).amplitude(column)
+    rest = Background(problem, np.column_stack([design, column]), noises, prior)
+    for run in set(range(len(problem.windows))) - {*found.runs, *([found.moment.run] if found.moment else [])}:
+        theirs, sd = rest.amplitude(problem.partly_column(Partly(found.mechanism, (run,))))
+        if abs(theirs) + _BY * sd > _LESS * abs(size):
+            return False
+    return True

@@ -1,0 +1,127 @@
+"""Knocks at the chamber and faults of the logger: samples far beyond any noise, of gyro and monitors, and monitors that freeze."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp import units
+from rlgcomp.recording import TIME, Recording, is_gyro
+from rlgcomp.repair.frozen import frozen_stretches, said_of
+
+Rows = npt.NDArray[np.bool_]
+_FAR: Final = 30.0  # standard deviations of a sample: at 1 Hz one such sample shifts the mean of 100 s by three of its own
+_LASTS_S: Final = 60.0  # a knock is over by then
+_FEWEST: Final = 5  # samples on either side, where they are far apart
+_SHARE: Final = 0.05  # of the samples: what stands off more often is the gyro's own
+_USUAL: Final = 0.99  # of the samples of a monitor are no further off the middle of their neighbours than is usual
+_TALL: Final = 8.0  # times that: a spike,
+_ALONE: Final = 0.2  # if its neighbours differ by less of it
+_FEW: Final = 0.005  # of the samples: more are the monitor's own
+_NORMAL: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
+
+
+def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
+    """Samples of a chamber or static run that stand off their neighbours' median, and what they look like, in words.
+
+    Turning, a gyro's output jumps as its table does: of such a run none are told.
+    """
+    none = np.zeros(len(run), dtype=np.bool_), ""
+    if run.metadata.kind == "turntable":
+        return none
+    rate_deg_h = run.rate_deg_h(gyro)
+    sample_deg_h = _NORMAL / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or _counting_deg_h(run, gyro)
+    if not sample_deg_h > 0.0:
+        return none
+    jumps = np.r_[True, np.abs(np.diff(rate_deg_h)) > _FAR * sample_deg_h, True]
+    if not jumps[1:-1].any():
+        return none
+    reach = max(_FEWEST, math.ceil(_LASTS_S / run.period_s))
+    usual = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
+    far = np.abs(rate_deg_h - usual) > _FAR * sample_deg_h
+    edges = np.flatnonzero(np.diff(np.r_[False, far, False]))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        far[start:stop] = jumps[start] and jumps[stop]  # the tip of a steep course is no knock
+    count = int(far.sum())
+    if not 0 < count <= _SHARE * len(far):
+        return none
+    furthest = float(np.max(np.abs(rate_deg_h - usual)[far])) / sample_deg_h
+    stand, whose = ("samples stand", "their") if count > 1 else ("sample stands", "its")
+    return far, (
+        f"{count} {stand} up to {furthest:.0f} standard deviations off {whose} neighbours, the first at "
+        f"{run.time_s[far][0]:.6g} s: a knock or a fault of the logger"
+    )
+
+
+def without_knocks(run: Recording, gyro: str | None) -> tuple[Recording, str | None]:
+    """A chamber or static run less the samples that stand off their neighbours' median, and what to say of them."""
+    far, said = knocks_in(run, gyro)
+    if not said:
+        return run, None
+    left = run.replace(table=run.table[~far], truth=None if run.truth is None else run.truth[~far])
+    return left, f"{run.name}: {said}, left out."
+
+
+def _counting_deg_h(run: Recording, gyro: str | None) -> float:
+    """Standard deviation that whole pulses alone give a sample in deg/h; zero where the gyro is no count of pulses."""
+    if not run.gyro_column(gyro).endswith("_pulses") or run.metadata.pulse_arcsec is None:
+        return 0.0
+    return float(units.convert(run.metadata.pulse_arcsec / (math.sqrt(6.0) * run.period_s), "arcsec/s", "deg/h"))
+
+
+def spikes_in(run: Recording) -> dict[str, tuple[Rows, str]]:
+    """Single wild samples of the monitors of a chamber or static run, by column, and what they look like, in words."""
+    found: dict[str, tuple[Rows, str]] = {}
+    if run.metadata.kind == "turntable":
+        return found
+    for column in run.columns:
+        if column == TIME or is_gyro(column):
+            continue
+        spikes = _spikes(run.column(column))
+        count = int(spikes.sum())
+        if 0 < count <= _FEW * len(spikes):
+            samples = f"{count} samples that stand" if count > 1 else "1 sample that stands"
+            first_s = run.time_s[spikes][0]
+            found[column] = spikes, f"{samples} off both neighbours as no other does, the first at {first_s:.6g} s"
+    return found
+
+
+def without_spikes(run: Recording) -> tuple[Recording, list[str]]:
+    """A chamber or static run whose monitors' single wild samples lie between their neighbours, and what to say of them."""
+    mended, remarks = {}, []
+    for column, (spikes, said) in spikes_in(run).items():
+        values, good = run.column(column), ~spikes
+        mended[column] = np.where(spikes, np.interp(run.time_s, run.time_s[good], values[good]), values)
+        remarks.append(f"{run.name}: {column} has {said}: taken for faults of the logger, and put between the neighbours.")
+    return (run.replace(table=run.table.assign(**mended)) if mended else run), remarks
+
+
+def undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
+    """Runs without knocks and spikes, and what to say of them."""
+    calm = [without_knocks(run, gyro) for run in runs]
+    found = [without_spikes(run) for run, _ in calm]
+    remarks = [said for _, said in calm if said is not None]
+    return [run for run, _ in found], [*remarks, *(line for _, said in found for line in said)]
+
+
+def _spikes(values: npt.NDArray[np.float64]) -> Rows:
+    """Samples far off the middle of their two neighbours, which are near each other."""
+    off = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+    usual = float(np.nanquantile(off, _USUAL)) if len(off) else 0.0
+    if not usual > 0.0:
+        return np.zeros(len(values), dtype=np.bool_)
+    apart = np.abs(values[2:] - values[:-2])
+    return np.r_[False, (off > _TALL * usual) & (apart < _ALONE * off), False]
+
+
+def frozen_in(run: Recording) -> list[str]:
+    """What to say of monitors that freeze part-way through a run: its windows leave those stretches out."""
+    return [
+        f"{run.name}: {column} is {said}: windows in which it tells nothing are left out; --drop {column} keeps them."
+        for column, said in said_of(frozen_stretches(run.table)).items()
+    ]
