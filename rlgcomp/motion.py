@@ -299,7 +299,7 @@ def _between(recording: Recording, values: Array, weights: tuple[Array, Array]) 
     reach = len(weights[0]) // 2
     beside_gaps = np.zeros(len(values) + 1)
     beside_gaps[np.r_[0, recording.gaps + 1, len(values)]] = 1.0
-    near = np.convolve(beside_gaps, np.ones(2 * reach + 1), "same")[:-1] > 0.0
+    near = maximum_filter1d(beside_gaps, 2 * reach + 1)[:-1] > 0.0
     return many, np.where(near, math.inf, maximum_filter1d(np.abs(many - few), 3))
 
 

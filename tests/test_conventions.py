@@ -65,3 +65,12 @@ def test_a_noisy_rate_gives_its_place_to_the_encoder() -> None:
     run = healthy(noisy_deg_s=1e-3)
     (said,) = conventions_of([run], [as_meant(run)])
     assert said.startswith("run0: the gyro does not follow table_rate_deg_s, though that is in time: table_angle_deg is used")
+
+
+@pytest.mark.parametrize(("rows", "said"), [(5, "at least 20 are needed"), (300, "run0: nothing turns and no monitor moves")])
+def test_a_run_of_a_few_rows_and_a_table_that_never_turns_are_refused(rows: int, said: str) -> None:
+    rng = np.random.default_rng(5)
+    rates = {"gyro_deg_h": 5.0 + rng.standard_normal(rows), "table_rate_deg_s": np.zeros(rows)}
+    run = rlg.Recording(pd.DataFrame({"time_s": np.arange(1.0, rows + 1.0), **rates}), rlg.Metadata(kind="turntable"), name="run0")
+    with pytest.raises(rlg.InputError, match=said):
+        rlg.diagnose(SIMULATOR, [run], black_box=False)

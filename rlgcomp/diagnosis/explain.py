@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.search import LARGEST, Label, Model, Search, posterior
 from rlgcomp.diagnosis.telegraph import best_path
 from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
@@ -168,9 +169,20 @@ def explain(
         Those that could make a line within windows.
     among : float
         Frequencies that these were sought among.
+
+    Raises
+    ------
+    InputError
+        No mechanism could do anything in these runs.
     """
     tried, left_out = candidates(problem, catalogue)
     tried += own_bias(problem)
+    if not tried:
+        what = "nothing turns and no monitor" if problem.simulator.kind == "turntable" else "no monitor"
+        raise InputError(
+            f"{', '.join(run.name for run in problem.runs)}: {what} moves that a mechanism reads, so that none can be named; give "
+            "runs in which something changes, with the columns that record it"
+        )
     noises, noise_log_prior, ordinary = considered(problem, UNTRIED if left_out else UNRECORDED)
     evidence = Evidence(problem, tried, noises)
     coarse = len(evidence.candidates)

@@ -50,7 +50,7 @@ def locate(problem: Problem, within: Within | None, noise: NoiseShape, rng: np.r
     residual = Residual.of(problem, noise, rng)
     turned = [] if within is None else harmonics(problem, within)
     passed = [regime for regime in regimes(problem) if regime.rows.sum() >= SHORTEST]
-    parts = np.column_stack([part for regime in passed for part in regime.parts]).astype(np.float64)
+    parts = np.column_stack([np.zeros((len(problem.rows), 0)), *(part for regime in passed for part in regime.parts)])
     whitened = whiten(problem.rows, parts, (noise,))[0][0]
     total = max(float((residual.left[:, 0] ** 2 - 1.0).sum()), 1e-12)
     null: Array | None = None

@@ -24,7 +24,9 @@ _SHORTEST_STAY: Final = 3  # rows in a regime that are worth a place of their ow
 
 
 def of_regimes(residual: Residual, named: list[Regime], whitened: Array) -> Iterator[Answer]:
-    """The regime in whose parts the gyro is off."""
+    """The regime in whose parts the gyro is off; none where a table never turns and nothing else was recorded."""
+    if not named:
+        return
     free = residual.free(whitened)
     edges = np.cumsum([0, *(len(regime.parts) for regime in named)])
     scores = np.zeros((len(named), residual.left.shape[1]))
