@@ -80,7 +80,8 @@ class Answer:
         laws = [Candidate(law.mechanism, problem.columns(law.mechanism), 0.0) for law in conclusion.laws]
         chosen = [*explanations.candidates(conclusion.model), *laws]
         calm = [(dataclasses.replace(noise, wander=0.0), share) for noise, share in noises.items()]
-        after = fit(problem, chosen, calm[0][0], calm) if chosen else before  # then nothing is gained
+        events = problem.steps or problem.partly
+        after = fit(problem, chosen, calm[0][0], calm) if chosen or events else before  # then nothing is gained
         if shape.wander > 0.0 or after is before:  # a wander is no part of the white noise either
             after = dataclasses.replace(after, white_deg_h=fit(problem, chosen, shape).white_deg_h)
         return cls(posed, explanations, conclusion, noises, after)

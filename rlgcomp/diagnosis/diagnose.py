@@ -136,9 +136,9 @@ def diagnose(
     box = learned(mismatches, len(train), executor) if black_box and test else None
     stated = mismatches
     posed, explanations, wrong = posed.answered(base)
-    if wrong or posed.problem.own_biases or posed.problem.steps or posed.problem.partly:
+    if wrong or posed.problem.own_biases:
         before, mismatches = _calibrated(posed, [*train, *test])
-        box = learned(mismatches, len(train), executor) if box is not None and (wrong or posed.problem.steps) else box
+        box = learned(mismatches, len(train), executor) if wrong and box is not None else box
     problem, windowed = posed.problem, posed.windowed
     told(0.5)
     rng = stream(seed, "diagnosis")
