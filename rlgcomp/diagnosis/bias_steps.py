@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.evidence import log_sum_exp
+from rlgcomp.diagnosis.events import BiasStep
 from rlgcomp.diagnosis.explain import Explanations, considered
 from rlgcomp.diagnosis.inadequacy import inadequacy
-from rlgcomp.diagnosis.problem import BiasStep, Problem
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, Place, Step, chance
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.telegraph import best_path
@@ -48,8 +48,7 @@ def sought(problem: Problem, explanations: Explanations, whole: Problem | None =
     whole : Problem, optional
         The same of training and held-out runs.
     """
-    models, search = explanations.models, explanations.search
-    calm = [one for one in models if search.without_jumps(one.labels) == one.labels and not search.has_own_biases(one.labels)]
+    calm = explanations.calm
     noises, prior, _ = considered(problem)
     found = []
     for model in dict.fromkeys([*calm[:_SETS], explanations.nothing]):
@@ -57,10 +56,8 @@ def sought(problem: Problem, explanations: Explanations, whole: Problem | None =
         log_factor, step = _likeliest(problem, background)
         toll = inadequacy(explanations.evidence.explained(model.members, int(np.argmax(model.noise_log))))
         found.append((model.log_posterior + log_factor - toll, step))
-    with_it = float(log_sum_exp(np.array([log for log, _ in found]))) + math.log(STEP / (1.0 - STEP))
-    against = calm if _flips_once(problem, explanations, whole) else models
-    without = float(log_sum_exp(np.array([model.log_posterior for model in against])))
-    probability = 1.0 / (1.0 + math.exp(min(700.0, without - with_it)))
+    against = calm if _flips_once(problem, explanations, whole) else explanations.models
+    probability = explanations.probability_of_event([log for log, _ in found], STEP, against)
     return dataclasses.replace(max(found, key=lambda one: one[0])[1], probability=probability) if probability > _SURE else None
 
 

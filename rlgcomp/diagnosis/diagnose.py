@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
+from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.account import unexplained_of, what_to_run, whiteness
 from rlgcomp.diagnosis.answer import Answer, and_laws
 from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.bias_steps import told as told_steps
-from rlgcomp.diagnosis.bias_steps import with_places
 from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.conclusion import (
     beyond_noise,
@@ -30,7 +29,6 @@ from rlgcomp.diagnosis.explain import considered
 from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.held_out import require_held_out
 from rlgcomp.diagnosis.locate import locate
-from rlgcomp.diagnosis.partly import told as told_in_part
 from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.proof import proved, unreadable
@@ -155,7 +153,7 @@ def diagnose(
     after, shape, problem, windowed = last.after, last.shape, last.posed.problem, last.posed.windowed
     explanations, conclusion = last.explanations, last.conclusion
     steps, in_part, by_chance = _apart(last.posed, after, shape)
-    where = with_places(locate(posed.windowed, posed.within, first.shape, rng), posed.windowed, steps, after.white_deg_h)
+    where = bias_steps.with_places(locate(posed.windowed, posed.within, first.shape, rng), posed.windowed, steps, after.white_deg_h)
     told(0.85)
     proof = proved(
         mismatches,
@@ -294,8 +292,8 @@ def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[M
 
 def _apart(posed: Posed, after: Fitted, shape: NoiseShape) -> tuple[tuple[Step, ...], tuple[InPart, ...], float]:
     """Steps of the bias, causes that act in a part of the runs, and the probability that there are none."""
-    steps = told_steps(posed.windowed, after.baseline)
-    in_part = told_in_part(posed.windowed, posed.whole_windowed, after.baseline, shape)
+    steps = bias_steps.told(posed.windowed, after.baseline)
+    in_part = partly.told(posed.windowed, posed.whole_windowed, after.baseline, shape)
     return steps, in_part, min(chance(steps), chance(in_part))
 
 

@@ -97,6 +97,21 @@ class Explanations:
         return next(m for m in self.models if all(known for _, known in m.labels) and not held(m.labels))
 
     @property
+    def calm(self) -> list[Model]:
+        """The sets that hold no path of jumps and no bias of each run's own."""
+        search = self.search
+        return [
+            one for one in self.models if search.without_jumps(one.labels) == one.labels and not search.has_own_biases(one.labels)
+        ]
+
+    def probability_of_event(self, beside: Sequence[float], before: float, against: Sequence[Model]) -> float:
+        """Of an event that sets do not hold, from the log posteriors of sets with it, its probability before the data are seen, and
+        the sets without it."""
+        with_it = float(log_sum_exp(np.array(beside))) + math.log(before / (1.0 - before))
+        without = float(log_sum_exp(np.array([model.log_posterior for model in against])))
+        return 1.0 / (1.0 + math.exp(min(700.0, without - with_it)))
+
+    @property
     def nothing(self) -> Model:
         """The model without a cause; it is always among them."""
         return next(model for model in self.models if not model.members)

@@ -21,8 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.candidates import Candidate
+from rlgcomp.diagnosis.events import PARTLY, STEP
 from rlgcomp.diagnosis.linearised import STEPS, amplitudes, late, moved, slopes, solve, whole, wider
-from rlgcomp.diagnosis.problem import OWN_BIAS, PARTLY, STEP, Problem, law_slopes
+from rlgcomp.diagnosis.problem import OWN_BIAS, Problem, law_slopes
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.windows import Windows

@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.evidence import log_sum_exp
+from rlgcomp.diagnosis.events import PARTLY as PART
+from rlgcomp.diagnosis.events import BiasStep, Partly
 from rlgcomp.diagnosis.explain import Explanations, considered
 from rlgcomp.diagnosis.inadequacy import inadequacy
 from rlgcomp.diagnosis.linearised import solve
-from rlgcomp.diagnosis.problem import PARTLY as PART
-from rlgcomp.diagnosis.problem import BiasStep, Partly, Problem
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, InPart
 from rlgcomp.diagnosis.search import Model
 from rlgcomp.diagnosis.whitening import NoiseShape
@@ -64,9 +64,7 @@ def sought(problem: Problem, explanations: Explanations) -> Partly | None:
         best, log_factor = _best(problem, background, [best], columns)
         toll = inadequacy(explanations.evidence.explained(model.members, int(np.argmax(model.noise_log))))
         found.append((model.log_posterior + log_factor - math.log(len(tried)) - toll, best, background, design))
-    with_it = float(log_sum_exp(np.array([one[0] for one in found]))) + math.log(PARTLY / (1.0 - PARTLY))
-    without = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
-    probability = 1.0 / (1.0 + math.exp(min(700.0, without - with_it)))
+    probability = explanations.probability_of_event([one[0] for one in found], PARTLY, explanations.models)
     if probability < _SURE:
         return None
     _, best, background, design = max(found, key=lambda one: one[0])
@@ -111,12 +109,7 @@ def _held_out(whole: Problem, one: Partly, noise: NoiseShape) -> dict[str, tuple
 
 def _sets(explanations: Explanations) -> list[Model]:
     """Beside which it is sought: the likeliest without a path of jumps and biases of each run's own; it less one cause; nothing."""
-    search = explanations.search
-    calm = [
-        one
-        for one in explanations.models
-        if search.without_jumps(one.labels) == one.labels and not search.has_own_biases(one.labels)
-    ]
+    calm = explanations.calm
     less = [one for one in calm if any(len(other.labels - one.labels) == 1 and one.labels < other.labels for other in calm[:1])]
     return list(dict.fromkeys([*calm[:1], *less, explanations.nothing]))
 

@@ -18,10 +18,11 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.candidates import fast_candidates
 from rlgcomp.diagnosis.confirm import confirmed
+from rlgcomp.diagnosis.events import BiasStep, Partly
 from rlgcomp.diagnosis.explain import Explanations, explain
 from rlgcomp.diagnosis.linearised import solve
 from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
-from rlgcomp.diagnosis.problem import BiasStep, Partly, Problem
+from rlgcomp.diagnosis.problem import Problem
 from rlgcomp.diagnosis.signatures import undoubted
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.departures import departures_deg_h, not_comparable
+from rlgcomp.diagnosis.events import PARTLY, BiasStep, Partly
 from rlgcomp.diagnosis.own_noise import beside, with_own_noise
 from rlgcomp.diagnosis.shapes import neighbours, refined, shifted
 from rlgcomp.diagnosis.whitening import Rows, norms
@@ -23,60 +24,9 @@ from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 OWN_BIAS: Final = "own_bias_deg_h"
-STEP: Final = "bias_step_deg_h"
-PARTLY: Final = "in_part"
 _RELATIVE_STEP: Final = 1e-3
 _STARTS: Final = 4  # from which a shape is sought
 _SWEEPS: Final = 3  # over mechanisms whose shapes are free, each beside the others
-
-
-@dataclasses.dataclass(frozen=True)
-class BiasStep:
-    """One step of the bias in one run.
-
-    Parameters
-    ----------
-    run : int
-        Among the training runs.
-    at_s : float
-        By that run's clock.
-    after : bool
-        What comes after is apart from other runs; else what was before.
-    probability : float
-        That there is one.
-    """
-
-    run: int
-    at_s: float
-    after: bool
-    probability: float = 1.0
-
-    @property
-    def parameter(self) -> str:
-        """Its name among what is free."""
-        return f"{STEP}_at_{self.at_s:.0f}_s"
-
-
-@dataclasses.dataclass(frozen=True)
-class Partly:
-    """A cause that acts in a part of the training runs.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Of one column.
-    runs : tuple of int
-        In which it acts from beginning to end.
-    moment : BiasStep, optional
-        In one more run it acts after some moment, or before.
-    probability : float
-        That it is so.
-    """
-
-    mechanism: Mechanism
-    runs: tuple[int, ...]
-    moment: BiasStep | None = None
-    probability: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
