@@ -203,7 +203,7 @@ def train_unit(
 def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
     """A task: what the unit's simulator is missing."""
     from rlgcomp.diagnosis.diagnose import diagnose
-    from rlgcomp.diagnosis.held_out import told_apart
+    from rlgcomp.diagnosis.question.held_out import told_apart
     from rlgcomp.formats import read
     from rlgcomp.simulation.simulator import Simulator
 

@@ -8,11 +8,11 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.answer import Answer
 from rlgcomp.diagnosis.conclusion import Conclusion
-from rlgcomp.diagnosis.explain import Explanations
-from rlgcomp.diagnosis.fit import FittedCause, fit
+from rlgcomp.diagnosis.fitting.fit import FittedCause, fit
+from rlgcomp.diagnosis.naming.explain import Explanations
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.result import Estimate
-from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.mechanism import Mechanism
 from tests.test_turntable_diagnosis import SIMULATOR, runs
 

@@ -52,6 +52,7 @@ ROWS = [
     ["cli"],
     ["__main__"],
 ]
+ROOMS_OF_DIAGNOSIS = ["result", "noise", "question", "naming", "fitting", "laws", "detection", "proof", "simulators", "programmes"]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))
 
 
@@ -75,6 +76,17 @@ def _imported(module: str) -> set[str]:
 def test_imports_only_from_below(module: str) -> None:
     above = {other for other in _imported(module) if _row(other) >= _row(module) and other.split(".")[1] != module.split(".")[1]}
     assert not above
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("rlgcomp.diagnosis.")])
+def test_rooms_of_diagnosis_import_only_from_below(module: str) -> None:
+    """The modules beside the rooms stand above them all."""
+
+    def height(name: str) -> int:
+        room = name.split(".")[2]
+        return ROOMS_OF_DIAGNOSIS.index(room) if room in ROOMS_OF_DIAGNOSIS else len(ROOMS_OF_DIAGNOSIS)
+
+    assert not {name for name in _imported(module) if name.count(".") > 1 and "diagnosis" in name and height(name) > height(module)}
 
 
 @pytest.mark.parametrize("module", MODULES)

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scipy import linalg
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis import averages
-from rlgcomp.diagnosis.pulses import beat_deg_h, step_deg_h
-from rlgcomp.diagnosis.windows import Windows, with_knee
+from rlgcomp.diagnosis.question import averages
+from rlgcomp.diagnosis.question.pulses import beat_deg_h, step_deg_h
+from rlgcomp.diagnosis.question.windows import Windows, with_knee
 
 Array = npt.NDArray[np.float64]
 SAMPLES = 100

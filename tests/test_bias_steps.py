@@ -8,8 +8,8 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.bias_steps import sought
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.explain import explain
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 from tests.test_evidence import SIMULATOR, runs, with_effect
 

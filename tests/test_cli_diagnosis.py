@@ -14,10 +14,10 @@ from typer.testing import CliRunner, Result
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app, spread
-from rlgcomp.diagnosis.proof import prove
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.proof.before_after import prove
 from rlgcomp.diagnosis.result import Diagnosis, Unexplained
-from rlgcomp.diagnosis.user_simulator import SimulatedRuns, baseline_prediction
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.simulators.user_simulator import SimulatedRuns, baseline_prediction
 
 register_commands()
 OWN_MECHANISM = """

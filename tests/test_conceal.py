@@ -24,7 +24,7 @@ from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.challenge.seal import reveal, seal
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.files import sha256
 from rlgcomp.physics import CATALOGUE
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.confirm import _at_issue, _foreseen
-from rlgcomp.diagnosis.evidence import Evidence
-from rlgcomp.diagnosis.explain import Explanations
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.search import Model, Search
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.naming.candidates import Candidate
+from rlgcomp.diagnosis.naming.confirm import _at_issue, _foreseen
+from rlgcomp.diagnosis.naming.evidence import Evidence
+from rlgcomp.diagnosis.naming.explain import Explanations
+from rlgcomp.diagnosis.naming.search import Model, Search
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.conventions import as_meant, conventions_of
+from rlgcomp.diagnosis.question.conventions import as_meant, conventions_of
 from rlgcomp.simulation.table_programme import TableProgramme
 from tests.test_turntable_diagnosis import NOISE_1S_DEG_H, SIMULATOR
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.held_out import require_held_out
+from rlgcomp.diagnosis.question.held_out import require_held_out
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.user import require_computable, user_catalogue
 

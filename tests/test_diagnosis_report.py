@@ -17,12 +17,11 @@ from matplotlib.ticker import LogFormatterSciNotation
 
 import rlgcomp as rlg
 from rlgcomp.beside import Beside
-from rlgcomp.diagnosis import pictures
-from rlgcomp.diagnosis.channel_shares import channel_shares
-from rlgcomp.diagnosis.page import render
-from rlgcomp.diagnosis.proof import prove
-from rlgcomp.diagnosis.result import Alternative, Cause, Diagnosis, Estimate, NextExperiment, Place, Unexplained
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.proof.before_after import prove
+from rlgcomp.diagnosis.result import Alternative, Cause, Diagnosis, Estimate, NextExperiment, Place, Unexplained, pictures
+from rlgcomp.diagnosis.result.channel_shares import channel_shares
+from rlgcomp.diagnosis.result.page import render
 from rlgcomp.report.figures import Powers
 
 CATALOGUE = rlg.CATALOGUE
@@ -285,5 +284,5 @@ def test_powers_are_those_of_matplotlib_in_plain_characters() -> None:
 
 
 def test_the_second_process_draws_the_same_page(diagnosis: Diagnosis) -> None:
-    with Beside("rlgcomp.diagnosis.page") as other:
+    with Beside("rlgcomp.diagnosis.result.page") as other:
         assert render(diagnosis, other) == render(diagnosis)

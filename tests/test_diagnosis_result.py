@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.page import render
 from rlgcomp.diagnosis.result import (
     Alignment,
     Alternative,
@@ -24,7 +23,8 @@ from rlgcomp.diagnosis.result import (
     RunFit,
     Unexplained,
 )
-from rlgcomp.diagnosis.wording import place_text
+from rlgcomp.diagnosis.result.page import render
+from rlgcomp.diagnosis.result.wording import place_text
 
 
 def fit(baseline: float, augmented: float, low: float, high: float) -> Fit:

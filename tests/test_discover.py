@@ -17,16 +17,16 @@ from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
-from rlgcomp.diagnosis.evidence import SIZES
-from rlgcomp.diagnosis.explain import considered
-from rlgcomp.diagnosis.fit import fit
-from rlgcomp.diagnosis.laws import Dictionary, differences
-from rlgcomp.diagnosis.noises import WANDERS, WANDERS_AGAINST_LAWS
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.whitening import NoiseShape, simulate
+from rlgcomp.diagnosis.fitting.fit import fit
+from rlgcomp.diagnosis.laws.dictionary import Dictionary, differences
+from rlgcomp.diagnosis.laws.discover import Discovery, discover, discover_laws
+from rlgcomp.diagnosis.naming.background import Background
+from rlgcomp.diagnosis.naming.candidates import Candidate
+from rlgcomp.diagnosis.naming.evidence import SIZES
+from rlgcomp.diagnosis.naming.explain import considered
+from rlgcomp.diagnosis.noise.noises import WANDERS, WANDERS_AGAINST_LAWS
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, simulate
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rlgcomp.diagnosis.explain import explain
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 from tests.test_evidence import SIMULATOR, runs, with_effect
 

@@ -12,16 +12,16 @@ import pytest
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.candidates import Candidate, candidates
-from rlgcomp.diagnosis.detect import _of_each, _of_many, _own_p_values, detect, tail_probability
-from rlgcomp.diagnosis.evidence import SIZES, Evidence, Member
-from rlgcomp.diagnosis.explain import explain
-from rlgcomp.diagnosis.fit import fit
-from rlgcomp.diagnosis.noises import FLICKERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.search import Search, posterior
-from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate
-from rlgcomp.diagnosis.windows import FEWEST_WINDOWS, default_window_s
+from rlgcomp.diagnosis.detection.detect import _of_each, _of_many, _own_p_values, detect, tail_probability
+from rlgcomp.diagnosis.fitting.fit import fit
+from rlgcomp.diagnosis.naming.candidates import Candidate, candidates
+from rlgcomp.diagnosis.naming.evidence import SIZES, Evidence, Member
+from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.naming.search import Search, posterior
+from rlgcomp.diagnosis.noise.noises import FLICKERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, simulate
+from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.question.windows import FEWEST_WINDOWS, default_window_s
 from rlgcomp.noise import NoiseModel
 from rlgcomp.physics import CATALOGUE
 

@@ -8,10 +8,10 @@ import pytest
 from scipy import signal
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.fit import Fitted, fit
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.fitting.fit import Fitted, fit
+from rlgcomp.diagnosis.naming.candidates import Candidate
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mode_hop import ModeHop
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.candidates import Candidate
-from rlgcomp.diagnosis.evidence import Evidence
-from rlgcomp.diagnosis.inadequacy import A_RELAY, BY_CHANCE, follows_anything, inadequacy, is_loop, leaves_jumps, leftovers
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.search import JUMPED, JUMPS, Search
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.naming.candidates import Candidate
+from rlgcomp.diagnosis.naming.evidence import Evidence
+from rlgcomp.diagnosis.naming.inadequacy import A_RELAY, BY_CHANCE, follows_anything, inadequacy, is_loop, leaves_jumps, leftovers
+from rlgcomp.diagnosis.naming.search import JUMPED, JUMPS, Search
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 
 STEP_S = 10.0

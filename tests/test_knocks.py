@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.windows import Windows
+from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.knocks import frozen_in, without_knocks, without_spikes
 
 ROWS = 4000

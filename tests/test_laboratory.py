@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.laboratory import Laboratory
-from rlgcomp.diagnosis.next_experiment import next_experiment
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.whitening import NoiseShape
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.programmes.laboratory import Laboratory
+from rlgcomp.diagnosis.programmes.next_experiment import next_experiment
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.filters import lag, rate_per_min
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import Programme

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rlgcomp.diagnosis.law_loops import WindowsOfPieces
+from rlgcomp.diagnosis.laws.law_loops import WindowsOfPieces
 from rlgcomp.physics.empirical_law import FORMS, form_of
 
 SPAN = (-20.0, 40.0)

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.lines import Within, harmonics
-from rlgcomp.diagnosis.locate import locate
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.detection.locate import locate
+from rlgcomp.diagnosis.naming.lines import Within, harmonics
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Place
-from rlgcomp.diagnosis.whitening import NoiseShape
 
 NOISE_DEG_H = 0.01  # of a sample
 WINDOW_S = 200.0

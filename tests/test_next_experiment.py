@@ -10,10 +10,10 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.feasible import LONGEST_S, chamber_programmes, table_programmes
-from rlgcomp.diagnosis.next_experiment import _distances, _expected, _Run, next_experiment
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.whitening import NoiseShape, whiten
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, whiten
+from rlgcomp.diagnosis.programmes.feasible import LONGEST_S, chamber_programmes, table_programmes
+from rlgcomp.diagnosis.programmes.next_experiment import _distances, _expected, _Run, next_experiment
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.motion import angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism, amplitude
 from rlgcomp.simulation.programme import PRESETS, Hold, Programme, Ramp

@@ -7,9 +7,9 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.explain import explain
-from rlgcomp.diagnosis.own_bias import own_bias
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.naming.own_bias import own_bias
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 from tests.test_evidence import SIMULATOR, runs, with_effect
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis.detection.locate.stretches import NOISIER
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.locate.stretches import NOISIER
-from rlgcomp.diagnosis.own_noise import Level, differing
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.question.own_noise import Level, differing
+from rlgcomp.diagnosis.question.problem import Problem
 from tests.test_evidence import SIMULATOR, runs
 
 Runs = list[rlg.Recording]

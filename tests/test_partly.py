@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.explain import explain
+from rlgcomp.diagnosis.naming.explain import explain
 from rlgcomp.diagnosis.partly import sought
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 from tests.test_evidence import SIMULATOR, runs
 

@@ -10,9 +10,9 @@ from scipy import stats
 
 import rlgcomp as rlg
 from rlgcomp.beside import Beside
-from rlgcomp.diagnosis.black_box import Mismatch, learned
-from rlgcomp.diagnosis.proof import Proof, improvement_interval, noise_floor, prove, whiteness_p_value
-from rlgcomp.diagnosis.whitening import NoiseShape, Rows, simulate
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, simulate
+from rlgcomp.diagnosis.proof.before_after import Proof, improvement_interval, noise_floor, prove, whiteness_p_value
+from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
 
 NOISE = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
 WHITE_DEG_H = 60.0 * 0.0003 / 10.0

@@ -13,9 +13,10 @@ from scipy.stats import binomtest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.conclusion import Conclusion, beyond_noise, concluded
-from rlgcomp.diagnosis.explain import explain
-from rlgcomp.diagnosis.fit import FittedCause, fit
-from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
+from rlgcomp.diagnosis.fitting.fit import FittedCause, fit
+from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.question.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.remarks import (
     _as_noise,
     _at_the_end,
@@ -29,7 +30,6 @@ from rlgcomp.diagnosis.remarks import (
     worse_in_training,
 )
 from rlgcomp.diagnosis.result import Estimate, Fit, RunFit, Trace, Verdict
-from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from tests.test_evidence import SIMULATOR, runs

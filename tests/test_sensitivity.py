@@ -18,7 +18,7 @@ from rlgcomp.challenge.injection import unabsorbed
 from rlgcomp.challenge.sensitivity import Curve, Sensitivity, _beyond, _distinct, _errors, _injection, sensitivity
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.report.sensitivity import FoundCurve, curves_picture

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.signatures import _keeps_time, _log_likelihood_of_any_level
-from rlgcomp.diagnosis.whitening import Rows
+from rlgcomp.diagnosis.naming.signatures import _keeps_time, _log_likelihood_of_any_level
+from rlgcomp.diagnosis.noise.whitening import Rows
 
 Array = NDArray[np.float64]
 SIMULATOR = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})

@@ -11,9 +11,9 @@ import numpy.typing as npt
 import pytest
 from scipy import integrate, stats
 
-from rlgcomp.diagnosis import telegraph, two_levels
-from rlgcomp.diagnosis.two_levels import Models, likeliest_signs, log_likelihood, smoothed
-from rlgcomp.diagnosis.whitening import Rows
+from rlgcomp.diagnosis.naming import telegraph, two_levels
+from rlgcomp.diagnosis.naming.two_levels import Models, likeliest_signs, log_likelihood, smoothed
+from rlgcomp.diagnosis.noise.whitening import Rows
 
 Array = npt.NDArray[np.float64]
 WINDOW_S = 100.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.telegraph_or_noise.__main__ import WINDOW_S, main, odds, telegraph
-from rlgcomp.diagnosis.whitening import Rows
+from rlgcomp.diagnosis.noise.whitening import Rows
 
 
 def rows_of(count: int, runs: int = 1) -> Rows:

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.windows import Contrasts, Windows
+from rlgcomp.diagnosis.question.windows import Contrasts, Windows
 from rlgcomp.motion import stilled
 from rlgcomp.noise import stream
 from rlgcomp.physics.lock_in import LockIn

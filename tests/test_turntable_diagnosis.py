@@ -11,10 +11,10 @@ from scipy.signal import lfilter
 from scipy.special import logsumexp
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.explain import explain
-from rlgcomp.diagnosis.fit import fit
-from rlgcomp.diagnosis.laws import Dictionary
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.fitting.fit import fit
+from rlgcomp.diagnosis.laws.dictionary import Dictionary
+from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 
 SIMULATOR = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})

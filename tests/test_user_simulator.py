@@ -15,12 +15,18 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.align import align, no_clocks
-from rlgcomp.diagnosis.resampling import turning_evenly
+from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.diagnosis.result import Alignment
-from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, baseline_prediction, clock_remarks, scale_remarks
-from rlgcomp.diagnosis.windows import Windows
-from rlgcomp.diagnosis.wording import clock_text
+from rlgcomp.diagnosis.result.wording import clock_text
+from rlgcomp.diagnosis.simulators.align import align, no_clocks
+from rlgcomp.diagnosis.simulators.resampling import turning_evenly
+from rlgcomp.diagnosis.simulators.user_simulator import (
+    PythonSimulator,
+    SimulatedRuns,
+    baseline_prediction,
+    clock_remarks,
+    scale_remarks,
+)
 from rlgcomp.filters import lag
 
 CATALOGUE = rlg.CATALOGUE

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rlgcomp.diagnosis.two_levels import Models, smoothed
-from rlgcomp.diagnosis.whitening import NoiseShape, Rows, Whitener, simulate, whiten
+from rlgcomp.diagnosis.naming.two_levels import Models, smoothed
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, Whitener, simulate, whiten
 
 SHAPES = (
     NoiseShape(),

@@ -1,1 +1,1 @@
-"""Laws outside the catalogue: the search of rlgcomp.diagnosis.discover beside plain sparse regression, on concealed physics."""
+"""Laws outside the catalogue: rlgcomp.diagnosis.laws beside plain sparse regression, on concealed physics."""

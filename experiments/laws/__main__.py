@@ -16,12 +16,12 @@ from experiments.concealed.cases import Case, make_case, plan
 from experiments.laws.stlsq import drivers_of, library, stlsq
 from experiments.tables import show_table
 from experiments.work import Work
-from rlgcomp.diagnosis.discover import discover
-from rlgcomp.diagnosis.laws import MEMORY_CLASS, Dictionary, recorded_drivers
-from rlgcomp.diagnosis.noises import ordinary_noise, unrecorded_cause
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.whitening import NoiseShape
-from rlgcomp.diagnosis.windows import Windows
+from rlgcomp.diagnosis.laws.dictionary import MEMORY_CLASS, Dictionary, recorded_drivers
+from rlgcomp.diagnosis.laws.discover import discover
+from rlgcomp.diagnosis.noise.noises import ordinary_noise, unrecorded_cause
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.question.windows import Windows
 
 Array = npt.NDArray[np.float64]
 METHODS = ("laws", "laws, white noise alone", "laws, static alone", "STLSQ")

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.tables import show_table
-from rlgcomp.diagnosis.two_levels import log_likelihood
-from rlgcomp.diagnosis.whitening import NoiseShape, Rows, whiten
+from rlgcomp.diagnosis.naming.two_levels import log_likelihood
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, whiten
 
 Array = npt.NDArray[np.float64]
 WINDOW_S = 100.0

@@ -15,7 +15,7 @@ import pandas as pd
 
 from rlgcomp.challenge.injection import Array, busiest, drawn, scaled, unabsorbed
 from rlgcomp.challenge.score import Hidden
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
 from rlgcomp.noise import NOISES, stream
 from rlgcomp.physics import CATALOGUE

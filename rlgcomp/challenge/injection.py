@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import units
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism, Parameter
 from rlgcomp.recording import Recording

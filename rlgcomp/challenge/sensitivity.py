@@ -24,7 +24,7 @@ from scipy import special
 
 from rlgcomp.challenge.injection import Array, drawn, injected, scaled, unabsorbed, white_deg_h
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise import stream

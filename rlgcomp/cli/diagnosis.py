@@ -30,7 +30,7 @@ from rlgcomp.cli.base import (
 from rlgcomp.cli.show import show_json
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.user_simulator import UserSimulator
+    from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator
     from rlgcomp.noise import NoiseModel
     from rlgcomp.physics.mechanism import Mechanism
     from rlgcomp.simulation.simulator import Simulator
@@ -39,9 +39,9 @@ RUNS = "RUN..."
 FILES: Final = ("diagnosis.json", "augmented.yaml", "report.html")  # what `diagnose` writes
 _BESIDE = (  # imported beside: for the LS-SVM, then for the pictures
     "rlgcomp.compensation.compensator",
-    "rlgcomp.diagnosis.black_box",
-    "rlgcomp.diagnosis.page",
-    "rlgcomp.diagnosis.pictures",
+    "rlgcomp.diagnosis.proof.black_box",
+    "rlgcomp.diagnosis.result.page",
+    "rlgcomp.diagnosis.result.pictures",
     "matplotlib.backends.backend_svg",
 )
 
@@ -108,7 +108,7 @@ def diagnose(
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
     with beside(*_BESIDE) as executor:
         from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
-        from rlgcomp.diagnosis.held_out import told_apart
+        from rlgcomp.diagnosis.question.held_out import told_apart
         from rlgcomp.physics import CATALOGUE
 
         candidates = candidates_of(mechanisms, only_own)
@@ -194,7 +194,7 @@ def _simulator(
     given: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]]
 ) -> Simulator | UserSimulator | None:
     """The simulator that was given; None where its output stands for it."""
-    from rlgcomp.diagnosis.user_simulator import PythonSimulator
+    from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator
     from rlgcomp.errors import InputError
     from rlgcomp.simulation.simulator import Simulator
 

@@ -10,15 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion
-from rlgcomp.diagnosis.explain import Explanations
-from rlgcomp.diagnosis.fit import Fitted, fit
-from rlgcomp.diagnosis.next_experiment import next_experiment, told_apart
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.proof import whiteness_p_value
+from rlgcomp.diagnosis.fitting.fit import Fitted, fit
+from rlgcomp.diagnosis.naming.explain import Explanations
+from rlgcomp.diagnosis.naming.search import Model
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms, whiten
+from rlgcomp.diagnosis.programmes.next_experiment import next_experiment, told_apart
+from rlgcomp.diagnosis.proof.before_after import whiteness_p_value
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Alternative, Cause, InPart, Law, NextExperiment, Unexplained
-from rlgcomp.diagnosis.search import Model
-from rlgcomp.diagnosis.whitening import NoiseShape, norms, whiten
-from rlgcomp.diagnosis.wording import listing
+from rlgcomp.diagnosis.result.wording import listing
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 
 Array = npt.NDArray[np.float64]

@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from typing import Final, Self
 
 from rlgcomp.diagnosis.account import alternatives_of, causes_of, set_probability, whiteness
-from rlgcomp.diagnosis.candidates import Candidate
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, beside_laws, concluded, likely_noises, rivals_of, verdict_of
-from rlgcomp.diagnosis.explain import Explanations
-from rlgcomp.diagnosis.fit import Fitted, fit
+from rlgcomp.diagnosis.fitting.fit import Fitted, fit
+from rlgcomp.diagnosis.naming.candidates import Candidate
+from rlgcomp.diagnosis.naming.explain import Explanations
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.posed import Posed
 from rlgcomp.diagnosis.result import Alternative, Cause
-from rlgcomp.diagnosis.whitening import NoiseShape
 
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _NOISE_LEFT: Final = 0.01  # p-value from which what is left passes for noise

@@ -18,15 +18,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.events import BiasStep
-from rlgcomp.diagnosis.explain import Explanations, considered
-from rlgcomp.diagnosis.inadequacy import inadequacy
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.naming.background import Background
+from rlgcomp.diagnosis.naming.explain import Explanations, considered
+from rlgcomp.diagnosis.naming.inadequacy import inadequacy
+from rlgcomp.diagnosis.naming.search import Model
+from rlgcomp.diagnosis.naming.telegraph import best_path
+from rlgcomp.diagnosis.noise.whitening import norms
+from rlgcomp.diagnosis.question.events import BiasStep
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, Place, Step, chance
-from rlgcomp.diagnosis.search import Model
-from rlgcomp.diagnosis.telegraph import best_path
-from rlgcomp.diagnosis.whitening import norms
 
 Array = npt.NDArray[np.float64]
 STEP: Final = 0.03  # before the data are seen: that the bias steps once in one of the runs

@@ -10,19 +10,19 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.confirm import foresight
-from rlgcomp.diagnosis.discover import Discovery, discover, discover_laws
-from rlgcomp.diagnosis.evidence import log_sum_exp
-from rlgcomp.diagnosis.explain import Explanations, considered
-from rlgcomp.diagnosis.inadequacy import inadequacy
-from rlgcomp.diagnosis.laws import Dictionary
-from rlgcomp.diagnosis.noises import WANDERS_AGAINST_LAWS
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.laws.dictionary import Dictionary
+from rlgcomp.diagnosis.laws.discover import Discovery, discover, discover_laws
+from rlgcomp.diagnosis.naming.background import Background
+from rlgcomp.diagnosis.naming.confirm import foresight
+from rlgcomp.diagnosis.naming.evidence import log_sum_exp
+from rlgcomp.diagnosis.naming.explain import Explanations, considered
+from rlgcomp.diagnosis.naming.inadequacy import inadequacy
+from rlgcomp.diagnosis.naming.search import Label, Model
+from rlgcomp.diagnosis.naming.signatures import misnamed
+from rlgcomp.diagnosis.noise.noises import WANDERS_AGAINST_LAWS
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Verdict
-from rlgcomp.diagnosis.search import Label, Model
-from rlgcomp.diagnosis.signatures import misnamed
-from rlgcomp.diagnosis.whitening import NoiseShape
 
 Array = npt.NDArray[np.float64]
 LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue acts

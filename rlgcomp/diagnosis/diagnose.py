@@ -14,8 +14,6 @@ from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.account import unexplained_of, what_to_run, whiteness
 from rlgcomp.diagnosis.answer import Answer, and_laws
-from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.black_box import Mismatch, learned
 from rlgcomp.diagnosis.conclusion import (
     beyond_noise,
     concluded,
@@ -23,15 +21,18 @@ from rlgcomp.diagnosis.conclusion import (
     rivals_of,
     verdict_of,
 )
-from rlgcomp.diagnosis.conventions import Meant, as_meant, conventions_of
-from rlgcomp.diagnosis.detect import detect
-from rlgcomp.diagnosis.explain import considered
-from rlgcomp.diagnosis.fit import Fitted, fit, noise_model
-from rlgcomp.diagnosis.held_out import require_held_out
-from rlgcomp.diagnosis.locate import locate
+from rlgcomp.diagnosis.detection.detect import detect
+from rlgcomp.diagnosis.detection.locate import locate
+from rlgcomp.diagnosis.fitting.fit import Fitted, fit, noise_model
+from rlgcomp.diagnosis.naming.background import Background
+from rlgcomp.diagnosis.naming.explain import considered
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Asked, Posed
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.proof import proved, unreadable
+from rlgcomp.diagnosis.proof.before_after import proved, unreadable
+from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
+from rlgcomp.diagnosis.question.conventions import Meant, as_meant, conventions_of
+from rlgcomp.diagnosis.question.held_out import require_held_out
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.remarks import (
     extrapolations_of,
     found_behind,
@@ -45,8 +46,7 @@ from rlgcomp.diagnosis.remarks import (
     wrong_numbers_of,
 )
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Step, chance
-from rlgcomp.diagnosis.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
-from rlgcomp.diagnosis.whitening import NoiseShape, norms
+from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.errors import InputError
 from rlgcomp.knocks import frozen_in, undisturbed
 from rlgcomp.noise import NoiseModel, stream
@@ -84,7 +84,7 @@ def diagnose(
     ----------
     simulator : Simulator, UserSimulator or callable, optional
         Ours, whose free parameters are calibrated first; anything with `predict_deg_h(recording)`; or a function of a recording, as
-        :class:`rlgcomp.diagnosis.user_simulator.PythonSimulator` takes it.
+        :class:`rlgcomp.diagnosis.simulators.user_simulator.PythonSimulator` takes it.
     train : sequence of Recording
         Runs from which causes are named and fitted.
     test : sequence of Recording

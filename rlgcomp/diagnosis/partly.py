@@ -18,16 +18,16 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.events import PARTLY as PART
-from rlgcomp.diagnosis.events import BiasStep, Partly
-from rlgcomp.diagnosis.explain import Explanations, considered
-from rlgcomp.diagnosis.inadequacy import inadequacy
-from rlgcomp.diagnosis.linearised import solve
-from rlgcomp.diagnosis.problem import Problem
+from rlgcomp.diagnosis.fitting.linearised import solve
+from rlgcomp.diagnosis.naming.background import Background
+from rlgcomp.diagnosis.naming.explain import Explanations, considered
+from rlgcomp.diagnosis.naming.inadequacy import inadequacy
+from rlgcomp.diagnosis.naming.search import Model
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.question.events import PARTLY as PART
+from rlgcomp.diagnosis.question.events import BiasStep, Partly
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, InPart
-from rlgcomp.diagnosis.search import Model
-from rlgcomp.diagnosis.whitening import NoiseShape
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]

@@ -16,14 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import bias_steps, partly
-from rlgcomp.diagnosis.candidates import fast_candidates
-from rlgcomp.diagnosis.confirm import confirmed
-from rlgcomp.diagnosis.events import BiasStep, Partly
-from rlgcomp.diagnosis.explain import Explanations, explain
-from rlgcomp.diagnosis.linearised import solve
-from rlgcomp.diagnosis.lines import Within, mechanisms_at_lines
-from rlgcomp.diagnosis.problem import Problem
-from rlgcomp.diagnosis.signatures import undoubted
+from rlgcomp.diagnosis.fitting.linearised import solve
+from rlgcomp.diagnosis.naming.candidates import fast_candidates
+from rlgcomp.diagnosis.naming.confirm import confirmed
+from rlgcomp.diagnosis.naming.explain import Explanations, explain
+from rlgcomp.diagnosis.naming.lines import Within, mechanisms_at_lines
+from rlgcomp.diagnosis.naming.signatures import undoubted
+from rlgcomp.diagnosis.question.events import BiasStep, Partly
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
@@ -45,7 +45,7 @@ class Asked:
         Held-out runs that decide nothing are not among them.
     mechanisms : mapping of str to type
     gyro, window_s, predicted
-        As in :meth:`rlgcomp.diagnosis.problem.Problem.of`.
+        As in :meth:`rlgcomp.diagnosis.question.problem.Problem.of`.
     """
 
     train: Sequence[Recording]
@@ -87,7 +87,7 @@ class Posed:
         Raises
         ------
         InputError
-            As :meth:`rlgcomp.diagnosis.problem.Problem.of` and :meth:`~rlgcomp.diagnosis.problem.Problem.joined` do.
+            As :meth:`.Problem.of` and :meth:`.Problem.joined` do.
         """
         windowed = Problem.of(base, asked.train, gyro=asked.gyro, window_s=asked.window_s, predicted=asked.predicted)
         within = Within.of(windowed)

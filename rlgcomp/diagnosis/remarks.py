@@ -13,19 +13,19 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.account import alternatives_of
 from rlgcomp.diagnosis.answer import Answer, spoken_for
-from rlgcomp.diagnosis.background import Background
-from rlgcomp.diagnosis.black_box import Mismatch
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, acquitted, healthy, verdict_of
-from rlgcomp.diagnosis.evidence import log_sum_exp
-from rlgcomp.diagnosis.explain import Explanations
-from rlgcomp.diagnosis.fit import Fitted, FittedCause, noise_model
-from rlgcomp.diagnosis.inadequacy import INADEQUACY
-from rlgcomp.diagnosis.noises import stated_noise
-from rlgcomp.diagnosis.own_noise import Level, differing
-from rlgcomp.diagnosis.problem import OWN_BIAS, Problem
+from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, noise_model
+from rlgcomp.diagnosis.naming.background import Background
+from rlgcomp.diagnosis.naming.evidence import log_sum_exp
+from rlgcomp.diagnosis.naming.explain import Explanations
+from rlgcomp.diagnosis.naming.inadequacy import INADEQUACY
+from rlgcomp.diagnosis.noise.noises import stated_noise
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.proof.black_box import Mismatch
+from rlgcomp.diagnosis.question.own_noise import Level, differing
+from rlgcomp.diagnosis.question.problem import OWN_BIAS, Problem
 from rlgcomp.diagnosis.result import Estimate, Fit, Trace, Verdict
-from rlgcomp.diagnosis.whitening import NoiseShape
-from rlgcomp.diagnosis.wording import listing, p_text
+from rlgcomp.diagnosis.result.wording import listing, p_text
 from rlgcomp.noise import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit

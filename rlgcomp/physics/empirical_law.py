@@ -98,7 +98,7 @@ class EmpiricalLaw(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Any) -> tuple[EmpiricalLaw, ...]:
-        """None: laws are found by :mod:`rlgcomp.diagnosis.discover`."""
+        """None: laws are found by :mod:`rlgcomp.diagnosis.laws.discover`."""
         del recordings
         return ()
 

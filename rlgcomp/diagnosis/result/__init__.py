@@ -16,7 +16,7 @@ from typing import Any, Final, Literal, Self
 import numpy as np
 import pandas as pd
 
-from rlgcomp.diagnosis import wording
+from rlgcomp.diagnosis.result import wording
 from rlgcomp.diagnosis.result.findings import (
     Alternative,
     Cause,
@@ -230,7 +230,7 @@ class Diagnosis:
 
     def report(self, path: str | Path, executor: Executor | None = None) -> None:
         """Write the page that shows it: one self-contained HTML file. An executor, where given, draws the pictures."""
-        from rlgcomp.diagnosis.page import write_diagnosis_report
+        from rlgcomp.diagnosis.result.page import write_diagnosis_report
 
         write_diagnosis_report(path, self, executor)
 

@@ -1,0 +1,1 @@
+"""Is there anything beyond noise, and where."""

@@ -1,0 +1,1 @@
+"""The parameters of a chosen set of causes, with their standard deviations."""

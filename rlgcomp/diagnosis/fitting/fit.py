@@ -1,0 +1,419 @@
+r"""Parameters of a chosen set of causes with their standard deviations, and the simulators that follow from them.
+
+Generalised least squares of baseline and causes together, shapes linearised about their values and moved by Gauss–Newton:
+
+.. math:: (\hat\beta, \hat a, \hat\theta) : \quad \min \lVert L^{-1} (y - X \beta - \sum_m \Phi_m(\theta_m) a_m) \rVert^2,
+    \qquad \mathrm{cov} = \hat\sigma^2 (J^T \Sigma^{-1} J)^{-1}
+
+A weak step's place is far less certain than its slope says: where the likelihood along a shape is wider than that, the standard
+deviation is the likelihood's. A thermometer that is late by some seconds moves a threshold and makes a loop look narrower: what it
+would do to each parameter adds to the standard deviations.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Collection, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.fitting.linearised import STEPS, amplitudes, late, moved, slopes, solve, whole, wider
+from rlgcomp.diagnosis.naming.candidates import Candidate
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
+from rlgcomp.diagnosis.question.events import PARTLY, STEP
+from rlgcomp.diagnosis.question.problem import OWN_BIAS, Problem, law_slopes
+from rlgcomp.diagnosis.question.windows import Windows
+from rlgcomp.diagnosis.result import Estimate
+from rlgcomp.noise import NoiseModel
+from rlgcomp.physics.empirical_law import EmpiricalLaw
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.simulation.simulator import Simulator
+from rlgcomp.units import SECONDS_PER_HOUR
+
+Array = npt.NDArray[np.float64]
+_OWN_STEPS: Final = 8  # of the simulator's own shapes, each time
+_NO_BETTER: Final = 1e-5  # of the square that is left: a step that takes less is the last
+_TOLD: Final = 1e-6  # of a derivative: with less beyond its own amplitudes a shape is not told
+_MADE_UP_FOR: Final = 0.01  # of a derivative by a law's shape: with less beyond all else, what that is off by passes unseen
+
+
+@dataclasses.dataclass(frozen=True)
+class FittedCause:
+    """A cause with its parameters and what it adds to the training rows.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    estimates : mapping
+        Value, standard deviation and unit by parameter.
+    contribution_deg_h : ndarray, shape (n,)
+    known : bool
+        The simulator has it, with other numbers.
+    chi_square : float
+        Of its amplitudes together against none, shapes held: one whose shape is hardly known may be sure all the same.
+    """
+
+    mechanism: Mechanism
+    estimates: dict[str, Estimate]
+    contribution_deg_h: Array
+    known: bool
+    chi_square: float = math.inf
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether its size is nothing: its amplitudes together, within what noise makes of so many, or each of the wrong sign; of a
+        mechanism that is settled, each number within a standard deviation of zero."""
+        if self.known or self.mechanism.open_set:
+            return False
+        sizes = {p.name: p.low for p in self.mechanism.parameters() if p.role == "amplitude" and p.name in self.estimates}
+        if type(self.mechanism).settled is not Mechanism.settled:
+            lowest = sizes or dict.fromkeys(self.estimates, 0.0)
+            return all(abs(max(self.estimates[name].value, low)) <= self.estimates[name].sd for name, low in lowest.items())
+        wrong = [self.estimates[name].value <= low for name, low in sizes.items() if low == 0.0]
+        return self.chi_square <= len(sizes) or (len(wrong) == len(sizes) > 0 and all(wrong))
+
+
+@dataclasses.dataclass(frozen=True)
+class Fitted:
+    """A fit of baseline and causes.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        With all that was fitted in it, as free parameters.
+    baseline : mapping of mechanism to estimates
+    causes : tuple of FittedCause
+    white_deg_h : float
+        Standard deviation of the white noise of a full window's mean.
+    residual_deg_h : ndarray, shape (n,)
+    """
+
+    simulator: Simulator
+    baseline: dict[str, dict[str, Estimate]]
+    causes: tuple[FittedCause, ...]
+    white_deg_h: float
+    residual_deg_h: Array
+
+
+def fit(
+    problem: Problem, chosen: Sequence[Candidate], noise: NoiseShape, likely: Sequence[tuple[NoiseShape, float]] = ()
+) -> Fitted:
+    """Fit a set of causes together with the simulator's free parameters.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : sequence of Candidate
+    noise : NoiseShape
+        By which it is weighed.
+    likely : sequence of (NoiseShape, float)
+        What the noise may be, and how likely that is: standard deviations are over all of these. `noise` by default.
+    """
+    if any(candidate.mechanism.constant for candidate in chosen):
+        problem = _without(problem, {""})
+    problem = _without(problem, {candidate.name for candidate in chosen if not candidate.known})  # longer, it has these columns too
+    columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
+    mechanisms = [candidate.mechanism for candidate in chosen]
+    for step in range(STEPS + 1):
+        problem = _beside_causes(problem, columns, noise)
+        plain = np.column_stack([problem.baseline, *columns])
+        weights, _, lowest = solve(problem, plain, noise)
+        parts = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
+        derived = [
+            _told(slopes(problem, mechanism, part), mechanism, block)
+            if _steady(candidate) and not mechanism.open_set  # a law's are at their best
+            else []
+            for candidate, mechanism, part, block in zip(chosen, mechanisms, parts, columns, strict=True)
+        ]
+        design = np.column_stack([plain, *(column for found in derived for _, column in found)])
+        weights = solve(problem, design, noise)[0]
+        if step == STEPS:
+            break
+        shifted = moved(problem, mechanisms, derived, weights[plain.shape[1] :])
+        trial = [problem.columns(m) if _steady(c) else block for c, m, block in zip(chosen, shifted, columns, strict=True)]
+        if shifted == mechanisms or solve(problem, np.column_stack([problem.baseline, *trial]), noise)[2] >= lowest:
+            break
+        mechanisms, columns = shifted, trial
+    for k, (mechanism, part) in enumerate(zip(mechanisms, parts, strict=True)):
+        if isinstance(mechanism, EmpiricalLaw):
+            derived[k] = _of_law(problem, mechanism, float(part[0]), plain)
+    design = np.column_stack([plain, *(column for found in derived for _, column in found)])
+    weights = solve(problem, design, noise)[0]
+    final = np.zeros(plain.shape[1])
+    held = np.r_[problem.held(), np.ones(plain.shape[1] - problem.baseline.shape[1], dtype=np.bool_)]
+    final[held], covariance, square = solve(problem, plain[:, held], noise)  # the simulator's own shapes are at their best
+    freedom = len(problem.rows) - design.shape[1]
+    widened = [1.0] * plain.shape[1]
+    for k, found in enumerate(derived):
+        if found:
+            names, directions = zip(*found, strict=True)
+            others = [problem.baseline, *columns[:k], *columns[k + 1 :]]
+            widened += wider(problem, mechanisms[k], names, np.column_stack([plain, *directions]), others, noise, square)
+    steady = [k for k, candidate in enumerate(chosen) if _steady(candidate)]
+    lateness = late(problem, [mechanisms[k] for k in steady], [parts[k] for k in steady])
+    answer = solve(dataclasses.replace(problem, target_deg_h=lateness), design, noise)[0]
+    sd = np.sqrt(np.square(widened) * _variances(problem, design, weights, likely or [(noise, 1.0)]) + answer**2)
+    laws, widths = [mechanism.open_set for mechanism in mechanisms], [block.shape[1] for block in columns]
+    of_laws = np.repeat([False, *laws, *laws], [problem.baseline.shape[1], *widths, *map(len, derived)])
+    rounded = weights - np.r_[final, np.zeros(design.shape[1] - plain.shape[1])]  # numbers of laws are
+    sd = np.where(of_laws, np.hypot(sd, rounded), sd)
+    baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
+    beside = [*columns, *(column[:, None] for found in derived for _, column in found)]
+    baseline, simulator = _own_settled(problem, baseline, simulator, beside, noise)
+    causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd, covariance * square / freedom)
+    if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
+        causes = _settled(problem, chosen, causes, columns, noise)
+    for cause in causes:
+        simulator = _joined(simulator, cause)
+    return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), problem.target_deg_h - plain @ final)
+
+
+def _told(derived: list[tuple[str, Array]], mechanism: Mechanism, columns: Array) -> list[tuple[str, Array]]:
+    """Derivatives by shapes that do what amplitudes cannot; mechanisms that settle tell of both."""
+    if type(mechanism).settled is not Mechanism.settled:
+        return derived
+    basis = np.linalg.qr(columns)[0]
+    return [
+        (name, slope)
+        for name, slope in derived
+        if np.linalg.norm(slope - basis @ (basis.T @ slope)) > _TOLD * np.linalg.norm(slope)
+    ]
+
+
+def _of_law(problem: Problem, law: EmpiricalLaw, amplitude_deg_h: float, plain: Array) -> list[tuple[str, Array]]:
+    """Derivatives by a law's shapes, which are at their best, and uncertain all the same; none that other columns make up for."""
+    basis = np.linalg.qr(plain / norms(plain))[0]
+    slopes = {name: amplitude_deg_h * slope for name, slope in law_slopes(problem, law).items()}
+    left = {name: np.linalg.norm(slope - basis @ (basis.T @ slope)) for name, slope in slopes.items()}
+    return [(name, slope) for name, slope in slopes.items() if left[name] > _MADE_UP_FOR * np.std(slope) * math.sqrt(len(slope))]
+
+
+def _variances(problem: Problem, design: Array, weights: Array, likely: Sequence[tuple[NoiseShape, float]]) -> Array:
+    """Of all that is fitted, about the weights: within each noise, and between noises."""
+    freedom = len(problem.rows) - design.shape[1]
+    total = np.zeros(len(weights))
+    for noise, share in likely:
+        found, covariance, square = solve(problem, design, noise)
+        total += share * (np.maximum(np.diag(covariance), 0.0) * square / freedom + (found - weights) ** 2)
+    return total / sum(share for _, share in likely)
+
+
+def noise_model(noise: NoiseShape, white_deg_h: float, windows: Windows) -> NoiseModel:
+    """Noise coefficients from a shape and the white noise of a window mean: of the rate, and of the angle where it has a knee."""
+    return NoiseModel(
+        angle_random_walk_deg_sqrt_h=white_deg_h * math.sqrt(windows.white_s / SECONDS_PER_HOUR),
+        quantization_arcsec=white_deg_h * math.sqrt(windows.white_s * windows.knee_s),  # a deg/h for a second
+        bias_instability_deg_h=noise.flicker * white_deg_h,
+        rate_random_walk_deg_h_sqrt_h=noise.walk * white_deg_h,
+    )
+
+
+def _beside_causes(problem: Problem, columns: Sequence[Array], noise: NoiseShape) -> Problem:
+    """The problem linearised about where the simulator's own shapes lie beside the causes: they were calibrated without them.
+
+    Gauss–Newton. A step counts where it explains more with the shapes held, not with their derivatives: beside an amplitude that is
+    all but nothing, these reach far beyond what any shape does.
+    """
+    lowest = solve(problem, np.column_stack([problem.baseline[:, problem.held()], *columns]), noise)[2]
+    for _ in range(_OWN_STEPS):
+        weights = solve(problem, np.column_stack([problem.baseline, *columns]), noise)[0]
+        shifted = problem.moved(weights[: problem.baseline.shape[1]])
+        if shifted is problem:
+            break
+        square = solve(shifted, np.column_stack([shifted.baseline[:, shifted.held()], *columns]), noise)[2]
+        if square >= lowest * (1.0 - _NO_BETTER):
+            break
+        problem, lowest = shifted, square
+    return problem
+
+
+def _without(problem: Problem, names: Collection[str]) -> Problem:
+    """The problem without the columns of some mechanisms of the simulator: a cause has its own. The bias added has no name."""
+    kept = [k for k, (name, _) in enumerate(problem.baseline_names) if name not in names]
+    return dataclasses.replace(
+        problem, baseline=problem.baseline[:, kept], baseline_names=tuple(problem.baseline_names[k] for k in kept)
+    )
+
+
+def _steady(candidate: Candidate) -> bool:
+    """Whether its columns follow from the monitors; a path of jumps does not."""
+    return bool(candidate.mechanism.amplitude_parameters())
+
+
+def _baseline(problem: Problem, weights: Array, sd: Array) -> tuple[dict[str, dict[str, Estimate]], Simulator]:
+    """Estimates of the simulator's free parameters, and the simulator that has them."""
+    simulator = problem.simulator
+    estimates: dict[str, dict[str, Estimate]] = {}
+    for k, (name, parameter) in enumerate(problem.baseline_names):
+        if parameter.startswith((OWN_BIAS, STEP, PARTLY)):
+            estimates.setdefault("gyro", {})[f"{parameter}:{name}"] = Estimate(float(weights[k]), float(sd[k]), "deg/h")
+            continue
+        mechanism = next((mechanism for mechanism in simulator.mechanisms if mechanism.name == name), None)
+        if mechanism is None:
+            estimates.setdefault("gyro", {})["bias_deg_h"] = Estimate(float(weights[k]), float(sd[k]), "deg/h")
+            continue
+        described = next(p for p in mechanism.parameters() if p.name == parameter)
+        own = [j for j, named in enumerate(problem.baseline_names) if named == (name, parameter)]  # an amplitude of each run's own
+        size = weights[k] if len(own) == 1 else np.sqrt(np.mean(weights[own] ** 2))
+        value = size + (getattr(mechanism, parameter) if described.role == "shape" else 0.0)
+        value = float(np.clip(value, described.low, described.high))
+        spread = float(np.sqrt(np.mean(sd[own] ** 2) / len(own)))
+        estimates.setdefault(name, {})[parameter] = Estimate(value, spread, described.unit)
+        simulator = simulator.with_mechanism(dataclasses.replace(mechanism, **{parameter: value}))  # type: ignore[type-var]
+    constant = estimates.get("gyro", {}).get("bias_deg_h")
+    bias = None if constant is None else problem.constant(constant.value)
+    if bias is not None:
+        simulator = simulator.with_mechanism(bias)
+    return estimates, simulator
+
+
+def _causes(
+    problem: Problem,
+    chosen: Sequence[Candidate],
+    mechanisms: Sequence[Mechanism],
+    columns: Sequence[Array],
+    derived: Sequence[list[tuple[str, Array]]],
+    weights: Array,
+    sd: Array,
+    covariance: Array,
+) -> list[FittedCause]:
+    """The causes with their numbers; the covariance is that of all amplitudes, shapes held, the causes' last."""
+    causes = []
+    held = len(covariance) - len(weights)  # the simulator's own shapes are not among them
+    place = problem.baseline.shape[1]
+    slope_place = place + sum(block.shape[1] for block in columns)
+    for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, derived, strict=True):
+        part = slice(place, place + block.shape[1])
+        place = part.stop
+        estimates = _estimates(problem, candidate, mechanism, weights[part], sd[part])
+        for name, _ in found:
+            unit = next(p.unit for p in mechanism.parameters() if p.name == name)
+            estimates[name] = Estimate(float(getattr(mechanism, name)), float(sd[slope_place]), unit)
+            slope_place += 1
+        values = {name: estimate.value for name, estimate in estimates.items()}
+        limits = {p.name: (p.low, p.high) for p in mechanism.parameters()}
+        filled = dataclasses.replace(mechanism, **{k: float(np.clip(v, *limits[k])) for k, v in values.items()})  # type: ignore[type-var]
+        there = slice(part.start + held, part.stop + held)
+        chi_square = float(weights[part] @ np.linalg.pinv(covariance[there, there], hermitian=True) @ weights[part])
+        causes.append(FittedCause(filled, estimates, block @ weights[part], candidate.known, chi_square))
+    return causes
+
+
+def _settled(
+    problem: Problem, chosen: Sequence[Candidate], causes: Sequence[FittedCause], columns: Sequence[Array], noise: NoiseShape
+) -> list[FittedCause]:
+    """The causes, those settled whose parameters trade against each other."""
+    derived = [
+        slopes(problem, cause.mechanism, amplitudes(cause.mechanism)) if _steady(candidate) else []
+        for candidate, cause in zip(chosen, causes, strict=True)
+    ]
+    found = list(causes)
+    for k, (candidate, cause) in enumerate(zip(chosen, causes, strict=True)):
+        if cause.mechanism.settled() != cause.mechanism:
+            around = [slope for j, shapes in enumerate(derived) for _, slope in shapes if j != k]
+            others = np.column_stack([problem.baseline, *columns[:k], *columns[k + 1 :], *around])
+            has = cause.known and not _free(problem, candidate)
+            taken = whole(problem, candidate.mechanism) if has else np.zeros(len(problem.rows))
+            found[k] = settle(problem, cause, taken, others, noise)
+    return found
+
+
+def _own_settled(
+    problem: Problem, baseline: dict[str, dict[str, Estimate]], simulator: Simulator, beside: Sequence[Array], noise: NoiseShape
+) -> tuple[dict[str, dict[str, Estimate]], Simulator]:
+    """The simulator's own mechanisms, those settled whose parameters trade against each other, all of them free."""
+    found = dict(baseline)
+    for mechanism in simulator.mechanisms:
+        fitted = {parameter.name for parameter in mechanism.parameters() if parameter.role != "setting"}
+        if mechanism.settled() == mechanism or fitted != baseline.get(mechanism.name, {}).keys():
+            continue
+        theirs = [k for k, (name, _) in enumerate(problem.baseline_names) if name != mechanism.name]
+        nothing = np.zeros(len(problem.rows))
+        cause = FittedCause(mechanism, baseline[mechanism.name], nothing, known=True)
+        settled = settle(problem, cause, nothing, np.column_stack([problem.baseline[:, theirs], *beside]), noise)
+        simulator, found[mechanism.name] = simulator.with_mechanism(settled.mechanism), settled.estimates
+    return found, simulator
+
+
+def settle(problem: Problem, cause: FittedCause, taken: Array, others: Array, noise: NoiseShape) -> FittedCause:
+    """A cause whose fitted parameters trade against each other, in the numbers that people use: its shapes fitted alone.
+
+    Parameters
+    ----------
+    problem : Problem
+    cause : FittedCause
+    taken : ndarray, shape (n,)
+        What the target lacks of it already, because the simulator has it.
+    others : ndarray, shape (n, p)
+        Columns of all else, derivatives by shapes among them.
+    noise : NoiseShape
+
+    Notes
+    -----
+    Gauss–Newton. What the law leaves open (:meth:`Mechanism.scatter`) widens the standard deviations.
+    """
+    mechanism = cause.mechanism.settled()
+    for _ in range(STEPS):
+        reached = mechanism
+        left = dataclasses.replace(problem, target_deg_h=problem.target_deg_h + taken - whole(problem, mechanism))
+        derived = slopes(problem, mechanism, amplitudes(mechanism))
+        design = np.column_stack([others, *(slope for _, slope in derived)])
+        weights, covariance, square = solve(left, design, noise)
+        mechanism = moved(problem, [mechanism], [derived], weights[others.shape[1] :])[0]
+    variance = np.diag(covariance) * square / (len(problem.rows) - design.shape[1])
+    for disturbance in problem.scatter(reached).T:
+        variance += solve(dataclasses.replace(problem, target_deg_h=disturbance), design, noise)[0] ** 2
+    sd = np.sqrt(np.maximum(variance, 0.0))[others.shape[1] :]
+    estimates = {
+        name: dataclasses.replace(cause.estimates[name], value=float(getattr(mechanism, name)), sd=float(each))
+        for (name, _), each in zip(derived, sd, strict=True)
+    }
+    return dataclasses.replace(cause, mechanism=mechanism, estimates=estimates)
+
+
+def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, weights: Array, sd: Array) -> dict[str, Estimate]:
+    """Of the amplitudes; where each run has its own, their root mean square; where there are none, of the jumps."""
+    parameters = mechanism.amplitude_parameters()
+    if not parameters:
+        return _of_jumps(problem, candidate, mechanism, float(weights[0]), float(sd[0]))
+    width = len(parameters)
+    if len(weights) > width:
+        table = weights.reshape(-1, width)
+        size = float(np.sqrt((table**2).sum(axis=1).mean() / width))
+        return {p.name: Estimate(size, float(np.sqrt((sd**2).mean() / len(table))), p.unit) for p in parameters}
+    has = candidate.known or any(held.name == candidate.name for held in problem.simulator.mechanisms)
+    known = {p.name: getattr(candidate.mechanism, p.name) for p in parameters} if has else {}
+    free = _free(problem, candidate) if has else frozenset()
+    return {
+        p.name: Estimate(float(w + (known.get(p.name, 0.0) if p.name not in free else 0.0)), float(s), p.unit)
+        for p, w, s in zip(parameters, weights, sd, strict=True)
+    }
+
+
+def _free(problem: Problem, candidate: Candidate) -> frozenset[str]:
+    """Parameters that the simulator leaves to be found: the target still holds what they make."""
+    return problem.simulator.free.get(candidate.name, frozenset())
+
+
+def _of_jumps(problem: Problem, candidate: Candidate, mechanism: Mechanism, half_step: float, sd: float) -> dict[str, Estimate]:
+    signs = candidate.columns[:, 0]
+    flips = max(1, sum(int((np.diff(signs[part]) != 0.0).sum()) for part in problem.rows.runs))
+    renewed = type(mechanism).jumping(abs(half_step), getattr(mechanism, "dwell_s", 3600.0))
+    step_name, dwell_name = (p.name for p in (renewed or mechanism).parameters()[:2])
+    dwell = float(getattr(mechanism, dwell_name))
+    return {
+        step_name: Estimate(abs(half_step), sd, "deg/h"),
+        dwell_name: Estimate(dwell, dwell / math.sqrt(flips), "s"),
+    }
+
+
+def _joined(simulator: Simulator, cause: FittedCause) -> Simulator:
+    """The simulator with a cause in it, its fitted parameters free to be calibrated again; of a law, its amplitude."""
+    free, fitted = dict(simulator.free), frozenset(cause.estimates)
+    if cause.mechanism.open_set:
+        fitted &= {parameter.name for parameter in cause.mechanism.amplitude_parameters()}
+    free[cause.mechanism.name] = free.get(cause.mechanism.name, frozenset()) | fitted
+    return dataclasses.replace(simulator.with_mechanism(cause.mechanism), free=free)

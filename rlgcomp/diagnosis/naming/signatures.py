@@ -1,0 +1,208 @@
+r"""Whether what follows no recorded column is what its name says: jumps between two values, a line of one frequency.
+
+A path of jumps or a line takes after whatever jumps or swings. Jumps between two values are judged against jumps to any value: in
+window means y with white noise of variance sigma^2, levels drawn anew from N(0, A^2) at each jump, summed over all times
+since the last jump, r,
+
+.. math:: p(y_{1:k}, r_k) = \sum_{r_{k-1}} p(y_{1:k-1}, r_{k-1}) \, p(r_k \mid r_{k-1}) \, p(y_k \mid r_k, y_{1:k-1})
+
+against the same sum over paths between two values, less what slow noise beside these explains. A line is one where its frequency
+holds more than those next to it. Stays of a random telegraph are exponential; those of a switch that keeps time are alike. And
+a telegraph that is not certain must be twenty times likelier than slow normal noise of its spectrum.
+
+References
+----------
+R. P. Adams, D. J. C. MacKay, "Bayesian online changepoint detection", arXiv:0710.3742 (2007).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.naming.evidence import Member, log_sum_exp
+from rlgcomp.diagnosis.naming.explain import Explanations
+from rlgcomp.diagnosis.naming.search import Label, Model
+from rlgcomp.diagnosis.naming.two_levels import DWELLS_S, log_likelihood
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, whiten
+from rlgcomp.physics.mechanism import Mechanism
+
+Array = npt.NDArray[np.float64]
+_SIZES: Final = (0.8, 1.0, 1.25)  # half steps that are averaged over, of the one found
+_LEVELS: Final = (0.6, 1.0, 1.5)  # standard deviations of levels, of the same
+_NOISES: Final = (0.85, 1.0)  # of what the path leaves
+_PASTS: Final = 80  # times since the last jump that are reckoned with
+_MANY: Final = 120  # before unlikely ones are dropped
+_CERTAIN: Final = 0.99  # probability of jumps from which they are named; less likely ones
+_TOLD: Final = math.log(20.0)  # have these odds against slow noise of their spectrum, or are not reckoned with
+_FEWEST_STAYS: Final = 6
+_UNSEEN: Final = 5.0  # windows: shorter stays are missed
+_DRAWS: Final = 20_000
+_RARELY: Final = 5e-4
+_NEAR: Final = 5  # neighbours of a line on each side, in steps of 1 / duration
+_AROUND: Final = range(9, 21)  # those that show the noise there
+
+
+def undoubted(explanations: Explanations) -> Explanations:
+    """The same without paths of jumps, where the likeliest set holds one that slow noise explains nearly as well.
+
+    Such a path is not certain, and not twenty times likelier than normal noise of its spectrum.
+    """
+    likeliest = explanations.likeliest
+    for member in likeliest.members:
+        candidate = explanations.evidence.candidates[member.candidate]
+        if not candidate.mechanism.jumps() or explanations.probability_of(candidate.name) > _CERTAIN:
+            continue  # slow noise of any spectrum had its say
+        values, left = _alone(explanations, likeliest, member)
+        two, slow = (_by_size(law, explanations.evidence.problem.rows, values, left) for law in (log_likelihood, _slow_noise))
+        if two - slow < _TOLD:
+            return explanations.without(candidate.name, "slow noise of its spectrum explains it nearly as well")
+    return explanations
+
+
+def misnamed(explanations: Explanations, model: Model) -> dict[Label, str]:
+    """Causes of a set that are not what they are named for in the training runs, and what they are not.
+
+    Parameters
+    ----------
+    explanations : Explanations
+    model : Model
+        One of its models.
+    """
+    found = {}
+    for member in model.members:
+        candidate = explanations.evidence.candidates[member.candidate]
+        frequency_hz = _frequency_hz(candidate.mechanism)
+        why = None
+        if candidate.mechanism.jumps():
+            why = _no_jumps_between_two_levels(explanations, model, member)
+        elif frequency_hz is not None and not _is_a_line(explanations, model, member, frequency_hz):
+            why = "is none: its frequency does not stay the same"
+        if why is not None:
+            found[candidate.name, candidate.known] = why
+    return found
+
+
+def _no_jumps_between_two_levels(explanations: Explanations, model: Model, path: Member) -> str | None:
+    """Why a path is not said to be one of random jumps between two values."""
+    evidence = explanations.evidence
+    rows = evidence.problem.rows
+    values, left = _alone(explanations, model, path)
+    two = _by_size(log_likelihood, rows, values, left)
+    in_training = explanations.in_training(model).noise_log
+    if _any_level(rows, values, left) - two > float(in_training.max() - in_training[evidence.calmest]):
+        return "is none: it has more than two levels"
+    if _keeps_time(evidence.candidates[path.candidate].columns[:, 0], rows):
+        return "is none: its stays are too alike to be random"
+    return None
+
+
+def _by_size(law: Callable[[Rows, Array, float, float], Array], rows: Rows, jumps: Array, left: Array) -> float:
+    """Log likelihood of jumps and what they leave by a law of half step and noise, averaged over these, near those found."""
+    half_step, noise = _size(jumps), float(np.std(left))
+    grid = itertools.product((half_step * x for x in _SIZES), (noise * x for x in _NOISES))
+    return _mean_of_logs(np.concatenate([law(rows, jumps + left, step, white) for step, white in grid]))
+
+
+def _size(jumps: Array) -> float:
+    return float(np.sqrt(np.mean(jumps**2)))
+
+
+def _keeps_time(path: Array, rows: Rows) -> bool:
+    """Whether stays between two flips are more alike than chance makes them, short ones unseen."""
+    stays = [
+        stay for part in rows.runs for stay in np.diff(rows.time_s[part][1:][np.diff(np.sign(path[part])) != 0.0]) / rows.window_s
+    ]
+    if len(stays) < _FEWEST_STAYS or np.mean(stays) < 2.0 * _UNSEEN:
+        return False
+    spread = float(np.std(stays) / np.mean(stays))
+    chance = np.random.default_rng(0).exponential(np.mean(stays) - _UNSEEN, (_DRAWS, len(stays))) + _UNSEEN
+    return bool(np.mean(chance.std(axis=1) / chance.mean(axis=1) <= spread) < _RARELY)
+
+
+def _any_level(rows: Rows, jumps: Array, left: Array) -> float:
+    """The same of jumps to any level of about this size."""
+    half_step, noise = _size(jumps), float(np.std(left))
+    grid = itertools.product((half_step * x for x in _LEVELS), (noise * x for x in _NOISES), DWELLS_S)
+    models = (np.array(column) for column in zip(*grid, strict=True))
+    return _mean_of_logs(_log_likelihood_of_any_level(rows, jumps + left, *models))
+
+
+def _slow_noise(rows: Rows, values: Array, half_step: float, noise: float) -> Array:
+    """Log likelihood of normal noise with the covariance of jumps between two values and white noise, for each dwell."""
+    windows = len(rows) - rows.contrasts
+    shapes = [NoiseShape(wander=half_step / noise, wander_s=0.5 * dwell_s) for dwell_s in DWELLS_S]
+    whitened, log_determinant = whiten(rows, values[:, None] / noise, shapes)
+    square = (whitened[:, :windows] ** 2).sum(axis=(1, 2))
+    return np.asarray(-0.5 * (square + log_determinant) - windows * math.log(noise * math.sqrt(2.0 * math.pi)))
+
+
+def _log_likelihood_of_any_level(rows: Rows, values: Array, level: Array, noise: Array, dwell_s: Array) -> Array:
+    """Of white noise about levels that change at random times, for models side by side, shape (m,)."""
+    total = np.zeros(len(level))
+    for part in rows.runs:
+        steps = np.diff(rows.time_s[part], prepend=rows.time_s[part.start])
+        log_weight, sums, counts = np.zeros((1, len(level))), np.zeros(1), np.zeros(1)
+        for k, value in enumerate(values[part]):
+            if k:  # a jump, or none
+                jump = -np.expm1(-steps[k] / dwell_s)
+                log_weight = np.vstack([log_weight + np.log1p(-jump), log_sum_exp(log_weight, axis=0) + np.log(jump)])
+                sums, counts = np.append(sums, 0.0), np.append(counts, 0.0)
+            if len(sums) > _MANY:
+                kept = np.sort(np.argsort(-log_weight.max(axis=1))[:_PASTS])
+                log_weight, sums, counts = log_weight[kept], sums[kept], counts[kept]
+            precision = level**-2 + counts[:, None] / noise**2
+            variance = 1.0 / precision + noise**2
+            expected = sums[:, None] / noise**2 / precision
+            log_weight = log_weight - 0.5 * (np.log(2.0 * math.pi * variance) + (value - expected) ** 2 / variance)
+            sums, counts = sums + value, counts + 1.0
+        total += log_sum_exp(log_weight, axis=0)
+    return total
+
+
+def _frequency_hz(mechanism: Mechanism) -> float | None:
+    """Of a line; None of anything else."""
+    found = [getattr(mechanism, parameter.name) for parameter in mechanism.parameters() if parameter.unit == "Hz"]
+    return float(found[0]) if found else None
+
+
+def _is_a_line(explanations: Explanations, model: Model, line: Member, frequency_hz: float) -> bool:
+    """Whether a frequency holds more of the runs than those next to it do beyond the noise there; what is faster than window means
+    is not judged."""
+    rows = explanations.evidence.problem.rows
+    if rows.contrasts or frequency_hz > 0.5 / rows.window_s:
+        return True
+    wave, left = _alone(explanations, model, line)
+    steps = [*(-k for k in reversed(_AROUND)), *(k for k in range(-_NEAR, _NEAR + 1) if k), *_AROUND]
+    held = np.zeros(len(steps))
+    for part in rows.runs:
+        time_s = rows.time_s[part]
+        for j, step in enumerate(steps):
+            other_hz = frequency_hz + step / float(np.ptp(time_s))
+            if 1.0 / float(np.ptp(time_s)) < other_hz < 0.5 / rows.window_s:
+                turns = 2.0 * math.pi * other_hz * time_s
+                waves = np.linalg.qr(np.column_stack([np.ones(len(turns)), np.cos(turns), np.sin(turns)]))[0][:, 1:]
+                held[j] += float(np.sum((waves.T @ left[part]) ** 2))
+    near = np.abs(steps) <= _NEAR
+    noise = float(np.median(held[~near]))
+    return float(wave @ wave) > float(np.maximum(held[near] - noise, 0.0).sum())
+
+
+def _alone(explanations: Explanations, model: Model, member: Member) -> tuple[Array, Array]:
+    """What one member makes of the target beside the others of a set, and what all of it leaves, in one unit."""
+    evidence = explanations.evidence
+    columns = evidence.candidates[member.candidate].columns
+    target, known = evidence.unexplained([other for other in model.members if other != member])
+    own, rest = (values - known @ (known.T @ values) for values in (columns, target))
+    amplitudes = np.linalg.lstsq(own, rest, rcond=1e-10)[0]
+    return columns @ amplitudes, rest - own @ amplitudes
+
+
+def _mean_of_logs(values: Array) -> float:
+    """Logarithm of the mean of exponentials."""
+    return float(log_sum_exp(values)) - math.log(len(values))

@@ -1,0 +1,167 @@
+r"""Jumps between two values at random times, which no two runs repeat: their likeliest path, and how sure it is.
+
+.. math:: y = X \beta + a x + \sigma \epsilon
+
+with x the window means of a random sign (:mod:`rlgcomp.diagnosis.naming.two_levels`). Expectation and maximisation in turn
+(forward–backward for x, least squares for beta and a) from several starts; then Viterbi's path. The path is
+taken as a column, so it competes with all other causes under all noises. Its prior is the likelihood summed over all paths over
+the largest that the column alone can reach: as much as is known of the path, and no more. A path that is not sure leaves beta, a
+and sigma freer than its column would. With F the information that a known path has of them and H the curvature of the summed
+likelihood,
+
+.. math:: \log w = \log p(y \mid \hat\beta, \hat a, \hat\sigma) - \max \log p(y \mid x) + \tfrac12 \log |F| - \tfrac12 \log |H|
+
+so that both are averaged over them alike, as slow noise is.
+
+References
+----------
+A. P. Dempster, N. M. Laird and D. B. Rubin, "Maximum likelihood from incomplete data via the EM algorithm", J. R. Stat. Soc. B 39,
+1 (1977).
+T. A. Louis, "Finding the observed information matrix when using the EM algorithm", J. R. Stat. Soc. B 44, 226 (1982).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+
+from rlgcomp.diagnosis.naming.two_levels import DWELLS_S, Models, likeliest_signs, log_likelihood, smoothed
+from rlgcomp.diagnosis.noise.whitening import Rows
+
+Array = npt.NDArray[np.float64]
+_STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation
+_ITERATIONS: Final = 12
+_NUDGE: Final = 0.02  # of the noise, of a logarithm: to find the curvature
+_LEAST: Final = 0.01  # of a known path's information, that is left of it
+_FINE: Final = 25  # mean times between flips, from which the likeliest is read
+
+
+@dataclasses.dataclass(frozen=True)
+class Path:
+    """A path of signs, and the logarithm of its prior.
+
+    Parameters
+    ----------
+    signs : ndarray, shape (n,)
+        Their mean over each window; nothing in rows that compare samples within windows.
+    log_weight : float
+    half_step : float
+        In units of the target.
+    dwell_s : float
+        Likeliest mean time between flips; the path itself misses the shortest stays.
+    flips : int
+        Of the path.
+    """
+
+    signs: Array
+    log_weight: float
+    half_step: float
+    dwell_s: float
+    flips: int
+
+
+def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
+    """The likeliest path in a target whose smooth part lies in the span of orthonormal columns, shape (n, p)."""
+    recording = _Target(rows, target, orthonormal)
+    smooth, models = _expected(recording)
+    found = smoothed(rows, recording.without(smooth), models)[2]
+    k = int(np.argmax(found))
+    values, model = recording.without(smooth[:, k : k + 1]), models.one(k)
+    means, flips = likeliest_signs(rows, values[:, 0], model)
+    signs = np.r_[means, np.zeros(rows.contrasts)]
+    by_dwell = found.reshape(len(DWELLS_S), -1).max(axis=1) - found[k]
+    summed = float(found[k] + np.log(np.mean(np.exp(by_dwell))))
+    half_step, noise = float(model.half_step[0]), float(model.noise[0])
+    return Path(
+        signs,
+        summed - recording.log_likelihood_given(signs) + _log_breadth(recording, smooth[:, k], model, signs),
+        half_step,
+        _likeliest_dwell_s(rows, values[:, 0], half_step, noise),
+        flips,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Target:
+    """Rows, what they hold, shape (n,), and the columns that its smooth part is made of, shape (n, p)."""
+
+    rows: Rows
+    values: Array
+    orthonormal: Array
+
+    @property
+    def windows(self) -> slice:
+        """The rows that are windows of a run."""
+        return slice(len(self.rows) - self.rows.contrasts)
+
+    def without(self, smooth: Array) -> Array:
+        """Windows without smooth parts, coefficients of shape (p, models)."""
+        return (self.values[:, None] - self.orthonormal @ smooth)[self.windows]
+
+    def projected(self, jumps: Array) -> Array:
+        """Coefficients, shape (p, models), of what is left when windows lose jumps, shape (windows, models)."""
+        return (self.orthonormal.T @ self.values)[:, None] - self.orthonormal[self.windows].T @ jumps
+
+    def log_likelihood_given(self, signs: Array) -> float:
+        """Largest log likelihood of a path that is known, half step, noise and smooth part fitted to it."""
+        design = np.column_stack([signs, self.orthonormal])
+        left = (self.values - design @ np.linalg.lstsq(design, self.values, rcond=1e-10)[0])[self.windows]
+        return -0.5 * len(left) * (math.log(2.0 * math.pi * max(float(left @ left), 1e-300) / len(left)) + 1.0)
+
+
+def _expected(target: _Target) -> tuple[Array, Models]:
+    """Smooth parts, shape (p, models), and models that expectation and maximisation end with."""
+    spread = float(np.std(target.without(target.projected(np.zeros((target.windows.stop, 1))))))
+    dwell_s, step = (grid.ravel() for grid in np.meshgrid(DWELLS_S, _STEPS, indexing="ij"))
+    models = Models(spread * step, np.full(len(dwell_s), 0.7 * spread), dwell_s)
+    smooth = np.zeros((target.orthonormal.shape[1], len(dwell_s)))
+    for _ in range(_ITERATIONS):
+        mean, square, _ = smoothed(target.rows, target.without(smooth), models)
+        smooth = target.projected(models.half_step * mean)
+        values = target.without(smooth)
+        half_step = np.maximum((values * mean).sum(axis=0) / np.maximum(square.sum(axis=0), 1e-12), 1e-3 * spread)
+        variance = (values**2 - 2.0 * values * half_step * mean + half_step**2 * square).mean(axis=0)
+        models = Models(half_step, np.sqrt(np.maximum(variance, (0.05 * spread) ** 2)), dwell_s)
+    return smooth, models
+
+
+def _log_breadth(target: _Target, smooth: Array, model: Models, signs: Array) -> float:
+    """How much freer smooth part, half step and noise are than a known path would leave them."""
+    half_step, noise = float(model.half_step[0]), float(model.noise[0])
+    design = np.column_stack([target.orthonormal, half_step * signs]) / noise
+    known = linalg.block_diag(design.T @ design, 2.0 * target.windows.stop)
+    known += 1e-9 * np.diag(np.diag(known))  # of a path without a flip
+    return -0.5 * float(np.log(np.maximum(linalg.eigvalsh(_curvature(target, smooth, model), known), _LEAST)).sum())
+
+
+def _curvature(target: _Target, smooth: Array, model: Models) -> Array:
+    """Of the log likelihood, by smooth part and logarithms of half step and noise, shape (p + 2, p + 2): from its slopes nearby."""
+    p = len(smooth)
+    nudges = _NUDGE * np.column_stack([np.zeros(p + 2), np.eye(p + 2)])
+    nudges[:p] *= model.noise
+    smooth_parts = smooth[:, None] + nudges[:p]
+    half_step, noise = model.half_step * np.exp(nudges[p]), model.noise * np.exp(nudges[p + 1])
+    values = target.without(smooth_parts)
+    mean, square, _ = smoothed(target.rows, values, Models(half_step, noise, np.repeat(model.dwell_s, p + 3)))
+    by_smooth = target.projected(half_step * mean) - smooth_parts
+    by_half_step = half_step * ((values * mean).sum(axis=0) - half_step * square.sum(axis=0))
+    by_noise = (values**2 - 2.0 * values * half_step * mean + half_step**2 * square).sum(axis=0) - len(values) * noise**2
+    slopes = np.vstack([by_smooth, by_half_step, by_noise]) / noise**2
+    curvature = (slopes[:, :1] - slopes[:, 1:]) / nudges[:, 1:].sum(axis=0)
+    return np.asarray(0.5 * (curvature + curvature.T))
+
+
+def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> float:
+    """Where the likelihood, all paths summed, is largest: the top of a parabola through the best of a grid and its neighbours."""
+    dwell_s = np.geomspace(DWELLS_S[0] / 2.0, DWELLS_S[-1] * 4.0, _FINE)
+    found = log_likelihood(rows, values, half_step, noise, dwell_s.tolist())
+    k = int(np.clip(np.argmax(found), 1, _FINE - 2))
+    before, top, after = found[k - 1 : k + 2]
+    bend = before - 2.0 * top + after
+    shift = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
+    return float(dwell_s[k] * (dwell_s[1] / dwell_s[0]) ** shift)

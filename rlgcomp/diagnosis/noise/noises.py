@@ -1,0 +1,98 @@
+"""The noises a diagnosis reckons with, and how likely each is before the data are seen."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.noise import NoiseModel
+from rlgcomp.units import arw_rate_sd_deg_h
+
+Array = npt.NDArray[np.float64]
+# Strengths that are tried, and how likely each is before the data are seen: at 100 s a ring laser gyro is mostly white. What falls
+# between two of them is taken for something that wanders where they are far apart.
+FLICKERS: Final = {0.0: 0.31, 0.1: 0.22, 0.2: 0.15, 0.35: 0.13, 0.55: 0.10, 0.9: 0.06, 1.4: 0.03}
+WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.04, 1.3: 0.02, 1.8: 0.01}
+# Of what wanders unrecorded: a weaker one cannot be told from flicker, and would be said of every healthy gyro that is a little so.
+WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.4}
+# A law made up after the data were seen must hold against stronger ones too: what is left at the grid's edge passes for a law.
+WANDERS_AGAINST_LAWS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.3, 8.0: 0.1}
+WANDERS_S: Final = {500.0: 0.14, 1500.0: 0.28, 4500.0: 0.29, 13500.0: 0.29}
+# Of those that swing as well; what swings faster is a line's business.
+SWINGING: Final = 0.2
+SWINGING_WANDERS: Final = {1.2: 0.5, 3.0: 0.5}
+SWINGING_WANDERS_S: Final = 13500.0
+SWINGS_S: Final = (4320.0, 7200.0, 12600.0)
+_EXACT: Final = 0.5  # weight of the very noise that a simulator file states
+_NEAR: Final = 0.3  # weight of what is near it
+_DOUBT: Final = 0.7  # standard deviation of the logarithm of a stated strength
+_SMALL: Final = 0.02  # a strength below this, relative to white noise, is as good as none
+
+
+def stated_noise(stated: NoiseModel | None, white_s: float) -> NoiseShape | None:
+    """The noise that a simulator file states, relative to the white noise of so many seconds; None where it says nothing of slow
+    noise.
+
+    Angle random walk alone says how large the noise is, not that it is white; that it is, zeros say.
+    """
+    if stated is None or stated.angle_random_walk_deg_sqrt_h == 0.0:
+        return None
+    if stated.bias_instability_deg_h == stated.rate_random_walk_deg_h_sqrt_h == 0.0 and not stated.white:
+        return None
+    white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, white_s)
+    return NoiseShape(stated.bias_instability_deg_h / white, stated.rate_random_walk_deg_h_sqrt_h / white)
+
+
+def ordinary_noise(stated: NoiseShape | None = None) -> tuple[NoiseShape, ...]:
+    """Noise that gyros have: white, flicker and random walk; and the noise that is stated."""
+    usual = [NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS)]
+    return tuple(usual if stated is None or stated in usual else [*usual, stated])
+
+
+def unrecorded_cause(
+    stated: NoiseShape | None = None, wanders: Mapping[float, float] = WANDERS
+) -> tuple[tuple[NoiseShape, ...], Array]:
+    """White noise, or the noise that is stated, with a wander in it of something that no recorded column follows; and the logarithm
+    of how likely each is before the data are seen."""
+    own = NoiseShape() if stated is None else stated
+    steady = {
+        dataclasses.replace(own, wander=wander, wander_s=time): (1.0 - SWINGING) * share * part
+        for (wander, share), (time, part) in itertools.product(wanders.items(), WANDERS_S.items())
+    }
+    swinging = {
+        dataclasses.replace(own, wander=wander, wander_s=SWINGING_WANDERS_S, swing_s=period): SWINGING * share / len(SWINGS_S)
+        for (wander, share), period in itertools.product(SWINGING_WANDERS.items(), SWINGS_S)
+    }
+    found = steady | swinging
+    return tuple(found), np.log(list(found.values()))
+
+
+def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseShape | None = None) -> Array:
+    """Log probability of ordinary noises: how usual they are, or most of it for what is stated and what is near that.
+
+    Parameters
+    ----------
+    noises : tuple of NoiseShape
+        Of :func:`ordinary_noise`, for the same statement.
+    stated : NoiseShape, optional
+    """
+    usual = np.array([FLICKERS.get(noise.flicker, 0.0) * WALKS.get(noise.walk, 0.0) for noise in noises])
+    usual /= usual.sum()
+    if stated is None:
+        return np.asarray(np.log(usual))
+    distance = np.array([_log_ratio(n.flicker, stated.flicker) ** 2 + _log_ratio(n.walk, stated.walk) ** 2 for n in noises])
+    near = np.exp(-0.5 * distance / _DOUBT**2)
+    exact = np.array([noise == stated for noise in noises])
+    return np.asarray(np.log(_EXACT * exact + _NEAR * near / near.sum() + (1.0 - _EXACT - _NEAR) * usual))
+
+
+def _log_ratio(found: float, wanted: float) -> float:
+    """Of two strengths; those that hardly matter are the same."""
+    return math.log((found + _SMALL) / (wanted + _SMALL))

@@ -1,0 +1,1 @@
+"""Programmes that a laboratory can run, and the one that would tell most."""

@@ -1,0 +1,1 @@
+"""Proof on runs held out, beside a black box as the yardstick."""

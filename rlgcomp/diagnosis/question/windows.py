@@ -1,0 +1,364 @@
+"""The averaging windows of a run, and comparisons of samples within them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.diagnosis.noise.whitening import IntArray
+from rlgcomp.diagnosis.question import averages
+from rlgcomp.errors import InputError
+from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
+from rlgcomp.repair.frozen import frozen_stretches, said_of
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+FEWEST_WINDOWS: Final = 20
+_FINE_S: Final = 20.0  # slow causes are computed on means over this time
+_WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
+_DEPENDENT: Final = 1e-9
+_BANDS: Final = 24
+_WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
+_UNLIKE: Final = 300.0  # between the sample periods of runs
+_SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
+
+
+def default_window_s(runs: Sequence[Recording]) -> float:
+    """100 s, or what gives the longest run two hundred windows and every run enough; never less than a sample.
+
+    Raises
+    ------
+    InputError
+        Runs are sampled so differently that one of them is hardly in seconds.
+    """
+    slowest, fastest = (extreme(runs, key=lambda run: run.period_s) for extreme in (max, min))
+    if slowest.period_s > _UNLIKE * fastest.period_s:
+        raise InputError(
+            f"{slowest.name} has a sample every {slowest.period_s:g} s, {fastest.name} every {fastest.period_s:g} s; if the times "
+            f"of {slowest.name} are in milliseconds, say --map time_s='time_s [ms]'; else give runs sampled more alike"
+        )
+    lengths = [run.duration_s - run.metadata.lead_in_s for run in runs]
+    period = max(run.period_s for run in runs)
+    wanted = min(DEFAULT_AVERAGING_S, max(lengths) / _WINDOWS, min(lengths) / (2 * FEWEST_WINDOWS))
+    return period * max(1, round(wanted / period))
+
+
+@dataclasses.dataclass(frozen=True)
+class Windows:
+    """The averaging windows of one run, and its rows on which slow causes are computed.
+
+    Their means are plain, or those of :mod:`rlgcomp.diagnosis.question.averages` where errors of the gyro's angle have a knee.
+    """
+
+    full: Recording
+    fine: Recording
+    of_full: IntArray  # the window of each row; negative before the first
+    of_fine: IntArray
+    counts: IntArray  # rows in each window
+    kept: Flags
+    frozen: IntArray  # windows in which a monitor is frozen, or a row is left out: they are not kept
+    window_s: float
+    knee_s: float = 0.0
+    loudness: float = 1.0  # variance of this run's white noise over that of the runs' middle one
+
+    @classmethod
+    def of(cls, run: Recording, window_s: float, knee_s: float = 0.0, left_out: Flags | None = None) -> Self:
+        """Of a run, after its lead-in.
+
+        Parameters
+        ----------
+        run : Recording
+        window_s : float
+        knee_s : float
+            Of the errors of the gyro's angle.
+        left_out : ndarray of bool, shape (n,), optional
+            Rows that no window may hold: windows begin after the first of them and end before the last; others cost their window.
+
+        Raises
+        ------
+        InputError
+            The window is shorter than a sample, or too few are full.
+        """
+        if not window_s >= _SHORTEST * run.period_s:
+            raise InputError(
+                f"{run.name}: cannot average over {window_s:g} s: one sample takes {run.period_s:.6g} s; "
+                "give a larger --averaging-s"
+            )
+        scored_s = run.time_s[run.scored]
+        if not len(scored_s):
+            raise InputError(
+                f"{run.name}: nothing is left after its lead-in of {run.metadata.lead_in_s:g} s; give a longer interval"
+            )
+        out = np.zeros(len(run), dtype=np.bool_) if left_out is None else left_out & run.scored
+        first_s = float(run.time_s[_begin(run, out)])
+        fine, of_fine, of_full = _decimated(run, first_s, window_s)
+        if out[-1] and of_full[-1] == of_full[-2]:
+            of_full[-1] += 1  # alone, so that its window's other rows may count
+        counts = np.unique(of_full[of_full >= 0], return_counts=True)[1]
+        kept = counts >= LEAST_COVERAGE * window_s / run.period_s
+        stretches = frozen_stretches(run.table)
+        frozen = np.unique(np.concatenate([of_full[out], *(of_full[one.start : one.stop] for one in stretches)]))
+        kept &= ~np.isin(np.unique(of_full[of_full >= 0]), frozen)
+        if kept.sum() < FEWEST_WINDOWS:
+            columns = " or ".join(f"--drop {column}" for column in said_of(stretches))
+            raise InputError(
+                f"{run.name}: {run.duration_s:g} s fill {int(kept.sum())} windows of {window_s:g} s"
+                f"{' in which no monitor is frozen' if columns else ''}; at least {FEWEST_WINDOWS} are "
+                f"needed; give a longer run or a smaller --averaging-s{f', or {columns}' if columns else ''}"
+            )
+        return cls(run, fine, of_full, of_fine, counts, kept, frozen, window_s, knee_s)
+
+    def led(self, by_s: float) -> Self:
+        """The windows with all temperatures so much earlier."""
+        return dataclasses.replace(self, full=_led(self.full, by_s), fine=_led(self.fine, by_s))
+
+    def means(self, values: Array, *, of_fine: bool = False) -> Array:
+        """Window means of rows, shape (n,) or (n, k), of the run itself or of its fine version."""
+        starts, counts = (self.fine_starts, self._fine_counts) if of_fine else (self._full_starts, self._full_counts)
+        if self.knee_s:
+            shares = self.fine_shares if of_fine else self._full_shares
+            weighted = values[starts[0] :] * shares.reshape(-1, *[1] * (values.ndim - 1))
+            return np.asarray(np.add.reduceat(weighted, starts - starts[0], axis=0)[self.kept])
+        if values.size == len(values):  # of one column, which is faster as a row
+            means = (np.add.reduceat(values.ravel(), starts) / counts)[self.kept]
+            return means.reshape(-1, *values.shape[1:])
+        return np.asarray((np.add.reduceat(values, starts, axis=0) / counts[:, None])[self.kept])
+
+    def within(self, values: Array) -> Array:
+        """Rows of the kept windows less their window's mean, shape (rows,) or (rows, k)."""
+        starts, counts = self._full_starts, self._full_counts
+        means = np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
+        return self.rows_within(values) - np.repeat(means[self.kept], counts[self.kept], axis=0)
+
+    def within_calm(self, values: Array) -> Array:
+        """The same where white noise has been made as loud as the runs' middle one."""
+        return self.within(values) / math.sqrt(self.loudness)
+
+    def rows_within(self, values: Array) -> Array:
+        """Rows of the kept windows."""
+        return np.asarray(values[self._full_starts[0] :][np.repeat(self.kept, self._full_counts)])
+
+    def segments(self, values: Array) -> Array:
+        """Stretches of so many windows as :func:`averages.knee_s` asks for, full and without a gap, shape (k, samples)."""
+        count, many = round(self.window_s / self.full.period_s), averages.SEGMENT
+        full = self.kept & (self.counts == count)
+        numbers = self.of_full[self._full_starts]
+        found, k = [], 0
+        while k + many <= len(full):
+            if full[k : k + many].all() and numbers[k + many - 1] == numbers[k] + many - 1:
+                start = self._full_starts[k]
+                found.append(values[start : start + many * count])
+                k += many
+            else:
+                k += 1
+        return np.array(found).reshape(-1, many * count)
+
+    @functools.cached_property
+    def _full_starts(self) -> IntArray:
+        """The row with which each window begins."""
+        return _starts(self.of_full)
+
+    @functools.cached_property
+    def fine_starts(self) -> IntArray:
+        """The fine row with which each window begins."""
+        return _starts(self.of_fine)
+
+    @functools.cached_property
+    def _full_counts(self) -> IntArray:
+        return np.diff(np.r_[self._full_starts, len(self.full)])
+
+    @functools.cached_property
+    def _fine_counts(self) -> IntArray:
+        return np.diff(np.r_[self.fine_starts, len(self.fine)])
+
+    @property
+    def white(self) -> Array:
+        """Variance of the mean of each kept window, over that of a full window of a run that is as loud as most."""
+        if self.knee_s:
+            knee = self.knee_s / self.full.period_s
+            share, places = self._full_shares, self._places(self.full, self.of_full)
+            joined = np.r_[np.rint(np.diff(places)) == 1.0, False]  # a sample to the next: the error between them cancels
+            variance = (1.0 + 2.0 * knee) * share**2 - 2.0 * knee * joined * share * np.r_[share[1:], 0.0]
+            whole = np.add.reduceat(variance, self._full_starts - self._full_starts[0])[self.kept]
+            return np.asarray(self.loudness * (whole * self.white_s / self.full.period_s))
+        return np.asarray(self.loudness * (self.window_s / (self.counts[self.kept] * self.full.period_s)))
+
+    @property
+    def white_s(self) -> float:
+        """Time over which a plain mean's white noise is as large as the noise of a full window's mean."""
+        return averages.white_s(self.window_s, self.knee_s, self.full.period_s)
+
+    @functools.cached_property
+    def _full_shares(self) -> Array:
+        """Share of each row, from the first window on, in its window's mean."""
+        return self._shares(self.full, self.of_full)
+
+    @functools.cached_property
+    def fine_shares(self) -> Array:
+        """Share of each fine row, from the first window on, in its window's mean."""
+        return self._shares(self.fine, self.of_fine)
+
+    def _shares(self, run: Recording, window: IntArray) -> Array:
+        count, starts = self.window_s / self.full.period_s, _starts(window)
+        weights = averages.weights(self._places(run, window), count, self.knee_s, self.full.period_s)
+        counts = np.diff(np.r_[starts, len(window)])
+        return np.asarray(weights / np.repeat(np.add.reduceat(weights, starts - starts[0]), counts))
+
+    def _places(self, run: Recording, window: IntArray) -> Array:
+        """Of rows in their windows, in samples: 1, 2, …"""
+        begin, first_s = int(np.searchsorted(window, 0)), self.full.time_s[self._full_starts[0]]
+        since_s = run.time_s[begin:] - first_s - window[begin:] * self.window_s
+        return np.asarray(since_s / self.full.period_s + 1.0)
+
+    @property
+    def fine_unfrozen(self) -> Recording:
+        """The fine rows less those of windows in which a monitor is frozen, or a row is left out."""
+        unfrozen = ~np.isin(self.of_fine, self.frozen)
+        return self.fine if unfrozen.all() else self.fine.replace(table=self.fine.table[unfrozen])
+
+    @property
+    def middles_s(self) -> Array:
+        return self.means(self.full.time_s)
+
+
+def with_knee(windows: tuple[Windows, ...], values: Sequence[Array]) -> tuple[Windows, ...]:
+    """Windows whose means are the most certain ones for the noise of values at their full rate, one array a run."""
+    first = windows[0]
+    count = round(first.window_s / first.full.period_s)
+    alike = [k for k, part in enumerate(windows) if round(part.window_s / part.full.period_s) == count]
+    segments = [windows[k].segments(values[k]) for k in alike]
+    knee_s = averages.knee_s(segments, first.window_s, first.full.period_s)
+    return tuple(dataclasses.replace(part, knee_s=knee_s) for part in windows) if knee_s else windows
+
+
+@dataclasses.dataclass(frozen=True)
+class Contrasts:
+    r"""Orthonormal comparisons of samples within windows, in units in which white noise of a window mean has its own size.
+
+    .. math:: z = \sqrt{\Delta t / \tau} \; D^T (x - \bar x), \qquad D = V U \Lambda^{-1/2}, \qquad V^T P V = U \Lambda U^T
+
+    V spans what the fast columns do within windows; x̄ is the mean of each sample's window, Δt the sample period, tau the window.
+    P is the spectrum of what V leaves within windows over white noise of the level seen at their length, one at least: rounding to
+    whole pulses and an encoder's own noise make it large, and larger the faster. To it comes what laws of the simulator leave open.
+    """
+
+    windows: tuple[Windows, ...]
+    directions: tuple[Array, ...]  # D, a part for each run: (rows in kept windows, count)
+    level: float  # variance of a sample, in (deg/h)², were all noise white
+
+    @classmethod
+    def made(
+        cls, windows: tuple[Windows, ...], columns: Sequence[Array], noise: Sequence[Array], scatter: Sequence[Array]
+    ) -> Self | None:
+        """From fast columns of each run and independent disturbances in deg/h; None where columns do nothing within windows."""
+        inside = [part.within_calm(block) for part, block in zip(windows, columns, strict=True)]
+        norm = np.sqrt(sum(((block**2).sum(axis=0) for block in inside), np.zeros(inside[0].shape[1])))
+        whole = np.sqrt(sum(((block**2).sum(axis=0) for block in columns), np.zeros(len(norm))))
+        used = norm > _WITHIN * whole
+        if not used.any():
+            return None
+        scaled = [block[:, used] / norm[used] for block in inside]
+        values, vectors = np.linalg.eigh(sum((block.T @ block for block in scaled), np.zeros((int(used.sum()),) * 2)))
+        kept = values > _DEPENDENT * values[-1]
+        spanning = [block @ (vectors[:, kept] / np.sqrt(values[kept])) for block in scaled]
+        seen = [part.within_calm(values) for part, values in zip(windows, noise, strict=True)]
+        size = sum((block.T @ values for block, values in zip(spanning, seen, strict=True)), np.zeros(int(kept.sum())))
+        bands, level = _bands([values - block @ size for block, values in zip(spanning, seen, strict=True)], windows)
+        covariance = sum((_in_noise(block, bands) for block in spanning), np.zeros((int(kept.sum()),) * 2))
+        for block, part, disturbances in zip(spanning, windows, scatter, strict=True):
+            disturbed = block.T @ part.within_calm(disturbances)
+            covariance += disturbed @ disturbed.T / level if level > 0.0 else 0.0
+        sizes, turned = np.linalg.eigh(covariance)
+        return cls(windows, tuple(block @ (turned / np.sqrt(np.maximum(sizes, 1.0))) for block in spanning), level)
+
+    @property
+    def count(self) -> int:
+        return int(self.directions[0].shape[1])
+
+    def of(self, columns: Sequence[Array]) -> Array:
+        """Contrasts of columns, (rows, k) for each run, shape (count, k)."""
+        parts = [v.T @ part.within_calm(block) for v, part, block in zip(self.directions, self.windows, columns, strict=True)]
+        scale = math.sqrt(self.windows[0].full.period_s / self.windows[0].window_s)
+        return np.asarray(scale * sum(parts, np.zeros((self.count, columns[0].shape[1]))))
+
+
+def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, float]:
+    """Power within windows over that of white noise of the level seen at their length, in bands of equal width: ratios of medians,
+    in which lines do not count; one where a window holds but two samples. And that level."""
+    powers, slow, of_band = [], [], []
+    for values, part in zip(inside, windows, strict=True):
+        power = np.abs(np.fft.rfft(values))[1:] ** 2 / len(values)
+        cycles = max(1, round(len(values) * part.full.period_s / part.window_s))  # of a window, in the whole run
+        slow.append(power[cycles : max(4 * cycles, cycles + 8)])
+        powers.append(power[cycles:])
+        of_band.append(np.arange(cycles, len(power)) * _BANDS // len(power))
+    every, band, at_length = (np.concatenate(parts) for parts in (powers, of_band, slow))
+    level = float(np.median(at_length)) if len(at_length) else 0.0
+    if level <= 0.0:
+        return np.ones(_BANDS), 0.0
+    found = np.array([float(np.median(every[band == k])) / level if (band == k).any() else 1.0 for k in range(_BANDS)])
+    bands = np.maximum(np.maximum(found, 1.0), 1.0 + _rounding(windows[0].full) * math.log(2.0) / level)
+    return bands, level / math.log(2.0)
+
+
+def _rounding(run: Recording) -> Array:
+    r"""Power of the rounding to whole pulses q in the same bands, in (deg/h)²: (q/Δt)² sin²(πfΔt)/3, which may stand in lines."""
+    if run.metadata.pulse_arcsec is None or not any(column.endswith("_pulses") for column in run.gyro_columns):
+        return np.zeros(_BANDS)
+    middle = (np.arange(_BANDS) + 0.5) / _BANDS  # of the highest frequency
+    return np.asarray((run.metadata.pulse_arcsec / run.period_s) ** 2 / 3.0 * np.sin(0.5 * np.pi * middle) ** 2)
+
+
+def _in_noise(block: Array, bands: Array) -> Array:
+    """Covariance of a run's part of orthonormal directions in noise of such a spectrum, in units of white noise."""
+    spectrum = np.fft.rfft(block, axis=0)[1:]
+    once = np.ones(len(spectrum))
+    once[-1] = 0.5 if len(block) % 2 == 0 else 1.0  # the highest frequency has no mirror image
+    power = 2.0 * once * bands[np.arange(len(spectrum)) * _BANDS // len(spectrum)] / len(block)
+    return np.asarray((spectrum.conj().T @ (power[:, None] * spectrum)).real)
+
+
+def _begin(run: Recording, out: Flags) -> int:
+    """The first row after the lead-in that is not left out."""
+    rows = np.flatnonzero(run.scored & ~out)
+    if not len(rows):
+        raise InputError(f"{run.name}: no row is left that can be compared with the simulator; give a longer run")
+    return int(rows[0])
+
+
+def _starts(window: IntArray) -> IntArray:
+    """The row with which each window begins, from the window of each row."""
+    begin = int(np.searchsorted(window, 0))
+    return begin + np.flatnonzero(np.r_[True, np.diff(window[begin:]) > 0])
+
+
+def _led(run: Recording, by_s: float) -> Recording:
+    """The run with all temperatures so much earlier."""
+    time_s = run.time_s
+    earlier = {name: np.interp(time_s + by_s, time_s, run.column(name)) for name in run.columns if name.endswith("_degC")}
+    return Recording(run.table.assign(**earlier), run.metadata, name=run.name)
+
+
+def _decimated(run: Recording, first_s: float, window_s: float) -> tuple[Recording, IntArray, IntArray]:
+    """Means over 20 s, lead-in included, or the run itself where it is not finer, or a table turns, whose rate jumps; the window of
+    each row of either."""
+    time_s = run.time_s
+    pieces = max(1, math.floor(window_s / max(_FINE_S, run.period_s)))
+    piece_s = window_s / pieces
+    piece = np.floor((time_s - first_s + 1e-6 * run.period_s) / piece_s).astype(np.intp)
+    window = np.maximum(piece // pieces, -1)
+    if piece_s < 2.0 * run.period_s or run.metadata.kind == "turntable":
+        return run, window, window
+    starts = np.flatnonzero(np.r_[True, np.diff(piece) > 0])
+    counts = np.diff(np.r_[starts, len(piece)])
+    table = run.table
+    means = np.add.reduceat(table.to_numpy(), starts, axis=0) / counts[:, None]
+    fine = Recording(pd.DataFrame(means, columns=table.columns), run.metadata, name=run.name)
+    return fine, window[starts], window

@@ -1,0 +1,366 @@
+"""The user's own simulator, of any kind: its output, one file a run, or a Python function from monitors to the predicted gyro.
+
+Both answer `predict_deg_h(recording)`, so that the engine subtracts them from the gyro without knowing what they are.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Protocol, Self, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.diagnosis.question.windows import Windows
+from rlgcomp.diagnosis.result import Alignment
+from rlgcomp.diagnosis.result.wording import listing
+from rlgcomp.diagnosis.simulators.align import clock_of, no_clocks
+from rlgcomp.diagnosis.simulators.resampling import on_rows, same_axis, turning_evenly
+from rlgcomp.errors import InputError
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.plugins import load_python, said_line
+from rlgcomp.recording import TIME, Recording, is_gyro
+from rlgcomp.simulation.simulator import Simulator
+from rlgcomp.units import column_unit, convert
+
+Array = npt.NDArray[np.float64]
+_PARTS: Final = 200  # in which the courses of two runs are compared
+_FITS: Final = 0.9  # correlation of a simulation with its run
+_FITS_NOT: Final = 0.5
+_FOLLOWS: Final = 0.9  # correlation from which a gyro is a multiple of what its simulator says
+_LARGEST_SCALE: Final = 1.5  # ratio up to which a missing effect or a rough simulator explains it
+_LIKE_A_CLOCK: Final = 0.5  # squared correlation from which causes are much what a late clock does
+_PLAIN_NAMES: Final = ("gyro", "rate", "prediction", "predicted")
+
+
+@runtime_checkable
+class UserSimulator(Protocol):
+    """Whatever predicts a recording's gyro."""
+
+    def predict_deg_h(self, recording: Recording) -> Array:
+        """The gyro in deg/h, one value a row."""
+
+
+def baseline_prediction(simulator: Simulator | UserSimulator, recording: Recording) -> Array:
+    """Gyro in deg/h that a simulator, ours or the user's, expects for a recording's monitors, shape (n,).
+
+    Raises
+    ------
+    InputError
+        It lacks a monitor, or the user's function fails.
+    """
+    if isinstance(simulator, Simulator):
+        return simulator.predict(recording).rate_deg_h()
+    return simulator.predict_deg_h(recording)
+
+
+def clock_remarks(
+    windows: Sequence[Windows],
+    simulated: SimulatedRuns | None,
+    causes: Mapping[Mechanism, Array],
+) -> tuple[str, ...]:
+    """What to say where causes do together what a simulation's clock would that is off, and the gyro alone tells the clock.
+
+    Parameters
+    ----------
+    windows : sequence of Windows
+        Of the training runs.
+    simulated : SimulatedRuns, optional
+        What the user's simulator says, and how its clock stands.
+    causes : mapping of Mechanism to ndarray, shape (n,)
+        What each adds to the window means.
+    """
+    if simulated is None or any(not is_gyro(one.compared) or one.taken_out for one in simulated.alignment):
+        return ()
+    thermal = {
+        cause: added
+        for cause, added in causes.items()
+        if any(name.startswith("temperature_") for name in cause.driver_columns(windows[0].full))
+    }
+    if not thermal:
+        return ()
+    slope = _courses([np.gradient(part.means(simulated.predict_deg_h(part.full)), part.middles_s) for part in windows])
+    counts = np.cumsum([len(part.middles_s) for part in windows])
+    together = _courses(np.split(sum(thermal.values(), np.zeros(counts[-1]))[: counts[-1]], counts[:-1]))
+    steep, size = float(slope @ slope), float(together @ together)
+    if not (steep > 0.0 and size > 0.0 and (slope @ together) ** 2 > _LIKE_A_CLOCK * steep * size):
+        return ()
+    names = listing(sorted(cause.name for cause in thermal))
+    late_s = float(f"{abs(slope @ together) / steep:.1g}")
+    adds = "adds" if len(thermal) == 1 else "add"
+    return (
+        f"What {names} {adds} is much what a simulation does whose clock is about {late_s:g} s off, and "
+        "it has no monitor that could tell: give it one, as temperature_block_degC, or make sure of its time stamps.",
+    )
+
+
+def scale_remarks(
+    windows: Sequence[Windows], predicted: Callable[[Recording], Array] | None, gyro: str | None = None
+) -> tuple[str, ...]:
+    """What to say where runs follow what the user's simulator says, but multiplied: its unit or its sign is wrong."""
+    if predicted is None:
+        return ()
+    measured = _courses([part.means(part.full.rate_deg_h(gyro)) for part in windows])
+    simulated = _courses([part.means(predicted(part.full)) for part in windows])
+    scale, unit = float(np.linalg.norm(simulated)), float(np.linalg.norm(measured))
+    if not (scale > 0.0 and unit > 0.0):
+        return ()
+    alike = float((measured / unit) @ (simulated / scale))
+    ratio = alike * unit / scale
+    if abs(alike) < _FOLLOWS or 1.0 / _LARGEST_SCALE < ratio < _LARGEST_SCALE:
+        return ()
+    of_size = 1.0 / _LARGEST_SCALE < abs(ratio) < _LARGEST_SCALE
+    doubt = "is its sign right?" if of_size else "is its unit right (gyro_deg_h holds deg/h)?"
+    if ratio < 0.0 and not of_size:
+        doubt = "are its sign and its unit right (gyro_deg_h holds deg/h)?"
+    times = f"{float(f'{ratio:.2g}'):g}"
+    return (f"The recordings are about {times} times what your simulator says (correlation {alike:.2f}): {doubt}",)
+
+
+def _courses(runs: Sequence[Array]) -> Array:
+    """All runs in a row, each about its mean."""
+    return np.concatenate([values - values.mean() for values in runs])
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulatedRuns:
+    """The output of the user's simulator, aligned with the runs that it simulates.
+
+    Parameters
+    ----------
+    runs : tuple of Recording
+        Less the rows at which the simulation has a gap.
+    rates_deg_h : tuple of ndarray
+        Simulated gyro at each run's rows.
+    alignment : tuple of Alignment
+        How its clock stood, one entry a run.
+    remarks : tuple of str
+        What a careful reader should know of both.
+    """
+
+    runs: tuple[Recording, ...]
+    rates_deg_h: tuple[Array, ...]
+    alignment: tuple[Alignment, ...]
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, runs: Sequence[Recording], simulated: Sequence[Recording], *, gyro: str | None = None) -> Self:
+        """Align simulations with runs, in order.
+
+        Raises
+        ------
+        InputError
+            Not one simulation a run, they are in another order than the runs, or one does not cover its run.
+        """
+        if len(runs) != len(simulated):
+            raise InputError(
+                f"{len(simulated)} simulated runs for {len(runs)} recordings; give one for every run, training runs first, then "
+                f"those held out: {', '.join(run.name for run in runs)}"
+            )
+        _require_order(runs, simulated, gyro)
+        pairs = list(zip(runs, simulated, strict=True))
+        clocks = [clock_of(run, simulation, gyro=gyro) for run, simulation in pairs]
+        doubted = no_clocks(clocks)
+        if doubted is not None:
+            clocks = [dataclasses.replace(clock, taken_out=False) for clock in clocks]
+        rates = [on_rows(*pair, clock, gyro=gyro) for pair, clock in zip(pairs, clocks, strict=True)]
+        even = [turning_evenly(*pair, rate, clock, gyro=gyro) for pair, rate, clock in zip(pairs, rates, clocks, strict=True)]
+        rates = [np.where(rows, rate, np.nan) for rows, rate in zip(even, rates, strict=True)]
+        kept, told = zip(*(_without_gaps(run, rate, rows) for run, rate, rows in zip(runs, rates, even, strict=True)), strict=True)
+        remarks = tuple(said for said in (doubted, *told) if said is not None)
+        return cls(kept, tuple(rate[np.isfinite(rate)] for rate in rates), tuple(clocks), remarks)
+
+    def predict_deg_h(self, recording: Recording) -> Array:
+        """The simulated gyro at a run's rows; of a part of a run, or of means over its rows, at their times."""
+        for run, rate in zip(self.runs, self.rates_deg_h, strict=True):
+            if run is recording:
+                return rate
+        same = [k for k, run in enumerate(self.runs) if run.name == recording.name]
+        if len(same) != 1:
+            raise InputError(
+                f"{recording.name}: no simulation of it was given; simulated are {', '.join(run.name for run in self.runs)}"
+            )
+        return np.interp(recording.time_s, self.runs[same[0]].time_s, self.rates_deg_h[same[0]])
+
+
+def _without_gaps(run: Recording, simulated_deg_h: Array, even: npt.NDArray[np.bool_]) -> tuple[Recording, str | None]:
+    """A run less the rows at which its simulation has a gap or its table turns unevenly, and what to say of them."""
+    shown = np.isfinite(simulated_deg_h)
+    if shown.all():
+        return run, None
+    gaps = int(np.sum(~shown & even))
+    told = [f"{gaps} rows at which its simulation has a gap"] if gaps else []
+    if not even.all():
+        told.append(
+            f"{int(np.sum(~even))} rows in which its table speeds up or slows down by more than is known of its simulation's clock "
+            "and rows"
+        )
+    said = f"{run.name}: {' and '.join(told)} are left out."
+    return run.replace(table=run.table[shown], truth=None if run.truth is None else run.truth[shown]), said
+
+
+def _require_order(runs: Sequence[Recording], simulated: Sequence[Recording], gyro: str | None) -> None:
+    """Refuse simulations that fit the runs in another order only."""
+    from scipy import optimize
+
+    ours = np.array([_course(run, run.rate_deg_h(gyro)) for run in runs])
+    theirs = np.array([_course(run, run.rate_deg_h(same_axis(runs[0].gyro_column(gyro), run))) for run in simulated])
+    alike = ours @ theirs.T
+    _, order = optimize.linear_sum_assignment(-alike)
+    moved = [k for k, best in enumerate(order) if best != k]
+    if moved and all(alike[k, order[k]] > _FITS and alike[k, k] < _FITS_NOT for k in moved):
+        fitting = ", ".join(f"{simulated[order[k]].name} fits {runs[k].name}" for k in moved)
+        raise InputError(
+            f"the simulated runs are in another order than the recordings: {fitting}; "
+            "give them in the order of the runs, those of --train first"
+        )
+
+
+def _course(run: Recording, rate_deg_h: Array) -> Array:
+    """How the gyro went from start to end, of unit norm and no mean."""
+    parts = np.array([float(np.mean(part)) for part in np.array_split(rate_deg_h, min(_PARTS, len(run)))])
+    course = np.interp(np.linspace(0.0, 1.0, _PARTS), np.linspace(0.0, 1.0, len(parts)), parts - parts.mean())
+    return course / (np.linalg.norm(course) or 1.0)
+
+
+class _WithoutGyro(Recording):
+    """What a simulator may see of a recording. Recordings made from it have a gyro again, of zeros until it is assigned."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, recording: Recording) -> Self:
+        zeros = dict.fromkeys(recording.gyro_columns, 0.0)
+        return cls(recording.table.assign(**zeros), recording.metadata, name=recording.name, findings=recording.findings)
+
+    def column(self, name: str) -> Array:
+        """One column as a read-only array.
+
+        Raises
+        ------
+        InputError
+            There is no such column, or it is the gyro's.
+        """
+        if name in self.gyro_columns:
+            raise InputError(f"{name} is what a simulator is to say: of {self.name} it sees all but the gyro; let it read monitors")
+        return Recording.column(self, name)
+
+
+@dataclasses.dataclass(frozen=True)
+class PythonSimulator:
+    """A function of the user's that maps a recording's monitors to the predicted gyro.
+
+    It gets a :class:`~rlgcomp.Recording` whose gyro cannot be read, and returns one value a row: an array or Series in deg/h, or
+    a DataFrame or Recording with a gyro column, whose unit its name tells.
+
+    Parameters
+    ----------
+    function : callable
+    name : str
+        As it was given: `my_sim.py:function`.
+    """
+
+    function: Callable[[Recording], Any]
+    name: str
+    _said: list[tuple[Recording, Array]] = dataclasses.field(default_factory=list, repr=False, compare=False)
+
+    @classmethod
+    def load(cls, text: str) -> Self:
+        """From `my_sim.py:function`.
+
+        Raises
+        ------
+        InputError
+            The file cannot be run, or holds no such function.
+        """
+        path, _, name = text.rpartition(":")
+        module = load_python(path)
+        function = getattr(module, name, None)
+        if not callable(function):
+            offered = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
+            raise InputError(f"{path} has no function {name!r}; it has {', '.join(offered) or 'none'}; name one as {path}:NAME")
+        return cls(function, text)
+
+    def predict_deg_h(self, recording: Recording) -> Array:
+        """What the function says of a recording.
+
+        Raises
+        ------
+        InputError
+            It raises, or returns something that is no gyro of that recording.
+        """
+        for known, rate in self._said:
+            if known is recording:
+                return rate
+        blind = _WithoutGyro.of(recording)
+        try:
+            with contextlib.redirect_stdout(sys.stderr):  # standard output is for results
+                answer = self.function(blind)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever the user's code raises is the input's fault
+            place = said_line(error, self.name.rpartition(":")[0])
+            raise InputError(
+                f"{self.name} failed on {recording.name}{place}: {type(error).__name__}: {error}; it gets a Recording, of which "
+                ".column(NAME) is an array and .table a pandas table; correct it, or try it by itself on rlgcomp.read(RUN)"
+            ) from None
+        rate = self._understood(answer, recording)
+        self._said.append((recording, rate))
+        return rate
+
+    def _understood(self, answer: Any, recording: Recording) -> Array:
+        if isinstance(answer, Recording):
+            answer = pd.DataFrame({TIME: answer.time_s, "gyro_deg_h": answer.rate_deg_h()})
+        at_s, unit = None, "deg/h"
+        if isinstance(answer, pd.DataFrame):
+            column = self._gyro_of(answer)
+            unit = column_unit(column) or "deg/h"
+            at_s = None if TIME not in answer or len(answer) == len(recording) else self._times_of(answer, recording)
+            answer = answer[column]
+        try:
+            if np.iscomplexobj(answer):
+                raise TypeError
+            with np.errstate(over="ignore"):  # what overflows is refused below, as infinite
+                values = convert(np.asarray(answer, dtype=np.float64), unit, "deg/h")
+        except (TypeError, ValueError):
+            raise InputError(f"{self.name}: returned {type(answer).__name__}; return one number a row, in deg/h") from None
+        if at_s is not None:
+            values = np.interp(recording.time_s, at_s, values)
+        if values.shape != (len(recording),):
+            raise InputError(
+                f"{self.name}: returned shape {values.shape} for {recording.name}, which has {len(recording)} rows; return one "
+                "number a row, in deg/h"
+            )
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise InputError(f"{self.name}: returned {values[row]} at row {row} of {recording.name}; every value must be finite")
+        return values
+
+    def _times_of(self, answer: pd.DataFrame, recording: Recording) -> Array:
+        """Its own times, where a table has other rows than the recording: between them it is interpolated."""
+        time_s, run_s = pd.to_numeric(answer[TIME], errors="coerce").to_numpy(dtype=np.float64), recording.time_s
+        if not (len(time_s) > 1 and (time_s[1:] > time_s[:-1]).all() and math.isfinite(float(time_s[-1]) - float(time_s[0]))):
+            raise InputError(
+                f"{self.name}: {TIME} of what it returned for {recording.name} does not increase; return rows in order"
+            )
+        slack_s = float(np.diff(time_s).max())
+        if time_s[0] > run_s[0] + slack_s or time_s[-1] < run_s[-1] - slack_s:
+            raise InputError(
+                f"{self.name}: returned {time_s[0]:g} to {time_s[-1]:g} s for {recording.name}, which lasts from {run_s[0]:g} to "
+                f"{run_s[-1]:g} s; return the whole run"
+            )
+        return time_s
+
+    def _gyro_of(self, answer: pd.DataFrame) -> str:
+        others = [str(column) for column in answer.columns if column != TIME]
+        found = [column for column in others if is_gyro(column)] or [column for column in others if column in _PLAIN_NAMES]
+        found = found or (others if len(others) == 1 else [])
+        if len(found) != 1 or found[0].endswith("_pulses"):
+            raise InputError(
+                f"{self.name}: returned the columns {', '.join(map(str, answer.columns))}; return one gyro column, gyro_deg_h or "
+                "gyro_deg_s"
+            )
+        return found[0]
