@@ -16,7 +16,8 @@ from rlgcomp.diagnosis.conclusion import Conclusion, beyond_noise, concluded
 from rlgcomp.diagnosis.fitting.fit import FittedCause, fit
 from rlgcomp.diagnosis.naming.explain import explain
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
-from rlgcomp.diagnosis.question.problem import OWN_BIAS, Problem
+from rlgcomp.diagnosis.question.free_part import OWN_BIAS
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.remarks import (
     _as_noise,
     _at_the_end,

@@ -22,8 +22,9 @@ from rlgcomp.diagnosis.naming.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.noise.noises import stated_noise
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.proof.black_box import Mismatch
+from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.question.own_noise import Level, differing
-from rlgcomp.diagnosis.question.problem import OWN_BIAS, Problem
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, Fit, Trace, Verdict
 from rlgcomp.diagnosis.result.wording import listing, p_text
 from rlgcomp.noise import NoiseModel

@@ -24,7 +24,8 @@ from rlgcomp.diagnosis.fitting.linearised import STEPS, amplitudes, late, moved,
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.question.events import PARTLY, STEP
-from rlgcomp.diagnosis.question.problem import OWN_BIAS, Problem, law_slopes
+from rlgcomp.diagnosis.question.free_part import OWN_BIAS, law_slopes
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.noise import NoiseModel

@@ -22,7 +22,8 @@ from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.evidence import log_sum_exp
 from rlgcomp.diagnosis.naming.inadequacy import inadequacy
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
-from rlgcomp.diagnosis.question.problem import Problem, tangents
+from rlgcomp.diagnosis.question.free_part import tangents
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
 

@@ -9,11 +9,13 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.noise.whitening import Rows, norms
+from rlgcomp.diagnosis.noise.whitening import Rows
+from rlgcomp.diagnosis.question import free_part
 from rlgcomp.diagnosis.question.departures import departures_deg_h, not_comparable
-from rlgcomp.diagnosis.question.events import PARTLY, BiasStep, Partly
+from rlgcomp.diagnosis.question.events import BiasStep, Partly
+from rlgcomp.diagnosis.question.free_part import free, stated, where_free
 from rlgcomp.diagnosis.question.own_noise import beside, with_own_noise
-from rlgcomp.diagnosis.question.shapes import neighbours, refined, shifted
+from rlgcomp.diagnosis.question.shapes import shifted
 from rlgcomp.diagnosis.question.windows import Contrasts, Windows, default_window_s, with_knee
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
@@ -23,9 +25,6 @@ from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
-OWN_BIAS: Final = "own_bias_deg_h"
-_RELATIVE_STEP: Final = 1e-3
-_STARTS: Final = 4  # from which a shape is sought
 _SWEEPS: Final = 3  # over mechanisms whose shapes are free, each beside the others
 
 
@@ -322,18 +321,18 @@ class Problem:
     def with_free_part(self) -> Self:
         """The problem with the simulator's free parameters as columns, free shapes calibrated first."""
         posed = self
-        free = [m.name for m in self.simulator.mechanisms if _free(self.simulator, m, "shape") and m.amplitude_parameters()]
-        for name in () if self.held_out else free * (_SWEEPS if len(free) > 1 else 1):
+        in_use = [one for one in self.simulator.mechanisms if one.amplitude_parameters()]
+        shaped = [one.name for one in in_use if free(self.simulator, one, "shape")]
+        for name in () if self.held_out else shaped * (_SWEEPS if len(shaped) > 1 else 1):
             mechanism = next(one for one in posed.simulator.mechanisms if one.name == name)
-            found = posed._calibrated(mechanism, _free(posed.simulator, mechanism, "shape"))
-            posed = posed.reshaped(posed.simulator.with_mechanism(found))
+            posed = posed.reshaped(posed.simulator.with_mechanism(free_part.calibrated(posed, mechanism)))
         return posed.linearised({})
 
     def reshaped(self, simulator: Simulator) -> Self:
         """The problem with what a simulator of other shapes says for certain taken off instead."""
         target, unexplained = self.target_deg_h, list(self.unexplained_deg_h)
         for old, new in zip(self.simulator.mechanisms, simulator.mechanisms, strict=True):
-            known = _stated(self.simulator, old)
+            known = stated(self.simulator, old)
             if old == new or not known.any():
                 continue
             change = self.columns(old) - self.columns(new)
@@ -348,23 +347,23 @@ class Problem:
         simulator = self.simulator
         amplitudes = {}
         for mechanism in self._shaped():
-            shapes = _free(simulator, mechanism, "shape")
+            shapes = free(simulator, mechanism, "shape")
             width = self.columns(mechanism).shape[1]
-            own = {(mechanism.name, name) for name in _free(simulator, mechanism, "amplitude")}
-            amplitudes[mechanism.name] = np.resize(_stated(simulator, mechanism), width)
-            amplitudes[mechanism.name][_where_free(simulator, mechanism, width)] = weights[[n in own for n in self.baseline_names]]
+            own = {(mechanism.name, name) for name in free(simulator, mechanism, "amplitude")}
+            amplitudes[mechanism.name] = np.resize(stated(simulator, mechanism), width)
+            amplitudes[mechanism.name][where_free(simulator, mechanism, width)] = weights[[n in own for n in self.baseline_names]]
             simulator = simulator.with_mechanism(shifted(mechanism, {name: found[mechanism.name, name] for name in shapes}))
         return self.reshaped(simulator).linearised(amplitudes) if amplitudes else self
 
     def held(self) -> npt.NDArray[np.bool_]:
         """Which columns of the baseline are no derivatives by the simulator's free shapes, shape (p,)."""
-        shapes = {(one.name, shape) for one in self._shaped() for shape in _free(self.simulator, one, "shape")}
+        shapes = {(one.name, shape) for one in self._shaped() for shape in free(self.simulator, one, "shape")}
         return np.array([name not in shapes for name in self.baseline_names], dtype=np.bool_)
 
     def _shaped(self) -> list[Mechanism]:
         """Mechanisms of the simulator with free shapes that are columns of the baseline."""
         there = {name for name, _ in self.baseline_names}
-        shaped = [one for one in self.simulator.mechanisms if one.name in there and _free(self.simulator, one, "shape")]
+        shaped = [one for one in self.simulator.mechanisms if one.name in there and free(self.simulator, one, "shape")]
         return [one for one in shaped if one.amplitude_parameters()]
 
     def linearised(self, amplitudes: Mapping[str, Array]) -> Self:
@@ -372,140 +371,5 @@ class Problem:
 
         These are taken at the amplitudes of mechanisms by name, else at the likeliest.
         """
-        simulator = self.simulator
-        columns, names = [], []
-        for mechanism in simulator.mechanisms:
-            in_use = mechanism.amplitude_parameters()
-            if not in_use:
-                continue
-            table = self.columns(mechanism)
-            free = np.flatnonzero(_where_free(simulator, mechanism, table.shape[1]))
-            columns += list(table[:, free].T)
-            names += [(mechanism.name, in_use[k % len(in_use)].name) for k in free]
-            shapes = _free(simulator, mechanism, "shape")
-            if shapes and mechanism.name not in amplitudes:
-                amplitudes = {**amplitudes, mechanism.name: self._amplitudes(mechanism)}
-            for name in shapes:
-                columns.append(self._derivative(mechanism, name, amplitudes[mechanism.name]))
-                names.append((mechanism.name, name))
-        for law in self.laws:
-            found = tangents(self, law)
-            columns += list(found.T)
-            names += [(law.name, "")] * found.shape[1]
-        if not columns or not _spans(np.column_stack(columns), self.ones):
-            columns.append(self.ones)
-            names.append(("", "constant_deg_h"))
-        for step in self.steps:
-            columns.append(self.step_column(step))
-            names.append((self.runs[step.run].name, step.parameter))
-        training = self.rows.run < len(self.windows) - self.held_out
-        for one in self.partly:
-            columns.append(self.partly_column(one))
-            names.append((one.mechanism.name, PARTLY))
-            held_out = range(len(self.windows) - self.held_out, len(self.windows))
-            columns += [self.partly_column(Partly(one.mechanism, (run,))) for run in held_out]
-            names += [(one.mechanism.name, f"{PARTLY}:{self.runs[run].name}") for run in held_out]
-        for run in range(len(self.windows) - self.held_out - 1 if self.own_biases else 0):  # off the last; their mean is the gyro's
-            inside = self.rows.run == run
-            columns.append(inside - np.mean(inside[training]) * training)
-            names.append((self.runs[run].name, OWN_BIAS))
-        for run in range(len(self.windows) - self.held_out, len(self.windows)) if self.offsets else ():
-            offset = (self.rows.run == run).astype(np.float64)
-            if not _spans(np.column_stack(columns), offset):  # a run may have a constant of its own already
-                columns.append(offset)
-                names.append((self.runs[run].name, "constant_deg_h"))
-        return dataclasses.replace(self, baseline=np.column_stack(columns), baseline_names=tuple(names))
-
-    def _others(self, mechanism: Mechanism) -> Array:
-        simulator = self.simulator
-        others = [other for other in simulator.mechanisms if other.name != mechanism.name and _free(simulator, other, "amplitude")]
-        return np.column_stack([self.ones, *(self.columns(other) for other in (*others, *self.beside, *self.laws))])
-
-    def _calibrated(self, mechanism: Mechanism, shapes: tuple[str, ...]) -> Mechanism:
-        """Shapes by separable least squares: the grid's best points, then ever smaller steps about each; a misfit has valleys."""
-        others = self._others(mechanism)
-        stated = _stated(self.simulator, mechanism)
-
-        def parts(candidate: Mechanism) -> tuple[Array, Array]:
-            """What it says for certain, and its free columns."""
-            columns = self.columns(candidate)
-            width = columns.shape[1]
-            return columns @ np.resize(stated, width), columns[:, _where_free(self.simulator, mechanism, width)]
-
-        said, _ = parts(mechanism)
-        weight = 1.0 / np.sqrt(self.rows.white)
-
-        def misfit(candidate: Mechanism) -> float:
-            known, columns = parts(candidate)
-            left = _residual(weight[:, None] * np.column_stack([others, columns]), weight * (self.target_deg_h + said - known))
-            return float(left @ left)
-
-        settings = {p.name: getattr(mechanism, p.name) for p in mechanism.parameters() if p.name not in shapes}
-        points = ({name: getattr(point, name) for name in shapes} for point in type(mechanism).grid(self.runs))
-        starts = dict.fromkeys([mechanism, *(type(mechanism)(**(settings | point)) for point in points)])
-        return min((refined(one, shapes, misfit) for one in sorted(starts, key=misfit)[:_STARTS]), key=misfit)
-
-    def _amplitudes(self, mechanism: Mechanism) -> Array:
-        """The likeliest of those in use that are free, the others as they are stated."""
-        columns = self.columns(mechanism)
-        others = self._others(mechanism)
-        design = np.column_stack([columns, others])
-        solution = np.linalg.lstsq(design / norms(design), self.target_deg_h, rcond=None)[0] / norms(design)
-        width = columns.shape[1]
-        stated = np.resize(_stated(self.simulator, mechanism), width)
-        return np.where(_where_free(self.simulator, mechanism, width), solution[:width], stated)
-
-    def _derivative(self, mechanism: Mechanism, name: str, amplitudes: Array) -> Array:
-        low, high = neighbours(mechanism, name, _RELATIVE_STEP)
-        step = getattr(high, name) - getattr(low, name)
-        return np.asarray((self.columns(high) - self.columns(low)) @ amplitudes / step)
-
-
-def tangents(problem: Problem, law: EmpiricalLaw) -> Array:
-    """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
-    return np.column_stack([problem.columns(law), *law_slopes(problem, law).values()])
-
-
-def law_slopes(problem: Problem, law: EmpiricalLaw) -> dict[str, Array]:
-    """Derivatives of a law's column by those of its shapes that it has."""
-    column = problem.columns(law)[:, 0]
-    steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width", "lead_s")}
-    steps |= {"at": 0.01 * (law.high - law.low), "at_2": 0.01 * (law.high_2 - law.low_2)}
-    found = {}
-    for name, step in steps.items():
-        change = problem.columns(dataclasses.replace(law, **{name: getattr(law, name) + step}))[:, 0] - column
-        if np.ptp(change) > 1e-9 * np.ptp(column):
-            found[name] = change / step
-    return found
-
-
-def _free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, ...]:
-    free = simulator.free.get(mechanism.name, frozenset())
-    in_use = {parameter.name for parameter in mechanism.amplitude_parameters()}
-    return tuple(
-        parameter.name
-        for parameter in mechanism.parameters()
-        if parameter.role == role and parameter.name in free and (role != "amplitude" or parameter.name in in_use)
-    )
-
-
-def _stated(simulator: Simulator, mechanism: Mechanism) -> Array:
-    """Amplitudes in use that a simulator states; zero where they are free."""
-    free = _free(simulator, mechanism, "amplitude")
-    return np.array([0.0 if p.name in free else getattr(mechanism, p.name) for p in mechanism.amplitude_parameters()])
-
-
-def _where_free(simulator: Simulator, mechanism: Mechanism, width: int) -> npt.NDArray[np.bool_]:
-    """Which of so many columns have free amplitudes; where these are each run's own, the columns of runs follow one another."""
-    free = _free(simulator, mechanism, "amplitude")
-    return np.resize([parameter.name in free for parameter in mechanism.amplitude_parameters()], width)
-
-
-def _spans(columns: Array, ones: Array) -> bool:
-    left = _residual(columns, ones)
-    return float(left @ left) < 1e-6 * float(ones @ ones)
-
-
-def _residual(design: Array, target: Array) -> Array:
-    scaled = design / norms(design)
-    return np.asarray(target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0])
+        columns, names = free_part.columns(self, amplitudes)
+        return dataclasses.replace(self, baseline=columns, baseline_names=names)
