@@ -179,6 +179,7 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     assert "no gain can be claimed" in unproven.sentence
     doubted = dataclasses.replace(diagnosis, alternatives=(Alternative((), 0.2),))
     assert ", unless nothing is missing (probability 0.20):" in doubted.sentence
+    assert dataclasses.replace(doubted, verdict="explained", probability=0.7).sentence.startswith("Probably the simulator lacks")
     lawful = dataclasses.replace(unknown, alternatives=(Alternative((), 0.3),))
     assert lawful.sentence.startswith("The simulator lacks something that no known mechanism explains; it follows light")
     assert "(static), unless nothing is missing (probability 0.30)." in lawful.sentence

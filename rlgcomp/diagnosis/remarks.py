@@ -104,7 +104,8 @@ def remarks_of(
 
 
 def not_tried(explanations: Explanations, mechanisms: Mapping[str, type[Mechanism]]) -> tuple[str, ...]:
-    """What to say of mechanisms of which the simulator's own terms leave nothing, at any shape: no run like these can show them."""
+    """What to say of mechanisms that no run like these can show: the simulator's own terms leave nothing of them, at any shape. And
+    of those that these runs show in part."""
     problem = explanations.evidence.problem
     tried = {candidate.name for candidate in explanations.evidence.candidates}
     passed = tried | {own.name for own in problem.simulator.mechanisms} | set(explanations.left_out)
@@ -114,11 +115,16 @@ def not_tried(explanations: Explanations, mechanisms: Mapping[str, type[Mechanis
         if name not in passed and kind.named_for(problem.simulator.kind) and not kind.jumps()
         if any(one.amplitude_parameters() for one in kind.grid(problem.runs))
     ]
-    if not taken:
-        return ()
-    terms = "the simulator's own terms and the law beyond them" if problem.laws else "the simulator's own terms"
-    were, their = ("was", "its") if len(taken) == 1 else ("were", "their")
-    return (f"{listing(taken)} {were} not tried: {terms} can take {their} place in these runs.",)
+    remarks = [
+        f"Of {name} these runs do not show {beyond}."
+        for name in mechanisms
+        if name in tried and (beyond := mechanisms[name].not_shown(problem.runs))
+    ]
+    if taken:
+        terms = "the simulator's own terms and the law beyond them" if problem.laws else "the simulator's own terms"
+        were, their = ("was", "its") if len(taken) == 1 else ("were", "their")
+        remarks.insert(0, f"{listing(taken)} {were} not tried: {terms} can take {their} place in these runs.")
+    return tuple(remarks)
 
 
 def _together(explanations: Explanations, conclusion: Conclusion) -> list[str]:

@@ -253,6 +253,13 @@ class Mechanism(abc.ABC):
         del recordings
         return ()
 
+    @classmethod
+    def not_shown(cls, recordings: Sequence[Recording]) -> str:
+        """What of it recordings sampled like these do not show, and what would, as the rest of a sentence; empty where there is
+        nothing."""
+        del recordings
+        return ""
+
     def scatter(self, recording: Recording) -> Array | None:
         """What the law leaves open: independent disturbances in deg/h, of unit variance each, shape (n, k); None where nothing.
 

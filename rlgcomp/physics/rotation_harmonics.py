@@ -91,6 +91,11 @@ class RotationHarmonics(Mechanism):
                     points.append(cls(**{f"order_{j}": k for j, k in enumerate(plain, 1)}, scaling=scaling, taken=taken))
         return tuple(points)
 
+    @classmethod
+    def not_shown(cls, recordings: Sequence[Recording]) -> str:
+        highest = highest_order(recordings)
+        return f"orders above {highest} (sample faster, or turn more slowly)" if highest < HIGHEST else ""
+
     def basis(self, recording: Recording) -> Array:
         columns = [column for order in self.orders for column in harmonic(recording, order, self.taken)]
         table = np.column_stack(columns)

@@ -71,11 +71,12 @@ class ThermalHysteresis(Mechanism):
         coldest, warmest = min(float(r.min()) for r in readings), max(float(r.max()) for r in readings)
         centre, span = 0.5 * (coldest + warmest), max(1.0, warmest - coldest)
         radii = np.clip(np.geomspace(0.02, 0.5, 8) * span, 0.2, 80.0)
-        plays = [cls(law=law, radius_K=float(radius)) for law in ("play", "plays") for radius in radii]
+        few = [cls(radius_K=float(radius)) for radius in radii]
+        plays = [cls(law="plays", radius_K=float(radius)) for radius in radii]
         smooth = [cls(law="bouc_wen", radius_K=float(radius)) for radius in radii[::2]]
         relays = [cls(law="preisach", centre_degC=centre, span_K=factor * span) for factor in (1.0, 1.5)]
-        swept = [cls(law="plays", radius_K=float(radius), start=start) for start in list(STARTS)[1:] for radius in radii]
-        return (*plays, *smooth, *relays, *swept)
+        swept = [dataclasses.replace(one, start=start) for start in list(STARTS)[1:] for one in (*few, *plays, *relays)]
+        return (*few, *plays, *smooth, *relays, *swept)
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)

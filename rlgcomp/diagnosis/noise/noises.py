@@ -20,6 +20,9 @@ Array = npt.NDArray[np.float64]
 # between two of them is taken for something that wanders where they are far apart.
 FLICKERS: Final = {0.0: 0.31, 0.1: 0.22, 0.2: 0.15, 0.35: 0.13, 0.55: 0.10, 0.9: 0.06, 1.4: 0.03}
 WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.04, 1.3: 0.02, 1.8: 0.01}
+# So steep that flicker beside them hardly matters: of gyros whose white noise is very low, or whose bias walks far. Without them
+# what such a gyro does by itself passed for ageing.
+STEEP_WALKS: Final = {3.0: 0.004, 5.0: 0.002, 8.0: 0.001, 16.0: 0.0005}
 # Of what wanders unrecorded: a weaker one cannot be told from flicker, and would be said of every healthy gyro that is a little so.
 WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.4}
 # A law made up after the data were seen must hold against stronger ones too: what is left at the grid's edge passes for a law.
@@ -53,6 +56,7 @@ def stated_noise(stated: NoiseModel | None, white_s: float) -> NoiseShape | None
 def ordinary_noise(stated: NoiseShape | None = None) -> tuple[NoiseShape, ...]:
     """Noise that gyros have: white, flicker and random walk; and the noise that is stated."""
     usual = [NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS)]
+    usual += [NoiseShape(0.0, walk) for walk in STEEP_WALKS]
     return tuple(usual if stated is None or stated in usual else [*usual, stated])
 
 
@@ -83,7 +87,7 @@ def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseShape | None = None) 
         Of :func:`ordinary_noise`, for the same statement.
     stated : NoiseShape, optional
     """
-    usual = np.array([FLICKERS.get(noise.flicker, 0.0) * WALKS.get(noise.walk, 0.0) for noise in noises])
+    usual = np.array([FLICKERS.get(n.flicker, 0.0) * WALKS.get(n.walk, 0.0) or STEEP_WALKS.get(n.walk, 0.0) for n in noises])
     usual /= usual.sum()
     if stated is None:
         return np.asarray(np.log(usual))

@@ -126,7 +126,7 @@ def headline(diagnosis: Diagnosis) -> str:
         share = f"probability {sure_text(diagnosis.probability, 2)}"
         whole = f"{named}, together with {share}" if len(diagnosis.causes) > 1 else f"{named}, and that alone with {share}"
         return f"Most likely {subject(diagnosis)} lacks {whole}{doubt}."
-    return f"{who} lacks {named}{doubt}."
+    return f"Probably {subject(diagnosis)} lacks {named}{doubt}." if doubt else f"{who} lacks {named}."
 
 
 def gain_sentence(diagnosis: Diagnosis) -> str:
