@@ -18,6 +18,7 @@ from rlgcomp.allan.deviation import AllanDeviation, allan_deviation
 from rlgcomp.comparison import comparison_table, correlation_table
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.rows import Rows, rows
+from rlgcomp.compensation.suitable import other_unit, require_raw
 from rlgcomp.errors import InputError
 from rlgcomp.knocks import spikes_in, without_knocks
 from rlgcomp.recording import Recording, rate_name
@@ -116,7 +117,8 @@ class Evaluation:
     comparison : pandas.DataFrame
         By feature group and model, what is left held out; see :func:`rlgcomp.comparison.comparison_table`.
     noticed : tuple of str
-        Samples far beyond any noise, in sentences: of the gyro they are left out, of a monitor the compensation follows them.
+        Samples far beyond any noise, in sentences: of the gyro they are left out, of a monitor the compensation follows them; and
+        runs of another gyro than the one trained on.
     """
 
     averaging_s: float
@@ -161,7 +163,12 @@ class Evaluation:
         for run in self.runs:
             if run.trained_on:
                 said.append(no_proof(run.run))
-            if run.factor_low <= 1.0:
+            if run.factor_high < 1.0:
+                said.append(
+                    f"{run.run}: compensation makes this run worse; the 95 % interval of the factor, {run.factor_low:.2f} to "
+                    f"{run.factor_high:.2f}, lies below 1."
+                )
+            elif run.factor_low <= 1.0:
                 said.append(
                     f"{run.run}: no gain in stability can be claimed; the 95 % interval of the factor, {run.factor_low:.2f} to "
                     f"{run.factor_high:.2f}, includes 1."
@@ -275,14 +282,18 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
     Raises
     ------
     InputError
-        No runs, or one is too short or lacks a monitor.
+        No runs, or one is too short, lacks a monitor or was compensated already.
     """
     if not runs:
         raise InputError("no runs to evaluate on; give at least one recording")
+    for run in runs:
+        require_raw(run.name, run.columns)
     calm = [without_knocks(run, compensator.gyro) for run in runs]
     runs, noticed = [run for run, _ in calm], [said for _, said in calm if said is not None]
+    doubts = [(run.name, other_unit(compensator, run.metadata.unit)) for run in runs]
+    noticed += [f"{name}: {doubt}" for name, doubt in doubts if doubt is not None]
     noticed += [
-        f"{run.name}: {column} has {said}: faults of the logger, which the compensation follows."
+        f"{run.name}: {column} has {said}: faults of the logger, which a compensation that runs sample by sample follows."
         for run in runs
         for column, (_, said) in spikes_in(run).items()
         if column in compensator.recipe_.columns

@@ -7,13 +7,15 @@ is the affair of :mod:`rlgcomp.workers`.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import glob
 import hashlib
 import json
+import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -228,7 +230,7 @@ def _attempt(task: Task, out: Path, unit: Unit) -> Outcome:
     try:
         place = out / unit.name
         require_apart(place, *unit.files)
-        with whole_folder(place, writes=_written(task, place)) as folder:
+        with whole_folder(place, writes=_written(task, place)) as folder, _named(unit.name):
             result = dict(task(unit, folder))
             note = {
                 "made_from": _fingerprint(task, unit),
@@ -243,6 +245,23 @@ def _attempt(task: Task, out: Path, unit: Unit) -> Outcome:
     except Exception as error:  # noqa: BLE001  one unit's fault must not take the fleet with it
         return Outcome(unit.name, "failed", time.perf_counter() - began, message=f"{type(error).__name__}: {error}")
     return Outcome(unit.name, "done", time.perf_counter() - began, result)
+
+
+@contextlib.contextmanager
+def _named(unit: str) -> Iterator[None]:
+    """Messages logged meanwhile begin with the unit's name."""
+    usual = logging.getLogRecordFactory()
+
+    def named(*args: Any, **kwargs: Any) -> logging.LogRecord:
+        record = usual(*args, **kwargs)
+        record.msg, record.args = f"{unit}: {record.getMessage()}", ()
+        return record
+
+    logging.setLogRecordFactory(named)
+    try:
+        yield
+    finally:
+        logging.setLogRecordFactory(usual)
 
 
 def _kept(task: Task, unit: Unit, out: Path) -> Outcome | None:

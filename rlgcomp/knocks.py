@@ -91,10 +91,15 @@ def spikes_in(run: Recording) -> dict[str, tuple[Rows, str]]:
     return found
 
 
-def without_spikes(run: Recording) -> tuple[Recording, list[str]]:
-    """A chamber or static run whose monitors' single wild samples lie between their neighbours, and what to say of them."""
+def without_spikes(run: Recording, columns: Sequence[str] | None = None) -> tuple[Recording, list[str]]:
+    """A chamber or static run whose monitors' single wild samples lie between their neighbours, and what to say of them.
+
+    Of these columns only, where they are given.
+    """
     mended, remarks = {}, []
     for column, (spikes, said) in spikes_in(run).items():
+        if columns is not None and column not in columns:
+            continue
         values, good = run.column(column), ~spikes
         mended[column] = np.where(spikes, np.interp(run.time_s, run.time_s[good], values[good]), values)
         remarks.append(f"{run.name}: {column} has {said}: taken for faults of the logger, and put between the neighbours.")

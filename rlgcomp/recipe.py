@@ -63,7 +63,7 @@ class FeatureRecipe:
         Raises
         ------
         InputError
-            A monitor is not in the recording.
+            A monitor is not in the recording, or a feature cannot be told from its samples.
         """
         missing = [column for column in self.columns if column not in recording]
         if missing:
@@ -93,7 +93,7 @@ class FeatureRecipe:
         Raises
         ------
         InputError
-            A value is missing or not finite, or time does not increase.
+            A value is missing or not finite, as is what comes of it, or time does not increase.
         """
         wanted = (TIME, *self.columns)
         bad = [name for name in wanted if not np.isfinite(sample.get(name, np.nan))]
@@ -120,17 +120,34 @@ class FeatureRecipe:
         -------
         values : ndarray, shape (n, features)
         state : object
+
+        Raises
+        ------
+        InputError
+            A feature comes out not finite: of readouts whose sum is zero, or of numbers too large.
         """
         places = [[self.columns.index(column) for column in feature.columns] for feature in self.features]
         if state is None:
             state = (time_s[0], [feature.init(samples[0, place]) for feature, place in zip(self.features, places, strict=True)])
         last, states = state
         step_s = np.diff(np.r_[last, time_s])
-        done = [
-            feature.run(old, np.ascontiguousarray(samples[:, place]), step_s)
-            for feature, old, place in zip(self.features, states, places, strict=True)
-        ]
-        return np.column_stack([values for values, _ in done]), (time_s[-1], [new for _, new in done])
+        with np.errstate(all="ignore"):
+            done = [
+                feature.run(old, np.ascontiguousarray(samples[:, place]), step_s)
+                for feature, old, place in zip(self.features, states, places, strict=True)
+            ]
+        values = np.column_stack([part for part, _ in done])
+        self._require_finite(values, time_s, samples)
+        return values, (time_s[-1], [new for _, new in done])
+
+    def _require_finite(self, values: Array, time_s: Array, samples: Array) -> None:
+        bad = ~np.isfinite(values)
+        if not bad.any():
+            return
+        row = int(np.flatnonzero(bad.any(axis=1))[0])
+        names = ", ".join(name for name, wrong in zip(self.names, bad[row], strict=True) if wrong)
+        given = ", ".join(f"{column} = {value:g}" for column, value in zip(self.columns, samples[row].tolist(), strict=True))
+        raise InputError(f"at {time_s[row]:g} s {names} cannot be told from {given}; leave that sample out")
 
     def to_list(self) -> list[dict[str, Any]]:
         """Plain description, for the artefact."""

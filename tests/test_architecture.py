@@ -124,6 +124,7 @@ def test_every_model_file_is_in_the_list() -> None:
         "path",
         "rows",
         "selection",
+        "suitable",
         "tail",
         "wording",
     ]

@@ -238,6 +238,12 @@ def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
             rlg.load(path)
 
 
+def test_a_folder_that_holds_a_model_says_which(saved: Path, tmp_path: Path) -> None:
+    shutil.copytree(saved, tmp_path / "unit" / "model")
+    with pytest.raises(rlg.InputError, match=f"give {tmp_path / 'unit' / 'model'}$"):
+        rlg.load(tmp_path / "unit")
+
+
 def test_a_folder_of_something_else_is_not_overwritten(trained: rlg.Compensator, tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(rlg.InputError, match="left untouched"):

@@ -131,6 +131,14 @@ def test_a_missing_monitor_is_named(trained: rlg.Compensator, short_runs: list[r
         trained.predict(bare)
 
 
+def test_a_recording_with_dark_readouts_is_refused_in_words(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+    run = short_runs[2]
+    table = run.table.copy()
+    table.loc[table.index[7], ["readout_a_V", "readout_b_V"]] = 0.0
+    with pytest.raises(rlg.InputError, match=f"at {run.time_s[7]:g} s readout_difference cannot be told from .*readout_a_V = 0"):
+        trained.predict(run.replace(table=table))
+
+
 def test_runs_too_short_are_refused() -> None:
     table = pd.DataFrame(
         {"time_s": np.arange(50.0), "gyro_deg_h": np.sin(np.arange(50.0)), "temperature_block_degC": np.arange(50.0)}

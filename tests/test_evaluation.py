@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -122,6 +123,34 @@ def test_a_run_that_was_trained_on_is_said_to_be(
     out = capsys.readouterr().out
     assert said in out
     assert "held out" not in out
+
+
+def test_a_model_that_makes_it_worse_is_said_to(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+    run = short_runs[2]
+    turned = run.replace(table=run.table.assign(gyro_deg_h=-run.rate_deg_h()), name="turned")
+    (result,) = (found := rlg.evaluate(trained, [turned], compare=False)).runs
+    assert result.factor_high < 1.0
+    interval = f"the 95 % interval of the factor, {result.factor_low:.2f} to {result.factor_high:.2f}, lies below 1."
+    assert f"turned: compensation makes this run worse; {interval}" in found.remarks
+    assert not any("includes 1" in remark for remark in found.remarks)
+
+
+def test_a_run_of_another_unit_is_told_where_one_alone_was_trained_on(
+    trained: rlg.Compensator, short_runs: list[rlg.Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = short_runs[2]
+
+    def told(unit: str | None, *trained_on: str | None) -> bool:
+        monkeypatch.setattr(trained, "provenance_", [{"unit": one} for one in trained_on])
+        other = run.replace(metadata=dataclasses.replace(run.metadata, unit=unit))
+        remarks = rlg.evaluate(trained, [other], compare=False).remarks
+        return any(f"it is of unit {unit}, and the model was trained on SN1 alone" in remark for remark in remarks)
+
+    assert told("SN2", "SN1", "SN1")
+    assert not told("sn1", "SN1")
+    assert not told("SN2", "SN1", "SN3")
+    assert not told("SN2", "SN1", None)
+    assert not told(None, "SN1")
 
 
 def test_nothing_to_evaluate_is_refused(trained: rlg.Compensator) -> None:

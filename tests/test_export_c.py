@@ -233,6 +233,48 @@ def test_the_golden_answers_are_those_of_step(trained: rlg.Compensator) -> None:
     trained.restart()
 
 
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_an_invalid_sample_changes_nothing(models: dict[str, rlg.Compensator], tmp_path: Path, precision: str) -> None:
+    """Dark readouts and numbers too large, before the first valid sample and after it: the state keeps every byte."""
+    model = models["dynamic"]
+    for file, text in rendered(model, precision).items():
+        (tmp_path / file).write_text(text, encoding="ascii")
+    usual = {"temperature_block_degC": 20.0, "temperature_shell_degC": 20.0}
+    monitors = [usual.get(column, 1.0) for column in model.recipe_.columns]
+    shell = model.recipe_.columns.index("temperature_shell_degC")
+    block = model.recipe_.columns.index("temperature_block_degC")
+    largest = "FLT_MAX" if precision == "float" else "DBL_MAX"
+    main = f"""#include <float.h>
+#include <string.h>
+#include "model.h"
+int main(void)
+{{
+    model_real good[MODEL_MONITORS] = {{ {", ".join(map(str, monitors))} }}, dark[MODEL_MONITORS] = {{ 0 }}, large[MODEL_MONITORS];
+    model_state state, before;
+    model_result result;
+    int k, faults = 0;
+
+    memset(&state, 0, sizeof state);
+    model_init(&state);
+    memcpy(large, good, sizeof good);
+    large[{block}] = {largest};
+    large[{shell}] = -{largest};
+    for (k = 0; k < 5; ++k) {{
+        memcpy(&before, &state, sizeof state);
+        faults += model_step(&state, 10.0 * k, dark, &result) != MODEL_INVALID;
+        faults += model_step(&state, 10.0 * k, large, &result) != MODEL_INVALID;
+        faults += memcmp(&before, &state, sizeof state) != 0;
+        faults += model_step(&state, 10.0 * k, good, &result) == MODEL_INVALID;
+    }}
+    return faults;
+}}
+"""
+    (tmp_path / "main.c").write_text(main, encoding="ascii")
+    subprocess.run(["gcc", "-std=c99", "-O2", "main.c", "model.c", "-lm", "-o", "main"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "main"], check=False).returncode == 0
+
+
 # --- own mathematics ---------------------------------------------------------------------------------------------------------
 
 

@@ -58,6 +58,15 @@ def test_results_are_the_same_by_one_and_by_two_processes(units: list[Unit], tmp
     assert np.isfinite(loaded.predict(rlg.read(units[0].train[0]))["bias_deg_h"]).all()
 
 
+def test_what_is_said_of_a_unit_begins_with_its_name(units: list[Unit], tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    run_fleet(TRAIN, [Unit("lone", units[0].train[:1])], tmp_path / "out")
+    said = [record.getMessage() for record in caplog.records]
+    assert any(message.startswith("lone: one run only: parameters are selected on 5 blocks") for message in said)
+    caplog.clear()
+    train_unit(Unit("lone", units[0].train[:1]), tmp_path, model="cubic", features="temperature")
+    assert not any(record.getMessage().startswith("lone") for record in caplog.records)
+
+
 def test_what_is_done_is_kept_until_its_files_or_settings_change(units: list[Unit], tmp_path: Path) -> None:
     healthy = [units[0], units[2]]
     run_fleet(TRAIN, healthy, tmp_path / "out")
@@ -198,6 +207,7 @@ def test_the_command_reports_each_unit_and_ends_with_two_where_one_failed(units:
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 2
     assert "2 of 3 units" in done.output
+    assert "selected" not in done.output  # a cubic has nothing to select
     assert "1 of 3 units failed, the first gyro-1" in done.output
     assert (tmp_path / "out" / "gyro-2" / "model" / "manifest.json").exists()
 

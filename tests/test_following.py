@@ -75,7 +75,13 @@ def test_any_pieces_give_the_bits_of_the_whole(
     assert pd.concat(parts, ignore_index=True).equals(whole)
 
 
-@pytest.mark.parametrize("spoilt", [{"readout_a_V": np.nan}, {"readout_a_V": np.inf}, {"time_s": 40.0}, {"time_s": np.nan}])
+DARK = {"readout_a_V": 0.0, "readout_b_V": 0.0}
+LARGE = {"temperature_block_degC": 1.7e308, "temperature_shell_degC": -1.7e308}
+
+
+@pytest.mark.parametrize(
+    "spoilt", [{"readout_a_V": np.nan}, {"readout_a_V": np.inf}, {"time_s": 40.0}, {"time_s": np.nan}, DARK, LARGE]
+)
 def test_a_sample_that_is_refused_leaves_no_trace(
     trained: rlg.Compensator, short_runs: list[rlg.Recording], spoilt: dict[str, float]
 ) -> None:
@@ -83,6 +89,9 @@ def test_a_sample_that_is_refused_leaves_no_trace(
     trained.restart()
     expected = [trained.step(sample) for sample in samples]
     trained.restart()
+    if spoilt in (DARK, LARGE):
+        with pytest.raises(rlg.InputError, match="leave that sample out"):
+            trained.step(samples[0] | spoilt)
     found = [trained.step(sample) for sample in samples[:10]]
     with pytest.raises(rlg.InputError, match="sample"):
         trained.step(samples[10] | spoilt)
@@ -122,7 +131,7 @@ def whole(model: rlg.Compensator, path: Path) -> list[str]:
 
 
 def spoil(lines: list[str], seed: int) -> list[str]:
-    """Missing monitors in spells, missing gyro values, rows left out, rows doubled, absurd and textual entries: few of each."""
+    """Missing monitors, dark readouts, missing gyro values, rows left out or doubled, absurd and textual entries: few of each."""
     rng = np.random.default_rng(seed)
     table = [line.split(",") for line in lines]
     for column in (2, 4):
@@ -132,6 +141,9 @@ def spoil(lines: list[str], seed: int) -> list[str]:
     table[rng.integers(1, 300)][1] = ""
     table[rng.integers(1, 300)][5] = "1e300"
     table[rng.integers(1, 300)][5] = "broken"
+    start, length = rng.integers(1, 250), rng.integers(1, 40)
+    for row in table[start : start + length]:
+        row[-2:] = "0", "0"
     gone = rng.integers(1, 250)
     del table[gone : gone + rng.integers(0, 30)]
     place = rng.integers(1, len(table))

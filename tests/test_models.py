@@ -11,7 +11,7 @@ from sklearn.svm import SVR
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation import MODELS, form_of
 
 SEQUENCE = "reads rows as a sequence: what a row predicts depends on those before it"
 
@@ -41,6 +41,17 @@ def estimators() -> list[object]:
     except ImportError:
         return found
     return [*found, rlg.LSSVMRegressor(device="cpu"), rlg.SequenceRegressor(epochs=60)]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_what_a_form_makes_is_of_that_form(name: str) -> None:
+    """Two forms that make the same estimator would be one: the wider search of the two."""
+    assert form_of(MODELS[name].make()) is MODELS[name]
+
+
+def test_the_best_of_three_kernels_is_not_fitted_by_itself(data: tuple[np.ndarray, np.ndarray]) -> None:
+    with pytest.raises(rlg.InputError, match=r"'method' parameter .* Got 'best'"):
+        MODELS["kernels"].make().fit(*data)
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
@@ -149,6 +160,8 @@ def test_a_model_packed_and_unpacked_predicts_the_same(data: tuple[np.ndarray, n
         model.set_params(epochs=20)
     if name == "dynamic":
         model.set_params(linear=(1,))
+    if name == "kernels":
+        model.set_params(method="gaussian_process")  # which of the three is for a selection to find
     model.fit(X, y)
     settings, arrays = MODELS[name].pack(model)
     again = MODELS[name].unpack(settings, arrays, X.shape[1])

@@ -71,6 +71,21 @@ def test_a_monitors_last_value_is_held_for_a_minute() -> None:
     assert len(mended) == 1940
 
 
+def test_dark_readouts_count_as_missing() -> None:
+    frame = table().assign(readout_a_V=1.0 + N * table()["gyro_deg_h"], readout_b_V=0.9)
+    dark = frame.copy()
+    dark.loc[100:219, ["readout_a_V", "readout_b_V"]] = 0.0
+    mended, report = mend(dark)
+    assert "repaired: readout_a_V, row 100: its sum with readout_b_V is 0 in 120 rows: both count as missing" in report
+    assert "readout_a_V, row 100: 120 values missing: 60 held at the last value, rows of 60 left out" in report
+    assert len(mended) == 1940
+    assert mended.loc[120, "readout_a_V"] == frame.loc[99, "readout_a_V"]
+    mended, report = mend(frame.assign(readout_a_V=0.0, readout_b_V=0.0))
+    pd.testing.assert_frame_equal(mended, table())
+    frame.loc[7, "readout_a_V"] = 0.0  # one alone is dark: their difference is known
+    assert len(mend(frame)[0]) == 2000
+
+
 def test_an_empty_monitor_is_left_out() -> None:
     mended, report = mend(table().assign(light_intensity_V=np.nan))
     pd.testing.assert_frame_equal(mended, table())

@@ -13,6 +13,8 @@ import rlgcomp as rlg
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
+from rlgcomp.compensation.adaptation import adapt
+from rlgcomp.compensation.following import Follower
 from rlgcomp.inspection import summarise
 
 
@@ -68,6 +70,42 @@ def test_wild_samples_are_left_out_of_an_evaluation(trained: rlg.Compensator, sh
     assert wild.residual_std_deg_h == pytest.approx(sound.residual_std_deg_h, rel=0.02)
     assert wild.noise_floor_deg_h == pytest.approx(sound.noise_floor_deg_h, rel=0.02)
     assert "1 sample stands up to" in wild.remarks[0]
+
+
+@pytest.mark.parametrize("work", ["correct", "fit", "evaluate", "adapt", "follow"])
+def test_a_gyro_that_was_compensated_is_refused(trained: rlg.Compensator, short_runs: list[rlg.Recording], work: str) -> None:
+    clean = trained.correct(short_runs[2])
+    works = {
+        "correct": lambda: trained.correct(clean),
+        "fit": lambda: cubic().fit([short_runs[0], clean]),
+        "evaluate": lambda: rlg.evaluate(trained, [clean], compare=False),
+        "adapt": lambda: adapt(cubic().fit(short_runs[:2]), [clean]),
+        "follow": lambda: Follower(trained, ",".join(clean.columns)),
+    }
+    with pytest.raises(rlg.InputError, match="compensated already; give the recording as it was made"):
+        works[work]()
+
+
+def test_compensating_mends_spikes_and_tells_knocks(
+    trained: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path
+) -> None:
+    run, model = short_runs[2].replace(truth=None), tmp_path / "model"
+    trained.save(model)
+    wild = struck(struck(run, "temperature_block_degC", slice(500, 501), 60.0), "gyro_deg_h", slice(800, 801), 1e6)
+    for name, recording in (("sound", run), ("wild", wild)):
+        rlg.write(recording, tmp_path / f"{name}.parquet")
+        done = command("compensate", model, tmp_path / f"{name}.parquet", "--out", tmp_path / f"{name}-out.parquet", "--json")
+        assert done.exit_code == 0
+        remarks = json.loads(done.stdout)["remarks"]
+        assert len(remarks) == (0 if name == "sound" else 2)
+    assert "temperature_block_degC has 1 sample that stands off" in remarks[0]
+    assert "the first at 4000 s: a knock or a fault of the logger, left as recorded." in remarks[1]
+    assert all(remark in done.stderr for remark in remarks)
+    sound, mended = (rlg.read(tmp_path / f"{name}-out.parquet") for name in ("sound", "wild"))
+    apart = np.abs(mended.column("compensation_deg_h") - sound.column("compensation_deg_h"))
+    followed = np.abs(trained.predict(wild)["bias_deg_h"] - trained.predict(run)["bias_deg_h"])
+    assert apart.max() < 1e-2 * followed.max()
+    assert mended.column("gyro_deg_h")[800] > 9e5
 
 
 def test_rows_given_twice_are_refused(short_runs: list[rlg.Recording]) -> None:

@@ -281,6 +281,9 @@ def compensate(
 ) -> None:
     """A corrected recording: the gyro less its estimated bias, and how far that may be off.
 
+    A monitor's single wild samples are put between their neighbours, a gyro's knocks stay; both are told. With --follow, which
+    cannot know what comes next, wild samples are followed.
+
     With --follow it is interrupted by Ctrl-C; the same command then goes on where it was.
 
     Example: `rlgcomp compensate models/unit-17 new.parquet --out corrected.parquet`
@@ -312,18 +315,33 @@ def compensate(
     compensator = load(model)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])
+    recording, remarks = _with_monitors_mended(compensator, recording)
+    for remark in remarks:
+        say(remark)
     corrected = compensator.correct(recording)
     write(corrected, out)
     outside = float(corrected.column("compensation_out_of_range").mean())
     if as_json:
-        show_json({"out": out, "rows": len(corrected), "out_of_range": outside})
+        show_json({"out": out, "rows": len(corrected), "out_of_range": outside, "remarks": remarks})
     else:
         say(f"{out}: {len(corrected)} rows, {100 * outside:.1f} % with an input outside the training range")
 
 
+def _with_monitors_mended(compensator: Compensator, recording: Recording) -> tuple[Recording, list[str]]:
+    """The run with its monitors' single wild samples between their neighbours, and what speaks against what comes of it."""
+    from rlgcomp.compensation.suitable import other_unit
+    from rlgcomp.knocks import knocks_in, without_spikes
+
+    doubt = other_unit(compensator, recording.metadata.unit)
+    _, knocks = knocks_in(recording, compensator.gyro)
+    mended, remarks = without_spikes(recording, compensator.recipe_.columns)
+    remarks += [f"{recording.name}: {doubt}"] if doubt else []
+    return mended, remarks + ([f"{recording.name}: {knocks}, left as recorded."] if knocks else [])
+
+
 def _require_the_same_calibration(compensator: Compensator, recordings: list[Recording]) -> None:
     """Refuse runs calibrated otherwise than those that the model was trained on."""
-    from rlgcomp.compensation.following import other_calibration
+    from rlgcomp.compensation.suitable import other_calibration
     from rlgcomp.errors import InputError
 
     for recording in recordings:

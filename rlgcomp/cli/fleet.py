@@ -62,7 +62,7 @@ def fleet(
                 "unit": one.unit,
                 "": one.state,
                 "s": f"{one.seconds:.1f}",
-                "result": one.message or ", ".join(f"{key} {_said(value)}" for key, value in one.result.items()),
+                "result": one.message or ", ".join(f"{key} {_said(value)}" for key, value in one.result.items() if value != {}),
             }
             for one in outcomes
         ]

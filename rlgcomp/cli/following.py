@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rlgcomp.cli.base import say
 from rlgcomp.errors import InputError
 
 if TYPE_CHECKING:
@@ -83,7 +84,8 @@ def follow(
         The stream cannot be used, or the output belongs to something else.
     """
     from rlgcomp.calibration.file import Calibration
-    from rlgcomp.compensation.following import Follower, other_calibration, to_lines
+    from rlgcomp.compensation.following import Follower, to_lines
+    from rlgcomp.compensation.suitable import other_calibration, other_unit
     from rlgcomp.compensation.tail import STANDARD, Lines, Output, readable, stopped
     from rlgcomp.formats import column_mapping, read_sidecar, require_sidecar, write_sidecar
     from rlgcomp.formats.mapping import parse_mapping
@@ -98,6 +100,8 @@ def follow(
     metadata = Metadata.from_mapping(beside | ({} if pulse_arcsec is None else {"pulse_arcsec": pulse_arcsec}))
     if str(out) != STANDARD and beside:
         require_sidecar(out)
+    if (doubt := other_unit(compensator, metadata.unit)) is not None:
+        say(f"{source}: {doubt}")
     rows, follower, written = 0, None, None
     with stopped() as stop, Lines(source, stop, idle_s) as lines:
         for batch in lines:

@@ -35,6 +35,7 @@ from rlgcomp.compensation.cubic import CubicLeastSquares
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.compensation.selection import Selection
+from rlgcomp.compensation.suitable import require_raw
 from rlgcomp.errors import InputError
 from rlgcomp.knocks import undisturbed
 from rlgcomp.recording import Recording
@@ -118,7 +119,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     Raises
     ------
     InputError
-        The model is not linear in its coefficients, or fewer than three units are known, or a run cannot be used.
+        The model is not linear in its coefficients, or fewer than three units are known, or a run is compensated or cannot be used.
     """
     model = getattr(compensator, "model_", None)
     if not isinstance(model, CubicLeastSquares):
@@ -127,6 +128,8 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         )
     if not runs:
         raise InputError("no runs to adapt to; give at least one recording")
+    for run in runs:
+        require_raw(run.name, run.columns)
     require_different(runs)
     given, (runs, noticed) = runs, undisturbed(runs, compensator.gyro)
     units = [str(run.get("unit") or "") for run in compensator.provenance_]

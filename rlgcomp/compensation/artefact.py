@@ -52,6 +52,7 @@ _LARGEST_BYTES: Final = 1 << 30
 _LARGEST_TEXT_BYTES: Final = 1 << 24
 _MOST_FILES: Final = 1000
 _DEEPEST: Final = 32
+_MOST_NAMED: Final = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,7 +182,9 @@ def _checked_files(folder: Path) -> dict[str, bytes]:
     try:
         lines = _limited(folder / SUMS, _LARGEST_TEXT_BYTES).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
-        raise InputError(f"{folder} is no model, or a damaged one: it has no readable {SUMS}") from None
+        inside = " or ".join(sorted(str(sums.parent) for sums in folder.glob(f"*/{SUMS}"))[:_MOST_NAMED])
+        meant = f"; give {inside}" if inside else ""
+        raise InputError(f"{folder} is no model, or a damaged one: it has no readable {SUMS}{meant}") from None
     if len(lines) > _MOST_FILES:
         raise InputError(f"{folder}: {SUMS} lists {len(lines)} files; no model has more than {_MOST_FILES}")
     contents: dict[str, bytes] = {}

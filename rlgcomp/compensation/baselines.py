@@ -19,6 +19,7 @@ from rlgcomp.compensation.parameters import require_choice, require_number
 
 Array = npt.NDArray[np.float64]
 METHODS: Final = ("kernel_ridge", "svr", "gaussian_process")
+BEST: Final = "best"  # of these, which selection finds
 
 
 class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
@@ -26,8 +27,9 @@ class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     Parameters
     ----------
-    method : {"kernel_ridge", "svr", "gaussian_process"}
-        Kernel ridge and support vector regression with a Gaussian kernel; Gaussian process with a Matérn kernel of order 3/2.
+    method : {"kernel_ridge", "svr", "gaussian_process", "best"}
+        Kernel ridge and support vector regression with a Gaussian kernel; Gaussian process with a Matérn kernel of order 3/2. The
+        best of them is for a Compensator's selection to find: it cannot be fitted by itself.
     c : float, default 100.0
         Weight of the errors: 1/alpha of kernel ridge, C of the support vectors, 1/noise variance of the Gaussian process.
     sigma : float, default 1.0
@@ -108,7 +110,7 @@ def _check(model: KernelBaselines, features: int) -> None:
     require_shape(model, "alpha_", len(model.X_fit_))
 
 
-def _form(name: str, methods: tuple[str, ...]) -> ModelForm:
+def _form(name: str, method: str, methods: tuple[str, ...]) -> ModelForm:
     def batches(features: int) -> list[list[dict[str, Any]]]:
         widths = np.sqrt(features) * 2.0 ** np.arange(3.0, -1.5, -1.0)
         return [
@@ -120,7 +122,7 @@ def _form(name: str, methods: tuple[str, ...]) -> ModelForm:
     return ModelForm(
         name=name,
         estimator=KernelBaselines,
-        defaults={"method": methods[0]},
+        defaults={"method": method},
         batches=batches,
         reach=1.0,
         numbers=("intercept_",),
@@ -130,8 +132,6 @@ def _form(name: str, methods: tuple[str, ...]) -> ModelForm:
 
 
 FORMS: Final = (
-    _form("kernels", METHODS),
-    _form("kernel-ridge", METHODS[:1]),
-    _form("svr", METHODS[1:2]),
-    _form("gaussian-process", METHODS[2:]),
+    _form("kernels", BEST, METHODS),
+    *(_form(method.replace("_", "-"), method, (method,)) for method in METHODS),
 )

@@ -21,6 +21,7 @@ from rlgcomp.compensation.interval import Interval, excess
 from rlgcomp.compensation.lssvm import LSSVMRegressor
 from rlgcomp.compensation.rows import Scaling, rows
 from rlgcomp.compensation.selection import Progress, Selection, select
+from rlgcomp.compensation.suitable import REMOVED, require_raw
 from rlgcomp.errors import InputError
 from rlgcomp.knocks import undisturbed
 from rlgcomp.recipe import left_out_of, recipe_for
@@ -174,10 +175,12 @@ class Compensator:
         Raises
         ------
         InputError
-            A run is given twice, is too short, lacks a monitor, or its gyro cannot be told.
+            A run is given twice, was compensated already, is too short, lacks a monitor, or its gyro cannot be told.
         """
         if not runs:
             raise InputError("no runs to train on; give at least one recording")
+        for run in runs:
+            require_raw(run.name, run.columns)
         require_different(runs)
         given, (runs, noticed) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
         noticed += left_out_of(runs, self.features)
@@ -263,7 +266,13 @@ class Compensator:
         The gyro comes out as a rate (pulses become deg/h); `compensation_deg_h` holds what was subtracted and
         `compensation_out_of_range` is 1 where an input lay beyond the training range. `compensation_half_width_deg_h` says how near
         to zero the corrected gyro's means over the averaging time are to be expected: 90 % of them lie within it.
+
+        Raises
+        ------
+        InputError
+            It was corrected already, or lacks a monitor.
         """
+        require_raw(recording.name, recording.columns)
         column = recording.gyro_column(self.gyro)
         return recording.replace(table=self.apply(recording.table, column, recording.rate_deg_h(column), self.predict(recording)))
 
@@ -288,7 +297,7 @@ class Compensator:
         place = list(table.columns).index(column)
         table = table.drop(columns=[column, *(extra for extra in table.columns if extra.startswith("compensation_"))])
         table.insert(place, name, corrected)
-        table.insert(place + 1, "compensation_deg_h", removed)
+        table.insert(place + 1, REMOVED, removed)
         table.insert(place + 2, "compensation_out_of_range", predicted["out_of_range"].to_numpy().astype(np.float64))
         table.insert(place + 3, "compensation_half_width_deg_h", predicted["half_width_deg_h"].to_numpy())
         return table
@@ -306,8 +315,8 @@ class Compensator:
         Raises
         ------
         InputError
-            A monitor is missing or not finite, time does not increase, or the model reads sequences of averages and has no
-            sample-by-sample form. The sample then leaves no trace.
+            A monitor is missing or not finite, a feature cannot be told, time does not increase, or the model reads sequences of
+            averages and has no sample-by-sample form. The sample then leaves no trace.
         """
         self._require_steps()
         values, self._state = self.recipe_.step(self._state, sample)

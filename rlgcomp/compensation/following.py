@@ -2,8 +2,8 @@
 
 A line is final once it is written, so only what is known by then can be mended: a missing monitor is held at its last value
 for up to a minute, as when a whole file is read; a row without a gyro value, without time, or whose time does not increase is
-left out. Stuck gyros and frozen thermometers, which show themselves in hindsight, are not looked for: read the finished file
-for that.
+left out. Stuck gyros, frozen thermometers and single wild samples, which show themselves in hindsight, are not looked for: read
+the finished file for that.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.calibration.file import PULSE_AGREEMENT, Calibration
 from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.suitable import require_raw
 from rlgcomp.errors import InputError
 from rlgcomp.formats.csv import separator_of
 from rlgcomp.formats.mapping import apply_mapping
 from rlgcomp.recording import TIME, is_gyro, rate_name
-from rlgcomp.repair import LARGEST_VALUE, LONGEST_HOLD_S, ROUNDING
+from rlgcomp.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, ROUNDING, without_light
 
 Array = npt.NDArray[np.float64]
 AGREEMENT: Final = 1e-9  # by which numbers written by an earlier run may differ from those computed again, relatively
@@ -121,10 +122,13 @@ class Follower:
             raise InputError(f"cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
         mapped, _ = apply_mapping(table.drop(columns=self.drop), self.mapping, name="the stream")
         numbers = mapped.apply(pd.to_numeric, errors="coerce").astype(np.float64)
-        return numbers.mask(numbers.abs() > LARGEST_VALUE)
+        numbers = numbers.mask(numbers.abs() > LARGEST_VALUE)
+        dark = without_light(numbers)
+        return numbers.assign(**{column: numbers[column].mask(dark) for column in READOUTS}) if dark.any() else numbers
 
     def _check(self, table: pd.DataFrame) -> None:
         there = ", ".join(map(str, table.columns))
+        require_raw("the stream", table.columns)
         if TIME not in table:
             raise InputError(f"the stream has no column {TIME}; it has {there}; map it with --map, or give --period-s")
         missing = [column for column in self.compensator.recipe_.columns if column not in table]
@@ -196,20 +200,6 @@ class Follower:
             return units.convert(values, units.column_unit(column) or "deg/h", "deg/h")
         assert self.pulse_arcsec is not None and self.period_s is not None  # noqa: S101, PT018  (checked with the header)
         return units.convert(values * (self.pulse_arcsec / self.period_s), "arcsec/s", "deg/h")
-
-
-def other_calibration(compensator: Compensator, used: str | None) -> str | None:
-    """What is wrong with gyros calibrated with the file of this SHA-256, or not at all; None if nothing is."""
-    notes = [run.get("notes") or {} for run in compensator.provenance_]
-    trained = {str(note["calibration"]) for note in notes if "calibration" in note}
-    if not trained or used in trained:
-        return None
-    received = "this run is not calibrated" if used is None else f"this run with the one of SHA-256 {used[:12]}..."
-    wanted = " or ".join(f"{identity[:12]}..." for identity in sorted(trained))
-    return (
-        f"the model was trained on gyros calibrated with the file of SHA-256 {wanted}; {received}; "
-        "give that file with --calibration"
-    )
 
 
 def to_lines(rows: pd.DataFrame) -> list[str]:

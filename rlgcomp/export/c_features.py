@@ -67,12 +67,12 @@ class FeatureCode:
         slot = self._remember(column, self._slots_a_filter)
         self.filters += 1
         tau_s = self._number(_not_negative(time_constant_s, column))
-        return f"behind(&state->memory[{slot}], {self._monitor(column)}, step_s, {tau_s})"
+        return f"behind(&next.memory[{slot}], {self._monitor(column)}, step_s, {tau_s})"
 
     def _left_behind(self, column: str, radius: float) -> str:
         slot = self._remember(column, 1)
         self.plays += 1
-        return f"left_behind(&state->memory[{slot}], {self._monitor(column)}, {self._number(_not_negative(radius, column))})"
+        return f"left_behind(&next.memory[{slot}], {self._monitor(column)}, {self._number(_not_negative(radius, column))})"
 
     def _remember(self, column: str, slots: int) -> int:
         first = self.slots

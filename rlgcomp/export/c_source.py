@@ -196,6 +196,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
     return {
         "feature_lines": features.lines,
         "starts": features.starts,
+        "dark": any(isinstance(feature, ReadoutDifference) for feature in compensator.recipe_.features),
         "slots": features.slots,
         "low_passes": features.filters,
         "plays": features.plays,

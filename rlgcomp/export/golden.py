@@ -62,9 +62,9 @@ def stream_of(recording: Recording, compensator: Compensator, expansion: Expansi
 def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool) -> tuple[Stream, int]:
     """The golden recording, made from the artefact alone, and how many of its rows from the second on are undisturbed.
 
-    A sample that is not finite; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
-    a little beyond the training range, samples that are not finite or come at a wrong time, an ordinary stretch, and inputs far
-    out. Each sample goes through the recipe's own `step`.
+    A sample that tells nothing; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
+    a little beyond the training range, samples that tell nothing or come at a wrong time, an ordinary stretch, and inputs far
+    out. What tells nothing is not finite, or holds readouts that are both 0. Each sample goes through the recipe's own `step`.
     """
     time_s, monitors = _episodes(compensator)
     recipe = compensator.recipe_
@@ -94,9 +94,11 @@ def _episodes(compensator: Compensator) -> tuple[Array, Array]:
     again = quiet[-_EPISODE:][::-1]
     beyond = again + 0.4 * span
     far = again[:4] * np.array([[50.0], [-50.0], [1e6], [-1e6]])  # last: single precision takes long to forget it
-    bad = np.repeat(quiet[-1:], 5, axis=0)
+    dark = any(isinstance(feature, ReadoutDifference) for feature in compensator.recipe_.features)
+    nothing = np.full_like(quiet[:1], 0.0 if dark else np.nan)
+    bad = np.vstack([np.repeat(quiet[-1:], 5, axis=0), nothing])
     bad[0, 0], bad[1, -1] = np.nan, np.inf
-    monitors = np.vstack([np.full_like(quiet[:1], np.nan), quiet, again, beyond, bad, again, far])
+    monitors = np.vstack([nothing, quiet, again, beyond, bad, again, far])
     period_s = compensator.averaging_s
     added_s = quiet_s[-1] + 10.0 * period_s + period_s * np.arange(1, len(monitors) - len(quiet))
     time_s = np.r_[quiet_s[0] - period_s, quiet_s, added_s]

@@ -20,13 +20,16 @@ from rlgcomp.repair.entries import LARGEST_VALUE as LARGEST_VALUE
 from rlgcomp.repair.entries import empty_channels, numbers, structure
 from rlgcomp.repair.frozen import frozen_monitors, frozen_thermometers
 from rlgcomp.repair.gaps import LONGEST_HOLD_S as LONGEST_HOLD_S
+from rlgcomp.repair.gaps import READOUTS as READOUTS
 from rlgcomp.repair.gaps import ROUNDING as ROUNDING
-from rlgcomp.repair.gaps import missing_values
+from rlgcomp.repair.gaps import dark_readouts, missing_values
+from rlgcomp.repair.gaps import without_light as without_light
 from rlgcomp.repair.wrong_units import units_meant
 
 CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     structure,
     numbers,
+    dark_readouts,
     empty_channels,
     time_order,
     empty_channels,  # again, now that rows have gone

@@ -1,4 +1,4 @@
-"""Values that are missing: a monitor's last one stands in for a while, a row without a gyro goes."""
+"""Values that are missing, or tell nothing: a monitor's last one stands in for a while, a row without a gyro goes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,28 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.recording import TIME, is_gyro
-from rlgcomp.repair.context import Context
+from rlgcomp.repair.context import Context, Rows
 
 LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long, and for the next in any case
 ROUNDING: Final = 1e-9
+READOUTS: Final = ["readout_a_V", "readout_b_V"]
+
+
+def dark_readouts(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Readouts whose sum is zero, as of a converter that is not ready: of them no relative difference can be told."""
+    dark = without_light(table)
+    if not dark.any():
+        return table
+    said = f"its sum with {READOUTS[1]} is 0 in {int(dark.sum())} rows: both count as missing"
+    context.add("repaired", said, READOUTS[0], dark.argmax())
+    return table.assign(**{column: table[column].mask(dark) for column in READOUTS})
+
+
+def without_light(table: pd.DataFrame) -> Rows:
+    """Mask of the rows whose two readouts sum to zero."""
+    if not set(READOUTS) <= set(table.columns):
+        return np.zeros(len(table), dtype=np.bool_)
+    return np.asarray(table[READOUTS[0]].to_numpy() + table[READOUTS[1]].to_numpy() == 0.0)
 
 
 def missing_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:

@@ -321,6 +321,7 @@ static int answer(const {{ p }}_state *state, int status, {{ p }}_result *result
 
 int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ p }}_result *result)
 {
+    {{ p }}_state next = *state; /* kept once the sample is known to be valid */
     real inputs[INPUTS];
 {% if low_passes %}
     real step_s;
@@ -334,17 +335,17 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
     if (!valid) {
         return answer(state, {{ P }}_INVALID, result);
     }
-    if (!state->started) {
-        state->started = 1;
-        state->time_s = time_s;
+    if (!next.started) {
+        next.started = 1;
+        next.time_s = time_s;
 {% for slot, monitor in starts %}
-        state->memory[{{ slot }}] = monitors[{{ P }}_{{ monitor }}];
+        next.memory[{{ slot }}] = monitors[{{ P }}_{{ monitor }}];
 {% endfor %}
     }
 {% if low_passes %}
-    step_s = (real)(time_s - state->time_s);
+    step_s = (real)(time_s - next.time_s);
 {% endif %}
-    state->time_s = time_s;
+    next.time_s = time_s;
 
 {% for line in feature_lines %}
     {{ line }}
@@ -355,7 +356,8 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
             return answer(state, {{ P }}_INVALID, result);
         }
     }
-    state->bias_deg_h = bias_of(inputs, &outside, &flagged);
-    state->half_width_deg_h = {{ interval.inside_deg_h|number }} + {{ interval.per_span_deg_h|number }} * outside;
+    next.bias_deg_h = bias_of(inputs, &outside, &flagged);
+    next.half_width_deg_h = {{ interval.inside_deg_h|number }} + {{ interval.per_span_deg_h|number }} * outside;
+    *state = next;
     return answer(state, flagged ? {{ P }}_OUT_OF_RANGE : {{ P }}_OK, result);
 }
