@@ -258,3 +258,22 @@ def test_angle_random_walk_over_400_records(model: rlg.NoiseModel) -> None:
     print("misfit in", np.mean([one.misfit > 0.0 for one in found]), "p < 0.5 in", np.mean([one.p_value < 0.5 for one in found]))  # noqa: T201
     assert abs(ratio.mean() - 1.0) < 0.01
     assert 0.9 < rms < 1.15
+
+
+def test_a_stretch_ends_where_the_curve_has_left_its_line() -> None:
+    """Five decades of white noise, then flicker: no single step tells that the curve has left the line, together they do."""
+    noise = rlg.NoiseModel(5e-4, bias_instability_deg_h=0.002)
+    curve = rlg.allan_deviation(sum(noise.simulate(1_000_000, 0.1, 4).values()), 0.1 * np.arange(1_000_000))
+    white, flicker = (stretch for stretch in stretches(curve) if stretch.long_enough)
+    assert (white.nearest, flicker.nearest) == (-0.5, 0.0)
+    assert 200.0 < white.to_s < 1500.0  # equal at (60 N)² / (B² 2 ln 2 / pi) = 510 s
+
+
+def test_why_a_curve_ends_early_is_said() -> None:
+    kept = np.arange(SAMPLES) % 61 != 57
+    curve = rlg.allan_deviation(record(WHITE, 2)[kept], np.arange(float(SAMPLES))[kept])
+    said = " ".join(findings(curve, fit_coefficients(curve)))
+    assert "no part of" in said
+    assert "recording.averaged(10)" in said
+    whole = rlg.allan_deviation(record(WHITE, 2), np.arange(float(SAMPLES)))
+    assert "no part of" not in " ".join(findings(whole, fit_coefficients(whole)))

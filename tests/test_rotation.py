@@ -251,6 +251,21 @@ def test_band_narrows_where_a_hump_is_no_noise_of_the_four() -> None:
     assert abs(fitted.angle_random_walk_deg_sqrt_h - 4e-4) < 3.5 * fitted.angle_random_walk_deg_sqrt_h_sd
 
 
+def test_rounding_to_pulses_leaves_n_unbiased_and_its_error_true() -> None:
+    """60.0137 deg/s in pulses of 0.8428 arcsec: rounding is not white where it outweighs N, and there the spectrum is not used."""
+    errors = []
+    for seed in range(30):
+        rate = 60.0137 * 3600.0 + rlg.NoiseModel(5e-4).simulate(120_000, 0.01, seed)["angle_random_walk"]
+        start = np.random.default_rng(seed).uniform()
+        pulses = np.diff(np.floor(start + np.cumsum(rate) * 0.01 / 0.8428), prepend=0.0)[1:]
+        counted = (pulses - pulses.mean()) * 0.8428 / 0.01
+        found = periodogram(counted, np.arange(len(counted)), 0.01, 2.0)
+        fitted = fit_widest(found, leave_out=np.zeros(len(found.density), dtype=bool))
+        errors.append((fitted.angle_random_walk_deg_sqrt_h - 5e-4) / fitted.angle_random_walk_deg_sqrt_h_sd)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.4  # 30 draws: ± 13 % each way
+    assert abs(np.mean(errors)) < 0.75
+
+
 def test_too_few_frequencies_are_refused() -> None:
     with pytest.raises(rlg.InputError, match="record longer"):
         fit_spectrum(periodogram(np.random.default_rng(1).standard_normal(60), np.arange(60), 1.0))
@@ -310,6 +325,36 @@ def test_a_table_whose_speed_wanders_is_not_taken_for_noise() -> None:
     wander = rlg.allan_deviation(one.means["before_deg_h"], one.means["time_s"], [100.0]).deviation_deg_h[0]
     assert wander > 50.0 * 60.0 * 1.3e-3 / 10.0
     assert abs(one.angle_random_walk_deg_sqrt_h - 1.3e-3) < 4.0 * one.angle_random_walk_deg_sqrt_h_sd < 1.3e-3
+
+
+@pytest.mark.parametrize("pulses", [None, LIU_PULSE_ARCSEC], ids=["fine", "pulses"])
+def test_a_knock_is_left_out_and_its_time_told(pulses: float | None) -> None:
+    run = turned(((60.0, 900.0),), pulse_arcsec=pulses)
+    calm = angle_random_walk(run)
+    assert not calm.left_out
+    frame = run.table.copy()
+    column = run.gyro_columns[0]
+    frame.loc[50_000, column] += 30.0 if pulses else 25.0 / run.period_s
+    knocked = angle_random_walk(run.replace(table=frame))
+    (said,) = knocked.left_out
+    assert said in knocked.remarks
+    assert float(said.split("jumps at ")[1].split(" s")[0]) == pytest.approx(run.time_s[50_000], abs=0.2)
+    for before, after in zip(calm.gyros, knocked.gyros, strict=True):
+        sd = before.angle_random_walk_deg_sqrt_h_sd
+        assert abs(after.angle_random_walk_deg_sqrt_h - before.angle_random_walk_deg_sqrt_h) < sd
+        check, same = after.whole_revolutions, before.whole_revolutions
+        difference = check.angle_random_walk_deg_sqrt_h - same.angle_random_walk_deg_sqrt_h
+        assert abs(difference) < same.angle_random_walk_deg_sqrt_h_sd
+
+
+def test_a_gap_of_half_a_turn_leaves_whole_revolutions_as_they_are() -> None:
+    run = turned(((60.0, 900.0),))
+    whole, holed = (
+        angle_random_walk(run.replace(table=run.table[keep])).gyros[0].whole_revolutions
+        for keep in (run.time_s > 0.0, np.abs(run.time_s - 450.0) > 1.3)
+    )
+    difference = holed.angle_random_walk_deg_sqrt_h - whole.angle_random_walk_deg_sqrt_h
+    assert abs(difference) < 0.5 * whole.angle_random_walk_deg_sqrt_h_sd
 
 
 def test_gaps_and_a_trend_on_temperature() -> None:

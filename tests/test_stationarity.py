@@ -106,6 +106,30 @@ def test_lines_are_dither_not_motion() -> None:
     assert find_lines(broad, 1.0).share < 0.05
 
 
+def counted(rate_deg_h: np.ndarray, period_s: float, pulse_arcsec: float) -> np.ndarray:
+    return np.diff(np.floor(np.cumsum(rate_deg_h) * period_s / pulse_arcsec), prepend=0.0) * pulse_arcsec / period_s
+
+
+def test_the_beat_of_a_count_is_not_dither() -> None:
+    """11.2 deg/h in pulses of 0.84 arcsec make 13.3 pulses a second, and lines at its multiples; other lines are none of them."""
+    rng, time_s = np.random.default_rng(5), 0.01 * np.arange(60_000)
+    rate = counted(11.2 + 0.3 * rng.standard_normal(len(time_s)), 0.01, 0.84)
+    said = " ".join(check_stationarity(rate, time_s, pulse_arcsec=0.84).findings())
+    assert "makes 13.3" in said
+    assert "dither" not in said
+    assert "residual dither" in " ".join(check_stationarity(rate, time_s).findings())
+    shaken = rng.standard_normal(len(time_s)) + 11.2 + 5.0 * np.sin(2.0 * np.pi * 17.7 * time_s)
+    assert "residual dither" in " ".join(check_stationarity(shaken, time_s, pulse_arcsec=0.84).findings())
+
+
+def test_the_time_of_a_burst_is_told() -> None:
+    rate = record("white", 3)
+    rate[2345] += 100.0
+    found = check_stationarity(rate, TIME_S)
+    assert found.furthest_s == pytest.approx(2345.0, abs=2.0 * found.tau_s)
+    assert f"the largest at {found.furthest_s:.6g} s" in found.findings()[0]
+
+
 @pytest.mark.parametrize(("samples", "segments"), [(30, 8), (4000, 1)])
 def test_what_cannot_be_compared_is_refused(samples: int, segments: int) -> None:
     with pytest.raises(rlg.InputError):

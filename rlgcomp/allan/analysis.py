@@ -98,7 +98,8 @@ def analyse_noise(
         raise InputError(f"{recording.name}, {column}: {error}") from None
     accelerometers = {name: recording.column(name)[scored] for name in recording.columns if name.startswith("accel_")}
     try:
-        stationarity = check_stationarity(rate, time, accelerometers)
+        pulse_arcsec = recording.metadata.pulse_arcsec if column.endswith("_pulses") else None
+        stationarity = check_stationarity(rate, time, accelerometers, pulse_arcsec=pulse_arcsec)
     except InputError:
         stationarity = None
     said: tuple[str, ...] = () if stationarity is None else stationarity.findings()

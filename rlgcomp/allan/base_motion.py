@@ -29,19 +29,32 @@ _OVERLAP_LOSS: Final = 1.056  # of independent blocks, Hann window, half overlap
 _LINE_HEIGHT: Final = 30.0  # over the spectrum around it
 _LINE_SURROUNDINGS: Final = 31  # frequencies
 _LINES_NAMED: Final = 4
+_MULTIPLES: Final = 8  # of the beat of a count
 _INNER: Final = slice(1, -1)  # of a spectrum: the window leaks the mean into the lowest frequency
 
 
 @dataclasses.dataclass(frozen=True)
 class Lines:
-    """Narrow lines: their frequencies in Hz, the strongest first, and the part of the gyro's variance in all of them."""
+    """Narrow lines: their frequencies in Hz, the strongest first, and the part of the gyro's variance in all of them.
+
+    `sampling_hz` and `bin_hz` are those of the spectrum they are in.
+    """
 
     frequency_hz: tuple[float, ...]
     share: float
+    sampling_hz: float = 0.0
+    bin_hz: float = 0.0
 
     @property
     def significant(self) -> bool:
         return self.share >= LEAST_SHARE
+
+    def all_multiples_of(self, beat_hz: float) -> bool:
+        """Whether each is a low multiple of a frequency, as sampled, to two bins and a thousandth of it."""
+        multiples = beat_hz * np.arange(1, _MULTIPLES + 1)
+        seen = np.abs(multiples - self.sampling_hz * np.rint(multiples / self.sampling_hz))
+        near = 2.0 * self.bin_hz + 1e-3 * multiples
+        return all(bool((np.abs(seen - frequency) <= near).any()) for frequency in self.frequency_hz)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +111,8 @@ def find_lines(rate: Array, period_s: float) -> Lines:
     edges = np.flatnonzero(np.diff(np.r_[False, lines, False]))
     tops = [start + int(np.argmax(power[start:stop])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
     tops = sorted(tops, key=lambda k: -power[k])[:_LINES_NAMED]
-    return Lines(tuple(float(frequency[k]) for k in tops), float(power[lines].sum() / power.sum()))
+    share = float(power[lines].sum() / power.sum())
+    return Lines(tuple(float(frequency[k]) for k in tops), share, 1.0 / period_s, float(frequency[0]))
 
 
 def compare(name: str, rate: Array, acceleration: Array, period_s: float, tau_s: float) -> Motion:

@@ -36,6 +36,10 @@ _CHANGE: Final = 4.0  # cost of a change of slope, in units of chi-square
 _PURE: Final = 0.15  # departure of a slope from the nearest noise's that tells of a mixture
 _HUMP: Final = 1.3  # least height of a maximum over the minima on both sides
 _SINE: Final = 0.371  # the Allan deviation of a sine is greatest at this part of its period
+_AS_LARGE: Final = 0.5 * math.log(2.0)  # what a second noise of the same variance adds to the logarithm of a deviation
+_CLEARLY: Final = 3.0  # standard deviations
+_WHOLE: Final = 0.1  # of a record: the longest part, where gaps do not cut the curve short
+_AVERAGED: Final = 10  # samples: means that one lost sample in each leaves 90 % full
 _SHORTEST: Final = 3.0  # ratio of averaging times below which a stretch is only a bend
 
 
@@ -78,6 +82,7 @@ def stretches(deviation: AllanDeviation) -> tuple[Stretch, ...]:
     costs = (np.diff(value)[:, None] - np.outer(steps, SLOPES)) ** 2
     costs /= (variance[1:] + variance[:-1] + 2.0 * _roughness(value) ** 2 + (_TOLERANCE * steps) ** 2)[:, None]
     states = _cheapest(costs)
+    states = _parted(states, tau, value, variance, costs)
     edges = [0, *(np.flatnonzero(np.diff(states)) + 1).tolist(), len(states)]
     found = []
     for start, stop in itertools.pairwise(edges):
@@ -108,6 +113,13 @@ def findings(deviation: AllanDeviation, coefficients: NoiseCoefficients, *, base
         said.append(
             f"the five noises do not describe this curve: its variances depart from their sum by {100 * coefficients.misfit:.0f} % "
             f"beyond chance ({probability(coefficients.p_value)}); the standard errors allow for it"
+        )
+    longest_s, all_s = (float(samples) * deviation.period_s for samples in (deviation.parts.max(), deviation.parts.sum()))
+    if longest_s < _WHOLE * all_s:
+        said.append(
+            f"it ends at {deviation.tau_s[-1]:.3g} s: {len(deviation.parts) - 1} gaps leave no part of {all_s:.3g} s longer than "
+            f"{longest_s:.3g} s, and no difference spans a gap; where single samples are missing, means over ten go further: "
+            f"allan_deviation(recording.averaged({_AVERAGED * deviation.period_s:g})) in Python"
         )
     return tuple(said)
 
@@ -179,6 +191,26 @@ def _cheapest(costs: Array) -> npt.NDArray[np.int64]:
     for origin in reversed(came_from):
         states.append(int(origin[states[-1]]))
     return np.array(states[::-1], dtype=np.int64)
+
+
+def _parted(states: npt.NDArray[np.int64], tau: Array, value: Array, variance: Array, costs: Array) -> npt.NDArray[np.int64]:
+    """States, with those stretches parted whose far end has left the line: small steps beside it add up unseen by each of them.
+
+    Where the curve stays off by more than another noise of the same variance would put it, the other noise is the larger.
+    """
+    parted = states.copy()
+    edges = [0, *(np.flatnonzero(np.diff(states)) + 1).tolist(), len(states)]
+    for start, stop in itertools.pairwise(edges):
+        at, state = slice(start, stop + 1), int(states[start])
+        off = value[at] - SLOPES[state] * tau[at]
+        off = np.abs(off - np.average(off, weights=1.0 / variance[at]))
+        left = (off > max(_AS_LARGE, 3.0 * _roughness(value[at]))) & (off > _CLEARLY * np.sqrt(variance[at]))
+        first = start + len(left) - int(np.argmin(np.r_[left[::-1], False]))
+        if first < stop:
+            others = costs[first:stop].sum(axis=0)
+            others[state] = math.inf
+            parted[first:stop] = int(np.argmin(others))
+    return parted
 
 
 def _roughness(value: Array) -> float:

@@ -53,8 +53,12 @@ class Stationarity:
         Probability of differences as large if the noise is the same all along.
     excess_kurtosis : float
         Of the differences over that averaging time within segments; zero for Gaussian noise.
+    furthest_s : float
+        Time about which two neighbouring means over `tau_s` differ most.
     lines : Lines
         Narrow lines of the gyro.
+    beat_hz : float
+        Pulses a second that the mean rate makes; zero where the gyro does not count pulses.
     motions : tuple of Motion
         One an accelerometer.
     """
@@ -64,7 +68,9 @@ class Stationarity:
     deviation_deg_h: Array
     p_value: float
     excess_kurtosis: float
+    furthest_s: float
     lines: Lines
+    beat_hz: float
     motions: tuple[Motion, ...]
 
     @property
@@ -81,20 +87,15 @@ class Stationarity:
         said = []
         if not self.stationary:
             high, low = int(np.argmax(self.deviation_deg_h)), int(np.argmin(self.deviation_deg_h))
-            bursts = f", in bursts (excess kurtosis {self.excess_kurtosis:.1f})" if self.excess_kurtosis > 1.0 else ""
+            largest = f", in bursts (excess kurtosis {self.excess_kurtosis:.1f}), the largest at {self.furthest_s:.6g} s"
+            bursts = largest if self.excess_kurtosis > 1.0 else ""
             said.append(
                 f"the noise is not stationary: at {self.tau_s:.3g} s the deviation is {self.deviation_deg_h[high]:.3g} deg/h from "
                 f"{self.start_s[high]:.4g} s on and {self.deviation_deg_h[low]:.3g} deg/h from {self.start_s[low]:.4g} s on "
                 f"({probability(self.p_value)}){bursts}; one set of coefficients does not describe this record"
             )
         if self.lines.significant:
-            too = [motion.accelerometer for motion in self.motions if motion.line_share >= 0.5 * self.lines.share]
-            seen = f", which {', '.join(too)} {'shows' if len(too) == 1 else 'show'} too" if too else ""
-            at = ", ".join(f"{frequency:.3g}" for frequency in self.lines.frequency_hz)
-            said.append(
-                f"{100 * self.lines.share:.0f} % of the variance is in narrow lines (at {at} Hz, as sampled){seen}: "
-                "residual dither of this gyro or its neighbours, or a steady vibration"
-            )
+            said.append(self._of_lines())
         said.extend(
             f"base motion: {motion.accelerometer} sees it too (coherence {motion.coherence:.2f} at {motion.frequency_hz:.3g} Hz, "
             f"{100 * motion.share:.0f} % of the gyro's variance; rank correlation of their powers {motion.power_correlation:.2f}, "
@@ -112,6 +113,18 @@ class Stationarity:
             )
         return tuple(said)
 
+    def _of_lines(self) -> str:
+        too = [motion.accelerometer for motion in self.motions if motion.line_share >= 0.5 * self.lines.share]
+        seen = f", which {', '.join(too)} {'shows' if len(too) == 1 else 'show'} too" if too else ""
+        at = ", ".join(f"{frequency:.3g}" for frequency in self.lines.frequency_hz)
+        said = f"{100 * self.lines.share:.0f} % of the variance is in narrow lines (at {at} Hz, as sampled){seen}"
+        if not too and self.beat_hz > 0.0 and self.lines.all_multiples_of(self.beat_hz):
+            return (
+                f"{said}: the mean rate makes {self.beat_hz:.4g} pulses a second, and these are multiples of it: the beat of "
+                "counting whole pulses, no motion; in longer averages it fades"
+            )
+        return f"{said}: residual dither of this gyro or its neighbours, or a steady vibration"
+
     def to_frame(self) -> pd.DataFrame:
         """One row a segment."""
         return pd.DataFrame({"start_s": self.start_s, "deviation_deg_h": self.deviation_deg_h})
@@ -127,6 +140,7 @@ def check_stationarity(
     accelerometers: Mapping[str, npt.ArrayLike] | None = None,
     *,
     segments: int = SEGMENTS,
+    pulse_arcsec: float | None = None,
 ) -> Stationarity:
     """Compare the segments of a record, and the gyro with the accelerometers.
 
@@ -137,6 +151,8 @@ def check_stationarity(
     accelerometers : mapping of str to array_like, optional
         Their outputs at the same times, in any unit. They are compared on the longest part without gaps.
     segments : int
+    pulse_arcsec : float, optional
+        Where the gyro counts pulses.
 
     Raises
     ------
@@ -151,32 +167,38 @@ def check_stationarity(
     edges = np.searchsorted(time, np.linspace(time[0], time[-1] + whole.period_s, segments + 1))
     angle = np.r_[0.0, np.cumsum(rate - rate.mean())]
     part = np.repeat(np.arange(len(whole.parts)), whole.parts)
-    best: tuple[float, float, Array, Array, float] | None = None
+    best: tuple[float, float, Array, Array, float, float] | None = None
     tested = 0
     for tau_s, alpha in zip(whole.tau_s, whole.alpha, strict=True):
         compared = _compare(angle, part, edges, round(tau_s / whole.period_s), min(int(alpha), 0))
         if compared is None:
             continue
         tested += 1
-        log_p, segment, rms, kurtosis = compared
+        log_p, segment, rms, kurtosis, row = compared
         if best is None or log_p < best[0]:
-            best = (log_p, float(tau_s), time[edges[segment]], rms * whole.period_s / (math.sqrt(2.0) * tau_s), kurtosis)
+            deviations = rms * whole.period_s / (math.sqrt(2.0) * tau_s)
+            best = (log_p, float(tau_s), time[edges[segment]], deviations, kurtosis, float(time[row]))
     if best is None:
         raise InputError(f"{len(rate)} samples are too few to compare {segments} segments; give a longer record, or fewer segments")
-    log_p, tau_s, start_s, deviations, kurtosis = best
+    log_p, tau_s, start_s, deviations, kurtosis, furthest_s = best
     longest = _longest_part(whole)
     lines = find_lines(rate[longest], whole.period_s)
     motions = tuple(
         compare(name, rate[longest], np.asarray(values, dtype=np.float64)[longest], whole.period_s, tau_s)
         for name, values in (accelerometers or {}).items()
     )
-    return Stationarity(tau_s, start_s, deviations, min(1.0, tested * math.exp(log_p)), kurtosis, lines, motions)
+    beat_hz = abs(float(rate.mean())) / pulse_arcsec if pulse_arcsec is not None else 0.0  # deg/h is arcsec/s
+    p_value = min(1.0, tested * math.exp(log_p))
+    return Stationarity(tau_s, start_s, deviations, p_value, kurtosis, furthest_s, lines, beat_hz, motions)
 
 
 def _compare(
     angle: Array, part: npt.NDArray[np.int64], edges: npt.NDArray[np.intp], m: int, alpha: int
-) -> tuple[float, npt.NDArray[np.intp], Array, float] | None:
-    """Bartlett's test of the segments at one averaging time: log p-value, segments compared, rms difference, excess kurtosis."""
+) -> tuple[float, npt.NDArray[np.intp], Array, float, int] | None:
+    """Bartlett's test of the segments at one averaging time: log p-value, segments compared, rms difference, excess kurtosis.
+
+    Last the row about which the largest difference is.
+    """
     difference = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
     whole = part[2 * m - 1 :] == part[: len(difference)]
     segments, squares, fourths, counts = [], [], [], []
@@ -199,7 +221,8 @@ def _compare(
     pooled = float(nu @ s2) / float(nu.sum())
     statistic = float(nu.sum() * math.log(pooled) - nu @ np.log(s2))
     statistic /= 1.0 + (float((1.0 / nu).sum()) - 1.0 / float(nu.sum())) / (3.0 * (len(nu) - 1))
-    return float(stats.chi2.logsf(statistic, len(nu) - 1)), np.array(segments), np.sqrt(s2), kurtosis
+    furthest = m + int(np.argmax(np.where(whole, np.abs(difference), 0.0)))
+    return float(stats.chi2.logsf(statistic, len(nu) - 1)), np.array(segments), np.sqrt(s2), kurtosis, furthest
 
 
 def _longest_part(whole: AllanDeviation) -> slice:

@@ -150,6 +150,8 @@ def _in_pieces(
 
 
 def _show(analysis: Any) -> None:
+    from rlgcomp.allan.wording import value_text
+
     table = analysis.deviation.to_frame().rename(
         columns={
             "tau_s": "tau, s",
@@ -164,7 +166,7 @@ def _show(analysis: Any) -> None:
     )
     typer.echo()
     rows = [
-        {"coefficient": name, "value": value, "standard error": "not seen" if sd == float("inf") else f"{sd:.2g}"}
+        {"coefficient": name, "value ± standard error": "not seen" if sd == float("inf") else value_text(value, sd)}
         for name, value, sd in analysis.coefficients.to_frame().itertuples(index=False)
     ]
     show_table("Five noises", rows)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlgcomp.allan.analysis import NoiseAnalysis
-from rlgcomp.allan.wording import short
+from rlgcomp.allan.wording import value_text
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN
 
 # One line a noise, in the order of the coefficients: letter, unit, colour
@@ -61,10 +61,12 @@ def _panel(axes: Axes, analysis: NoiseAnalysis) -> None:
     )
     values = coefficients.to_frame()
     for (letter, unit, colour), term, value, sd in zip(_NOISES, terms, values["value"], values["sd"], strict=True):
+        said = value_text(value, sd)
         if value > 0.0:
-            axes.plot(tau, term, color=colour, lw=1.2, ls="--", label=f"{letter} = {value:.3g} ± {short(sd)} {unit}")
+            label = f"{letter} {said} {unit}" if said.startswith("<") else f"{letter} = {said} {unit}"
+            axes.plot(tau, term, color=colour, lw=1.2, ls="--", label=label)
         elif np.isfinite(sd):
-            axes.plot([], [], color=RAW, lw=0, label=f"{letter} < {short(sd)} {unit}")
+            axes.plot([], [], color=RAW, lw=0, label=f"{letter} {said} {unit}")
     axes.set(xscale="log", yscale="log", xlabel="averaging time in s", ylabel=f"{kind} in deg/h", xlim=(tau[0], tau[-1]))
     axes.set_ylim(0.4 * float(deviation.lower_deg_h.min()), 2.0 * float(deviation.upper_deg_h.max()))
     axes.set_title(analysis.gyro)

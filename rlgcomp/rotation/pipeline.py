@@ -2,7 +2,8 @@ r"""Angle random walk of gyros that turn at constant rate on a table, with its s
 
 1. Stretches of constant rate are found on the encoder. The mean rate and a fifth-order trend (in time or in temperature, fitted to
    means over whole revolutions of at least 6 s) are taken out.
-2. What repeats with the angle is found and fitted (:mod:`rlgcomp.rotation.harmonics`).
+2. What repeats with the angle is found and fitted (:mod:`rlgcomp.rotation.harmonics`). Where the angle that is left jumps, samples
+   are left out (:mod:`rlgcomp.rotation.knocks`), and the run is taken anew.
 3. The table's own motion: a gyro feels it, an encoder of 3 arcsec shows it only below some 0.1 Hz. Subtracting the encoder always
    would put its noise, a thousand times a sample's random walk, on every sample; never subtracting it would take a wandering
    speed for noise of the gyro. So it is subtracted, scaled by the ratio of the mean rates, only if in some octave of frequency
@@ -21,6 +22,7 @@ Liu et al., Sensors 19, 4754 (2019), section 5.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Final
 
@@ -30,6 +32,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.rotation.encoder import Delay, delay_from_changes, find_legs, table_angle_deg
 from rlgcomp.rotation.harmonics import Progress
+from rlgcomp.rotation.knocks import knocks_in
 from rlgcomp.rotation.results import AngleRandomWalk, RotationNoise
 from rlgcomp.rotation.stretch import Stretch, Trend, revolutions
 
@@ -62,17 +65,15 @@ def angle_random_walk(
         No encoder, a table at rest, too few revolutions, or a gyro that does not feel the rotation.
     """
     recordings = [runs] if isinstance(runs, Recording) else list(runs)
-    results: list[AngleRandomWalk] = []
-    delays: list[Delay] = []
-    for k, recording in enumerate(recordings):
-        found, delay = _run(recording, gyros or recording.gyro_columns, trend, _part(advance, k, len(recordings)))
-        results += found
-        delays += [delay] if delay is not None else []
-    best = min(delays, key=lambda delay: delay.sd_s) if delays else None
-    return RotationNoise.together([RotationNoise(tuple(results), best)])
+    return RotationNoise.together(
+        [
+            _run(recording, gyros or recording.gyro_columns, trend, _part(advance, k, len(recordings)))
+            for k, recording in enumerate(recordings)
+        ]
+    )
 
 
-def _run(recording: Recording, gyros: Sequence[str], trend: Trend, advance: Progress) -> tuple[list[AngleRandomWalk], Delay | None]:
+def _run(recording: Recording, gyros: Sequence[str], trend: Trend, advance: Progress) -> RotationNoise:
     for column in gyros:
         recording.gyro_column(column)
     angle = table_angle_deg(recording)
@@ -91,14 +92,22 @@ def _run(recording: Recording, gyros: Sequence[str], trend: Trend, advance: Prog
             f"{recording.name}: the longest stretch of constant rate has {most:.1f} revolutions; at least {FEWEST_REVOLUTIONS} are "
             "needed, and an hour or more for a useful N; record longer"
         )
-    found, delays = [], []
+    found: list[AngleRandomWalk] = []
+    delays: list[Delay] = []
     for k, leg in enumerate(long_enough):
         one = Stretch(recording, leg, angle, gyros, trend, _part(advance, k, len(long_enough)))
+        knocked, said = knocks_in(one)
+        if said:
+            calm = np.ones(len(recording), dtype=np.bool_)
+            calm[leg.rows] = ~knocked
+            left = recording.replace(table=recording.table[calm], truth=None if recording.truth is None else recording.truth[calm])
+            result = _run(left, gyros, trend, advance)
+            return dataclasses.replace(result, left_out=(*said, *result.left_out))
         found += one.results()
         strongest = int(np.argmax(np.abs(one.gains)))
         delay = delay_from_changes(recording, legs, angle, gyros[strongest], one.harmonics[strongest])
         delays += [delay] if delay is not None else []
-    return found, min(delays, key=lambda delay: delay.sd_s) if delays else None
+    return RotationNoise(tuple(found), min(delays, key=lambda delay: delay.sd_s) if delays else None)
 
 
 def _part(advance: Progress, k: int, parts: int) -> Progress:

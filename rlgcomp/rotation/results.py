@@ -103,10 +103,13 @@ class RotationNoise:
     gyros : tuple of AngleRandomWalk
     delay : Delay or None
         None where the rate never changes: delay and start angle are then inseparable.
+    left_out : tuple of str
+        What was left out before, in sentences.
     """
 
     gyros: tuple[AngleRandomWalk, ...]
     delay: Delay | None
+    left_out: tuple[str, ...] = ()
 
     @classmethod
     def together(cls, parts: Sequence[RotationNoise]) -> RotationNoise:
@@ -117,7 +120,8 @@ class RotationNoise:
             for column in dict.fromkeys(one.gyro for one in gyros):
                 found = delay_from_phases([(one.rate_deg_s, one.harmonics) for one in gyros if one.gyro == column])
                 delays += [found] if found is not None else []
-        return cls(gyros, min(delays, key=lambda delay: delay.sd_s) if delays else None)
+        best = min(delays, key=lambda delay: delay.sd_s) if delays else None
+        return cls(gyros, best, tuple(said for part in parts for said in part.left_out))
 
     def to_frame(self) -> pd.DataFrame:
         """One row a gyro and stretch: N of the spectrum, of the cross-check and of the five-term fit, with standard deviations."""
@@ -156,7 +160,7 @@ class RotationNoise:
     @property
     def remarks(self) -> list[str]:
         """What a reader should know of these numbers, in plain language."""
-        said = []
+        said = list(self.left_out)
         if self.delay is None:
             said.append(
                 "The encoder's delay cannot be told: at one constant rate it is inseparable from the angle at which the gyros began"

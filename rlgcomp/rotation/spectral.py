@@ -39,6 +39,7 @@ ITERATIONS: Final = 60
 BANDS: Final = 30
 LEAST_IN_BAND: Final = 20
 FITS: Final = 0.01
+MOST_ANGLE: Final = 1.0  # white noise of the angle over that of the rate, at the upper end of a band
 NARROWEST_HZ: Final = 0.1
 FADED: Final = 0.01  # of the record, at each end of each part
 
@@ -221,6 +222,9 @@ def fit_widest(found: Periodogram, *, leave_out: npt.NDArray[np.bool_]) -> Spect
 
     Coarse pulses beat with the rotation and put moving humps above some tenths of a hertz, table servos above some hertz; where the
     shape does not fit (p below 0.01), the upper end of the band is halved. Where no band fits, the narrowest is returned.
+
+    Rounding to pulses is only nearly white noise of the angle, and a test of the shape passes what already moves N by more than its
+    error. So the band also ends where white noise of the angle is more than that of the rate.
     """
     highest_hz = float(found.frequency_hz[-1])
     while True:
@@ -228,7 +232,9 @@ def fit_widest(found: Periodogram, *, leave_out: npt.NDArray[np.bool_]) -> Spect
         part = Periodogram(found.frequency_hz[inside], found.density[inside], found.period_s)
         fitted = fit_spectrum(part, leave_out=leave_out[inside])
         narrower = int(np.count_nonzero((found.frequency_hz <= 0.5 * highest_hz) & ~leave_out))
-        if fitted.fit_p_value > FITS or 0.5 * highest_hz < NARROWEST_HZ or narrower < FEWEST_BINS:
+        angle = fitted.terms[1] * float(shapes(part.frequency_hz[-1:], part.period_s)[0, 1])
+        fits = fitted.fit_p_value > FITS and angle <= MOST_ANGLE * fitted.terms[0]
+        if fits or 0.5 * highest_hz < NARROWEST_HZ or narrower < FEWEST_BINS:
             return fitted
         highest_hz *= 0.5
 

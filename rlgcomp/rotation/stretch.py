@@ -73,6 +73,11 @@ class Stretch:
         self.spectra = spectra(self.rates, self.middle_deg)
         self.advance(2, steps)
         self.harmonics = [fit_harmonics(rate, self.middle_deg, found) for rate, found in zip(self.rates, self.spectra, strict=True)]
+        self.clean = [without(rate, self.middle_deg, fitted) for rate, fitted in zip(self.rates, self.harmonics, strict=True)]
+
+    def samples_in(self, duration_s: float) -> int:
+        """Samples, at least one."""
+        return max(1, round(duration_s / self.period_s))
 
     def results(self) -> list[AngleRandomWalk]:
         """Of every gyro."""
@@ -94,8 +99,7 @@ class Stretch:
         return rate, without(rate, self.middle_deg, fit_harmonics(rate, self.middle_deg, found))
 
     def _gyro(self, k: int, encoder: tuple[Array, Array]) -> AngleRandomWalk:
-        raw, gain = self.rates[k], self.gains[k]
-        clean = without(raw, self.middle_deg, self.harmonics[k])
+        raw, clean, gain = self.rates[k], self.clean[k], self.gains[k]
         means = self._seconds(k, raw, clean)
         before, after = (allan_deviation(means[column], means["time_s"]) for column in ("before_deg_h", "after_deg_h"))
         subtract = self._table_moves(clean, encoder[1], gain)
@@ -146,7 +150,7 @@ class Stretch:
 
     def _seconds(self, k: int, raw: Array, clean: Array) -> pd.DataFrame:
         """Means of gyro k over 1 s, of seconds that are whole."""
-        per_second = max(1, round(AVERAGING_S / self.period_s))
+        per_second = self.samples_in(AVERAGING_S)
         second = self.place // per_second
         starts = np.flatnonzero(np.r_[True, np.diff(second) > 0])
         counts = np.diff(np.r_[starts, len(second)])
@@ -157,6 +161,13 @@ class Stretch:
         trend = self.trends[k](self.variable[starts[whole] + per_second // 2])
         return pd.DataFrame({"time_s": time_s[whole], **means, "trend_deg_h": trend})
 
+    def _broken_turns(self) -> Whole:
+        """The last places of each gap, beyond whole turns: what repeats does not cancel there, and the next turn shows it."""
+        missing = np.diff(self.place) - 1
+        beyond = np.rint(np.remainder(missing, self.turn_s / self.period_s)).astype(np.int64)
+        ends = self.place[1:]
+        return np.concatenate([ends[:0], *(np.arange(ends[k] - beyond[k], ends[k]) for k in np.flatnonzero(missing > 0))])
+
     def _whole_revolutions(self, raw: Array) -> SpectralNoise:
         r"""Noise of the angle averaged over whole revolutions.
 
@@ -166,7 +177,9 @@ class Stretch:
         """
         angle = np.zeros(self.place[-1] + 1)
         angle[self.place] = raw
-        angle = np.cumsum(angle) * self.period_s  # arcsec; a gap counts as no deviation
+        lost = self._broken_turns()
+        angle[lost] = np.interp(lost + self.turn_s / self.period_s, self.place, raw)
+        angle = np.cumsum(angle) * self.period_s  # arcsec; the whole turns of a gap count as no deviation
         area = np.cumsum(angle)
         turned = np.abs(np.interp(np.arange(len(angle)), self.place, self.angle_deg) - self.angle_deg[0]) / 360.0
         turns = np.arange(int(turned[-1]) + 1)
