@@ -58,7 +58,9 @@ def wild_samples(recording: Recording) -> list[Finding]:
         with contextlib.suppress(InputError):  # pulses of unknown size
             far, said = knocks_in(recording, column)
             if said:
-                remark = f"{said}; training, evaluation and diagnosis leave them out"
+                turning = recording.metadata.kind == "turntable"
+                then = "evaluation and diagnosis mend them" if turning else "training, evaluation and diagnosis leave them out"
+                remark = f"{said}; {then}"
                 found.append(Finding("noted", remark, column, int(np.argmax(far))))
     for column, (spikes, said) in spikes_in(recording).items():
         remark = f"has {said}: faults of the logger; training and diagnosis put them between their neighbours"

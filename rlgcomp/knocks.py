@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp import units
+from rlgcomp.miscounts import counting_deg_h, miscounts_in, without_miscounts
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.repair.frozen import frozen_stretches, said_of
 
@@ -27,15 +27,13 @@ _NORMAL: Final = 1.4826  # standard deviation of a normal variable over its medi
 
 
 def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
-    """Samples of a chamber or static run that stand off their neighbours' median, and what they look like, in words.
-
-    Turning, a gyro's output jumps as its table does: of such a run none are told.
-    """
+    """Samples that stand off their neighbours' median, of a turning run as its table turns, and what they look like, in words."""
     none = np.zeros(len(run), dtype=np.bool_), ""
     if run.metadata.kind == "turntable":
-        return none
+        far, _, said = miscounts_in(run, gyro)
+        return far, said
     rate_deg_h = run.rate_deg_h(gyro)
-    sample_deg_h = _NORMAL / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or _counting_deg_h(run, gyro)
+    sample_deg_h = _NORMAL / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or counting_deg_h(run, gyro)
     if not sample_deg_h > 0.0:
         return none
     jumps = np.r_[True, np.abs(np.diff(rate_deg_h)) > _FAR * sample_deg_h, True]
@@ -59,19 +57,15 @@ def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
 
 
 def without_knocks(run: Recording, gyro: str | None) -> tuple[Recording, str | None]:
-    """A chamber or static run less the samples that stand off their neighbours' median, and what to say of them."""
+    """A run less the samples that stand off their neighbours' median, and what to say of them; turning, its motion must stay whole,
+    and they are mended."""
+    if run.metadata.kind == "turntable":
+        return without_miscounts(run, gyro)
     far, said = knocks_in(run, gyro)
     if not said:
         return run, None
     left = run.replace(table=run.table[~far], truth=None if run.truth is None else run.truth[~far])
     return left, f"{run.name}: {said}, left out."
-
-
-def _counting_deg_h(run: Recording, gyro: str | None) -> float:
-    """Standard deviation that whole pulses alone give a sample in deg/h; zero where the gyro is no count of pulses."""
-    if not run.gyro_column(gyro).endswith("_pulses") or run.metadata.pulse_arcsec is None:
-        return 0.0
-    return float(units.convert(run.metadata.pulse_arcsec / (math.sqrt(6.0) * run.period_s), "arcsec/s", "deg/h"))
 
 
 def spikes_in(run: Recording) -> dict[str, tuple[Rows, str]]:

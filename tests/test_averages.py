@@ -147,6 +147,18 @@ def test_healthy_gyros_in_pulses_are_healthy() -> None:
         assert rlg.diagnose(simulator, runs, black_box=False).verdict == "none"
 
 
+def test_where_lines_of_rounding_fall_makes_no_run_louder() -> None:
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+    runs = [
+        recording(pulsed(offset + 0.018 * np.random.default_rng(k).standard_normal(36_000), seed=k, dither=False), f"run{k}")
+        for k, offset in enumerate([0.02, 0.05, -0.13, 0.17])
+    ]
+    found = rlg.diagnose(simulator, runs[:2], runs[2:], black_box=False)
+    assert found.verdict == "none"
+    assert found.noise.quantization_arcsec >= 0.99 * PULSE_ARCSEC / math.sqrt(12.0)
+    assert not [remark for remark in found.remarks if "White noise differs" in remark]
+
+
 def test_the_step_of_a_gyro_in_pulses() -> None:
     rng = np.random.default_rng(0)
     rate = 0.02 + 0.05 * rng.standard_normal(20_000)

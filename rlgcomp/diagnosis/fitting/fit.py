@@ -203,10 +203,15 @@ def _variances(problem: Problem, design: Array, weights: Array, likely: Sequence
 
 
 def noise_model(noise: NoiseShape, white_deg_h: float, windows: Windows) -> NoiseModel:
-    """Noise coefficients from a shape and the white noise of a window mean: of the rate, and of the angle where it has a knee."""
+    """Noise coefficients from a shape and the white noise of a window mean: of the rate, and of the angle where it has a knee.
+
+    Of a gyro read in whole pulses the angle errs by their rounding at least: what of it stands in lines, the knee does not show.
+    """
+    angle_arcsec = white_deg_h * math.sqrt(windows.white_s * windows.knee_s)  # a deg/h for a second
+    rounded_arcsec = windows.step_deg_h * windows.full.period_s / math.sqrt(12.0) if windows.knee_s else 0.0
     return NoiseModel(
         angle_random_walk_deg_sqrt_h=white_deg_h * math.sqrt(windows.white_s / SECONDS_PER_HOUR),
-        quantization_arcsec=white_deg_h * math.sqrt(windows.white_s * windows.knee_s),  # a deg/h for a second
+        quantization_arcsec=max(angle_arcsec, rounded_arcsec),
         bias_instability_deg_h=noise.flicker * white_deg_h,
         rate_random_walk_deg_h_sqrt_h=noise.walk * white_deg_h,
     )

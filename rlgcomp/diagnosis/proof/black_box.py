@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis.question.departures import not_comparable
+from rlgcomp.diagnosis.question.pulses import step_of
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Recording
@@ -81,7 +82,7 @@ class Mismatch:
         table = run.table.drop(columns=column)
         table.insert(1, "gyro_deg_h", mismatch)
         left_out = not_comparable(before, run, predicted)
-        return cls(run, said, mismatch, Windows.of(run.replace(table=table), window_s, knee_s, left_out))
+        return cls(run, said, mismatch, Windows.of(run.replace(table=table), window_s, knee_s, left_out, step_of(run, column)))
 
     def as_loud(self, loudness: float) -> Mismatch:
         """The same of a run whose white noise has so many times the variance that the runs' middle one has."""

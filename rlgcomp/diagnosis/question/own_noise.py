@@ -7,6 +7,11 @@ Means x over a sixth of a window, or samples, in threes that follow one another,
 The largest fifth of their squares, in which jumps and knocks are, does not count. Of n normal ones log v has the variance 3.18 / n,
 so that levels of runs are compared by a chi-square. Runs that do not differ significantly and notably have one level.
 
+Rounding to whole pulses q is no white noise: of a steady rate it makes lines, and what d shows of these is each run's own. Of means
+over T, a run shows its white noise where v is well above what rounding makes of it by itself,
+
+.. math:: v > 4 \, \frac{20}{6} \, \frac{q^2}{12 \, T^2}
+
 References
 ----------
 D. C. Hoaglin, F. Mosteller, J. W. Tukey, *Understanding Robust and Exploratory Data Analysis*, 1983, ch. 11 (trimmed scales).
@@ -31,6 +36,8 @@ _COUNTED: Final = 0.8  # of the squares
 _OF_NORMAL: Final = 0.43777  # their mean, of unit normal values
 _VARIANCE: Final = 3.18  # of the logarithm of that mean, times their number
 _FEWEST: Final = 20  # of them
+_ROUNDED: Final = 20.0 / 6.0 / 12.0  # variance of d where the angles between its means are rounded to whole pulses of one
+_CLEAR: Final = 4.0  # times that: it is not rounding that d shows
 _SIGNIFICANT: Final = 1e-4  # p-value below which runs differ,
 _NOTABLE: Final = 2.0 * math.log(1.2)  # if they do by so much, in logarithms of a variance
 
@@ -59,7 +66,10 @@ class Level:
         counted = squares[: int(_COUNTED * len(squares))]
         if len(squares) < _FEWEST or not counted.sum() > 0.0:
             return cls(0.0, math.inf)
-        return cls(math.log(float(counted.mean()) / _OF_NORMAL), _VARIANCE / len(squares))
+        variance = float(counted.mean()) / _OF_NORMAL
+        if not variance > _CLEAR * _ROUNDED * (windows.step_deg_h / samples) ** 2:
+            return cls(0.0, math.inf)
+        return cls(math.log(variance), _VARIANCE / len(squares))
 
 
 def differing(levels: Sequence[Level]) -> float:

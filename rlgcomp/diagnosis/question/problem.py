@@ -15,6 +15,7 @@ from rlgcomp.diagnosis.question.departures import departures_deg_h, not_comparab
 from rlgcomp.diagnosis.question.events import BiasStep, Partly
 from rlgcomp.diagnosis.question.free_part import free, stated, where_free
 from rlgcomp.diagnosis.question.own_noise import beside, with_own_noise
+from rlgcomp.diagnosis.question.pulses import step_of
 from rlgcomp.diagnosis.question.shapes import shifted
 from rlgcomp.diagnosis.question.windows import Contrasts, Windows, default_window_s, with_knee
 from rlgcomp.errors import InputError
@@ -114,7 +115,9 @@ class Problem:
         if not runs:
             raise InputError("no training runs; give at least one with --train")
         window_s = default_window_s(runs) if window_s is None else window_s
-        windows = tuple(Windows.of(run, window_s, left_out=not_comparable(simulator, run, predicted)) for run in runs)
+        windows = tuple(
+            Windows.of(run, window_s, 0.0, not_comparable(simulator, run, predicted), step_of(run, gyro)) for run in runs
+        )
         informed = tuple(mechanism.informed_by(runs) for mechanism in simulator.mechanisms)
         simulator = dataclasses.replace(simulator, mechanisms=informed).with_own_amplitudes_free()
         departures = departures_deg_h(simulator, windows, gyro, predicted)
@@ -152,7 +155,9 @@ class Problem:
             As :meth:`of` does.
         """
         window_s, knee_s = self.rows.window_s, self.windows[0].knee_s
-        more = tuple(Windows.of(run, window_s, knee_s, not_comparable(self.simulator, run, predicted)) for run in runs)
+        more = tuple(
+            Windows.of(run, window_s, knee_s, not_comparable(self.simulator, run, predicted), step_of(run, gyro)) for run in runs
+        )
         departures = departures_deg_h(self.simulator, more, gyro, predicted)
         more = tuple(self.heard(part, values) for part, values in zip(more, departures, strict=True))
         together = (*self.unexplained_deg_h, *departures)

@@ -21,12 +21,22 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp import units
+from rlgcomp.recording import Recording
+
 Array = npt.NDArray[np.float64]
 _ROWS: Final = 20_000  # that are looked at
 _MOST: Final = 40  # values a gyro takes that is read in whole pulses: more, and their rounding is no matter
 _EACH: Final = 20  # rows to a value, at least
 _SAME: Final = 1e-6  # of the range, for two readings to be the same
 _WHOLE: Final = 0.02  # of a step, that differences may be off whole steps
+
+
+def step_of(run: Recording, gyro: str | None) -> float:
+    """The step in deg/h in which a run's gyro moves: of the pulse it counts, where that is known, else as its rate shows it."""
+    if not run.gyro_column(gyro).endswith("_pulses") or run.metadata.pulse_arcsec is None:
+        return step_deg_h(run.rate_deg_h(gyro))
+    return float(units.convert(run.metadata.pulse_arcsec / run.period_s, "arcsec/s", "deg/h"))
 
 
 def step_deg_h(rate_deg_h: Array) -> float:

@@ -67,9 +67,12 @@ class Windows:
     window_s: float
     knee_s: float = 0.0
     loudness: float = 1.0  # variance of this run's white noise over that of the runs' middle one
+    step_deg_h: float = 0.0  # in which the gyro's rate moves, where it is read in whole pulses
 
     @classmethod
-    def of(cls, run: Recording, window_s: float, knee_s: float = 0.0, left_out: Flags | None = None) -> Self:
+    def of(
+        cls, run: Recording, window_s: float, knee_s: float = 0.0, left_out: Flags | None = None, step_deg_h: float = 0.0
+    ) -> Self:
         """Of a run, after its lead-in.
 
         Parameters
@@ -80,6 +83,8 @@ class Windows:
             Of the errors of the gyro's angle.
         left_out : ndarray of bool, shape (n,), optional
             Rows that no window may hold: windows begin after the first of them and end before the last; others cost their window.
+        step_deg_h : float
+            In which the gyro's rate moves, where it is read in whole pulses.
 
         Raises
         ------
@@ -113,7 +118,7 @@ class Windows:
                 f"{' in which no monitor is frozen' if columns else ''}; at least {FEWEST_WINDOWS} are "
                 f"needed; give a longer run or a smaller --averaging-s{f', or {columns}' if columns else ''}"
             )
-        return cls(run, fine, of_full, of_fine, counts, kept, frozen, window_s, knee_s)
+        return cls(run, fine, of_full, of_fine, counts, kept, frozen, window_s, knee_s, step_deg_h=step_deg_h)
 
     def led(self, by_s: float) -> Self:
         """The windows with all temperatures so much earlier."""
