@@ -24,7 +24,7 @@ from rlgcomp.diagnosis.result import (
     Unexplained,
 )
 from rlgcomp.diagnosis.result.page import render
-from rlgcomp.diagnosis.result.wording import place_text
+from rlgcomp.diagnosis.result.wording import memory_text, place_text
 
 
 def fit(baseline: float, augmented: float, low: float, high: float) -> Fit:
@@ -85,6 +85,7 @@ def test_its_mapping_is_the_contract(diagnosis: Diagnosis) -> None:
         {"mechanisms": [], "probability": 0.0},
     ]
     left = {"p_value": 0.4, "drivers": [], "memory": "none", "equation": None, "probability": None, "laws": []}
+    left["memory_probabilities"] = {}
     assert content["unexplained"] == left
     train = {"baseline_rms", "augmented_rms", "noise_floor_rms", "unit", "averaging_s"}
     assert set(content["fit"]["train"]) >= train
@@ -349,3 +350,11 @@ def test_places_where_nothing_is_missing_are_accounted_for(diagnosis: Diagnosis)
         assert "against all noises that these runs allow there is no mismatch (p = 0.77)" in said
     for other in (diagnosis, dataclasses.replace(none, where=()), dataclasses.replace(none, p_value=0.01)):
         assert "all noises that these runs allow" not in repr(other)
+
+
+def test_a_memory_that_is_not_sure_is_said_with_what_else_it_may_be() -> None:
+    shares = {"static": 0.62, "dynamic": 0.05, "rate-independent": 0.33}
+    left = Unexplained(1e-9, ("pressure_hPa",), "static", "b = ...", 0.99, memory_probabilities=shares)
+    assert memory_text(left) == " (static: by what they are at the moment; perhaps rate-independent 0.33)"
+    sure = dataclasses.replace(left, memory_probabilities={"static": 0.95, "rate-independent": 0.05})
+    assert memory_text(sure) == " (static: by what they are at the moment)"

@@ -20,6 +20,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.fitting.fit import fit
 from rlgcomp.diagnosis.laws.dictionary import Dictionary, differences
 from rlgcomp.diagnosis.laws.discover import Discovery, discover, discover_laws
+from rlgcomp.diagnosis.laws.families import Axis, Family
 from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.naming.evidence import SIZES
@@ -193,6 +194,35 @@ def test_a_law_is_found_with_its_drivers_and_its_memory(name: str) -> None:
     assert sum(discovery.memory_probabilities.values()) == pytest.approx(1.0)
     for driver in discovery.drivers:
         assert driver in discovery.equation
+
+
+@pytest.mark.parametrize("strength", [0.4, 0.5, 0.7])
+@pytest.mark.parametrize("column", ["supply_voltage_V", "magnetic_field_uT"])
+def test_a_straight_line_is_told_as_one(column: str, strength: float) -> None:
+    """No play of a radius that hardly matters, no step of great width, no lag of a window or two."""
+    problem, _ = problem_of(lambda table: table[column].to_numpy() - table[column].iloc[0], strength)
+    law = discover(problem, problem.baseline, NOISES)
+    assert law is not None
+    assert law.drivers == (column,)
+    assert (law.memory, law.mechanism.memory, law.mechanism.form, law.mechanism.exponent) == ("static", "static", "power", 1)
+    assert law.memory_probabilities["static"] > 0.5
+
+
+def test_limits_of_laws() -> None:
+    lag, radius, width, lead = (
+        Axis("lag", 1.0, 9.0, 3),
+        Axis("radius", 0.1, 0.9, 3),
+        Axis("width", 0.2, 0.8, 2),
+        Axis("lead", 2.0, 60.0, 1),
+    )
+    line, late = Family("T", "", "static", "power", 1, ()), Family("T", "", "lag", "power", 1, (lag,))
+    play, bent = Family("T", "", "plays", "power", 1, (radius,)), Family("T", "", "plays", "saturation", 1, (radius, width))
+    narrow, seen_late = Family("T", "", "static", "bump", 1, (width,)), Family("T", "", "static", "bump", 1, (width, lead))
+    assert all(line.is_limit_of(other) for other in (late, play, bent))
+    assert play.is_limit_of(bent)
+    assert not any(line.is_limit_of(other) for other in (line, narrow, dataclasses.replace(late, driver="V")))
+    assert not line.is_limit_of(Family("T", "", "rate", "power", 2, (lag,)))
+    assert not narrow.is_limit_of(seen_late)
 
 
 @pytest.mark.parametrize("name", LAWS)

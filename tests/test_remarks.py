@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 from scipy.stats import binomtest
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis.account import alternatives_of, set_probability
 from rlgcomp.diagnosis.conclusion import Conclusion, beyond_noise, concluded
 from rlgcomp.diagnosis.fitting.fit import FittedCause, fit
 from rlgcomp.diagnosis.naming.explain import explain
@@ -23,6 +24,7 @@ from rlgcomp.diagnosis.remarks import (
     _at_the_end,
     _behind,
     _beside_a_law,
+    _instead,
     _together,
     correlation_time_s,
     extrapolations_of,
@@ -184,6 +186,21 @@ def test_causes_that_are_likely_each_and_not_together_are_told() -> None:
     assert "mode_hop and thermal_lag together has probability 0.40; thermal_lag alone 0.31." in line
     surer = SimpleNamespace(models=models, probabilities=np.array([0.60, 0.21, 0.19]))
     assert not _together(surer, Conclusion(models[0], (), 0.0, 0.0))
+
+
+def test_a_law_that_is_hardly_less_likely_than_what_is_named_is_told_and_takes_its_share() -> None:
+    law = SimpleNamespace(equation="b = play(pressure_hPa, 1 hPa)", drivers=("pressure_hPa",), memory="rate-independent")
+    models = [SimpleNamespace(labels=frozenset(labels)) for labels in ({("ambient_pressure", False)}, {("ageing", False)}, set())]
+    explanations = SimpleNamespace(models=models, probabilities=np.array([0.9, 0.1, 0.0]))
+    alone, doubted = Conclusion(models[0], (), 0.0, 0.0), Conclusion(models[0], (), 0.4, 0.0, instead=law)
+    assert not _instead(alone)
+    assert _instead(doubted) == [
+        "It may be no ambient_pressure, but a law beyond the catalogue (probability 0.40): b = play(pressure_hPa, 1 hPa), "
+        "which follows pressure_hPa (rate-independent)."
+    ]
+    for conclusion, share in ((alone, 1.0), (doubted, 0.6)):
+        assert set_probability(explanations, conclusion) == pytest.approx(0.9 * share)
+        assert alternatives_of(explanations, conclusion)[0].probability == pytest.approx(0.1 * share)
 
 
 @pytest.mark.parametrize(("p_value", "unknown"), [(1e-3, False), (1e-9, True)])

@@ -180,3 +180,22 @@ def test_a_path_weighs_what_the_average_over_the_smooth_part_says() -> None:
         known = heights.max() + 0.5 * math.log(2.0 * math.pi)
         assert laplace == pytest.approx(summed, abs=0.05)
         assert step > 0.5 or summed > known + 0.3
+
+
+def test_standard_deviation_of_the_dwell_holds_the_chance_of_flips_and_those_unseen() -> None:
+    rng = np.random.default_rng(6)
+    rows = rows_of(WINDOW_S * (np.arange(700) + 0.5))
+    off = []
+    for dwell_s, half_step in itertools.product(np.repeat([1500.0, 3000.0], 20), [1.0, 3.0]):
+        values = half_step * telegraph_means(len(rows), dwell_s, rng) + rng.standard_normal(len(rows))
+        found_s, sd_s = telegraph.likeliest_dwell_s(rows, values, half_step, 1.0)
+        assert sd_s > 0.9 * found_s / math.sqrt(len(rows) * WINDOW_S / found_s)
+        off.append(math.log(found_s / dwell_s) * found_s / sd_s)
+    assert stats.chi2.sf(float(np.square(off).sum()), len(off)) > 0.001
+    assert stats.chi2.cdf(float(np.square(off).sum()), len(off)) > 0.001
+
+
+def test_a_level_that_never_flips_leaves_its_dwell_open() -> None:
+    rows = rows_of(WINDOW_S * (np.arange(300) + 0.5))
+    found_s, sd_s = telegraph.likeliest_dwell_s(rows, 1.0 + 0.3 * np.random.default_rng(1).standard_normal(300), 1.0, 0.3)
+    assert sd_s >= 0.9 * found_s

@@ -36,8 +36,8 @@ def causes_of(
             continue
         name = cause.mechanism.name
         probability = explanations.probability_of(name)
-        if conclusion.laws and not conclusion.reweighed:
-            within = (name, False) in conclusion.model.labels
+        if not conclusion.reweighed:
+            within = bool(conclusion.laws) and (name, False) in conclusion.model.labels
             probability = conclusion.lawful * within + (1.0 - conclusion.lawful) * probability
         drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
         others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
@@ -63,7 +63,7 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
     for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
         names = _named(model)
         if names != own and not set(names) & set(conclusion.misnamed):
-            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 if weighed else 1.0 - conclusion.lawful)
+            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 if conclusion.reweighed else 1.0 - conclusion.lawful)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
     return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
 
@@ -74,7 +74,8 @@ def set_probability(explanations: Explanations, conclusion: Conclusion) -> float
         return conclusion.lawful
     names = _named(conclusion.model)
     both = zip(explanations.models, explanations.probabilities, strict=True)
-    return min(1.0, sum(float(p) for model, p in both if _named(model) == names))
+    beside = 1.0 if conclusion.reweighed else 1.0 - conclusion.lawful
+    return min(1.0, beside * sum(float(p) for model, p in both if _named(model) == names))
 
 
 def _named(model: Model) -> tuple[str, ...]:
@@ -126,7 +127,8 @@ def unexplained_of(conclusion: Conclusion, after: Fitted, left: float, in_part: 
         )
         drivers = tuple(dict.fromkeys(driver for law in laws for driver in law.drivers))
         equation = "; ".join(law.equation for law in laws)
-        return Unexplained(first.p_value, drivers, first.memory, equation, conclusion.lawful, laws)
+        memories = dict(first.memory_probabilities)
+        return Unexplained(first.p_value, drivers, first.memory, equation, conclusion.lawful, laws, memories)
     if conclusion.unrecorded > UNRECORDED:
         return Unexplained(min(left, 1.0 - conclusion.unrecorded), probability=conclusion.unrecorded)
     if in_part:

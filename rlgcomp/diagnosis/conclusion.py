@@ -41,7 +41,10 @@ _RARE: Final = 0.01  # of the probability: noises with less are not reckoned wit
 @dataclasses.dataclass(frozen=True)
 class Conclusion:
     """What the evidence says: the set, laws that are needed beyond it and how probable they are, whether something unrecorded
-    wanders, causes that take after it without being what they are named for, and whether the set was weighed beside the laws."""
+    wanders, causes that take after it without being what they are named for, and whether the set was weighed beside the laws.
+
+    Where a set without laws is likelier, but hardly, than a law instead of it: that law, as probable as laws are.
+    """
 
     model: Model
     laws: tuple[Discovery, ...]
@@ -49,6 +52,7 @@ class Conclusion:
     unrecorded: float
     misnamed: Mapping[str, str] = dataclasses.field(default_factory=dict)
     reweighed: bool = False
+    instead: Discovery | None = None
 
 
 def concluded(windowed: Problem, explanations: Explanations, whole: Problem | None = None) -> Conclusion:
@@ -67,6 +71,8 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     dictionary = Dictionary(windowed)
     noises, prior = _noises_beside_laws(windowed)
     chosen, first, highest = None, None, best.log_posterior
+    lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
+    runner_up, lawful = None, 0.0
     for model in (best,) if best is innocent else (best, innocent):
         foreseen = None if whole is None else foresight(explanations.candidates(model), windowed, whole, noises, prior)
         design = _design(windowed, explanations, model)
@@ -90,13 +96,17 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             # perhaps that mechanism by another name: it must win by what the mechanism's equation may be wrong by
             rival = explanations.evidence.explained(instead.members, int(np.argmax(instead.noise_log)))
             score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
+        elif not model.members:
+            runner_up, lawful = law, _share(score, lawless)
         if score > highest:
             chosen, first, highest = model, law, score
     if chosen is None:
-        return Conclusion(best, (), 0.0, unrecorded, {name: why for (name, _), why in false.items()})
+        misnamed_alone = {name: why for (name, _), why in false.items()}
+        if runner_up is None or lawful < MENTIONED or best is innocent or unrecorded > UNRECORDED:
+            return Conclusion(best, (), 0.0, unrecorded, misnamed_alone)
+        return Conclusion(best, (), lawful, unrecorded, misnamed_alone, instead=runner_up)
     laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary, first=first)
-    lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
-    return Conclusion(chosen, laws, 1.0 / (1.0 + math.exp(min(700.0, lawless - highest))), 0.0)
+    return Conclusion(chosen, laws, _share(highest, lawless), 0.0)
 
 
 def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Conclusion, whole: Problem | None = None) -> Conclusion:
@@ -119,6 +129,11 @@ def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Concl
     laws = discover_laws(windowed, _design(windowed, explanations, best), noises, prior, foreseen=foreseen) or conclusion.laws
     misnamed_beside = {name: why for (name, _), why in false.items()}
     return dataclasses.replace(conclusion, model=best, laws=laws, misnamed=misnamed_beside, reweighed=True)
+
+
+def _share(lawful: float, lawless: float) -> float:
+    """Probability of laws, from logarithms of what is for and against them."""
+    return 1.0 / (1.0 + math.exp(min(700.0, lawless - lawful)))
 
 
 def beyond_noise(conclusion: Conclusion, p_value: float, in_training: Model) -> Conclusion:

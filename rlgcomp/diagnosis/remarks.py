@@ -75,6 +75,7 @@ def remarks_of(
     if verdict_of(conclusion, {}) != "unknown":
         remarks += _as_noise(explanations.evidence.problem, after, noise)
     remarks += _together(explanations, conclusion)
+    remarks += _instead(conclusion)
     remarks += _turned(explanations, conclusion)
     remarks += _behind(explanations, conclusion)
     if not conclusion.laws and conclusion.unrecorded > UNRECORDED:
@@ -140,6 +141,17 @@ def _together(explanations: Explanations, conclusion: Conclusion) -> list[str]:
         if share > _WORTH_SAYING and own > set(names)
     ]
     return [f"That it is {listing(sorted(own))} together has probability {probability:.2f}{''.join(told)}."]
+
+
+def _instead(conclusion: Conclusion) -> list[str]:
+    """What to say where a law of which the catalogue knows nothing is hardly less likely than what is named."""
+    if conclusion.instead is None:
+        return []
+    law, named = conclusion.instead, sorted(name for name, known in conclusion.model.labels if not known)
+    return [
+        f"It may be no {listing(named, 'nor')}, but a law beyond the catalogue (probability {conclusion.lawful:.2f}): "
+        f"{law.equation}, which follows {listing(list(law.drivers))} ({law.memory})."
+    ]
 
 
 def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:

@@ -22,7 +22,8 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.fitting.linearised import STEPS, amplitudes, late, moved, slopes, solve, whole, wider
 from rlgcomp.diagnosis.naming.candidates import Candidate
-from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
+from rlgcomp.diagnosis.naming.telegraph import likeliest_dwell_s
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, norms
 from rlgcomp.diagnosis.question.events import PARTLY, STEP
 from rlgcomp.diagnosis.question.free_part import OWN_BIAS, law_slopes
 from rlgcomp.diagnosis.question.problem import Problem
@@ -164,12 +165,13 @@ def fit(
     baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
     beside = [*columns, *(column[:, None] for found in derived for _, column in found)]
     baseline, simulator = _own_settled(problem, baseline, simulator, beside, noise)
-    causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd, covariance * square / freedom)
+    left = problem.target_deg_h - plain @ final
+    causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd, covariance * square / freedom, left)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
         causes = _settled(problem, chosen, causes, columns, noise)
     for cause in causes:
         simulator = _joined(simulator, cause)
-    return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), problem.target_deg_h - plain @ final)
+    return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), left)
 
 
 def _told(derived: list[tuple[str, Array]], mechanism: Mechanism, columns: Array) -> list[tuple[str, Array]]:
@@ -285,8 +287,9 @@ def _causes(
     weights: Array,
     sd: Array,
     covariance: Array,
+    left: Array,
 ) -> list[FittedCause]:
-    """The causes with their numbers; the covariance is that of all amplitudes, shapes held, the causes' last."""
+    """The causes with their numbers; the covariance is that of all amplitudes, shapes held, the causes' last; `left` by all."""
     causes = []
     held = len(covariance) - len(weights)  # the simulator's own shapes are not among them
     place = problem.baseline.shape[1]
@@ -294,7 +297,11 @@ def _causes(
     for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, derived, strict=True):
         part = slice(place, place + block.shape[1])
         place = part.stop
-        estimates = _estimates(problem, candidate, mechanism, weights[part], sd[part])
+        if _steady(candidate):
+            estimates = _estimates(problem, candidate, mechanism, weights[part], sd[part])
+        else:
+            half_step = Estimate(float(weights[part.start]), float(sd[part.start]), "deg/h")
+            estimates = _of_jumps(problem.rows, mechanism, block @ weights[part], left, half_step)
         for name, _ in found:
             unit = next(p.unit for p in mechanism.parameters() if p.name == name)
             estimates[name] = Estimate(float(getattr(mechanism, name)), float(sd[slope_place]), unit)
@@ -381,10 +388,8 @@ def settle(problem: Problem, cause: FittedCause, taken: Array, others: Array, no
 
 
 def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, weights: Array, sd: Array) -> dict[str, Estimate]:
-    """Of the amplitudes; where each run has its own, their root mean square; where there are none, of the jumps."""
+    """Of the amplitudes; where each run has its own, their root mean square."""
     parameters = mechanism.amplitude_parameters()
-    if not parameters:
-        return _of_jumps(problem, candidate, mechanism, float(weights[0]), float(sd[0]))
     width = len(parameters)
     if len(weights) > width:
         table = weights.reshape(-1, width)
@@ -404,16 +409,14 @@ def _free(problem: Problem, candidate: Candidate) -> frozenset[str]:
     return problem.simulator.free.get(candidate.name, frozenset())
 
 
-def _of_jumps(problem: Problem, candidate: Candidate, mechanism: Mechanism, half_step: float, sd: float) -> dict[str, Estimate]:
-    signs = candidate.columns[:, 0]
-    flips = max(1, sum(int((np.diff(signs[part]) != 0.0).sum()) for part in problem.rows.runs))
-    renewed = type(mechanism).jumping(abs(half_step), getattr(mechanism, "dwell_s", 3600.0))
+def _of_jumps(rows: Rows, mechanism: Mechanism, jumps: Array, left: Array, half_step: Estimate) -> dict[str, Estimate]:
+    """Of a path: its size as fitted, and the mean time between flips that is likeliest of jumps beside what is left."""
+    size = dataclasses.replace(half_step, value=abs(half_step.value))
+    noise_deg_h = float(np.std(left[: len(left) - rows.contrasts]))
+    dwell_s, sd_s = likeliest_dwell_s(rows, jumps + left, size.value, noise_deg_h)
+    renewed = type(mechanism).jumping(size.value, dwell_s)
     step_name, dwell_name = (p.name for p in (renewed or mechanism).parameters()[:2])
-    dwell = float(getattr(mechanism, dwell_name))
-    return {
-        step_name: Estimate(abs(half_step), sd, "deg/h"),
-        dwell_name: Estimate(dwell, dwell / math.sqrt(flips), "s"),
-    }
+    return {step_name: size, dwell_name: Estimate(dwell_s, sd_s, "s")}
 
 
 def _joined(simulator: Simulator, cause: FittedCause) -> Simulator:

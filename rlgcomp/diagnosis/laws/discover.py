@@ -30,6 +30,7 @@ from rlgcomp.physics.mechanism import Mechanism
 Array = npt.NDArray[np.float64]
 _HARDLY: Final = 6.0  # log units behind the likeliest law, within which held-out runs are asked
 _ASKED: Final = 8  # laws at most
+_AHEAD: Final = math.log(10.0)  # odds that a law must have against a simpler one that is its limit
 SURE: Final = math.log(100.0)  # log Bayes factor from which a law is a discovery: one false one in a hundred at most
 
 
@@ -51,6 +52,7 @@ class Discovery:
         Posterior of each set of quantities, columns or differences of two, given that there is a law.
     memory : {"static", "dynamic", "rate-independent"}
     memory_probabilities : mapping of str to float
+        Of laws in these drivers; a law that one of its limits explains as well counts with that.
     amplitude_sd_deg_h : float
     rms_deg_h : float
         Standard deviation of the law's contribution over the training windows.
@@ -134,13 +136,13 @@ def discover(
     if log_bayes_factor < least:
         return None
     judged = judged if foreseen is None else _borne_out(dictionary, judged, foreseen)
-    by_drivers = _posterior({one.family.drivers: [] for one in judged}, judged, lambda one: one.family.drivers)
+    by_drivers = _posterior(judged, lambda one: one.family.drivers)
     drivers = max(by_drivers, key=by_drivers.__getitem__)
     of_drivers = [one for one in judged if one.family.drivers == drivers]
-    by_memory = _posterior({name: [] for name in MEMORY_CLASS.values()}, judged, lambda one: MEMORY_CLASS[one.family.memory])
-    within = _posterior({}, of_drivers, lambda one: MEMORY_CLASS[one.family.memory])
-    memory = max(within, key=within.__getitem__)
-    chosen = max((one for one in of_drivers if MEMORY_CLASS[one.family.memory] == memory), key=lambda one: one.log_evidence)
+    by_memory = dict.fromkeys(MEMORY_CLASS.values(), 0.0) | _posterior(of_drivers, lambda one: _memory(_simplest(one, of_drivers)))
+    memory = max(by_memory, key=by_memory.__getitem__)
+    as_said = [one for one in of_drivers if _memory(_simplest(one, of_drivers)) == memory]
+    chosen = _simplest(max(as_said, key=lambda one: one.log_evidence), of_drivers)
     law = dictionary.law(chosen.family, with_round_references(dictionary, background, chosen))
     column = problem.columns(law)[:, 0]
     if background.rests_on_one(column):
@@ -216,7 +218,8 @@ def _together(
 
 def _borne_out(dictionary: Dictionary, judged: Sequence[Judged], foreseen: Callable[[Mechanism], float]) -> list[Judged]:
     """Laws that training hardly tells apart, by what held-out runs make of them as well; the others, as the least of these."""
-    near = [one for one in judged if one.refined and one.log_evidence > judged[0].log_evidence - _HARDLY][:_ASKED]
+    near = [one for one in judged if one.refined and one.log_evidence > judged[0].log_evidence - _HARDLY]
+    near = [one for k, one in enumerate(near) if k < _ASKED or one.family.is_limit_of(near[0].family)]
     if len(near) < 2:
         return list(judged)
     added = [foreseen(dictionary.law(one.family, one.place)) for one in near]
@@ -227,13 +230,27 @@ def _borne_out(dictionary: Dictionary, judged: Sequence[Judged], foreseen: Calla
     return sorted(found, key=lambda one: -one.log_evidence)
 
 
-def _posterior(start: dict[Any, list[float]], judged: Sequence[Judged], key: Any) -> dict[Any, float]:
+def _memory(one: Judged) -> str:
+    return MEMORY_CLASS[one.family.memory]
+
+
+def _simplest(one: Judged, judged: Sequence[Judged]) -> Judged:
+    """The simplest law that is a law's limit and all but as likely: a play of no radius, a step of great width are straight lines.
+
+    So many more ways there are of being all but straight than of being straight that their number would tell.
+    """
+    least = one.log_evidence - _AHEAD
+    limits = [other for other in judged if other.log_evidence > least and other.family.is_limit_of(one.family)]
+    return min(limits, key=lambda other: (len(other.family.axes), -other.log_evidence), default=one)
+
+
+def _posterior(judged: Sequence[Judged], key: Callable[[Judged], Any]) -> dict[Any, float]:
     """Posterior probability of each value of a key."""
-    groups = dict(start)
+    groups: dict[Any, list[float]] = {}
     for one in judged:
         groups.setdefault(key(one), []).append(one.log_evidence)
     total = _total(judged)
-    return {name: float(np.exp(log_sum_exp(np.array(values)) - total)) if values else 0.0 for name, values in groups.items()}
+    return {name: float(np.exp(log_sum_exp(np.array(values)) - total)) for name, values in groups.items()}
 
 
 def _total(judged: Sequence[Judged]) -> float:

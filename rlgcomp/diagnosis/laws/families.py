@@ -15,6 +15,8 @@ from rlgcomp.physics.empirical_law import NARROW
 
 Array = npt.NDArray[np.float64]
 OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is remembered of a driver
+STRAIGHT_AT_LIMIT: Final = frozenset({"saturation", "above", "below"})
+REMEMBERING: Final = frozenset({"lag", "play", "plays"})  # that forget as their axis goes to nothing
 _SPACING: Final = 1.3  # of bumps, in widths
 _SWEPT: Final = 0.15  # that a driver had come from far below, or as likely from above, to where a run begins
 
@@ -95,6 +97,18 @@ class Family:
         if alike != (other.driver, other.driver_2, other.memory, other.parity):
             return False
         return other.form == "bump" if self.form in NARROW else other.form == self.form
+
+    def is_limit_of(self, other: Family) -> bool:
+        """Whether another becomes this one as its radius or lag goes to nothing, or its width or corner out of range.
+
+        A late thermometer is as likely as not, and no limit.
+        """
+        alike = (self.drivers, self.parity) == (other.drivers, other.parity)
+        if not alike or len(self.axes) >= len(other.axes) or any(axis.name == "lead" for axis in other.axes):
+            return False
+        straight = (self.form, self.exponent) == ("power", 1) and other.form in STRAIGHT_AT_LIMIT
+        formed = straight or (self.form, self.exponent) == (other.form, other.exponent)
+        return formed and (self.memory == other.memory or (self.memory == "static" and other.memory in REMEMBERING))
 
     def grid(self) -> tuple[Array, Array]:
         """Places of its grid's points, shape (points, axes), and the logarithms of their weights.

@@ -81,7 +81,7 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
         signs,
         summed - recording.log_likelihood_given(signs) + _log_breadth(recording, smooth[:, k], model, signs),
         half_step,
-        _likeliest_dwell_s(rows, values[:, 0], half_step, noise),
+        likeliest_dwell_s(rows, values[:, 0], half_step, noise)[0],
         flips,
     )
 
@@ -156,12 +156,24 @@ def _curvature(target: _Target, smooth: Array, model: Models) -> Array:
     return np.asarray(0.5 * (curvature + curvature.T))
 
 
-def _likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> float:
-    """Where the likelihood, all paths summed, is largest: the top of a parabola through the best of a grid and its neighbours."""
+def likeliest_dwell_s(rows: Rows, values: Array, half_step: float, noise: float) -> tuple[float, float]:
+    """Where the likelihood, all paths summed, is largest, and the standard deviation: top and bend of a parabola in its logarithm.
+
+    Of so many flips, were each of them seen, the bend is their number; those that may be noise, or were missed, make it less.
+
+    Parameters
+    ----------
+    rows : Rows
+    values : ndarray, shape (n,)
+        Jumps and noise.
+    half_step, noise : float
+        In the unit of the values.
+    """
     dwell_s = np.geomspace(DWELLS_S[0] / 2.0, DWELLS_S[-1] * 4.0, _FINE)
     found = log_likelihood(rows, values, half_step, noise, dwell_s.tolist())
     k = int(np.clip(np.argmax(found), 1, _FINE - 2))
     before, top, after = found[k - 1 : k + 2]
-    bend = before - 2.0 * top + after
-    shift = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
-    return float(dwell_s[k] * (dwell_s[1] / dwell_s[0]) ** shift)
+    step, bend = math.log(dwell_s[1] / dwell_s[0]), min(before - 2.0 * top + after, 0.0)
+    shift = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend else 0.0
+    likeliest = float(dwell_s[k] * math.exp(shift * step))
+    return likeliest, likeliest * step / math.sqrt(max(-bend, step**2))

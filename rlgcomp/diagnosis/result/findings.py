@@ -210,6 +210,8 @@ class Unexplained:
         That there is such a law, or something that wanders unrecorded; None where neither is claimed.
     laws : tuple of Law
         One for each term of the equation.
+    memory_probabilities : mapping of str to float
+        Of each memory of the first law, given its drivers; a law that a simpler one explains as well counts with that.
     """
 
     p_value: float
@@ -218,6 +220,7 @@ class Unexplained:
     equation: str | None = None
     probability: float | None = None
     laws: tuple[Law, ...] = ()
+    memory_probabilities: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)

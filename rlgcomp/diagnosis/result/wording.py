@@ -230,8 +230,12 @@ def as_text(diagnosis: Diagnosis) -> str:
 
 
 def memory_text(left: Unexplained) -> str:
-    """How what is unexplained follows its drivers."""
-    return f" ({left.memory}: {MEMORIES[left.memory]})" if left.drivers and left.memory in MEMORIES else ""
+    """How what is unexplained follows its drivers, and how else it may."""
+    if not left.drivers or left.memory not in MEMORIES:
+        return ""
+    others = [f"{name} {share:.2f}" for name, share in left.memory_probabilities.items() if name != left.memory and share > DOUBTED]
+    sure = f"; perhaps {listing(others)}" if others else ""
+    return f" ({left.memory}: {MEMORIES[left.memory]}{sure})"
 
 
 def next_aim(following: NextExperiment) -> str:
