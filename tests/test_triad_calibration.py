@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -256,6 +257,35 @@ def test_a_recording_at_10_hz_agrees_with_its_encoders() -> None:
         TableRun.of(rlg.Recording(slow.iloc[:1000].assign(gyro_x_pulses=-slow["gyro_x_pulses"]), metadata))
 
 
+def readings(table: pd.DataFrame, **other: np.ndarray | pd.Series) -> rlg.Recording:
+    return rlg.Recording(table.assign(**other), SILENT.simulate(SHORT["step-2"]).metadata)
+
+
+def test_accelerometers_and_encoders_that_disagree_are_told_with_what_would_make_them_agree() -> None:
+    """Each passed for vibration, or for a triad that stands turned by as much."""
+    level = SILENT.simulate(SHORT["step-1"]).table
+    both = SILENT.simulate(SHORT["step-3"]).table
+    for table, other, said in (
+        (level, {"accel_x_m_s": -level["accel_x_m_s"]}, "agree with x = -accel_x;"),
+        (level, {"accel_x_m_s": level["accel_y_m_s"], "accel_y_m_s": level["accel_x_m_s"]}, "agree with x = accel_y, y = accel_x;"),
+        (both, {f"accel_{axis}_m_s": -both[f"accel_{axis}_m_s"] for axis in "xyz"}, "x = -accel_x, y = -accel_y, z = -accel_z or"),
+        (both, {"angle_outer_deg": both["angle_outer_deg"] + 90.0}, "agree with -90 deg added to angle_outer_deg;"),
+        (level, {"angle_outer_deg": level["angle_outer_deg"] - 5.0}, "agree with 5 deg added to angle_outer_deg;"),
+        (level, {"angle_inner_deg": level["angle_inner_deg"] + 37.0}, "agree with -37 deg added to angle_inner_deg;"),
+        (both, {"accel_y_m_s": 0.0 * both["accel_x_m_s"]}, "no order, sign or zero"),
+    ):
+        with pytest.raises(rlg.InputError, match=re.escape(said)):
+            TableRun.of(readings(table, **other))
+
+
+def test_an_outer_zero_off_by_a_degree_is_found_as_the_triads_stand_and_moves_no_error() -> None:
+    recordings = short_runs(dataclasses.replace(SILENT, gyro=PUBLISHED))
+    off = [readings(run.table, angle_outer_deg=run.table["angle_outer_deg"] + 1.0) for run in recordings]
+    found = calibrate_triad([TableRun.of(run) for run in off], noise=Noise())
+    assert np.abs((found.errors.vector() - PUBLISHED.vector()) / found.sd).max() < 0.02
+    assert found.mount_arcsec[1] == pytest.approx(-3600.0, abs=1.0)
+
+
 @pytest.mark.parametrize("mount_arcsec", [(0.0, -100.0, 0.0), (60.0, -300.0, 200.0), (-900.0, 1200.0, 1800.0)])
 def test_turning_the_whole_triad_on_the_table_changes_none_of_its_errors(mount_arcsec: tuple[float, ...]) -> None:
     """Gyros and accelerometers are bolted on together, by minutes of arc from the table's axes: no gyro moves in its triad."""
@@ -375,6 +405,45 @@ def test_alternatives_come_with_what_they_cost() -> None:
     assert table.loc["step-3", "scale_x_ppm"] < 0.015
     assert table.loc["step-3-modulated", "scale_x_ppm"] == pytest.approx(0.04, abs=0.01)
     assert 0.3 < table.loc["step-3-slow-outer", "scale_x_ppm"] < 0.8
+
+
+def test_biases_that_change_from_run_to_run_widen_what_is_said_of_them() -> None:
+    """Each step twice, the biases 0.02 deg/h apart: 0.003 deg/h was stated."""
+    runs = []
+    for k, sign in enumerate((1.0, -1.0)):
+        moved = {p.name: sign * 0.01 for p in GYRO if p.unit == "deg/h"}
+        shifted = Triad(TriadErrors({name: value + moved.get(name, 0.0) for name, value in PUBLISHED.values.items()}))
+        runs.append([TableRun.of(run) for run in short_runs(shifted, seed=k + 1)])
+    once = calibrate_triad(runs[0])
+    both = calibrate_triad([*runs[0], *runs[1]])
+    assert once.noise.run_bias_deg_h == 0.0
+    assert 0.005 < both.noise.run_bias_deg_h < 0.03
+    off = (both.errors.vector() - PUBLISHED.vector())[3:6]
+    assert (np.abs(off) < 2.0 * both.sd[3:6]).all()
+    assert (both.sd[3:5] > once.sd[3:5]).all()
+
+
+@pytest.mark.parametrize("stated_deg", [40.98, 39.48, -39.98])
+def test_a_wrong_latitude_is_refused_with_the_one_that_the_runs_show(recordings: list[rlg.Recording], stated_deg: float) -> None:
+    """It went into ε_z and the scale factors by a hundred standard deviations, and nothing was said."""
+    wrong = [run.replace(metadata=dataclasses.replace(run.metadata, latitude_deg=stated_deg)) for run in recordings]
+    with pytest.raises(rlg.InputError, match=r"as at latitude (39\.9|40\.0)\d* ± 0\.0\d+ deg, and -?\d+\.\d+ deg is stated"):
+        calibrate_turntable(wrong)
+
+
+def test_a_table_that_leans_moves_no_latitude(found: TriadCalibration) -> None:
+    """About an upright axis a degree towards north looks like a degree of latitude, but for the accelerometers."""
+    tilted = dataclasses.replace(SILENT, gyro=PUBLISHED, angle_random_walk_deg_sqrt_h=0.0004)
+    start = {"step-1": 91.0, "step-2": 1.0, "step-3": 1.0}
+    leaning = [
+        tilted.simulate(dataclasses.replace(SHORT[name], outer_start_deg=outer_deg), seed=k, name=name)
+        for k, (name, outer_deg) in enumerate(start.items())
+    ]
+    leaning = [run.replace(table=run.table.assign(angle_outer_deg=run.table["angle_outer_deg"] - 1.0)) for run in leaning]
+    seen = calibrate_triad([TableRun.of(run) for run in leaning]).latitude
+    assert seen.sd_deg < 0.1
+    assert abs(seen.seen_deg - 39.98) < 4.0 * seen.sd_deg
+    assert abs(found.latitude.seen_deg - 39.98) < 4.0 * found.latitude.sd_deg
 
 
 def test_lock_in_kicks_have_the_stated_size() -> None:

@@ -16,6 +16,7 @@ from rlgcomp.calibration.file import triad_content
 from rlgcomp.calibration.navigator import worse
 from rlgcomp.calibration.triad.estimate import SEEN, TriadCalibration, calibrate_triad, joint_information
 from rlgcomp.calibration.triad.information import START, Noise, RunInformation, linearise, rate_information, velocity_information
+from rlgcomp.calibration.triad.latitude import Latitude
 from rlgcomp.calibration.triad.rate_bias import RateBias, rate_bias, unseparated
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.errors import InputError
@@ -27,6 +28,8 @@ from rlgcomp.units import value_and_sd
 CHI_SQUARED_RATIO: Final = (0.8, 1.25)
 ALTERNATIVES: Final = ("step-3", "step-3-slow-outer", "step-3-modulated")
 _LATITUDE_ERROR_DEG: Final = 0.005
+_FAR_SD: Final = 5.0
+_FAR_DEG: Final = 0.1  # 11 km: less may be the vertical's deflection, or a gyro that wanders
 _MOST_NOISE: Final = 1.0
 
 
@@ -97,6 +100,7 @@ def calibrate_turntable(
         ]
     runs = [TableRun.of(recording, gyro_axes=gyro_axes) for recording in recordings]
     triad = calibrate_triad(runs, noise=noise, velocity_noise=True, progress=progress)
+    _require_latitude(triad.latitude)
     biases = tuple(rate_bias(run) for run in runs)
     crossing = triad.gyro_axes == "oblique" and any(bias.violated for bias in biases)
     alternatives = predicted(triad.noise, triad.latitude_deg) if crossing else pd.DataFrame()
@@ -149,6 +153,31 @@ def _information(triad: Triad, programme: str, noise: Noise) -> tuple[TableRun, 
     return run, velocity_information(linearise(run, TriadErrors(), tilt), noise, tilt)
 
 
+def _from_run_to_run(triad: TriadCalibration) -> str:
+    """What is known of biases that change between the runs."""
+    if triad.noise.run_bias_deg_h:
+        return (
+            f"from run to run the biases differ by {triad.noise.run_bias_deg_h:.2g} deg/h (standard deviation), more than noise: ε is "
+            "the mean, its standard deviation holds that of the runs it comes from, and the next run's biases are off by as much"
+        )
+    return (
+        "runs of one kind tell whether the biases are the same in each, runs of different kinds hardly: what they change by from one "
+        "switching-on to the next is in no standard deviation here unless each kind is recorded twice"
+    )
+
+
+def _require_latitude(latitude: Latitude) -> None:
+    off_sd = latitude.chi_squared**0.5
+    if off_sd > _FAR_SD and abs(latitude.seen_deg - latitude.stated_deg) > _FAR_DEG:
+        seen = " ± ".join(value_and_sd(latitude.seen_deg, latitude.sd_deg))
+        raise InputError(
+            f"these runs show an Earth that turns as at latitude {seen} deg, and {latitude.stated_deg:g} deg is stated, "
+            f"{off_sd:.3g} standard deviations off ({_FAR_SD:g} are allowed); biases and scale factors would be wrong by far "
+            "more than is said of them; check latitude_deg (north is positive) and pulse_arcsec; a table that leans is no cause, for "
+            "the accelerometers show it"
+        )
+
+
 def _observability(triad: TriadCalibration) -> pd.DataFrame:
     rows = []
     everything = np.sum([run.information for run in triad.runs], axis=0)
@@ -192,14 +221,14 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
     for run in triad.runs:
         ratio = run.chi_squared_ratio
         if np.isfinite(ratio) and not CHI_SQUARED_RATIO[0] < ratio < CHI_SQUARED_RATIO[1]:
-            cause = (
-                "noise is larger than assumed, or something is not in the model (vibration, flexing)"
-                if ratio > 1.0
-                else "noise is smaller"
-            )
             remarks.append(
-                f"{run.name}: chi² is {ratio:.2f} of what is expected: {cause}; "
-                f"standard deviations are off by at least {ratio**0.5:.2f}"
+                f"{run.name}: chi² is {ratio:.2g} of what is expected: "
+                + (
+                    "noise is larger than in the other runs, or something is not in the model (a knock, vibration, flexing): standard "
+                    "deviations may be too small"
+                    if ratio > 1.0
+                    else "noise is smaller than in the other runs: standard deviations are larger than this run deserves"
+                )
             )
     if any(triad.seen[-4:]):
         remarks.append(
@@ -214,10 +243,15 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
         remarks.append(
             "α_gy is the whole sum m12 + m21: gyros alone cannot tell the two apart; the body's x-z plane holds the x gyro"
         )
+    remarks.append(_from_run_to_run(triad))
     names = [parameter.symbol for parameter in GYRO]
     seen_rows = np.flatnonzero(triad.seen)
     remarks += unseparated(triad.covariance[np.ix_(seen_rows, seen_rows)], [names[k] for k in seen_rows])
     if triad.seen[5]:
         shift = units.EARTH_RATE_DEG_H * np.sin(np.deg2rad(triad.latitude_deg)) * np.deg2rad(_LATITUDE_ERROR_DEG)
-        remarks.append(f"a latitude wrong by {_LATITUDE_ERROR_DEG} deg shifts ε_z by {shift:.2g} deg/h")
+        seen = " ± ".join(value_and_sd(triad.latitude.seen_deg, triad.latitude.sd_deg))
+        remarks.append(
+            f"latitude is taken as {triad.latitude_deg:g} deg, and these runs show {seen} deg; "
+            f"wrong by {_LATITUDE_ERROR_DEG} deg it shifts ε_z by {shift:.2g} deg/h"
+        )
     return remarks

@@ -26,6 +26,7 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.calibration.triad.information import (
     CONSTANTS,
+    EARTH,
     ERRORS,
     MOUNT,
     START,
@@ -36,6 +37,7 @@ from rlgcomp.calibration.triad.information import (
     rate_information,
     velocity_information,
 )
+from rlgcomp.calibration.triad.latitude import Latitude, latitude_of
 from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.triad.recursive import SquareRootInformation
 from rlgcomp.calibration.triad.run import TableRun
@@ -45,6 +47,10 @@ from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]
 PRIOR_SD: Final = {"ppm": 1e4, "deg/h": 100.0, "arcsec": 7200.0}
+ANY_EARTH_DEG_H: Final = 30.0
+BIASES: Final = slice(3, 6)
+RUN_BIASES_DEG_H: Final = tuple(float(sd) for sd in np.geomspace(1e-4, 10.0, 41))
+SURE_OF_RUN_BIAS: Final = 9.55  # exceeded by chance in one of 1000 calibrations
 SEEN: Final = 0.01
 SETTLED: Final = 0.1
 SETTLED_NOISE: Final = 0.03
@@ -65,7 +71,8 @@ class TriadCalibration:
     seen : tuple of bool
         Whether the runs determine each parameter to better than a hundredth of what was open before.
     gyro_axes : str
-    latitude_deg : float
+    latitude : Latitude
+        As stated and as seen by these runs.
     noise : Noise
         Taken or estimated.
     noise_estimated : bool
@@ -85,7 +92,7 @@ class TriadCalibration:
     covariance: Array
     seen: tuple[bool, ...]
     gyro_axes: str
-    latitude_deg: float
+    latitude: Latitude
     noise: Noise
     noise_estimated: bool
     velocity_noise_estimated: bool
@@ -94,6 +101,11 @@ class TriadCalibration:
     mount_sd_arcsec: tuple[float, ...]
     runs: tuple[RunResult, ...]
     curves: pd.DataFrame
+
+    @property
+    def latitude_deg(self) -> float:
+        """As stated."""
+        return self.latitude.stated_deg
 
     @property
     def sd(self) -> Array:
@@ -191,6 +203,8 @@ def calibrate_triad(
             rate_information(run, errors, settings) if part is None else velocity_information(part, settings, tilt)
             for run, part, tilt in zip(runs, linear, tilts, strict=True)
         ]
+        if fitted and number > 0:
+            settings = dataclasses.replace(settings, run_bias_deg_h=_run_bias_deg_h(informations, settings, errors))
         joint, found_tilts = joint_information(informations, settings, errors)
         if number == 0:
             before = linear
@@ -213,13 +227,13 @@ def calibrate_triad(
         covariance=covariance,
         seen=tuple(bool(value) for value in seen),
         gyro_axes=runs[0].gyro_axes,
-        latitude_deg=runs[0].latitude_deg,
+        latitude=_latitude(runs[0].latitude_deg, informations, settings, errors),
         noise=settings,
         noise_estimated=estimated,
         velocity_noise_estimated=fitted and any(run.shows == "velocity" for run in runs),
         accelerometer=TriadErrors.of(found[len(GYRO) : ERRORS], ACCELEROMETER),
-        mount_arcsec=tuple(map(float, found[ERRORS:])),
-        mount_sd_arcsec=tuple(map(float, np.sqrt(np.diag(whole)[ERRORS:]))),
+        mount_arcsec=tuple(map(float, found[-MOUNT:])),
+        mount_sd_arcsec=tuple(map(float, np.sqrt(np.diag(whole)[-MOUNT:]))),
         runs=tuple(
             _result(run, first, information, found, errors, tilt, prior)
             for run, first, information, tilt in zip(runs, before, informations, tilts, strict=True)
@@ -275,7 +289,7 @@ def _check(runs: Sequence[TableRun]) -> None:
 
 def _prior_sd(noise: Noise) -> Array:
     errors = [PRIOR_SD[p.unit] for p in GYRO] + [noise.accelerometer[p.unit] for p in ACCELEROMETER]
-    return np.r_[errors, np.full(MOUNT, noise.mount_arcsec)]
+    return np.r_[errors, np.full(EARTH, noise.earth_deg_h), np.full(MOUNT, noise.mount_arcsec)]
 
 
 def _prior(taken_out: Array, noise: Noise) -> SquareRootInformation:
@@ -300,11 +314,54 @@ def joint_information(
     """All runs' rows on the constants together, less what `errors` took out of the gyros; and each run's tilt at the start."""
     joint = _prior(errors.vector(), noise)
     for information in informations:
-        alone = SquareRootInformation(information.R, information.z).last(CONSTANTS)
+        alone = _with_own_biases(information.R, information.z, noise.run_bias_deg_h).last(CONSTANTS)
         joint.measure(alone.R, alone.z)
     constants = joint.estimate()
     tilts = [information.solve_tilt(constants) for information in informations]
     return joint, tilts
+
+
+def _with_own_biases(R: Array, z: Array, sd_deg_h: float) -> SquareRootInformation:
+    """Rows of a run on its tilt and the constants, where its biases differ from the constant ones: those differences first."""
+    if not sd_deg_h:
+        return SquareRootInformation(R, z)
+    first = R.shape[1] - CONSTANTS + BIASES.start
+    rows = np.zeros((3 + len(R), 3 + R.shape[1]))
+    rows[:3, :3] = np.eye(3) / sd_deg_h
+    rows[3:, :3], rows[3:, 3:] = R[:, first : first + 3], R
+    return SquareRootInformation(rows, np.r_[np.zeros(3), z])
+
+
+def _run_bias_deg_h(informations: Sequence[RunInformation], noise: Noise, errors: TriadErrors) -> float:
+    r"""What the biases change by from run to run, by restricted likelihood; zero unless that is 1000 times surer than chance.
+
+    With a variance at the edge of what it can be, twice the gain in log-likelihood is chi squared of one degree in half the cases.
+    """
+
+    def cost(sd_deg_h: float) -> float:
+        """Minus twice the log-likelihood."""
+        joint = _prior(errors.vector(), noise)
+        value = 0.0
+        for information in informations:
+            alone = SquareRootInformation(information.R, information.z).last(CONSTANTS)
+            own = _with_own_biases(alone.R, alone.z, sd_deg_h)
+            if sd_deg_h:
+                value += own.chi_squared + 2.0 * float(np.sum(np.log(sd_deg_h * np.abs(np.diag(own.R)[:3]))))
+                own = own.last(CONSTANTS)
+            joint.measure(own.R, own.z)
+        return value + joint.chi_squared + 2.0 * float(np.sum(np.log(np.abs(np.diag(joint.R)))))
+
+    costs = {sd_deg_h: cost(sd_deg_h) for sd_deg_h in (0.0, *RUN_BIASES_DEG_H)}
+    best = min(costs, key=costs.__getitem__)
+    return best if costs[0.0] - costs[best] > SURE_OF_RUN_BIAS else 0.0
+
+
+def _latitude(stated_deg: float, informations: Sequence[RunInformation], noise: Noise, errors: TriadErrors) -> Latitude:
+    """With Earth's rotation free."""
+    free = dataclasses.replace(noise, earth_deg_h=ANY_EARTH_DEG_H)
+    joint, _ = joint_information(informations, free, errors)
+    earth = slice(ERRORS, ERRORS + EARTH)
+    return latitude_of(stated_deg, joint.estimate()[earth], joint.covariance()[earth, earth])
 
 
 def _curves(runs: Sequence[TableRun], informations: Sequence[RunInformation], noise: Noise, offset: Array) -> pd.DataFrame:
@@ -314,14 +371,15 @@ def _curves(runs: Sequence[TableRun], informations: Sequence[RunInformation], no
     for run, information in zip(runs, informations, strict=True):
         for time_s, R, z in information.curve:
             now = SquareRootInformation(so_far.R, so_far.z)
-            now.measure(R, z)
+            part = _with_own_biases(R, z, noise.run_bias_deg_h).last(CONSTANTS)
+            now.measure(part.R, part.z)
             values = now.estimate()[: len(GYRO)] + offset
             sds = np.sqrt(np.diag(now.covariance()))[: len(GYRO)]
             rows.append(
                 {"run": run.name, "time_s": time_s, **dict(zip(names, values, strict=True))}
                 | {f"{name}_sd": sd for name, sd in zip(names, sds, strict=True)}
             )
-        alone = SquareRootInformation(information.R, information.z).last(CONSTANTS)
+        alone = _with_own_biases(information.R, information.z, noise.run_bias_deg_h).last(CONSTANTS)
         so_far.measure(alone.R, alone.z)
     return pd.DataFrame(rows)
 

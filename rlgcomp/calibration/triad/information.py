@@ -1,7 +1,8 @@
 r"""The information that one table run holds about a triad's errors.
 
 States: what the noise drives (tilt in arcsec, horizontal velocity in mm/s), the tilt at the start (arcsec), and the constants: the
-gyros' parameters and the accelerometers' residuals in their own units, and the triad's turn on the table (arcsec). Between epochs
+gyros' parameters and the accelerometers' residuals in their own units, what is taken for Earth's rotation beyond the truth about
+north and up (deg/h), and the triad's turn on the table (arcsec). Between epochs
 
 .. math:: \varphi' = e^{-\omega_{ie} \times \Delta} \varphi + F_\varphi p + w_\varphi, \qquad
           V' = V + J \varphi + F_V p + w_V
@@ -42,13 +43,15 @@ from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]
 MOUNT: Final = 3
+EARTH: Final = 2
 ERRORS: Final = len(GYRO) + len(ACCELEROMETER)
-CONSTANTS: Final = ERRORS + MOUNT
+CONSTANTS: Final = ERRORS + EARTH + MOUNT
 START: Final = 3
 DRIVEN: Final = 5
 EPOCH_S: Final = 1.0
 CURVE_EPOCHS: Final = 10
 SEPARABLE: Final = 1e-9
+SHARES: Final = 8
 _MM: Final = 1e-3
 
 
@@ -67,6 +70,10 @@ class Noise:
         Standard deviation of the accelerometers' residuals by unit.
     mount_arcsec : float
         Standard deviation of the triad's turn from the table's axes, about each axis of its body.
+    run_bias_deg_h : float
+        Standard deviation of each gyro's bias from run to run, about the mean that is calibrated.
+    earth_deg_h : float
+        Standard deviation of Earth's rotation about north and up: none to speak of, for the latitude is known.
     """
 
     angle_random_walk_deg_sqrt_h: float = 0.0004
@@ -75,6 +82,8 @@ class Noise:
     tilt_arcsec: tuple[float, float, float] = (3.0, 3.0, 60.0)
     accelerometer: dict[str, float] = dataclasses.field(default_factory=lambda: {"ug": 100.0, "ppm": 100.0, "arcsec": 1.15})
     mount_arcsec: float = 7200.0
+    run_bias_deg_h: float = 0.0
+    earth_deg_h: float = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,7 +158,10 @@ def linearise(run: TableRun, errors: TriadErrors, tilt_arcsec: Array, known: str
         gravity_m_s2,
     )
     steps = every * parts
-    return Linearised(run, steps, trajectory, known or strapdown.sensitivity(trajectory, steps, GYRO, ACCELEROMETER))
+    if known is None:
+        earth = strapdown.earth_sensitivity(trajectory, steps, units.RAD_PER_DEG / units.SECONDS_PER_HOUR)
+        known = strapdown.sensitivity(trajectory, steps, GYRO, ACCELEROMETER).beside(earth)
+    return Linearised(run, steps, trajectory, known)
 
 
 def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -> RunInformation:
@@ -173,7 +185,7 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     forward = np.eye(DRIVEN)
     forward[:3, :3], forward[3:, :3] = turn, lean @ half * epoch_s
     phi = np.zeros((len(sensitivity.tilt), DRIVEN, START + CONSTANTS))  # response of the driven states to the constants
-    errors = slice(START, START + ERRORS)
+    errors = slice(START, START + ERRORS + EARTH)
     phi[:, :3, errors], phi[:, 3:, errors] = sensitivity.tilt * to_arcsec, sensitivity.velocity[:, :2] / _MM
     from_start = np.eye(DRIVEN)[:, :START]
     for k in range(len(phi)):
@@ -215,10 +227,10 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
 
 
 def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInformation:
-    """Mean rates of the horizontal gyros of a run about an upright axis."""
+    """Mean rates of the horizontal gyros of a run about an upright axis, and what they show of Earth's rotation."""
     turned = errors.correct(run.turned_rad, run.step_s)
     phi = run.inner_middle_rad
-    design = np.stack([np.ones(len(phi)), turned[:, 2] / run.step_s, np.cos(phi), np.sin(phi)], axis=1)
+    design = np.stack([np.ones(len(phi)), turned[:, 2] / run.step_s, *_waves(run)], axis=1)
     rates = turned[:, :2] / (run.step_s * GYRO[3].si)  # deg/h
     sd = units.arw_rate_sd_deg_h(noise.angle_random_walk_deg_sqrt_h, run.step_s)
     place = {parameter.name: k for k, parameter in enumerate(GYRO)}
@@ -239,7 +251,52 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
             R[[START, START + 1], columns] = np.sqrt(information) / sd
             z[START:] = mean * np.sqrt(information) / sd
         curve.append((stop * run.step_s, R[START:, START:], z[START:]))
+    if run.pushed_m_s is not None:
+        row, value = _north_deg_h(run, design, rates, sd)
+        R, z = np.vstack([R, row]), np.r_[z, value]
+        curve[-1] = (curve[-1][0], R[START:, START:], z[START:])
     return RunInformation(R, z, curve, 0.0, 0)
+
+
+def _waves(run: TableRun) -> tuple[Array, Array]:
+    """Mean cosine and sine of the inner angle over each sample."""
+    phi = run.inner_middle_rad
+    half = phi - run.inner_deg * units.RAD_PER_DEG
+    return np.cos(phi) * np.sinc(half / np.pi), np.sin(phi) * np.sinc(half / np.pi)
+
+
+def _north_deg_h(run: TableRun, design: Array, rates: Array, sd_deg_h: float) -> tuple[Array, float]:
+    r"""Earth's rotation about north beyond what was taken for it, as a row of information, from a run about an upright axis.
+
+    Across an axis that leans from the vertical by :math:`\ell`, seen by the accelerometers, it is
+    :math:`h = \omega_N n + \omega_U \ell`, so that :math:`\omega_N = |h - \omega_U \ell|`, whatever the azimuth. Scale factors of
+    x and y enlarge it. Where encoders lag by a sample, reversals make it smaller by the cosine of the turn in one. Whole pulses
+    make patterns that are not white: parts of the run tell by their scatter.
+    """
+    _, north, up = frames.earth_rate_n_rad_s(run.latitude_deg) / GYRO[3].si  # deg/h
+    tilting = cast(Array, run.pushed_m_s)[:, :2] / (run.gravity_m_s2 * run.step_s)
+    lean = _across(design, tilting)
+    seen = float(np.linalg.norm(_across(design, rates) - up * lean))
+    parts = [
+        float(np.linalg.norm(_across(*part) - up * lean))
+        for part in zip(np.array_split(design, SHARES), np.array_split(rates, SHARES), strict=True)
+    ]
+    turn = float(np.median(np.abs(np.diff(run.inner_deg)))) * units.RAD_PER_DEG
+    white = sd_deg_h / np.sqrt(len(rates))
+    scatter = float(np.std(parts, ddof=1)) / np.sqrt(SHARES)
+    sd = float(np.hypot(max(white, scatter), north * (1.0 - np.cos(turn))))
+    row = np.zeros(START + CONSTANTS)
+    for name in ("scale_x_ppm", "scale_y_ppm"):
+        k = [parameter.name for parameter in GYRO].index(name)
+        row[START + k] = 0.5 * GYRO[k].si * north
+    row[START + ERRORS] = -1.0
+    return row / sd, (seen - north) / sd
+
+
+def _across(design: Array, both: Array) -> Array:
+    """The part of a vector across the axis, at inner angle zero, from what the body's turning x and y show of it."""
+    cosine, sine = np.linalg.lstsq(design, both, rcond=1e-12)[0][2:]
+    return np.array([cosine[0] - sine[1], sine[0] + cosine[1]]) / 2.0
 
 
 def _counting_walk(trajectory: strapdown.Trajectory, sample_s: float) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import frames, units
+from rlgcomp.calibration.triad.gravity import WORST_AGREEMENT, require_gravity
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 
@@ -18,7 +19,6 @@ AXES: Final = "xyz"
 STILL_DEG: Final = 1.0
 LEAST_RATE_DEG_S: Final = 0.1
 GRAVITY_M_S2: Final = (9.7, 9.9)
-WORST_AGREEMENT: Final = 0.02
 COARSE_DEG: Final = 3.0
 _AGREEMENT_WINDOW_S: Final = 0.5
 
@@ -75,7 +75,8 @@ class TableRun:
         Raises
         ------
         InputError
-            A column or the latitude is missing, there are gaps, the table stands still, or gyros and encoders disagree.
+            A column or the latitude is missing, there are gaps, the table stands still, or the encoders disagree with the gyros or
+            the accelerometers.
         """
         for column in ("angle_inner_deg", "angle_outer_deg"):
             if column not in recording:
@@ -101,11 +102,14 @@ class TableRun:
                 "deg outer); rate-biased gyros are calibrated turning; for a gyro at rest use rlgcomp allan"
             )
         chosen = _agreeing_axes(recording.name, axes_rad, outer, inner, step_s, gyro_axes)
+        pushed = _pushed(recording, step_s)
+        if pushed is not None:
+            require_gravity(recording.name, pushed, outer, inner, step_s)
         return cls(
             name=recording.name,
             step_s=step_s,
             turned_rad=axes_rad @ frames.GYRO_AXES[chosen].T,
-            pushed_m_s=_pushed(recording, step_s),
+            pushed_m_s=pushed,
             outer_deg=outer,
             inner_deg=inner,
             gyro_axes=chosen,

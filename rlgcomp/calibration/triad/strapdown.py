@@ -148,6 +148,10 @@ class Sensitivity:
     tilt: Array
     velocity: Array
 
+    def beside(self, other: Sensitivity) -> Sensitivity:
+        """This one's parameters, then the other's."""
+        return Sensitivity(np.concatenate([self.tilt, other.tilt], axis=2), np.concatenate([self.velocity, other.velocity], axis=2))
+
 
 def sensitivity(trajectory: Trajectory, every: int, gyro: Sequence[Parameter], accelerometer: Sequence[Parameter]) -> Sensitivity:
     """Sensitivities to the gyro's parameters, then the accelerometer's, at every `every`-th sample, the start included.
@@ -164,14 +168,8 @@ def sensitivity(trajectory: Trajectory, every: int, gyro: Sequence[Parameter], a
     tilt, velocity = np.zeros((epochs, 3, total)), np.zeros((epochs, 3, total))
     for column, parameter in enumerate(gyro):
         drive = trajectory.turned_rad[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
-        summed = np.zeros((n + 1, 3))
-        np.cumsum(middle[:, :, parameter.row] * (-parameter.si * drive)[:, None], axis=0, out=summed[1:])
-        phi = _turned(turn, summed)
-        tilt[:, :, column] = phi[::every]
-        pushed = np.zeros((n + 1, 2))
-        np.cumsum(0.5 * (phi[1:, :2] + phi[:-1, :2]), axis=0, out=pushed[1:])
-        pushed *= trajectory.gravity_m_s2 * step_s
-        velocity[:, 0, column], velocity[:, 1, column] = -pushed[::every, 1], pushed[::every, 0]
+        phi, pushed = _leaning(trajectory, turn, middle[:, :, parameter.row] * (-parameter.si * drive)[:, None])
+        tilt[:, :, column], velocity[:, :, column] = phi[::every], pushed[::every]
     for column, parameter in enumerate(accelerometer, start=len(gyro)):
         drive = trajectory.pushed_m_s[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
         level = _turned(half_turn, middle[:, :, parameter.row] * (parameter.si * drive)[:, None])
@@ -179,6 +177,30 @@ def sensitivity(trajectory: Trajectory, every: int, gyro: Sequence[Parameter], a
         np.cumsum(level, axis=0, out=summed[1:])
         velocity[:, :, column] = summed[::every]
     return Sensitivity(tilt, velocity)
+
+
+def earth_sensitivity(trajectory: Trajectory, every: int, si: float) -> Sensitivity:
+    r"""Sensitivities to what is taken for Earth's rotation beyond the truth, about north and about up, in units of `si` rad/s.
+
+    In :math:`\dot\varphi = -\omega_{ie} \times \varphi + \delta\omega_{ie}` it is to the level frame what a bias is to the body.
+    """
+    turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s)
+    fixed = np.swapaxes(0.5 * (turn[:-1] + turn[1:]), 1, 2)  # from the level frame to that at the start
+    step = si * float(trajectory.time_s[1])
+    about = [_leaning(trajectory, turn, step * fixed[:, :, axis]) for axis in (1, 2)]
+    tilt, velocity = (np.stack([parts[k][::every] for parts in about], axis=2) for k in (0, 1))
+    return Sensitivity(tilt, velocity)
+
+
+def _leaning(trajectory: Trajectory, turn: Array, driven: Array) -> tuple[Array, Array]:
+    """Tilt in rad and velocity in m/s that increments of the tilt, in the level frame at the start, bring about."""
+    summed = np.zeros((len(driven) + 1, 3))
+    np.cumsum(driven, axis=0, out=summed[1:])
+    phi = _turned(turn, summed)
+    pushed = np.zeros((len(driven) + 1, 2))
+    np.cumsum(0.5 * (phi[1:, :2] + phi[:-1, :2]), axis=0, out=pushed[1:])
+    pushed *= trajectory.gravity_m_s2 * float(trajectory.time_s[1])
+    return phi, np.column_stack([-pushed[:, 1], pushed[:, 0], np.zeros(len(pushed))])
 
 
 def earth_turn(earth_rad_s: Array, time_s: npt.ArrayLike) -> Array:
