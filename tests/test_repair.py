@@ -246,6 +246,33 @@ def test_equal_counts_of_a_steady_table_are_not_taken_for_stuck() -> None:
     assert "stuck" in mend(frame.drop(columns="table_angle_deg"))[1]
 
 
+def test_rates_made_from_pulses_are_not_taken_for_stuck() -> None:
+    """Fast most of the time, and for a while at rest: zeros then are what a counter gives, a frozen converter's values are not."""
+    rng = np.random.default_rng(4)
+    arcsec = np.cumsum(np.r_[np.linspace(0.0, 400.0, 1500), np.full(400, 0.02)] + 0.05 * rng.standard_normal(1900))
+    rate = 16.8 * np.diff(np.floor(arcsec / 0.84), prepend=0.0)
+    frame = pd.DataFrame({"time_s": 0.05 * np.arange(1900.0), "gyro_deg_h": rate, "table_angle_deg": arcsec / 3600.0})
+    assert "stuck" not in mend(frame, kind="turntable")[1]
+    noisy = frame.assign(gyro_deg_h=(rate + 30.0 * rng.standard_normal(1900)).round(4))
+    noisy.loc[600:699, "gyro_deg_h"] = noisy.loc[600, "gyro_deg_h"]
+    assert "stuck at" in mend(noisy, kind="turntable")[1]
+
+
+def test_a_running_sum_of_pulses_is_refused() -> None:
+    rng = np.random.default_rng(5)
+    time_s = 0.01 * np.arange(6000.0)
+    resting = np.floor(np.cumsum(0.13 + 0.004 * rng.standard_normal(6000)))
+    turning_deg = 30.0 * np.abs((time_s - 15.0) % 30.0 - 15.0)
+    turned = np.floor(turning_deg * 3600.0 / 0.84 + 0.1 * np.cumsum(rng.standard_normal(6000)))
+    for total, angle in ((resting, None), (resting % 500.0, None), (turned, turning_deg), (-turned, turning_deg)):
+        frame = pd.DataFrame({"time_s": time_s, "gyro_pulses": total})
+        frame = frame if angle is None else frame.assign(table_angle_deg=angle)
+        assert "running sum of pulses" in refusal(frame)
+        counts = np.diff(total, prepend=total[0])
+        counts = counts % 500.0 if angle is None else counts
+        assert "running sum" not in mend(frame.assign(gyro_pulses=counts))[1]
+
+
 def test_a_dead_gyro_is_refused() -> None:
     assert "the channel is dead" in refusal(table().assign(gyro_deg_h=0.0))
 

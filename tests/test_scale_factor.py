@@ -183,6 +183,64 @@ def test_counts_that_cannot_be_right_are_refused() -> None:
         conventional_scale_factor([5.0], [-5.0], 1, period_s=0.0)
 
 
+# --- counters that cannot be believed, and angle random walk -------------------------------------------------------------------
+
+
+def test_a_spike_or_a_dead_counter_costs_its_revolutions_alone_and_is_named() -> None:
+    recording = TABLE.rate_recording(5, 3, rates_deg_s=60.0)
+    pulses, time_s = recording.column("gyro_pulses"), recording.time_s
+    spike = np.where(np.arange(len(time_s)) == 1500, pulses + 5000.0, pulses)
+    dead = np.where((time_s > 40.0) & (time_s < 60.0), 0.0, pulses)
+    for spoilt, when in ((spike, f"at {time_s[1500]:.6g} s"), (dead, "between 40")):
+        (found,), remarks = conventional_scale_factors([recording.replace(table=recording.table.assign(gyro_pulses=spoilt))])
+        assert any(when in remark and "does not follow table_angle_deg" in remark for remark in remarks)
+        assert abs(found.scale_arcsec / TABLE.conventional_arcsec - 1.0) < 4.0 * found.relative_sd
+        assert found.relative_sd < 5e-8
+
+
+def test_an_encoders_wrong_reading_is_no_fault_of_the_counter() -> None:
+    recording = TABLE.rate_recording(2, 3, rates_deg_s=60.0)
+    angle = recording.column("table_angle_deg").copy()
+    angle[1500] += 1.0
+    _, remarks = conventional_scale_factors([recording.replace(table=recording.table.assign(table_angle_deg=angle))])
+    assert not remarks
+
+
+def test_directions_that_do_not_oppose_are_refused() -> None:
+    recording = TABLE.rate_recording(2, 3)
+    unsigned = recording.table.assign(gyro_pulses=recording.column("gyro_pulses") ** 2 / 640.7)
+    with pytest.raises(InputError, match="do not oppose"):
+        conventional_scale_factors([recording.replace(table=unsigned)])
+    with pytest.raises(InputError, match="do not oppose"):
+        conventional_scale_factor([7.2e6], [-7.0e6], 5, period_s=2.4)
+
+
+def test_a_repeat_beyond_the_scatter_of_the_others_is_named() -> None:
+    recording = TABLE.rate_recording(5, 3, rates_deg_s=60.0)
+    few = np.where(np.arange(len(recording)) == 1500, 30.0, 0.0)  # too few to be seen sample by sample
+    more = recording.table.assign(gyro_pulses=recording.column("gyro_pulses") + few)
+    _, (said,) = conventional_scale_factors([recording.replace(table=more)])
+    assert "off the mean of the 4 others" in said
+    assert not conventional_scale_factors([recording])[1]
+
+
+def test_angle_random_walk_is_in_the_standard_error_of_few_repeats() -> None:
+    noisy = dataclasses.replace(TABLE, angle_random_walk_deg_sqrt_h=0.002)
+    scores, walks = [], []
+    for seed in range(30):
+        (found,), _ = conventional_scale_factors([noisy.rate_recording(1, seed, rates_deg_s=60.0, step_s=0.02)])
+        scores.append((found.scale_arcsec / noisy.conventional_arcsec - 1.0) / found.relative_sd)
+        walks.append(found.angle_random_walk_deg_sqrt_h)
+    assert np.median(walks) == pytest.approx(0.002, rel=0.1)
+    assert 0.7 < math.sqrt(np.mean(np.square(scores))) < 1.35
+
+
+def test_one_revolution_each_way_tells_no_random_walk_and_says_so() -> None:
+    (found,), (said,) = conventional_scale_factors([TABLE.rate_recording(1, 0, revolutions=1)])
+    assert math.isnan(found.angle_random_walk_deg_sqrt_h)
+    assert "lacks angle random walk" in said
+
+
 # --- together, and from files --------------------------------------------------------------------------------------------------
 
 

@@ -28,19 +28,24 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy.stats import chi2
+from scipy.stats import t as student_t
 
-from rlgcomp.calibration.turns import INNER, OUTER, TABLE, grouped, pairs, stretches, while_at_rest, whole_turns
+from rlgcomp.calibration.revolutions import Courses
+from rlgcomp.calibration.turns import INNER, OUTER, SAME_RATE, TABLE, grouped, pairs, stretches, while_at_rest, whole_turns
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
-from rlgcomp.units import ARCSEC_PER_TURN, DEG_PER_TURN, PPM
+from rlgcomp.units import ARCSEC_PER_DEG, ARCSEC_PER_TURN, DEG_PER_TURN, EARTH_RATE_DEG_H, PPM, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
-SAME_RATE: Final = 0.02
 ROUNDED_AT_BOTH_ENDS: Final = 2.0 / 12.0  # variance in pulses² of a count that begins and ends between two pulses
 INTERPOLATED: Final = 2.0 / 3.0  # of it, on average, where each end lies between two samples rounded independently
 BATCHES: Final = 20
 FEW: Final = 30  # repeats below which the expected spread is believed, unless theirs is implausible beside it
 IMPLAUSIBLE: Final = 0.01
+FEWEST_TO_JUDGE: Final = 3
+FALSE_ALARM: Final = 1e-3
+LARGEST_AXIS_DEG_H: Final = 100.0  # Earth rate is 15.04, ring lasers' bias below ten;
+LARGEST_ASYMMETRY: Final = 1e-4  # of the rate: asymmetries of the scale factor are of some ppm
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +62,10 @@ class ConventionalScaleFactor:
         Standard error of the mean, over the mean: from means of batches, so that a slow drift counts; with fewer than thirty
         repeats from the expected spread, unless theirs is implausible beside it.
     relative_expected : float
-        What the rounding to whole pulses and the stated error of the reference mark would spread one repeat by.
+        What the rounding to whole pulses, the stated error of the reference mark and angle random walk would spread one repeat by.
+    angle_random_walk_deg_sqrt_h : float
+        From the course of the counts within revolutions; NaN where no two revolutions in one direction show it, and then left
+        out of what is expected.
     rate_deg_s : float
         Size of the rate; NaN where counts were given without their period.
     axis_rate_deg_h : float
@@ -71,6 +79,7 @@ class ConventionalScaleFactor:
     relative_spread: float
     relative_sd: float
     relative_expected: float
+    angle_random_walk_deg_sqrt_h: float
     rate_deg_s: float
     axis_rate_deg_h: float
     repeats: pd.DataFrame
@@ -159,10 +168,14 @@ def conventional_scale_factors(
     InputError
         No whole revolution, one direction only, or no pulses.
     """
-    found, remarks = [], []
+    found, walks, remarks = [], [], []
     for run, recording in enumerate(recordings):
         angle = TABLE if TABLE in recording else INNER
-        turns = stretches(whole_turns(recording, angle, gyro=gyro, reference_deg=reference_deg), revolutions).assign(run=run)
+        courses = Courses(recording, whole_turns(recording, angle, gyro=gyro, reference_deg=reference_deg), angle, gyro)
+        followed, remark = courses.followed()
+        remarks += [remark] if remark else []
+        walks.append(courses.walks(followed))
+        turns = stretches(followed, revolutions).assign(run=run)
         if angle == INNER:
             turns, remark = while_at_rest(recording, turns, OUTER)
             remarks += [remark] if remark else []
@@ -184,8 +197,49 @@ def conventional_scale_factors(
     if unpaired:
         remarks.append(f"{unpaired} stretches have no partner in the other direction at their rate and were left out")
     rounding = INTERPOLATED * ROUNDED_AT_BOTH_ENDS
-    factors = [_from_pairs(part.reset_index(drop=True), sync_arcsec, rounding) for _, part in both.groupby("speed", sort=True)]
+    walk = pd.concat(walks, ignore_index=True)
+    factors = []
+    for speed in np.unique(both["speed"]).tolist():
+        part = both[both["speed"] == speed].reset_index(drop=True)
+        factors.append(_from_pairs(part, sync_arcsec, rounding, _walk_at(walk, speed)))
+        remarks += _departures(factors[-1])
+    blind = [f"{one.rate_deg_s:.4g}" for one in factors if len(one.repeats) == 1 and math.isnan(one.angle_random_walk_deg_sqrt_h)]
+    if blind:
+        remarks.append(
+            f"at {', '.join(blind)} deg/s the standard error lacks angle random walk, which one repeat does not show there; turn "
+            "two revolutions or more in each direction, and sample them finely"
+        )
     return factors, tuple(remarks)
+
+
+def _walk_at(walks: pd.DataFrame, rate_deg_s: float) -> float:
+    """Variance in pulses² a second that random walk adds, mean of the recordings at this rate; NaN where none tells it."""
+    here = walks[(walks["rate_deg_s"] / rate_deg_s - 1.0).abs() <= SAME_RATE]
+    return float(np.average(here["pulses2_s"], weights=here["freedom"])) if len(here) else math.nan
+
+
+def _departures(factor: ConventionalScaleFactor) -> list[str]:
+    """What to say of a repeat that is beyond the scatter of the others: Student's t of its departure from their mean.
+
+    The others scatter by no less than rounding; one healthy set of repeats in a thousand has such a one. The random walk found is no
+    yardstick here, since pulses lost in a revolution raise it.
+    """
+    turns = factor.repeats[["turns_plus", "turns_minus"]].to_numpy(dtype=np.float64)
+    rounded_ppm = abs(factor.scale_arcsec) * math.sqrt(INTERPOLATED * ROUNDED_AT_BOTH_ENDS * float(np.sum(turns**-2.0, axis=1).mean()))
+    rounded_ppm /= 2.0 * ARCSEC_PER_TURN * PPM
+    departure = factor.to_frame()["departure_ppm"].to_numpy()
+    n, said = len(departure), []
+    for k in range(n if n >= FEWEST_TO_JUDGE else 0):
+        others = np.delete(departure, k)
+        sd = max(float(others.std(ddof=1)), rounded_ppm) * math.sqrt(1.0 + 1.0 / (n - 1))
+        off = departure[k] - float(others.mean())
+        if 2.0 * student_t.sf(abs(off) / sd, n - 2) < FALSE_ALARM / n:
+            begun_s = factor.repeats["start_s"].iloc[k]
+            said.append(
+                f"at {factor.rate_deg_s:.4g} deg/s the repeat that begins at {begun_s:.6g} s is {off:+.3g} ppm off the mean of the "
+                f"{n - 1} others, which scatter by {sd:.2g} ppm; it counts in the mean: leave it out with RUN@START:STOP"
+            )
+    return said
 
 
 def sd_of_mean(values: npt.ArrayLike) -> float:
@@ -201,7 +255,9 @@ def sd_of_mean(values: npt.ArrayLike) -> float:
     return float(array.std(ddof=1)) * math.sqrt(((n - 1) / (n - 3) if n > 3 else 1.0) / n)
 
 
-def _from_pairs(table: pd.DataFrame, sync_arcsec: float, rounding: float) -> ConventionalScaleFactor:
+def _from_pairs(
+    table: pd.DataFrame, sync_arcsec: float, rounding: float, walk_pulses2_s: float = math.nan
+) -> ConventionalScaleFactor:
     plus, minus = table["pulses_plus"].to_numpy(), table["pulses_minus"].to_numpy()
     difference = plus - minus
     if not np.isfinite(difference).all() or not (np.sign(difference) == np.sign(difference[0])).all() or not difference[0]:
@@ -211,8 +267,10 @@ def _from_pairs(table: pd.DataFrame, sync_arcsec: float, rounding: float) -> Con
         )
     scale = 2.0 * ARCSEC_PER_TURN / difference
     mean = float(scale.mean())
-    by_run = rounding * mean**2 + 2.0 * sync_arcsec**2 / 3.0
+    by_run = np.full((len(table), 2), rounding * mean**2 + 2.0 * sync_arcsec**2 / 3.0)
     turns = table[["turns_plus", "turns_minus"]].to_numpy(dtype=np.float64)
+    if not math.isnan(walk_pulses2_s):
+        by_run += mean**2 * walk_pulses2_s * turns * table[["period_plus_s", "period_minus_s"]].to_numpy()
     expected = float(np.sqrt(np.mean(np.sum(by_run / turns**2, axis=1)))) / (2.0 * ARCSEC_PER_TURN)
     repeats = table.assign(scale_arcsec=scale)
     rate = axis = math.nan
@@ -221,10 +279,21 @@ def _from_pairs(table: pd.DataFrame, sync_arcsec: float, rounding: float) -> Con
         along = mean * 0.5 * (plus + minus) / period  # arcsec/s is deg/h
         repeats = repeats.assign(axis_rate_deg_h=along).drop(columns=["period_plus_s", "period_minus_s"])
         rate, axis = float(table["rate_deg_s"].mean()), float(along.mean())
+        _require_opposed(float(np.median(along)), rate)
     batches = np.array([part.mean() for part in np.array_split(scale, len(scale) if len(scale) < 2 * BATCHES else BATCHES)])
     spread = float(scale.std(ddof=1)) / abs(mean) if len(scale) > 1 else math.nan
     sd = sd_of_mean(batches) / abs(mean)
     n = len(scale)
     if n < FEW and (n == 1 or chi2.sf((n - 1) * (spread / expected) ** 2, n - 1) > IMPLAUSIBLE):
         sd = expected / math.sqrt(n)  # counts are whole, and may agree by chance
-    return ConventionalScaleFactor(mean, spread, sd, expected, rate, axis, repeats)
+    walk = abs(mean) * math.sqrt(walk_pulses2_s * SECONDS_PER_HOUR) / ARCSEC_PER_DEG
+    return ConventionalScaleFactor(mean, spread, sd, expected, walk, rate, axis, repeats)
+
+
+def _require_opposed(axis_deg_h: float, rate_deg_s: float) -> None:
+    if abs(axis_deg_h) > LARGEST_AXIS_DEG_H + LARGEST_ASYMMETRY * rate_deg_s * SECONDS_PER_HOUR:
+        raise InputError(
+            f"the counts of both directions at {rate_deg_s:.4g} deg/s do not oppose: Earth rate and bias along the axis would be "
+            f"{axis_deg_h:.4g} deg/h, and Earth rate is {EARTH_RATE_DEG_H:.4g} deg/h; a row needs the pulses counted since the row "
+            "before, negative where the gyro turns back: is the counter unsigned, or does it hold a running sum?"
+        )

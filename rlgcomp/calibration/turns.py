@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 TABLE: Final = "table_angle_deg"  # one table
 INNER: Final = "angle_inner_deg"  # two: the rate-biasing table on
 OUTER: Final = "angle_outer_deg"  # the position table
+SAME_RATE: Final = 0.02
 STEADY: Final = 0.01  # the four quarters of a revolution, and the revolutions of a stretch, agree in duration to this share
 QUARTER_DEG: Final = DEG_PER_TURN / 4.0
 AT_REST_DEG: Final = 0.2

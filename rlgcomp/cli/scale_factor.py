@@ -102,7 +102,7 @@ def _show(found: ScaleFactorCalibration) -> None:
                     "repeats": len(factor.repeats),
                     "arcsec/pulse": f"{factor.scale_arcsec:.9f}",
                     "relative spread": f"{factor.relative_spread:.2g}",
-                    "expected of rounding and mark": f"{factor.relative_expected:.2g}",
+                    "expected of rounding, mark and walk": f"{factor.relative_expected:.2g}",
                     "relative standard error": f"{factor.relative_sd:.2g}",
                     "Earth rate + bias, deg/h": f"{factor.axis_rate_deg_h:.4f}",
                 }

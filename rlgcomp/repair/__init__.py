@@ -16,6 +16,7 @@ from rlgcomp.recording import FEWEST_ROWS, Finding, Metadata
 from rlgcomp.repair.channels import clipped_gyros, constant_columns, encoder_wrap, stuck_gyros
 from rlgcomp.repair.clock import sampling, time_order, time_unit
 from rlgcomp.repair.context import Context
+from rlgcomp.repair.counters import running_sums
 from rlgcomp.repair.entries import LARGEST_VALUE as LARGEST_VALUE
 from rlgcomp.repair.entries import empty_channels, numbers, structure
 from rlgcomp.repair.frozen import frozen_monitors, frozen_thermometers
@@ -35,6 +36,7 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     empty_channels,  # again, now that rows have gone
     time_unit,
     units_meant,
+    running_sums,
     stuck_gyros,
     clipped_gyros,
     frozen_thermometers,

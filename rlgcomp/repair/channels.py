@@ -15,6 +15,7 @@ from rlgcomp.scan import may_hold
 STUCK_SAMPLES: Final = 20
 CLIPPED: Final = 0.002  # of the samples at one end of the range,
 MORE_OFTEN: Final = 10.0  # times as often as at any value beside it: a converter's steps are not saturation
+PRINTED: Final = 1e-7  # of the greatest value: smaller changes are the last printed digit's
 ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
 
 
@@ -28,11 +29,11 @@ def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                 "refused", f"never changes from {values[0]:.6g}: the channel is dead; choose another with --map or --drop", column
             )
             continue
-        turns = context.metadata.kind == "turntable" or any(encoder in table for encoder in ENCODERS)
-        if column.endswith("_pulses") and turns:
-            continue  # a steady rate gives the same count for as long as its fraction of a pulse takes to add up to one
         if not may_hold(values, STUCK_SAMPLES):
             continue
+        turns = context.metadata.kind == "turntable" or any(encoder in table for encoder in ENCODERS)
+        if turns and (column.endswith("_pulses") or _counted(values)):
+            continue  # a steady rate gives the same count for as long as its fraction of a pulse takes to add up to one
         stuck, first = _stuck(values)
         if not stuck.any():
             continue
@@ -41,6 +42,17 @@ def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         context.add("repaired", f"{how} at {values[first]:.6g} for {int(stuck.sum())} samples in all, rows left out", column, first)
         spoilt |= stuck
     return table[~spoilt] if spoilt.any() else table
+
+
+def _counted(values: Array) -> bool:
+    """Whether a rate was made from whole pulses: all its values are multiples of one step, by which it leaves values it repeats."""
+    values = values[np.isfinite(values)]
+    changes = np.abs(np.diff(values))
+    step = float(changes[changes > PRINTED * np.abs(values).max()].min())
+    leaving = changes[1:][(changes[:-1] == 0.0) & (changes[1:] > 0.0)]
+    multiples = values / step
+    few_steps = len(leaving) > 0 and float(np.median(leaving)) < 2.5 * step
+    return few_steps and bool(np.abs(multiples - np.rint(multiples)).max() < 0.1)
 
 
 def _stuck(values: Array) -> tuple[Rows, int]:
