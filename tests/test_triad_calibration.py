@@ -22,6 +22,7 @@ from rlgcomp.calibration.triad import strapdown
 from rlgcomp.calibration.triad.calibrate import calibrate_turntable, predicted
 from rlgcomp.calibration.triad.estimate import TriadCalibration, calibrate_triad
 from rlgcomp.calibration.triad.information import Noise
+from rlgcomp.calibration.triad.knocks import without_knocks
 from rlgcomp.calibration.triad.liu_first_step import first_step
 from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.triad.rate_bias import rate_bias
@@ -405,6 +406,17 @@ def test_alternatives_come_with_what_they_cost() -> None:
     assert table.loc["step-3", "scale_x_ppm"] < 0.015
     assert table.loc["step-3-modulated", "scale_x_ppm"] == pytest.approx(0.04, abs=0.01)
     assert 0.3 < table.loc["step-3-slow-outer", "scale_x_ppm"] < 0.8
+
+
+def test_a_knock_is_told_with_its_time_and_the_run_is_cut_there(recordings: list[rlg.Recording], found: TriadCalibration) -> None:
+    """It passed for noise of the accelerometers in every run, and the errors stated were thirty times what they are."""
+    table = recordings[0].table.copy()
+    table.loc[9000:9003, "accel_x_m_s"] += 3.0 * STEP_S
+    knocked = calibrate_turntable([recordings[0].replace(table=table), *recordings[1:]])
+    assert knocked.remarks[0].startswith("step-1: gyros or accelerometers stand 30 standard deviations off the encoders 45")
+    assert [run.name for run in knocked.triad.runs] == ["step-1 from 0 s", "step-1 from 46.02 s", "step-2", "step-3"]
+    assert (knocked.triad.sd < 2.0 * found.sd).all()  # two halves of the run, each with a tilt of its own
+    assert all(without_knocks(TableRun.of(recording))[1] is None for recording in recordings)
 
 
 def test_biases_that_change_from_run_to_run_widen_what_is_said_of_them() -> None:

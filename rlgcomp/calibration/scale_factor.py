@@ -221,12 +221,12 @@ def _walk_at(walks: pd.DataFrame, rate_deg_s: float) -> float:
 def _departures(factor: ConventionalScaleFactor) -> list[str]:
     """What to say of a repeat that is beyond the scatter of the others: Student's t of its departure from their mean.
 
-    The others scatter by no less than rounding; one healthy set of repeats in a thousand has such a one. The random walk found is no
-    yardstick here, since pulses lost in a revolution raise it.
+    The others scatter by no less than rounding; one healthy set of repeats in a thousand has such a one. The random walk found is
+    no yardstick here, since pulses lost in a revolution raise it.
     """
     turns = factor.repeats[["turns_plus", "turns_minus"]].to_numpy(dtype=np.float64)
-    rounded_ppm = abs(factor.scale_arcsec) * math.sqrt(INTERPOLATED * ROUNDED_AT_BOTH_ENDS * float(np.sum(turns**-2.0, axis=1).mean()))
-    rounded_ppm /= 2.0 * ARCSEC_PER_TURN * PPM
+    rounded = math.sqrt(INTERPOLATED * ROUNDED_AT_BOTH_ENDS * float(np.sum(turns**-2.0, axis=1).mean()))  # pulses a revolution
+    rounded_ppm = abs(factor.scale_arcsec) * rounded / (2.0 * ARCSEC_PER_TURN * PPM)
     departure = factor.to_frame()["departure_ppm"].to_numpy()
     n, said = len(departure), []
     for k in range(n if n >= FEWEST_TO_JUDGE else 0):

@@ -16,6 +16,7 @@ from rlgcomp.calibration.file import triad_content
 from rlgcomp.calibration.navigator import worse
 from rlgcomp.calibration.triad.estimate import SEEN, TriadCalibration, calibrate_triad, joint_information
 from rlgcomp.calibration.triad.information import START, Noise, RunInformation, linearise, rate_information, velocity_information
+from rlgcomp.calibration.triad.knocks import without_knocks
 from rlgcomp.calibration.triad.latitude import Latitude
 from rlgcomp.calibration.triad.rate_bias import RateBias, rate_bias, unseparated
 from rlgcomp.calibration.triad.run import TableRun
@@ -98,14 +99,15 @@ def calibrate_turntable(
             recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg))
             for recording in recordings
         ]
-    runs = [TableRun.of(recording, gyro_axes=gyro_axes) for recording in recordings]
+    calm = [without_knocks(TableRun.of(recording, gyro_axes=gyro_axes)) for recording in recordings]
+    runs = [part for parts, _ in calm for part in parts]
     triad = calibrate_triad(runs, noise=noise, velocity_noise=True, progress=progress)
     _require_latitude(triad.latitude)
     biases = tuple(rate_bias(run) for run in runs)
     crossing = triad.gyro_axes == "oblique" and any(bias.violated for bias in biases)
     alternatives = predicted(triad.noise, triad.latitude_deg) if crossing else pd.DataFrame()
     observability = _observability(triad)
-    remarks = [*_remarks(triad, biases, alternatives), *worse(triad.runs)]
+    remarks = [*(said for _, said in calm if said is not None), *_remarks(triad, biases, alternatives), *worse(triad.runs)]
     if any(run.pushed_m_s is None for run in runs):
         remarks.append(
             "no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...): mean rates alone are compared; they show ε_x and ε_y"
@@ -157,12 +159,12 @@ def _from_run_to_run(triad: TriadCalibration) -> str:
     """What is known of biases that change between the runs."""
     if triad.noise.run_bias_deg_h:
         return (
-            f"from run to run the biases differ by {triad.noise.run_bias_deg_h:.2g} deg/h (standard deviation), more than noise: ε is "
-            "the mean, its standard deviation holds that of the runs it comes from, and the next run's biases are off by as much"
+            f"from run to run the biases differ by {triad.noise.run_bias_deg_h:.2g} deg/h (standard deviation), more than noise: ε "
+            "is the mean, its standard deviation holds that of the runs it comes from, and the next run's biases are off by as much"
         )
     return (
-        "runs of one kind tell whether the biases are the same in each, runs of different kinds hardly: what they change by from one "
-        "switching-on to the next is in no standard deviation here unless each kind is recorded twice"
+        "each bias rests on one kind of run: what it changes by from one switching-on to the next is in its standard deviation "
+        "only where that kind is recorded more than once and the runs differ; these show no difference"
     )
 
 
@@ -173,8 +175,8 @@ def _require_latitude(latitude: Latitude) -> None:
         raise InputError(
             f"these runs show an Earth that turns as at latitude {seen} deg, and {latitude.stated_deg:g} deg is stated, "
             f"{off_sd:.3g} standard deviations off ({_FAR_SD:g} are allowed); biases and scale factors would be wrong by far "
-            "more than is said of them; check latitude_deg (north is positive) and pulse_arcsec; a table that leans is no cause, for "
-            "the accelerometers show it"
+            "more than is said of them; check latitude_deg (north is positive) and pulse_arcsec; a table that leans is no cause, "
+            "for the accelerometers show it"
         )
 
 
@@ -224,8 +226,8 @@ def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: 
             remarks.append(
                 f"{run.name}: chi² is {ratio:.2g} of what is expected: "
                 + (
-                    "noise is larger than in the other runs, or something is not in the model (a knock, vibration, flexing): standard "
-                    "deviations may be too small"
+                    "noise is larger than in the other runs, or something is not in the model (a knock, vibration, flexing): "
+                    "standard deviations may be too small"
                     if ratio > 1.0
                     else "noise is smaller than in the other runs: standard deviations are larger than this run deserves"
                 )
