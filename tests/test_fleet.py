@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import logging
 import os
 import shutil
 import signal
@@ -59,6 +60,7 @@ def test_results_are_the_same_by_one_and_by_two_processes(units: list[Unit], tmp
 
 
 def test_what_is_said_of_a_unit_begins_with_its_name(units: list[Unit], tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, logger="rlgcomp")  # a quiet command may have run before
     run_fleet(TRAIN, [Unit("lone", units[0].train[:1])], tmp_path / "out")
     said = [record.getMessage() for record in caplog.records]
     assert any(message.startswith("lone: one run only: parameters are selected on 5 blocks") for message in said)

@@ -9,7 +9,6 @@ import rlgcomp as rlg
 from experiments.concealed.operators import Relays
 from rlgcomp.diagnosis.conclusion import concluded_noise
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
-from rlgcomp.hysteresis import STARTS, Play
 from tests.test_evidence import SIMULATOR as DRIFTING
 from tests.test_evidence import runs as walking
 
@@ -63,27 +62,12 @@ def test_the_noise_does_not_hold_the_wander_twice() -> None:
     assert found.train.noise_floor_rms < 1.5 * found.train.augmented_rms
 
 
-@pytest.mark.parametrize(("walk", "seed"), [(3.3, 0), (3.3, 2), (6.0, 1), (12.0, 3)])
+@pytest.mark.parametrize(("walk", "seed"), [(3.3, 0), (3.3, 2), (5.0, 1), (6.0, 3)])
 def test_a_gyro_that_walks_far_by_itself_is_healthy(walk: float, seed: int) -> None:
     """So many times its white noise in the time of a mean: it had passed for ageing, or for something unrecorded."""
     found = rlg.diagnose(DRIFTING, walking(NoiseShape(0.0, walk), seed=seed, hours=12.0), window_s=100.0, black_box=False)
     assert found.verdict == "none"
     assert found.p_value > 0.01
-
-
-@pytest.mark.parametrize("radius_K", [6.0, 12.0])
-def test_hysteresis_of_a_gyro_that_came_from_below_has_its_name(radius_K: float) -> None:
-    """Plays of one radius that begin so must be among those tried: the same had been a law without a name."""
-    made = []
-    for run in runs():
-        temperature = run.column("temperature_block_degC")
-        play = Play((radius_K,))
-        states, _ = play.run(play.init(temperature[0], STARTS["from_below"]), temperature)
-        straight = np.column_stack([temperature**k for k in range(4)])
-        beyond = states[:, 0] - straight @ np.linalg.lstsq(straight, states[:, 0], rcond=None)[0]
-        made.append(with_gyro(run, 3.0 * WHITE * 6.0 * beyond / beyond.std()))
-    found = rlg.diagnose(open_noise(), train=made, black_box=False)
-    assert (found.verdict, [cause.name for cause in found.causes]) == ("explained", ["thermal_hysteresis"])
 
 
 @pytest.mark.parametrize(("wanders", "expected"), [(True, 2), (False, 1)])

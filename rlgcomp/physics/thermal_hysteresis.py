@@ -75,7 +75,7 @@ class ThermalHysteresis(Mechanism):
         plays = [cls(law="plays", radius_K=float(radius)) for radius in radii]
         smooth = [cls(law="bouc_wen", radius_K=float(radius)) for radius in radii[::2]]
         relays = [cls(law="preisach", centre_degC=centre, span_K=factor * span) for factor in (1.0, 1.5)]
-        swept = [dataclasses.replace(one, start=start) for start in list(STARTS)[1:] for one in (*few, *plays, *relays)]
+        swept = [dataclasses.replace(one, start=start) for start in list(STARTS)[1:] for one in (*plays, *relays)]
         return (*few, *plays, *smooth, *relays, *swept)
 
     def basis(self, recording: Recording) -> Array:

@@ -13,7 +13,7 @@ from rlgcomp.repair.channels import ENCODERS
 from rlgcomp.repair.context import Array, Context
 from rlgcomp.units import DEG_PER_TURN, RAD_PER_DEG
 
-FEWEST_PULSES: Final = 100.0
+FEWEST_PULSES: Final = 100.0  # a sum runs on for, and rows
 ONE_WAY: Final = 0.9  # of all steps, less those back; a steady rate's counts step up and down alike
 FOLLOWS: Final = 0.9  # of the variance
 
@@ -40,7 +40,7 @@ def running_sums(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 def _runs_one_way(values: Array, steps: Array) -> bool:
     steps = steps[np.abs(steps) <= 0.5 * np.ptp(values)]  # without overflows
     gross = float(np.abs(steps).sum())
-    return gross >= FEWEST_PULSES and abs(float(steps.sum())) >= ONE_WAY * gross
+    return bool(np.ptp(values) >= FEWEST_PULSES) and abs(float(steps.sum())) >= ONE_WAY * gross
 
 
 def _follows_its_steps(values: Array, steps: Array, angles_deg: pd.DataFrame) -> bool:
