@@ -273,6 +273,11 @@ def test_a_running_sum_of_pulses_is_refused() -> None:
         assert "running sum" not in mend(frame.assign(gyro_pulses=counts))[1]
 
 
+def test_counts_that_a_dither_throws_to_and_fro_are_no_running_sum() -> None:
+    frame = pd.DataFrame({"time_s": 0.01 * np.arange(6000.0), "gyro_pulses": np.tile([-300.0, 300.0], 3000)})
+    assert "running sum" not in mend(frame)[1]
+
+
 def test_a_dead_gyro_is_refused() -> None:
     assert "the channel is dead" in refusal(table().assign(gyro_deg_h=0.0))
 

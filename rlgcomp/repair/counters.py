@@ -40,7 +40,7 @@ def running_sums(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 def _runs_one_way(values: Array, steps: Array) -> bool:
     steps = steps[np.abs(steps) <= 0.5 * np.ptp(values)]  # without overflows
     gross = float(np.abs(steps).sum())
-    return bool(np.ptp(values) >= FEWEST_PULSES) and abs(float(steps.sum())) >= ONE_WAY * gross
+    return min(gross, float(np.ptp(values))) >= FEWEST_PULSES and abs(float(steps.sum())) >= ONE_WAY * gross
 
 
 def _follows_its_steps(values: Array, steps: Array, angles_deg: pd.DataFrame) -> bool:

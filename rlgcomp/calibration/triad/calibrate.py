@@ -164,7 +164,7 @@ def _from_run_to_run(triad: TriadCalibration) -> str:
         )
     return (
         "each bias rests on one kind of run: what it changes by from one switching-on to the next is in its standard deviation "
-        "only where that kind is recorded more than once and the runs differ; these show no difference"
+        "only where that kind is recorded more than once and the runs differ clearly; here it is not in it"
     )
 
 
