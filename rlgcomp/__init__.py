@@ -29,10 +29,12 @@ Modules, each importing only from those before it:
     compiled lapack             loops that carry state, compiled when first called; linear algebra for threads side by side
     beside                      a second process, for commands
     scan                        what a few numbers prove of long columns
+    robust                      the scatter behind a median deviation; where a mask holds, stretch by stretch
     recording repair formats    the data type; what is mended in files, a room a kind of fault; one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state; hysteresis_loops: of many gyros
     frames triad                frames of a triad on a table, and its errors as parameters
     motion                      how a one-axis table turned: rate, angle, acceleration of a recording
+    knocks miscounts            samples that stand far off their neighbours: left out or mended, and told
     noise                       noise processes and their simulation
     allan                       Allan deviations, the five noises with standard errors, whether they hold all along
     rotation                    angle random walk of gyros on a rotating table

@@ -13,6 +13,7 @@ import pandas as pd
 from rlgcomp.miscounts import counting_deg_h, miscounts_in, without_miscounts
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.repair.frozen import frozen_stretches, said_of
+from rlgcomp.robust import SD_OF_MAD, stretches
 
 Rows = npt.NDArray[np.bool_]
 _FAR: Final = 30.0  # standard deviations of a sample: at 1 Hz one such sample shifts the mean of 100 s by three of its own
@@ -23,7 +24,6 @@ _USUAL: Final = 0.99  # of the samples of a monitor are no further off the middl
 _TALL: Final = 8.0  # times that: a spike,
 _ALONE: Final = 0.2  # if its neighbours differ by less of it
 _FEW: Final = 0.005  # of the samples: more are the monitor's own
-_NORMAL: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
 
 
 def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
@@ -33,7 +33,7 @@ def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
         far, _, said = miscounts_in(run, gyro)
         return far, said
     rate_deg_h = run.rate_deg_h(gyro)
-    sample_deg_h = _NORMAL / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or counting_deg_h(run, gyro)
+    sample_deg_h = SD_OF_MAD / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or counting_deg_h(run, gyro)
     if not sample_deg_h > 0.0:
         return none
     jumps = np.r_[True, np.abs(np.diff(rate_deg_h)) > _FAR * sample_deg_h, True]
@@ -42,8 +42,7 @@ def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
     reach = max(_FEWEST, math.ceil(_LASTS_S / run.period_s))
     usual = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
     far = np.abs(rate_deg_h - usual) > _FAR * sample_deg_h
-    edges = np.flatnonzero(np.diff(np.r_[False, far, False]))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in stretches(far):
         far[start:stop] = jumps[start] and jumps[stop]  # the tip of a steep course is no knock
     count = int(far.sum())
     if not 0 < count <= _SHARE * len(far):

@@ -19,10 +19,10 @@ import numpy.typing as npt
 
 from rlgcomp import motion, units
 from rlgcomp.recording import Recording
+from rlgcomp.robust import SD_OF_MAD, stretches
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.bool_]
-_NORMAL: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
 _FAR: Final = 12.0  # standard deviations of a sample: no noise is so far out
 _FARTHER: Final = 10.0  # times what is usual where the table did as much
 _USUAL: Final = 0.98  # of those samples are nearer: another miscount may be among them
@@ -49,14 +49,13 @@ def miscounts_in(run: Recording, gyro: str | None) -> tuple[Rows, Array, str]:
     follows = np.column_stack([np.ones(len(run)), turning_deg_s])
     beyond = rate_deg_h - follows @ np.linalg.lstsq(follows, rate_deg_h, rcond=None)[0]
     off_deg_h = np.where(motion.untold(run), 0.0, beyond - median_filter(beyond, _AROUND, mode="nearest"))
-    sample_deg_h = max(_NORMAL * float(np.median(np.abs(off_deg_h))), counting_deg_h(run, gyro))
+    sample_deg_h = max(SD_OF_MAD * float(np.median(np.abs(off_deg_h))), counting_deg_h(run, gyro))
     far = np.abs(off_deg_h) > _FAR * sample_deg_h
     if not sample_deg_h > 0.0 or not far.any():
         return none
     did = _did(turning_deg_s)
     found = np.zeros(len(run), dtype=np.bool_)
-    edges = np.flatnonzero(np.diff(np.r_[False, far, False]))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in stretches(far):
         found[start:stop] = stop - start <= _LASTS and _like_no_other(np.abs(off_deg_h), did, slice(start, stop))
     count = int(found.sum())
     if not 0 < count <= _MOST:

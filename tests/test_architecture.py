@@ -22,7 +22,7 @@ ROWS = [
     ["errors"],
     ["units", "files", "plugins", "compiled", "lapack"],
     ["beside"],
-    ["scan", "sampling"],
+    ["scan", "sampling", "robust"],
     ["recording"],
     ["repair"],
     ["formats"],

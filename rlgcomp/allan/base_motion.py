@@ -20,6 +20,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, signal, stats
 
+from rlgcomp.robust import stretches
+
 Array = npt.NDArray[np.float64]
 SIGNIFICANT: Final = 0.001
 LEAST_SHARE: Final = 0.05  # of the gyro's variance that is worth saying
@@ -108,8 +110,7 @@ def find_lines(rate: Array, period_s: float) -> Lines:
     lines = _lines(power)
     if not lines.any():
         return Lines((), 0.0)
-    edges = np.flatnonzero(np.diff(np.r_[False, lines, False]))
-    tops = [start + int(np.argmax(power[start:stop])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+    tops = [start + int(np.argmax(power[start:stop])) for start, stop in stretches(lines)]
     tops = sorted(tops, key=lambda k: -power[k])[:_LINES_NAMED]
     share = float(power[lines].sum() / power.sum())
     return Lines(tuple(float(frequency[k]) for k in tops), share, 1.0 / period_s, float(frequency[0]))

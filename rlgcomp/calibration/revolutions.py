@@ -23,6 +23,7 @@ from scipy.fft import dst
 from rlgcomp.calibration.turns import SAME_RATE, STEADY, grouped, pulses_column
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
+from rlgcomp.robust import SD_OF_MAD
 from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]
@@ -80,7 +81,7 @@ class Courses:
         rows = np.arange(start, min(stop + 2, len(self.counted)))
         level = self.counted[rows] - per_deg * self.angle_deg[rows]
         steps = np.diff(level)
-        noise = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+        noise = SD_OF_MAD * float(np.median(np.abs(steps - np.median(steps))))
         turned_deg = 3.0 * float(np.abs(np.diff(self.angle_deg[rows])).max())
         far = max(FAR * noise, abs(per_deg) * max(FAR_DEG, STEADY * turned_deg))
         held = np.pad(level, (1, 1), mode="edge")  # an encoder's wrong reading steps back in the next row

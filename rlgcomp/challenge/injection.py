@@ -22,6 +22,7 @@ from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism, Parameter
 from rlgcomp.recording import Recording
+from rlgcomp.robust import SD_OF_MAD, stretches
 
 Array = npt.NDArray[np.float64]
 M = TypeVar("M", bound=Mechanism)
@@ -29,7 +30,6 @@ SHARE: Final = "1"  # unit of an amplitude that is a share of what the shapes sa
 _JITTER: Final = 0.1  # of a shape about its place in the grid, so that no truth lies on it
 _ENERGY: Final = 0.8  # share of an effect's square that its intervals hold
 _EVERYWHERE: Final = 0.6  # intervals that cover more than this say nothing of a place
-_NORMAL_MAD: Final = 1.4826
 
 
 def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, window_s: float) -> M:
@@ -104,7 +104,7 @@ def white_deg_h(problem: Problem) -> float:
     """Standard deviation of the white noise of a window mean, from neighbouring windows: slow signals and outliers drop out."""
     left = _left(problem, problem.target_deg_h)
     steps = np.concatenate([np.diff(left[rows]) for rows in problem.rows.runs])
-    return float(_NORMAL_MAD * np.median(np.abs(steps - np.median(steps))) / math.sqrt(2.0))
+    return float(SD_OF_MAD * np.median(np.abs(steps - np.median(steps))) / math.sqrt(2.0))
 
 
 def busiest(problem: Problem, left_deg_h: Array) -> Mapping[str, tuple[tuple[float, float], ...]]:
@@ -126,11 +126,8 @@ def busiest(problem: Problem, left_deg_h: Array) -> Mapping[str, tuple[tuple[flo
     half_s = 0.5 * problem.rows.window_s
     spans: dict[str, tuple[tuple[float, float], ...]] = {}
     for run, rows in zip(problem.runs, problem.rows.runs, strict=True):
-        edges = np.flatnonzero(np.diff(np.r_[False, inside[rows], False].astype(np.int8)))
         time_s = problem.rows.time_s[rows]
-        spans[run.name] = tuple(
-            (float(time_s[a] - half_s), float(time_s[b - 1] + half_s)) for a, b in zip(edges[::2], edges[1::2], strict=True)
-        )
+        spans[run.name] = tuple((float(time_s[a] - half_s), float(time_s[b - 1] + half_s)) for a, b in stretches(inside[rows]))
     return spans
 
 

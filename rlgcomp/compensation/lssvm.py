@@ -43,6 +43,7 @@ from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.parameters import require_choice, require_number
 from rlgcomp.compensation.path import EigenPath, path_over
 from rlgcomp.compiled import compiled
+from rlgcomp.robust import SD_OF_MAD
 
 Array = npt.NDArray[np.float64]
 _KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid")
@@ -297,7 +298,7 @@ def _one(centres: Array, alpha: Array, factor: float, intercept: float, exponent
 
 
 def _suykens_weights(residuals: Array) -> Array:
-    spread = 1.4826 * float(np.median(np.abs(residuals - np.median(residuals))))
+    spread = SD_OF_MAD * float(np.median(np.abs(residuals - np.median(residuals))))
     if spread == 0.0:
         return np.ones(len(residuals))
     far = np.abs(residuals) / spread

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from rlgcomp.robust import SD_OF_MAD
 from rlgcomp.rotation.stretch import Stretch
 
 Array = npt.NDArray[np.float64]
@@ -22,7 +23,6 @@ Rows = npt.NDArray[np.bool_]
 MEAN_S: Final = 1.0
 FAR: Final = 8.0  # standard deviations of the difference of two means: noise reaches them with probability 1e-15
 SHARE: Final = 0.05  # of the samples: what jumps more often is the gyro's own
-NORMAL: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
 
 
 def knocks_in(stretch: Stretch) -> tuple[Rows, list[str]]:
@@ -62,4 +62,4 @@ def _steps_arcsec(clean_deg_h: Array, stretch: Stretch) -> tuple[Array, float]:
     inner = np.where(whole, area[2 * m :] - 2.0 * area[m:-m] + area[: -2 * m], 0.0) / m
     steps = np.zeros(len(grid))
     steps[m : m + len(inner)] = inner[: len(grid) - m]
-    return steps, NORMAL * float(np.median(np.abs(inner[whole]))) if whole.any() else 0.0
+    return steps, SD_OF_MAD * float(np.median(np.abs(inner[whole]))) if whole.any() else 0.0

@@ -13,13 +13,13 @@ import numpy.typing as npt
 
 from rlgcomp import frames, units
 from rlgcomp.calibration.triad.run import TableRun
+from rlgcomp.robust import SD_OF_MAD, stretches
 
 Array = npt.NDArray[np.float64]
 _FAR: Final = 30.0  # standard deviations of a sample
 _LEAST_ARCSEC, _LEAST_M_S2 = 1.0, 1e-3  # no sample's standard deviation is taken to be smaller
 _AROUND_S: Final = 1.0
 _MOST: Final = 3  # more are the table's own
-_NORMAL: Final = 1.4826
 
 
 def without_knocks(run: TableRun) -> tuple[list[TableRun], str | None]:
@@ -27,12 +27,12 @@ def without_knocks(run: TableRun) -> tuple[list[TableRun], str | None]:
     far = _far(run)
     around = round(_AROUND_S / run.step_s)
     near = np.convolve(far, np.ones(2 * around + 1), mode="same") > 0.5
-    edges = np.flatnonzero(np.diff(np.r_[False, near, False]))
-    if not 0 < len(edges) // 2 <= _MOST:
+    knocked = stretches(near)
+    if not 0 < len(knocked) <= _MOST:
         return [run], None
-    calm = np.r_[0, edges, len(far)].reshape(-1, 2)
+    calm = np.r_[0, knocked.ravel(), len(far)].reshape(-1, 2)
     parts = [_part(run, slice(start, stop)) for start, stop in calm if _turns(run, slice(start, stop))]
-    first = [start + int(np.argmax(far[start:stop])) for start, stop in edges.reshape(-1, 2)]
+    first = [start + int(np.argmax(far[start:stop])) for start, stop in knocked]
     times = ", ".join(f"{run.step_s * row:.6g} s" for row in first)
     said = f"{run.name}: gyros or accelerometers stand {_FAR:g} standard deviations off the encoders {times} after the start"
     if not parts:
@@ -56,7 +56,7 @@ def _far(run: TableRun) -> npt.NDArray[np.bool_]:
         far |= _off(run.pushed_m_s, up, _LEAST_M_S2 * run.step_s)
     speed = np.stack([outer, inner], axis=1)
     jerk = np.abs(np.diff(speed, axis=0, prepend=speed[:1]))
-    unsteady = np.any(jerk > 10.0 * (_NORMAL * np.median(jerk, axis=0) + 1e-5), axis=1)
+    unsteady = np.any(jerk > 10.0 * (SD_OF_MAD * np.median(jerk, axis=0) + 1e-5), axis=1)
     return np.asarray(far & ~(np.convolve(unsteady, np.ones(5), mode="same") > 0.5))
 
 
@@ -64,7 +64,7 @@ def _off(seen: Array, said: Array, least: float) -> npt.NDArray[np.bool_]:
     """Samples far off their best fit by what the encoders say."""
     design = np.column_stack([said, np.ones(len(said))])
     left = seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]
-    sd = np.maximum(_NORMAL * np.median(np.abs(left - np.median(left, axis=0)), axis=0), least)
+    sd = np.maximum(SD_OF_MAD * np.median(np.abs(left - np.median(left, axis=0)), axis=0), least)
     return np.asarray(np.any(np.abs(left) > _FAR * sd, axis=1))
 
 

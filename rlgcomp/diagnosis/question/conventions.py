@@ -17,6 +17,7 @@ from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.result.wording import listing
 from rlgcomp.motion import ANGLES, RATE, Reading, lateness, rate_column, rate_deg_s, reading_of
 from rlgcomp.recording import Recording
+from rlgcomp.robust import SD_OF_MAD
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -28,7 +29,6 @@ _SAID: Final = {
 _IN_TIME: Final = 0.05  # of a sample
 _TELLS: Final = 0.1  # of the noise of a row: what interpolation may err by
 _STANDS_OUT: Final = 12.0  # times its median, the same
-_NORMAL: Final = 1.4826  # standard deviation over median deviation
 
 
 class Meant(NamedTuple):
@@ -93,6 +93,6 @@ def _told(reading: Reading, gyro_deg_h: Array) -> npt.NDArray[np.bool_]:
     finite = np.isfinite(reading.doubt_deg_s)
     design = np.column_stack([np.ones(len(finite)), reading.rate_deg_s])[finite]
     left = gyro_deg_h[finite] - design @ np.linalg.lstsq(design, gyro_deg_h[finite], rcond=None)[0]
-    noise = _NORMAL * float(np.median(np.abs(left - np.median(left)))) / SECONDS_PER_HOUR
+    noise = SD_OF_MAD * float(np.median(np.abs(left - np.median(left)))) / SECONDS_PER_HOUR
     tolerated = max(_TELLS * noise, _STANDS_OUT * float(np.median(reading.doubt_deg_s[finite])))
     return np.asarray(reading.doubt_deg_s <= tolerated)

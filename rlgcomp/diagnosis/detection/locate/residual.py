@@ -15,6 +15,7 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape, simulate, whiten
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.regimes import BoolArray
 from rlgcomp.diagnosis.result import Place
+from rlgcomp.robust import SD_OF_MAD
 
 Array = npt.NDArray[np.float64]
 REPLICATES: Final = 200
@@ -54,7 +55,7 @@ class Residual:
         design, _ = np.linalg.qr(whiten(rows, baseline / np.sqrt((baseline**2).mean(axis=0) + 1e-300), (shape,))[0][0])
         left = whiten(rows, targets, (shape,))[0][0]
         left = left - design @ (design.T @ left)
-        quiet = 1.4826 * np.median(np.abs(np.diff(left, axis=0)), axis=0) / math.sqrt(2.0)  # white level, whatever drifts
+        quiet = SD_OF_MAD * np.median(np.abs(np.diff(left, axis=0)), axis=0) / math.sqrt(2.0)  # white level, whatever drifts
         return cls(problem, shape, design, left / quiet, float(quiet[0]))
 
     def free(self, whitened: Array) -> Array:
