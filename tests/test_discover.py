@@ -196,6 +196,16 @@ def test_a_law_is_found_with_its_drivers_and_its_memory(name: str) -> None:
         assert driver in discovery.equation
 
 
+@pytest.mark.parametrize("period_K", [4.3, 6.0, 9.0, 17.0])
+def test_fringes_over_temperature_are_found_however_many(period_K: float) -> None:
+    problem, _ = problem_of(lambda table: np.sin(2.0 * np.pi * table["temperature_block_degC"].to_numpy() / period_K), 0.8)
+    law = discover(problem, problem.baseline, NOISES)
+    assert law is not None
+    assert isinstance(law.mechanism, EmpiricalLaw)
+    assert (law.mechanism.form, law.drivers, law.memory) == ("periodic", ("temperature_block_degC",), "static")
+    assert law.mechanism.width == pytest.approx(period_K, rel=0.02)
+
+
 @pytest.mark.parametrize("strength", [0.4, 0.5, 0.7])
 @pytest.mark.parametrize("column", ["supply_voltage_V", "magnetic_field_uT"])
 def test_a_straight_line_is_told_as_one(column: str, strength: float) -> None:

@@ -45,6 +45,8 @@ MEMORY_CLASS: Final = {
 _SHORTEST_LAG_WINDOWS: Final = 2.0
 _PIECES_A_WINDOW: Final = (5, 50)  # in a chamber; of a table that turns, whose rate jumps
 _RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
+_WINDOWS_A_PERIOD: Final = 3.0  # that a driver takes to go through a period: of a shorter one the means keep little
+_PERIODS: Final = (8.0, 24.0)  # at most in a driver's range, whatever its pace
 _LATE_S: Final = (2.0, 60.0)  # a thermometer: as likely as not, so late that a narrow law sees it
 
 
@@ -302,6 +304,7 @@ class Dictionary:
         step = float(np.quantile(moves, 0.75)) * self.problem.rows.window_s / (high - low)
         finest = min(max(0.4 * step, 0.005), 0.06)
         steps = max(2, math.ceil(math.log2(0.25 / finest)))
+        most = float(np.clip(1.0 / (_WINDOWS_A_PERIOD * max(step, 1e-9)), *_PERIODS))
         at = [Axis("at", 0.0, 1.0, points) for points in range(21)]
         families = [
             Family(driver, "", "static", "power", 1, ()),
@@ -311,7 +314,7 @@ class Dictionary:
             Family(driver, "", "static", "below", 1, (at[10],)),
             Family(driver, "", "static", "step", 1, (at[20],)),
             Family(driver, "", "static", "saturation", 1, (at[8], Axis("width", 0.03, 0.5, 3, ratio=True))),
-            Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 0.12, 1.0, 8, ratio=True))),
+            Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 1.0 / most, 1.0, 1, ratio=True))),
         ]
         for form in ("bump", "resonance", "dispersion"):
             place = at[1], Axis("width", finest, 0.25, steps, ratio=True)

@@ -18,6 +18,7 @@ OF_MEMORY: Final = ("lag", "radius", "lead")  # axes on which it depends what is
 STRAIGHT_AT_LIMIT: Final = frozenset({"saturation", "above", "below"})
 REMEMBERING: Final = frozenset({"lag", "play", "plays"})  # that forget as their axis goes to nothing
 _SPACING: Final = 1.3  # of bumps, in widths
+_CYCLES_APART: Final = 0.5  # of periods over the range: closer ones are hardly another sine
 _SWEPT: Final = 0.15  # that a driver had come from far below, or as likely from above, to where a run begins
 
 
@@ -113,9 +114,13 @@ class Family:
     def grid(self) -> tuple[Array, Array]:
         """Places of its grid's points, shape (points, axes), and the logarithms of their weights.
 
-        Where a width is open, the narrower it is the closer the points along "at".
+        Where a width is open, the narrower it is the closer the points along "at"; periods are equally far apart in the number of
+        them that the range holds, and weigh by the share of the width's axis that each stands for.
         """
-        if [axis.name for axis in self.axes] != ["at", "width"]:
+        names = [axis.name for axis in self.axes]
+        if names == ["phase", "width"]:
+            return _of_periods(*self.axes)
+        if names != ["at", "width"]:
             points = list(itertools.product(*(axis.places for axis in self.axes)))
             places = np.array(points, dtype=np.float64).reshape(len(points), len(self.axes))
             return places, np.full(len(places), -math.log(len(places)))
@@ -126,6 +131,15 @@ class Family:
             blocks.append(np.column_stack([(np.arange(count) + 0.5) / count, np.full(count, place)]))
             weights.append(np.full(count, -math.log(count * width.points)))
         return np.concatenate(blocks), np.concatenate(weights)
+
+
+def _of_periods(phase: Axis, width: Axis) -> tuple[Array, Array]:
+    """The grid of a family that is periodic, with places and log weights as :meth:`Family.grid` gives them."""
+    cycles = np.arange(1.0 / width.high, 1.0 / width.low, _CYCLES_APART)
+    periods = np.log(1.0 / cycles / width.low) / math.log(width.high / width.low)
+    places = np.column_stack([np.tile(phase.places, len(cycles)), np.repeat(periods, phase.points)])
+    weights = np.repeat(1.0 / cycles, phase.points)
+    return places, np.log(weights / weights.sum())
 
 
 def begun(family: Family) -> list[Family]:
