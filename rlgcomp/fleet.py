@@ -183,14 +183,20 @@ def run_fleet(
 
 
 def train_unit(
-    unit: Unit, folder: Path, *, model: str = "lssvm", features: str = "all", averaging_s: float = 100.0
+    unit: Unit,
+    folder: Path,
+    *,
+    model: str = "lssvm",
+    features: str = "all",
+    averaging_s: float = 100.0,
+    keep_mean: bool = False,
 ) -> dict[str, Any]:
     """A task: train a compensation on the unit's runs."""
     from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.formats import read
 
-    compensator = Compensator(MODELS[model].make(), features=features, averaging_s=averaging_s)
+    compensator = Compensator(MODELS[model].make(), features=features, averaging_s=averaging_s, keep_mean=keep_mean)
     compensator.fit([read(path) for path in unit.train])
     compensator.save(folder / "model")
     rmse = compensator.selection_.rmse

@@ -63,6 +63,18 @@ def test_all_five_are_found_with_true_errors() -> None:
     assert means[3:] == pytest.approx(expected[3:], rel=0.25)
 
 
+def test_a_random_walk_too_weak_to_be_seen_is_neither_denied_nor_taken_for_a_ramp() -> None:
+    """200 records of 2 h. With the scatter of the fitted noises alone, 20 % of the limits of K lie below it, 7 % show a ramp."""
+    model = rlg.NoiseModel(0.0005, rate_random_walk_deg_h_sqrt_h=0.01)
+    found = [fitted(record(model, seed, 7200)) for seed in range(200)]
+    value, sd = values_of(found), values_of(found, "_sd")
+    square, square_sd = value**2, np.where(sd < value, 2.0 * value * sd - sd**2, (value + sd) ** 2 - value**2)
+    seen = square > 2.0 * square_sd
+    denied = ~seen & (square + 1.645 * square_sd < truth(model) ** 2)
+    assert np.mean(denied[:, 3]) < 0.1
+    assert np.mean(seen[:, 4]) < 0.04
+
+
 def test_the_hadamard_deviation_finds_the_same_under_a_drift() -> None:
     drift = 0.5 / 3600.0 * np.arange(SAMPLES)
     found = [fitted(record(SMALL, seed) + drift, estimator="hadamard") for seed in range(20)]

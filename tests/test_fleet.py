@@ -214,6 +214,21 @@ def test_the_command_reports_each_unit_and_ends_with_two_where_one_failed(units:
     assert (tmp_path / "out" / "gyro-2" / "model" / "manifest.json").exists()
 
 
+@pytest.mark.parametrize("keep", [False, True])
+def test_the_mean_is_kept_as_advised(units: list[Unit], tmp_path: Path, caplog: pytest.LogCaptureFixture, keep: bool) -> None:
+    run = rlg.read(units[0].train[0])
+    turned = run.replace(table=run.table.assign(**{run.gyro_columns[0]: run.rate_deg_h() + 9.7}))
+    rlg.write(turned, tmp_path / "run.parquet")
+    (tmp_path / "units.csv").write_text("unit,train\ngyro,run.parquet\n")
+    options = ["--model", "cubic", "--features", "temperature", *(["--keep-mean"] if keep else [])]
+    caplog.set_level(logging.WARNING, logger="rlgcomp")
+    done = CliRunner().invoke(app, ["fleet", "train", str(tmp_path / "units.csv"), "--out", str(tmp_path / "out"), *options])
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split()) + " ".join(record.getMessage() for record in caplog.records)
+    assert ("Use --keep-mean to keep it" in said) is not keep
+    assert abs(rlg.load(tmp_path / "out" / "gyro" / "model").reference_deg_h - (9.7 if keep else 0.0)) < 0.1
+
+
 @pytest.mark.parametrize("arguments", [["dance"], ["train", "--model", "none"], ["train", "--scheduler", "nonsense://here"]])
 def test_bad_input_ends_with_one_message(units: list[Unit], tmp_path: Path, arguments: list[str]) -> None:
     table = units[0].train[0].parent / "units.csv"

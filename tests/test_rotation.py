@@ -20,7 +20,7 @@ from rlgcomp.rotation.baselines import classic_variance_deg_sqrt_h, each_from_di
 from rlgcomp.rotation.encoder import compensated_deg, delay_from_changes, delay_from_phases, find_legs, middle_deg, table_angle_deg
 from rlgcomp.rotation.harmonics import Harmonics, fit_harmonics, spectra, without
 from rlgcomp.rotation.pipeline import angle_random_walk
-from rlgcomp.rotation.spectral import fit_spectrum, fit_widest, periodogram
+from rlgcomp.rotation.spectral import Periodogram, fit_spectrum, fit_widest, periodogram, shapes
 from rlgcomp.simulation.rotation import (
     LIU_DELAY_S,
     LIU_ORDERS,
@@ -221,6 +221,17 @@ def test_n_of_the_spectrum_and_its_error(noise: rlg.NoiseModel) -> None:
         errors.append((ratios[-1] - 1.0) / (found.angle_random_walk_deg_sqrt_h_sd / 4e-4))
     assert 0.75 < np.sqrt(np.mean(np.square(errors))) < 1.25  # 40 draws: ± 11 % each way
     assert abs(np.mean(ratios) - 1.0) < 3.5 * np.std(ratios) / np.sqrt(40)
+
+
+@pytest.mark.parametrize("flicker_deg_h", [0.0, 0.003, 0.006])
+def test_the_error_of_n_is_true_though_flicker_is_too_faint_to_be_seen(flicker_deg_h: float) -> None:
+    """300 spectra of an hour of pulses; N beside flicker that is only let in when seen is off by up to 1.4 times its error."""
+    frequency, rng = np.arange(6, 1801) / 3600.0, np.random.default_rng(1)
+    expected = shapes(frequency, 0.01) @ [0.03**2, 0.84**2 / 12.0, flicker_deg_h**2, 0.0]
+    found = [fit_spectrum(Periodogram(frequency, expected * rng.exponential(size=len(frequency)), 0.01)) for _ in range(300)]
+    errors = [(one.angle_random_walk_deg_sqrt_h - 5e-4) / one.angle_random_walk_deg_sqrt_h_sd for one in found]
+    assert 0.75 < np.mean(np.square(errors)) < 1.3  # 300 draws: ± 8 % each way
+    assert abs(np.mean(errors)) < 0.5
 
 
 def test_spectrum_of_each_noise_and_its_coefficients() -> None:

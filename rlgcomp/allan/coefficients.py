@@ -9,6 +9,10 @@ with all :math:`A_j \ge 0`. Overlapping variances at different tau share their d
 squares with their covariance (`allan_covariance`), that of the fitted curve, not of the measured one: weights from measured values
 favour those that came out small. So the fit is iterated.
 
+The standard errors rest on that covariance too, and a noise that came out too weak to be seen would scatter too little in it: a
+random walk that the fit took for a ramp left the ramp an error of white noise. So for them each noise less than two standard errors
+above zero is taken one standard error stronger.
+
 References
 ----------
 IEEE Std 647-2006, annex C.
@@ -54,6 +58,7 @@ _STEP_RATIO: Final = 1.4  # between averaging times that are fitted: nearer ones
 _LEAST_EIGENVALUE: Final = 1e-3  # of the correlations between averaging times
 _ITERATIONS: Final = 50
 _TOLERANCE: Final = 1e-9
+_SEEN: Final = 2.0  # standard errors above zero
 _MISFIT_P: Final = 0.01  # below it the five noises are not all there is
 _LARGEST_MISFIT: Final = 10.0
 _BISECTIONS: Final = 12
@@ -166,6 +171,8 @@ def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
             low, misfit = (middle, misfit) if chi_square > free else (low, middle)
         variances, covariance, _ = _fit(design, measured, within_chance, products, misfit)
     sd = _standard_errors(design, covariance, variances)
+    may_be = np.where(np.isfinite(sd) & (variances < _SEEN * sd), variances + sd, variances)
+    sd = _standard_errors(design, covariance + _scatter(products, may_be) - _scatter(products, variances), variances)
     to_coefficient = _FACTORS * np.sqrt(unit / deviation.period_s ** np.array(POWERS))
     values = to_coefficient * np.sqrt(variances)
     below = to_coefficient * np.sqrt(np.clip(variances - sd, 0.0, None))
@@ -199,11 +206,16 @@ def _fit(design: Array, measured: Array, within_chance: Array, products: Array, 
         if not variances[:-1].any():
             return variances, covariance, math.inf
         curve = design @ variances
-        covariance = np.einsum("ikjl,j,l->ik", products, variances, variances) + np.diag((misfit * curve) ** 2)
+        covariance = _scatter(products, variances) + np.diag((misfit * curve) ** 2)
         if np.abs(curve - design @ before).max() < _TOLERANCE * curve.max():
             break
     residual = _whitener(covariance) @ (measured - design @ variances)
     return variances, covariance, float(residual @ residual)
+
+
+def _scatter(products: Array, variances: Array) -> Array:
+    """Covariance of the variances at the averaging times, where the noises have these A_j."""
+    return np.asarray(np.einsum("ikjl,j,l->ik", products, variances, variances))
 
 
 def _whitener(covariance: Array) -> Array:

@@ -23,6 +23,7 @@ def fleet(
     model: Annotated[str, typer.Option(help="Of train: as for `rlgcomp train`.")] = "lssvm",
     features: Annotated[str, typer.Option(help="Of train: as for `rlgcomp train`.")] = "all",
     averaging_s: Annotated[float, typer.Option(help="Of train: the model is trained on means over this time.")] = 100.0,
+    keep_mean: Annotated[bool, typer.Option("--keep-mean", help="Of train: as for `rlgcomp train`.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of diagnose: seed of all random streams.")] = 0,
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work.")
@@ -45,7 +46,7 @@ def fleet(
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     tasks: dict[str, Task] = {
-        "train": functools.partial(train_unit, model=model, features=features, averaging_s=averaging_s),
+        "train": functools.partial(train_unit, model=model, features=features, averaging_s=averaging_s, keep_mean=keep_mean),
         "diagnose": functools.partial(diagnose_unit, seed=seed),
     }
     if task not in tasks:
