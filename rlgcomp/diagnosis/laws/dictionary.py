@@ -15,7 +15,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -275,6 +275,11 @@ class Dictionary:
                 together = 3 * sum(math.exp(family.log_prior) for family in members)
                 weight = math.log(ONE_DRIVER * shares[driver] / every / together)
                 found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
+        return (*found, *self._of_two(single, shares))
+
+    def _of_two(self, single: Sequence[str], shares: Mapping[str, float]) -> list[Family]:
+        """The products of two drivers."""
+        found: list[Family] = []
         tried = [*itertools.permutations(single, 2), *itertools.product(self._sizes, single)]
         pairs = [(one, two) for one, two in tried if not set(self._columns[one]) & set(self._columns[two])]
         every = sum(shares[one] * shares[two] for one, two in pairs)
@@ -294,7 +299,7 @@ class Dictionary:
                 found.append(
                     Family(one, two, "rate", "power", 1, (Axis("at", zero - 0.1, zero + 0.1, 1), ats[1]), log_prior=weight)
                 )
-        return tuple(found)
+        return found
 
     def _static(self, driver: str) -> list[Family]:
         _, low, high = self._series(Held(driver))
@@ -305,6 +310,7 @@ class Dictionary:
         finest = min(max(0.4 * step, 0.005), 0.06)
         steps = max(2, math.ceil(math.log2(0.25 / finest)))
         most = float(np.clip(1.0 / (_WINDOWS_A_PERIOD * max(step, 1e-9)), *_PERIODS))
+        period = Axis("width", 1.0 / most, 1.0, 1, ratio=True)
         at = [Axis("at", 0.0, 1.0, points) for points in range(21)]
         families = [
             Family(driver, "", "static", "power", 1, ()),
@@ -314,7 +320,7 @@ class Dictionary:
             Family(driver, "", "static", "below", 1, (at[10],)),
             Family(driver, "", "static", "step", 1, (at[20],)),
             Family(driver, "", "static", "saturation", 1, (at[8], Axis("width", 0.03, 0.5, 3, ratio=True))),
-            Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), Axis("width", 1.0 / most, 1.0, 1, ratio=True))),
+            Family(driver, "", "static", "periodic", 1, (Axis("phase", 0.0, 1.0, 4), period)),
         ]
         for form in ("bump", "resonance", "dispersion"):
             place = at[1], Axis("width", finest, 0.25, steps, ratio=True)
