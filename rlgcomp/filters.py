@@ -6,6 +6,7 @@ same bits, because the loop is the same: a real-time box that follows these line
 
 from __future__ import annotations
 
+import math
 import sys
 from typing import Final
 
@@ -13,8 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compiled import available, compiled
+from rlgcomp.robust import SD_OF_MAD
+from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
+_RATE_WINDOWS_S: Final = (120.0, 1200.0)  # shortest and longest over which a slope is taken
+_RATE_ERROR: Final = 0.1  # standard deviation of a rate that its window may leave, of the rate's rms
 _MANY: Final = 20_000  # samples from which compiling pays: a recording is passed through a dozen filters
 
 
@@ -106,7 +111,7 @@ def running_mean(values: Array, time_s: Array, window_s: float) -> Array:
     return np.asarray(values[0] + (total[ahead] - total[behind]) / (ahead - behind))
 
 
-def rate_per_min(values: Array, time_s: Array, window_s: float = 120.0) -> Array:
+def rate_per_min(values: Array, time_s: Array, window_s: float | None = None) -> Array:
     """Derivative per minute: slope of the straight line fitted to the samples within a centred window.
 
     It looks ahead, so it serves physics and diagnosis; features use the causal :func:`low_pass`.
@@ -114,11 +119,11 @@ def rate_per_min(values: Array, time_s: Array, window_s: float = 120.0) -> Array
     Parameters
     ----------
     values, time_s : ndarray, shape (n,)
-    window_s : float
-        Width of the window; at least three samples are used.
+    window_s : float, optional
+        Width of the window; at least three samples are used. As :func:`rate_window_s` finds where absent.
     """
     period_s = float(np.median(np.diff(time_s)))
-    half = max(1, round(0.5 * window_s / period_s))
+    half = max(1, round(0.5 * (window_s or rate_window_s(values, time_s)) / period_s))
     ahead = np.minimum(np.arange(len(values)) + half + 1, len(values))
     behind = np.maximum(np.arange(len(values)) - half, 0)
     t = time_s - time_s[0]
@@ -132,4 +137,31 @@ def rate_per_min(values: Array, time_s: Array, window_s: float = 120.0) -> Array
     mean_t, mean_x = window_sum(t) / count, window_sum(x) / count
     covariance = window_sum(t * x) / count - mean_t * mean_x
     variance = window_sum(t * t) / count - mean_t**2
-    return np.asarray(60.0 * covariance / variance)
+    return np.asarray(SECONDS_PER_MINUTE * covariance / variance)
+
+
+def rate_window_s(values: Array, time_s: Array) -> float:
+    r"""The shortest window, from 2 to 20 minutes, whose slope is good to a tenth of the rate's rms.
+
+    .. math:: \sigma_r^2(T) = \frac{12\, \sigma^2 \tau}{T^3}
+
+    with :math:`\sigma` the larger of the samples' noise, from their second differences, and :math:`q/\sqrt{12}` of the step q that
+    they are rounded to, and :math:`\tau` how long one error lasts: a sample, or a step's passing, q over the rate.
+
+    Parameters
+    ----------
+    values, time_s : ndarray, shape (n,)
+    """
+    shortest_s, longest_s = _RATE_WINDOWS_S
+    if len(values) < 3:
+        return shortest_s
+    moves = np.abs(np.diff(values))
+    rate_per_s = float(np.sqrt(np.mean(rate_per_min(values, time_s, longest_s) ** 2))) / SECONDS_PER_MINUTE
+    if rate_per_s == 0.0:
+        return shortest_s
+    moves = moves[moves > 0.0]
+    step = float(np.quantile(moves, 0.01))
+    noise = SD_OF_MAD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
+    variance = max(noise**2, step**2 / 12.0)
+    lasts_s = max(float(np.median(np.diff(time_s))), step / rate_per_s)
+    return float(np.clip((12.0 * variance * lasts_s / (_RATE_ERROR * rate_per_s) ** 2) ** (1.0 / 3.0), shortest_s, longest_s))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from rlgcomp.filters import lag, low_pass, rate_per_min
+from rlgcomp.filters import lag, low_pass, rate_per_min, rate_window_s
 
 
 def test_lag_solves_its_equation() -> None:
@@ -77,3 +77,31 @@ def test_rate_has_the_noise_of_a_fitted_slope() -> None:
     slope = rate_per_min(noise, np.arange(200_000.0), 120.0)[200:-200]
     m = 121
     assert slope.std() == pytest.approx(60.0 * np.sqrt(12.0 / (m * (m**2 - 1))), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("amplitude_K", "period_s", "step_s", "rounded_K", "noise_K", "most"),
+    [
+        (1.0, 86400.0, 10.0, 0.0, 0.01, 0.15),  # a laboratory's day: over two minutes noise has half again the rate's size
+        (20.0, 21600.0, 1.0, 0.5, 0.01, 0.15),  # a thermometer of half a kelvin: two fifths
+        (2.0, 300.0, 1.0, 0.0, 0.01, 0.2),  # a thermostat's cycle is no noise: four minutes would halve it
+    ],
+)
+def test_window_of_a_rate_is_as_long_as_noise_and_rounding_ask_and_no_longer(
+    amplitude_K: float, period_s: float, step_s: float, rounded_K: float, noise_K: float, most: float
+) -> None:
+    time_s = np.arange(0.0, 43200.0, step_s)
+    phase = 2.0 * np.pi * time_s / period_s
+    true = 60.0 * amplitude_K * 2.0 * np.pi / period_s * np.cos(phase)
+    values = amplitude_K * np.sin(phase) + noise_K * np.random.default_rng(5).standard_normal(len(time_s))
+    if rounded_K:
+        values = np.round(values / rounded_K) * rounded_K
+    error = (rate_per_min(values, time_s) - true)[150:-150]
+    assert error.std() < most * true.std()
+
+
+def test_window_of_a_rate_is_two_minutes_for_a_chamber_thermometer() -> None:
+    time_s = np.arange(0.0, 43200.0)
+    values = 20.0 * np.sin(2.0 * np.pi * time_s / 21600.0) + 0.02 * np.random.default_rng(6).standard_normal(len(time_s))
+    assert rate_window_s(values, time_s) == 120.0
+    assert rate_window_s(np.full(500, 20.0), time_s[:500]) == 120.0
