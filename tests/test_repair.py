@@ -290,6 +290,29 @@ def test_a_frozen_thermometer_is_found_by_the_other() -> None:
     assert len(mended) == 1100
 
 
+def test_what_freezes_without_noise_is_found_by_what_the_other_foresees() -> None:
+    frame = table()
+    frame["temperature_shell_degC"] = np.round(frame["temperature_shell_degC"], 1)
+    frame.loc[0:899, "temperature_shell_degC"] = 20.0
+    assert "frozen for 899 s while another thermometer moved" in mend(frame)[1]
+
+
+def test_set_points_kept_rooms_and_thermometers_of_few_digits_stand_still_by_right() -> None:
+    rng = np.random.default_rng(3)
+    time_s = np.arange(2000.0)
+    ramps = np.interp(time_s, [0.0, 300.0, 1100.0, 1400.0, 2000.0], [20.0, 40.0, 40.0, 10.0, 10.0])
+    for values in (
+        np.where(time_s < 900.0, 40.0, 10.0),
+        ramps,
+        np.round(21.0 + 0.06 * np.sin(time_s / 300.0) + 0.01 * rng.standard_normal(2000), 1),
+        np.full(2000, 21.5),
+    ):
+        mended, report = mend(table().assign(temperature_room_degC=values))
+        assert "frozen" not in report and len(mended) == 2000
+    slow = table().assign(temperature_block_degC=lambda frame: np.round(2.0 * (20.0 + 0.04 * frame["temperature_block_degC"])) / 2.0)
+    assert len(mend(slow)[0]) == 2000
+
+
 def noisy_voltage(rows: int = 2000) -> np.ndarray:
     return np.round(5.0 + 1e-3 * np.random.default_rng(2).standard_normal(rows), 4)
 

@@ -21,6 +21,8 @@ FEWEST_SAMPLES: Final = 100  # of a stretch, and of what the monitor does elsewh
 # Share of samples elsewhere that lie above both neighbours or below both. Noise in the last digit gives more, two values that
 # alternate by chance just as many; set points, slow courses with few digits and readings that are held give next to none.
 _ALIVE: Final = 0.25
+# Of a frozen thermometer that shows no noise: how far it is off what another foresees, over how far it is off elsewhere (rms).
+_ASTRAY: Final = 5.0
 _MOTION: Final = (*ENCODERS, "table_rate_deg_s")  # a table stands still by right
 
 
@@ -77,6 +79,10 @@ def frozen_monitors(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 
 
 def frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Leave out rows where a thermometer keeps one value while another moves, if elsewhere it shows noise or follows that other.
+
+    Set points, rooms that are kept at a temperature and thermometers of few digits stand still by right.
+    """
     thermometers = [str(column) for column in table.columns if str(column).endswith("_degC")]
     if len(thermometers) < 2:
         return table
@@ -86,9 +92,15 @@ def frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     for column in (name for name in thermometers if may_hold(table[name].to_numpy(), fewest)):
         starts, stops = _repeats(table[column].to_numpy())
         long = time_s[stops - 1] - time_s[starts] >= FROZEN_S
-        for start, stop in zip(starts[long], stops[long], strict=True):
-            others = table[[other for other in thermometers if other != column]].iloc[start:stop]
-            if float((others.max() - others.min()).max()) > FROZEN_WHILE_OTHERS_MOVE_K:
+        spans = list(zip(starts[long].tolist(), stops[long].tolist(), strict=True))
+        elsewhere = ~_covered(spans, len(table))
+        alive = bool(spans) and _alive(table[column].to_numpy()[elsewhere])
+        for start, stop in spans:
+            others = table[[other for other in thermometers if other != column]]
+            moved = others.iloc[start:stop].max() - others.iloc[start:stop].min()
+            if moved.max() <= FROZEN_WHILE_OTHERS_MOVE_K:
+                continue
+            if alive or _astray(table[column].to_numpy(), others[moved.idxmax()].to_numpy(), slice(start, stop), elsewhere):
                 lasted = time_s[stop - 1] - time_s[start]
                 context.add("repaired", f"frozen for {lasted:.0f} s while another thermometer moved, rows left out", column, start)
                 spoilt[start:stop] = True
@@ -99,6 +111,15 @@ def _alive(values: Array) -> bool:
     """Whether a monitor goes to and fro from sample to sample, as noise in its last digit does."""
     steps = np.sign(np.diff(values))
     return len(values) >= FEWEST_SAMPLES and float(np.mean(steps[1:] * steps[:-1] < 0.0)) > _ALIVE
+
+
+def _astray(values: Array, other: Array, stretch: slice, elsewhere: Rows) -> bool:
+    """Whether a stretch leaves the straight line on another thermometer that the rest of the run keeps to."""
+    if np.count_nonzero(elsewhere) < FEWEST_SAMPLES or np.ptp(other[elsewhere]) == 0.0:
+        return False
+    line = np.polynomial.Polynomial.fit(other[elsewhere], values[elsewhere], 1)
+    off = np.abs(values - line(other))
+    return float(off[stretch].max()) > _ASTRAY * float(np.sqrt(np.mean(off[elsewhere] ** 2)))
 
 
 def _covered(spans: Sequence[tuple[int, int]], rows: int) -> Rows:

@@ -73,7 +73,7 @@ def clock_remarks(
     simulated : SimulatedRuns, optional
         What the user's simulator says, and how its clock stands.
     causes : mapping of Mechanism to ndarray, shape (n,)
-        What each adds to the window means.
+        What each adds to the window means, and after them to a turntable's contrasts.
     """
     if simulated is None or any(not is_gyro(one.compared) or one.taken_out for one in simulated.alignment):
         return ()
@@ -86,7 +86,8 @@ def clock_remarks(
         return ()
     slope = _courses([np.gradient(part.means(simulated.predict_deg_h(part.full)), part.middles_s) for part in windows])
     counts = np.cumsum([len(part.middles_s) for part in windows])
-    together = _courses(np.split(sum(thermal.values(), np.zeros(counts[-1]))[: counts[-1]], counts[:-1]))
+    added = np.sum([one[: counts[-1]] for one in thermal.values()], axis=0)
+    together = _courses(np.split(added, counts[:-1]))
     steep, size = float(slope @ slope), float(together @ together)
     if not (steep > 0.0 and size > 0.0 and (slope @ together) ** 2 > _LIKE_A_CLOCK * steep * size):
         return ()
