@@ -14,7 +14,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.naming.candidates import Candidate
-from rlgcomp.diagnosis.naming.confirm import _at_issue, _foreseen
+from rlgcomp.diagnosis.naming.confirm import _at_issue, _beyond_training, _foreseen, _misled
 from rlgcomp.diagnosis.naming.evidence import Evidence
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.naming.search import Model, Search
@@ -293,3 +293,45 @@ def test_of_a_line_whose_phase_is_each_runs_own_nothing_stated_is_taken_off() ->
     assert not found.wrong
     assert found.test is not None
     assert found.test.baseline_std < 1.1 * found.test.noise_floor_rms
+
+
+@pytest.mark.parametrize(("returns", "misled"), [(CLEAR, False), (-CLEAR, True)])
+def test_a_prediction_that_is_worse_than_none_misleads(returns: float, misled: bool) -> None:
+    recordings = runs(CLEAR, CLEAR, returns, returns)
+    whole = Problem.of(SIMULATOR, recordings[:2]).joined(recordings[2:])
+    field = CATALOGUE["magnetic_field"]()
+    cause = Candidate(field, whole.columns(field), 0.0)
+    assert _misled([cause], [], [], whole, NoiseShape()) == misled
+    assert _misled([], [cause], [], whole, NoiseShape()) != misled
+    assert not _misled([cause], [cause], [], whole, NoiseShape())
+
+
+def test_what_no_run_repeats_misleads_nobody() -> None:
+    recordings = runs(CLEAR, CLEAR, CLEAR, CLEAR)
+    whole = Problem.of(SIMULATOR, recordings[:2]).joined(recordings[2:])
+    jumps = CATALOGUE["random_telegraph"]()
+    path = Candidate(jumps, np.sign(np.sin(np.arange(len(whole.rows)) / 40.0))[:, None], 0.0)
+    assert not _misled([path], [], [path], whole, NoiseShape())
+
+
+def test_held_out_runs_that_no_set_accounts_for_in_the_noise_of_training_are_known() -> None:
+    def model(names: str, log_prior: float, *noise_log: float) -> Model:
+        return Model((), frozenset((name, False) for name in names), max(noise_log), log_prior, np.array(noise_log))
+
+    explanations = explained([model("a", -2.0, 30.0, 12.0), model("", 0.0, 5.0, 11.0)])
+    in_slow_noise, in_calm_noise = model("a", -2.0, -50.0, 3.0), model("", 0.0, 2.0, -60.0)
+    assert _beyond_training(explanations, [in_slow_noise, dataclasses.replace(in_calm_noise, log_evidence=-9.0)])
+    assert not _beyond_training(explanations, [dataclasses.replace(in_slow_noise, log_evidence=-9.0), in_calm_noise])
+
+
+def test_held_out_runs_that_err_as_no_set_does_unteach_nothing() -> None:
+    """What wanders in held-out runs alone would pass for noise of the training runs, and hide the cause that these show."""
+    plain = runs(CLEAR, CLEAR, CLEAR, CLEAR)
+    rng = np.random.default_rng(0)
+    strange = []
+    for run in plain[2:]:
+        wander = np.cumsum(rng.standard_normal(len(run))) * 0.02 / np.sqrt(len(run) / 10.0)
+        strange.append(run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + wander)))
+    found = diagnosed([*plain[:2], *strange])
+    assert [cause.name for cause in found.causes] == ["magnetic_field"]
+    assert any("these alone decided what is named" in remark for remark in found.remarks)

@@ -358,3 +358,18 @@ def test_a_memory_that_is_not_sure_is_said_with_what_else_it_may_be() -> None:
     assert memory_text(left) == " (static: by what they are at the moment; perhaps rate-independent 0.33)"
     sure = dataclasses.replace(left, memory_probabilities={"static": 0.95, "rate-independent": 0.05})
     assert memory_text(sure) == " (static: by what they are at the moment)"
+
+
+def test_causes_that_held_out_runs_deny_are_not_claimed(diagnosis: Diagnosis) -> None:
+    about = {"improvement_std_ci95": (-1.2, -0.3)}
+    worse = dataclasses.replace(fit(0.0045, 0.009, -1.3, -0.4), **about)
+    denied = dataclasses.replace(diagnosis, verdict="unknown", test=worse)
+    assert denied.contradicted
+    assert "with that it is further off the runs held out: it is not that, or not that alone" in denied.sentence
+    for said in (repr(denied), render(denied)):
+        assert "no channel that was recorded" not in said
+    offset = dataclasses.replace(worse, improvement_std_ci95=(0.1, 0.2))  # a bias of each run's own is no reason
+    slight = dataclasses.replace(fit(0.0045, 0.0046, -0.03, -0.01), improvement_std_ci95=(-0.03, -0.01))
+    assert not any(dataclasses.replace(denied, test=one).contradicted for one in (offset, slight, fit(0.0045, 0.009, -1.3, 0.1)))
+    jumps = dataclasses.replace(diagnosis.causes[0], mechanism=rlg.CATALOGUE["random_telegraph"]())
+    assert not dataclasses.replace(denied, causes=(jumps,)).contradicted

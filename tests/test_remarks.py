@@ -76,6 +76,9 @@ def test_what_hides_behind_a_strong_cause_is_spoken_of_and_found_once_that_is_co
     assert said.startswith("Beside temperature_rate, thermal_lag would explain more, though no more than an equation may be")
     first = rlg.diagnose(base, train, black_box=False)
     assert said in first.remarks
+    hidden = first.alternatives[0]
+    assert hidden.mechanisms == ("temperature_rate", "thermal_lag")
+    assert hidden.probability > 0.4
     again = rlg.diagnose(first.augmented, train, black_box=False)
     assert [cause.name for cause in again.causes] == ["thermal_lag"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -24,6 +25,8 @@ from rlgcomp.physics.empirical_law import EmpiricalLaw
 Array = npt.NDArray[np.float64]
 _ALTERNATIVES: Final = 8
 _RIVALS: Final = 4  # told apart by the next experiment
+_EXACT: Final = 0.5  # probability that equations which are named leave nothing of themselves
+_CERTAIN: Final = 50.0  # log odds
 
 
 def causes_of(
@@ -64,8 +67,42 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
         names = _named(model)
         if names != own and not set(names) & set(conclusion.misnamed):
             shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 if conclusion.reweighed else 1.0 - conclusion.lawful)
+    return _ranked(shares)
+
+
+def and_hidden(
+    found: Sequence[Alternative], named: Sequence[str], hidden: Mapping[str, float], probability: float
+) -> tuple[Alternative, ...]:
+    """Other sets, and the chosen one with each cause that hides behind it; `probability` of that, whatever hides there."""
+    shares = {one.mechanisms: one.probability for one in found}
+    for name, share in hidden.items():
+        both = tuple(sorted((*named, name)))
+        shares[both] = shares.get(both, 0.0) + share * probability
+    return _ranked(shares)
+
+
+def _ranked(shares: Mapping[tuple[str, ...], float]) -> tuple[Alternative, ...]:
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:_ALTERNATIVES]
     return tuple(Alternative(names, min(1.0, p)) for names, p in ranked)
+
+
+def hidden_of(explanations: Explanations, conclusion: Conclusion) -> dict[str, float]:
+    """Further causes that hide in a chamber behind what equations may be wrong by: what share of the set's probability is theirs.
+
+    It is as likely as not that these equations are as good as exact. Then a further cause need not exceed what they may be wrong
+    by, and is as likely as training runs make it.
+    """
+    own = explanations.in_training(conclusion.model)
+    in_a_chamber = explanations.evidence.problem.simulator.kind == "chamber"
+    if not in_a_chamber or conclusion.laws or conclusion.misnamed or not _named(own):
+        return {}
+    search = (explanations.proposed or explanations).search
+    odds = {}
+    for name, log_odds in search.further(own).items():
+        asked = search.toll(own.labels | {(name, False)}) - search.toll(own.labels)
+        if asked > 0.0 and name not in explanations.doubted:
+            odds[name] = -math.expm1(-asked) * math.exp(min(log_odds, _CERTAIN))
+    return {name: _EXACT * each / (1.0 + sum(odds.values())) for name, each in odds.items()}
 
 
 def set_probability(explanations: Explanations, conclusion: Conclusion) -> float:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Final, Self
 
-from rlgcomp.diagnosis.account import alternatives_of, causes_of, set_probability, whiteness
+from rlgcomp.diagnosis.account import alternatives_of, and_hidden, causes_of, hidden_of, set_probability, whiteness
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, beside_laws, concluded, likely_noises, rivals_of, verdict_of
 from rlgcomp.diagnosis.fitting.fit import Fitted, fit
 from rlgcomp.diagnosis.naming.candidates import Candidate
@@ -116,8 +116,8 @@ class Answer:
 
     @property
     def probability(self) -> float:
-        """Of all causes together."""
-        found = set_probability(self.explanations, self.conclusion)
+        """Of all causes together, and of no other that hides behind them."""
+        found = set_probability(self.explanations, self.conclusion) * (1.0 - sum(self._hidden.values()))
         return found if self.earlier is None else found * self.earlier.probability
 
     def causes(self, rivals: Mapping[str, Mapping[str, float]]) -> tuple[Cause, ...]:
@@ -133,9 +133,16 @@ class Answer:
         ]
         return tuple(sorted([*again, *found], key=lambda cause: -cause.probability))
 
+    @property
+    def _hidden(self) -> dict[str, float]:
+        return hidden_of(self.explanations, self.conclusion)
+
     def alternatives(self) -> tuple[Alternative, ...]:
         """Other sets; what was found first is in all that were weighed beside it."""
         found = alternatives_of(self.explanations, self.conclusion)
+        if self._hidden:
+            named = [name for name, known in self.conclusion.model.labels if not known]
+            found = and_hidden(found, named, self._hidden, set_probability(self.explanations, self.conclusion))
         return tuple(dataclasses.replace(one, mechanisms=tuple(sorted((*one.mechanisms, *self.earlier_names)))) for one in found)
 
 

@@ -45,7 +45,7 @@ from rlgcomp.diagnosis.remarks import (
     worse_in_training,
     wrong_numbers_of,
 )
-from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Step, chance
+from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Step, chance, contradicted
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.errors import InputError
 from rlgcomp.knocks import frozen_in, undisturbed
@@ -167,7 +167,8 @@ def diagnose(
     )
     told(0.98)
     rivals = rivals_of(explanations, conclusion.model)
-    verdict = verdict_of(conclusion, rivals)
+    verdict, named = verdict_of(conclusion, rivals), [cause.mechanism for cause in after.causes]
+    denied = verdict != "none" and contradicted(proof.test, named)
     # a path of jumps, a line or a law is seen by the search alone: the null's own probability then bounds the p-value
     p_value = min(detection.p_value, nothing if verdict != "none" else 1.0, by_chance)
     differing = tuple(name for name in wrong if _differs(base, name, (before.baseline | after.baseline)[name]))
@@ -177,7 +178,7 @@ def diagnose(
     model = noise_model(shape, after.white_deg_h, problem.windows[0])
     drivers = {column for mechanism in after.simulator.mechanisms for column in mechanism.driver_columns(train[0])} - {TIME}
     return Diagnosis(
-        verdict="unknown" if steps or in_part else verdict,
+        verdict="unknown" if steps or in_part or denied else verdict,
         p_value=p_value,
         where=where,
         causes=last.causes(rivals),
@@ -210,8 +211,8 @@ def diagnose(
             *own_biases_of(after.baseline),
             *weighed_means(model, problem.rows.window_s),
             *own_noises_of(mismatches, after.white_deg_h),
-            *worse_in_training(proof.train, [cause.mechanism for cause in after.causes]),
-            *off_held_out(verdict, proof.test, [cause.mechanism for cause in after.causes]),
+            *worse_in_training(proof.train, named),
+            *off_held_out(verdict, proof.test, named),
             *(said for said in (unreadable(after.simulator, one.run) for one in mismatches) if said is not None),
             *extrapolations_of(proof.traces, drivers),
         ),

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.account import alternatives_of
+from rlgcomp.diagnosis.account import alternatives_of, hidden_of
 from rlgcomp.diagnosis.answer import Answer, spoken_for
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, noise_model
@@ -35,6 +35,7 @@ Array = npt.NDArray[np.float64]
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
 _WORSE: Final = 1.05  # times as far off, from which it is said
 _MORE_OFTEN_THAN_NOT: Final = 0.5
+_HIDDEN: Final = 0.25  # share of a set's probability from which it is said what hides behind it
 _WORTH_SAYING: Final = 0.1  # probability of some of the causes alone
 _SLOW: Final = 1.3  # times the white noise, from which it is said that slow noise accounts for what is left;
 _SLOWER: Final = 1.1  # where noise is stated, and slow noise is found that is
@@ -204,7 +205,14 @@ def _about(low_s: float, high_s: float) -> str:
 def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
     """What to say where held-out runs turned what training runs alone would have named."""
     proposed = explanations.proposed
-    if proposed is None or conclusion.laws or conclusion.unrecorded > UNRECORDED:
+    if conclusion.laws or conclusion.unrecorded > UNRECORDED:
+        return []
+    if explanations.unaccounted:
+        return [
+            "No known mechanism accounts for the held-out runs in noise that the training runs may have: these alone decided what "
+            "is named. Train on runs that go where the held-out runs go."
+        ]
+    if proposed is None:
         return []
     alone = proposed.nothing if acquitted(proposed) else proposed.models[0]
     before, now = (sorted(name for name, known in model.labels if not known) for model in (alone, conclusion.model))
@@ -220,7 +228,9 @@ def _turned(explanations: Explanations, conclusion: Conclusion) -> list[str]:
 
 def _behind(explanations: Explanations, conclusion: Conclusion) -> list[str]:
     """What to say of a further cause that training runs speak for, though no more than equations of strong ones may be wrong by."""
-    name = spoken_for(explanations, conclusion)
+    hidden = hidden_of(explanations, conclusion)
+    likely = [name for name in sorted(hidden, key=lambda name: -hidden[name]) if hidden[name] > _HIDDEN]
+    name = spoken_for(explanations, conclusion) or next(iter(likely), None)
     if name is None:
         return []
     names = listing(sorted(name for name, _ in conclusion.model.labels))

@@ -8,8 +8,14 @@ well they were foreseen,
 
 so that a weak cause which returns is believed, and one which does not is given up. What held-out runs show is evidence for a set
 only where training foresaw it: with the amplitudes of the training runs, in the shapes of training or those that all runs prefer,
-the set must explain at least half of what it would with their own. No set is found in a held-out run and no number comes from one;
-but whether every run has a line's phase, or each its own, all runs say together.
+the set must explain at least half of what it would with their own; and where training prefers fewer causes, these, fitted to the
+training runs, must not leave less of the held-out runs. No set is found in a held-out run and no number comes from one; but
+whether every run has a line's phase, or each its own, all runs say together.
+
+All this takes the noise for the same in all runs. Where no set accounts for all runs but in noise that training rules out, what is
+beyond all sets in the held-out runs, far outside what was trained on as a rule, would pass for noise of the training runs too and
+hide what these show. Then held-out runs decide nothing.
+
 A gyro's bias may change from switch-on to switch-on: each set is judged with and without a bias of each run's own; on a turntable,
 whose mean rate holds more than a bias, held-out runs have offsets.
 
@@ -24,7 +30,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 import numpy as np
@@ -48,6 +54,8 @@ _JUMPS_BEHIND: Final = math.log(3000.0)  # nor, of a set with a path of jumps, t
 _ASKED: Final = 40  # sets at most
 _SHOWN: Final = 2.0  # chi-square: with less a cause shows nothing of itself
 _FORESEEN: Final = 0.5  # of what a set can explain of the held-out runs
+_MISLED: Final = 1.0  # chi-square of the held-out runs: a prediction that adds more is worse than none
+_RULED_OUT: Final = math.log(1000.0)  # a noise so much less likely in training than the likeliest
 
 
 def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> Explanations:
@@ -72,8 +80,10 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
     nothing = next(model for model in at_issue if not model.labels)
     asked = [model for model in at_issue if _shown(explanations, model, whole)]
     judged, held, own_biases, of_biases = _judged(explanations, asked, whole)
-    found = []
-    for model in at_issue:
+    if _beyond_training(explanations, judged.values()):
+        return dataclasses.replace(explanations, unaccounted=True)
+    found: dict[frozenset[Label], Model] = {}
+    for model in sorted(at_issue, key=lambda model: len(model.labels)):
         members = model.members
         if model.labels in judged:
             by_all = judged[model.labels]
@@ -82,15 +92,20 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
             by_training = [explanations.evidence.candidates[member.candidate] for member in members]
             noise = explanations.evidence.noises[int(np.argmax(by_all.noise_log))]
             gained = by_all.log_posterior - judged[frozenset()].log_posterior - (model.log_posterior - nothing.log_posterior)
-            asked_of = (by_training, by_whole) if gained > 0.0 else ()
-            shares = [_foreseen(causes, by_whole, windowed, noise, gained) for causes in asked_of]
-            if max(shares, default=1.0) < _FORESEEN:
-                by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - gained)
+            if gained > 0.0:
+                shares = [_foreseen(causes, by_whole, windowed, noise, gained) for causes in (by_training, by_whole)]
+                if max(shares) < _FORESEEN:
+                    by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - gained)
+            less = max((other for other in at_issue if other.labels < model.labels), key=_log_posterior, default=model)
+            if less.log_posterior > model.log_posterior:
+                raised = by_all.log_posterior - found[less.labels].log_posterior - (model.log_posterior - less.log_posterior)
+                if raised > 0.0 and _misled(by_training, explanations.candidates(less), by_whole, windowed, noise):
+                    by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - raised)
         else:  # held-out runs do not bear on it
             log_evidence = model.log_posterior - nothing.log_posterior + judged[frozenset()].log_posterior - model.log_prior
             by_all = dataclasses.replace(model, log_evidence=log_evidence)
-        found.append(dataclasses.replace(by_all, members=members))
-    models = tuple(sorted(found, key=lambda model: -model.log_posterior))
+        found[model.labels] = dataclasses.replace(by_all, members=members)
+    models = tuple(sorted((found[model.labels] for model in at_issue), key=_log_posterior, reverse=True))
     return dataclasses.replace(
         explanations,
         models=models,
@@ -127,6 +142,17 @@ def foresight(
         return float(gained)
 
     return log_foreseen
+
+
+def _log_posterior(model: Model) -> float:
+    return model.log_posterior
+
+
+def _beyond_training(explanations: Explanations, judged: Collection[Model]) -> bool:
+    """Whether no set accounts for all runs but in noise that training rules out, whichever set is true."""
+    best = max(judged, key=lambda model: model.log_posterior)
+    in_training = np.max([model.noise_log + model.log_prior for model in explanations.models], axis=0)
+    return bool(in_training.max() - in_training[int(np.argmax(best.noise_log))] > _RULED_OUT)
 
 
 def _at_issue(explanations: Explanations) -> list[Model]:
@@ -192,15 +218,10 @@ def _foreseen(
     repeated = [one.mechanism for one in candidates if one.mechanism.repeats()]
     if not repeated:
         return 1.0
-    rows = len(windowed.rows)
-    fleeting = [
-        one.columns[:rows] if one.mechanism.jumps() else windowed.columns(one.mechanism)
-        for one in beside
-        if not one.mechanism.repeats()
-    ]
+    fleeting = _fleeting(beside, windowed)
     columns = np.column_stack([windowed.columns(mechanism) for mechanism in repeated])
     held_out = (windowed.rows.run >= len(windowed.windows) - windowed.held_out)[:, None]
-    design = np.column_stack([columns * held_out, columns * ~held_out, *fleeting, windowed.baseline])
+    design = np.column_stack([columns * held_out, columns * ~held_out, fleeting, windowed.baseline])
     table = np.column_stack([design / norms(design), windowed.target_deg_h])
     whitened = whiten(windowed.rows, table, (noise,))[0][0]
     amplitudes = np.linalg.lstsq(whitened[:, :-1], whitened[:, -1], rcond=1e-10)[0] / norms(design)
@@ -213,6 +234,48 @@ def _foreseen(
     possible, missed = float(np.sum((seen @ own) ** 2)), float(np.sum((seen @ (own - trained)) ** 2))
     left = whitened[:, -1] - whitened[:, :-1] @ (amplitudes * norms(design))
     return 1.0 - missed / possible if possible > max(_SHOWN, gained) * float(left @ left) / len(left) else 1.0
+
+
+def _misled(
+    candidates: Sequence[Candidate], fewer: Sequence[Candidate], beside: Sequence[Candidate], windowed: Problem, noise: NoiseShape
+) -> bool:
+    """Whether causes, fitted to the training runs, leave more of the held-out runs than fewer of them do; beside both is what no
+    run repeats."""
+    training = windowed.rows.run < len(windowed.windows) - windowed.held_out
+    known = np.column_stack([windowed.baseline, _fleeting(beside, windowed)])
+    with_them, without = (_repeated(some, windowed) for some in (candidates, fewer))
+    design = np.column_stack([known, without, with_them])
+    whitened = whiten(windowed.rows, np.column_stack([design / norms(design), windowed.target_deg_h]), (noise,))[0][0]
+    trained = np.asarray(known[training].any(axis=0))  # the others are of held-out runs alone
+    own = np.linalg.qr(whitened[~training, : len(trained)][:, ~trained])[0]
+    repeats = [1] * len(trained) + [without.shape[1], with_them.shape[1]]
+
+    def squares(used: npt.NDArray[np.bool_]) -> tuple[float, float]:
+        """What a fit to the training runs leaves of these, a row, and of the held-out runs."""
+        weights = np.linalg.lstsq(whitened[training, :-1][:, used], whitened[training, -1], rcond=1e-10)[0]
+        left = whitened[:, -1] - whitened[:, :-1][:, used] @ weights
+        theirs = left[~training] - own @ (own.T @ left[~training])
+        return float(np.mean(left[training] ** 2)), float(theirs @ theirs)
+
+    (_, before), (unit, after) = (squares(np.repeat([*trained, not more, more], repeats)) for more in (False, True))
+    return after - before > _MISLED * unit
+
+
+def _repeated(candidates: Sequence[Candidate], windowed: Problem) -> Array:
+    """Window means of what runs repeat, shape (n, k)."""
+    found = [windowed.columns(one.mechanism) for one in candidates if one.mechanism.repeats()]
+    return np.column_stack([np.zeros((len(windowed.rows), 0)), *found])
+
+
+def _fleeting(beside: Sequence[Candidate], windowed: Problem) -> Array:
+    """Window means of what no run repeats, shape (n, k): paths of jumps, waves of each run's own."""
+    rows = len(windowed.rows)
+    found = [
+        one.columns[:rows] if one.mechanism.jumps() else windowed.columns(one.mechanism)
+        for one in beside
+        if not one.mechanism.repeats()
+    ]
+    return np.column_stack([np.zeros((rows, 0)), *found])
 
 
 def _judged(

@@ -63,6 +63,8 @@ class Explanations:
         By set, how much of its log evidence is that runs have a bias each, where held-out runs were asked.
     doubted : mapping
         Causes that were in the likeliest set and are in none of these, with the reason.
+    unaccounted : bool
+        Held-out runs were asked, but no set accounts for them in noise that training runs may have: they decide nothing.
     """
 
     models: tuple[Model, ...]
@@ -75,6 +77,7 @@ class Explanations:
     borne_out: float | None = None
     of_biases: Mapping[frozenset[Label], float] = dataclasses.field(default_factory=dict)
     doubted: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    unaccounted: bool = False
 
     @property
     def evidence(self) -> Evidence:

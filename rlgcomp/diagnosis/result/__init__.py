@@ -29,7 +29,7 @@ from rlgcomp.diagnosis.result.findings import (
     Unexplained,
     chance,
 )
-from rlgcomp.diagnosis.result.fits import Alignment, Fit, RunFit, Trace
+from rlgcomp.diagnosis.result.fits import Alignment, Fit, RunFit, Trace, contradicted
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256, to_json, write_json
 from rlgcomp.noise import NoiseModel
@@ -37,7 +37,7 @@ from rlgcomp.simulation.simulator import Simulator
 
 __all__ = [
     "Alignment", "Alternative", "Cause", "Diagnosis", "Estimate", "Fit", "InPart", "Law",
-    "NextExperiment", "Place", "RunFit", "Step", "Trace", "Unexplained", "Verdict", "chance",
+    "NextExperiment", "Place", "RunFit", "Step", "Trace", "Unexplained", "Verdict", "chance", "contradicted",
 ]  # fmt: skip
 
 _ROUNDING: Final = 1e-9
@@ -154,6 +154,12 @@ class Diagnosis:
             float(np.abs(trace.before_deg_h - trace.after_deg_h).max()) > _ROUNDING * float(np.ptp(trace.before_deg_h))
             for trace in self.traces
         )
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether nothing is unknown but what there is instead of the causes: held-out runs deny them."""
+        apart = self.steps or self.in_part or self.unexplained.probability is not None
+        return self.verdict == "unknown" and not apart and contradicted(self.test, [cause.mechanism for cause in self.causes])
 
     @property
     def sentence(self) -> str:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.diagnosis.result.findings import Estimate
+from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
+_WORSE: Final = 1.05  # times as far off
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,6 +93,13 @@ class Fit:
     white_floor_rms: float | None = None
     whiteness_p_value: float | None = None
 
+    @property
+    def worsened(self) -> bool:
+        """Whether what was added makes these runs worse for certain, and not by an offset of each run's own."""
+        about_own_means = self.improvement_std_ci95 or self.improvement_ci95
+        certain = max(self.improvement_ci95[1], about_own_means[1]) < 0.0
+        return certain and self.augmented_rms > _WORSE * self.baseline_rms
+
 
 @dataclasses.dataclass(frozen=True)
 class Trace:
@@ -164,3 +174,8 @@ class Alignment:
     @property
     def drift(self) -> Estimate:
         return Estimate(self.drift_ppm, self.drift_ppm_sd, "ppm")
+
+
+def contradicted(test: Fit | None, named: Sequence[Mechanism]) -> bool:
+    """Whether held-out runs deny what is named: some of it should repeat there, and with all of it they are surely worse."""
+    return test is not None and test.worsened and any(mechanism.repeats() for mechanism in named)

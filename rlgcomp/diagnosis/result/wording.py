@@ -110,6 +110,9 @@ def headline(diagnosis: Diagnosis) -> str:
     if _events_alone(diagnosis):
         start = f"{who} lacks {named}; beside that" if named else f"{who} lacks nothing that all these runs show, but"
         return f"{start} {events_text(diagnosis)}"
+    if diagnosis.contradicted:
+        said = f"By the training runs {subject(diagnosis)} lacks {named}, but with that it is further off the runs held out"
+        return f"{said}: it is not that, or not that alone."
     if diagnosis.verdict == "unknown":
         left = diagnosis.unexplained
         driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
@@ -198,7 +201,8 @@ def as_text(diagnosis: Diagnosis) -> str:
         rows = [[set_text(names), probability_text(share)] for names, share in _instead(diagnosis)[:SHOWN_ALTERNATIVES]]
         parts.append(_table("Alternatives", ["mechanisms", "probability"], rows))
     left = diagnosis.unexplained
-    if diagnosis.verdict == "unknown" and (left.probability is not None or not (diagnosis.steps or diagnosis.in_part)):
+    events = diagnosis.steps or diagnosis.in_part or diagnosis.contradicted
+    if diagnosis.verdict == "unknown" and (left.probability is not None or not events):
         law = left.equation or "no law found"
         sure = "" if left.probability is None else f"probability {sure_text(left.probability, 2)}, "
         parts.append(
