@@ -294,6 +294,8 @@ def test_what_freezes_without_noise_is_found_by_what_the_other_foresees() -> Non
     frame = table()
     frame["temperature_shell_degC"] = np.round(frame["temperature_shell_degC"], 1)
     frame.loc[0:899, "temperature_shell_degC"] = 20.0
+    frame.loc[[100, 1200], "temperature_block_degC"] = np.nan
+    frame.loc[1300:1310, "temperature_shell_degC"] = np.nan
     assert "frozen for 899 s while another thermometer moved" in mend(frame)[1]
 
 

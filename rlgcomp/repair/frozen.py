@@ -115,11 +115,12 @@ def _alive(values: Array) -> bool:
 
 def _astray(values: Array, other: Array, stretch: slice, elsewhere: Rows) -> bool:
     """Whether a stretch leaves the straight line on another thermometer that the rest of the run keeps to."""
+    elsewhere = elsewhere & np.isfinite(values) & np.isfinite(other)
     if np.count_nonzero(elsewhere) < FEWEST_SAMPLES or np.ptp(other[elsewhere]) == 0.0:
         return False
     line = np.polynomial.Polynomial.fit(other[elsewhere], values[elsewhere], 1)
     off = np.abs(values - line(other))
-    return float(off[stretch].max()) > _ASTRAY * float(np.sqrt(np.mean(off[elsewhere] ** 2)))
+    return float(np.nanmax(off[stretch])) > _ASTRAY * float(np.sqrt(np.mean(off[elsewhere] ** 2)))
 
 
 def _covered(spans: Sequence[tuple[int, int]], rows: int) -> Rows:
