@@ -34,7 +34,16 @@ from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
 NOISES: Final = ("angle_random_walk", "bias_instability", "rate_random_walk", "quantization", "dither_residual")
-_SLOW: Final = ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h")
+SLOW: Final = ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h")
+_SEEN: Final = 2.0  # standard errors from which a strength is seen
+
+
+def upper_limits(coefficients: Mapping[str, float]) -> tuple[float, float]:
+    """Of B and K, by name as `rlgcomp allan` writes them, with standard errors: what they are at most where they are hardly seen;
+    zero where they are."""
+    values = [(coefficients.get(name, 0.0), coefficients.get(f"{name}_sd", 0.0)) for name in SLOW]
+    of_b, of_k = (value + _SEEN * sd if value < _SEEN * sd else 0.0 for value, sd in values)
+    return of_b, of_k
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
@@ -56,6 +65,8 @@ class NoiseModel:
         Frequency it appears at after sampling.
     white : bool
         B and K are zero because there is no slow noise, not because nothing is known of it. A file says so by giving both as zero.
+    at_most : tuple of float
+        Of B and K, upper limits where a measurement saw no more than these; zero where there is none.
 
     Raises
     ------
@@ -70,13 +81,14 @@ class NoiseModel:
     dither_residual_arcsec: float = 0.0
     dither_residual_frequency_hz: float = 0.1
     white: bool = dataclasses.field(default=False, kw_only=True)
+    at_most: tuple[float, float] = dataclasses.field(default=(0.0, 0.0), kw_only=True)
 
     def __post_init__(self) -> None:
         for name, value in self.strengths().items():
             if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
                 raise InputError(f"noise: {name} is {value!r}; it must be a number, zero or positive")
-        if self.white and any(getattr(self, name) for name in _SLOW):
-            raise InputError(f"noise: white noise has neither {' nor '.join(_SLOW)}; leave them at zero, or do not call it white")
+        if self.white and any(getattr(self, name) for name in SLOW):
+            raise InputError(f"noise: white noise has neither {' nor '.join(SLOW)}; leave them at zero, or do not call it white")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -85,15 +97,15 @@ class NoiseModel:
         unknown = [key for key in values if key not in allowed]
         if unknown:
             raise InputError(f"noise: unknown {', '.join(map(repr, unknown))}; allowed are {', '.join(allowed)}")
-        return cls(**values, white=all(values.get(name) == 0.0 for name in _SLOW))
+        return cls(**values, white=all(values.get(name) == 0.0 for name in SLOW))
 
     def to_mapping(self) -> dict[str, float]:
         """The `noise:` section that gives this model back: B and K of zero are left out where they say nothing."""
-        return {name: value for name, value in self.strengths().items() if value or self.white or name not in _SLOW}
+        return {name: value for name, value in self.strengths().items() if value or self.white or name not in SLOW}
 
     def strengths(self) -> dict[str, float]:
         """The numbers by name."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "white"}
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if not field.kw_only}
 
     def simulate(self, samples: int, step_s: float, seed: int) -> dict[str, Array]:
         """Rate noise in deg/h by process, for the processes that are present.

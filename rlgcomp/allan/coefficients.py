@@ -33,7 +33,7 @@ from rlgcomp.allan import wording
 from rlgcomp.allan.covariance import POWERS, covariance_products, design_matrix
 from rlgcomp.allan.deviation import AllanDeviation
 from rlgcomp.errors import InputError
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise import NoiseModel, upper_limits
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -127,6 +127,7 @@ class NoiseCoefficients:
             bias_instability_deg_h=self.bias_instability_deg_h,
             rate_random_walk_deg_h_sqrt_h=self.rate_random_walk_deg_h_sqrt_h,
             quantization_arcsec=self.quantization_arcsec,
+            at_most=upper_limits(dataclasses.asdict(self)),
         )
 
     def terms(self, tau_s: npt.ArrayLike, order: int = 2) -> Array:

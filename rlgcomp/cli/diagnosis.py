@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -165,8 +166,9 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
     """
     from rlgcomp.errors import InputError
     from rlgcomp.files import from_yaml
-    from rlgcomp.noise import NoiseModel
+    from rlgcomp.noise import NoiseModel, upper_limits
 
+    limits = (0.0, 0.0)
     try:
         content = from_yaml(path.read_text(encoding="utf-8"))  # JSON is YAML
     except (OSError, ValueError) as error:
@@ -176,13 +178,14 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
         chosen = found.get(next(iter(found)) if len(found) == 1 else str(gyro))
         if not isinstance(chosen, dict):
             raise InputError(f"--noise {path}: coefficients of {', '.join(found) or 'no gyro'}; choose one of them with --gyro")
-        # a fit that found no flicker does not say that there is none
+        # a fit that found no flicker does not say that there is none, but how much there is at most
+        limits = upper_limits(chosen)
         content = {key: value for key, value in chosen.items() if key in NoiseModel().strengths() and value}
     if not isinstance(content, dict) or not content:
         raise InputError(f"--noise {path}: expected coefficients.json of rlgcomp allan, or 'angle_random_walk_deg_sqrt_h: 0.0003'")
     section = content.get("noise", content)
     try:
-        strengths = NoiseModel.from_mapping(section)
+        strengths = dataclasses.replace(NoiseModel.from_mapping(section), at_most=limits)
     except (InputError, TypeError) as error:
         raise InputError(f"--noise {path}: {error}") from None
     if strengths.angle_random_walk_deg_sqrt_h == 0.0:

@@ -86,10 +86,15 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             continue  # it is these mechanisms together
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
-        plain = model.log_posterior - explanations.of_biases.get(model.labels, 0.0)  # a law is sought where runs have one bias
-        score = plain + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
-        if foreseen is not None:
-            score += foreseen(law.mechanism)
+        score = law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
+        of_biases = explanations.of_biases.get(model.labels, 0.0)
+        if whole is None or foreseen is None:
+            score += model.log_posterior
+        else:  # a law is sought where runs have one bias; what it explains beside biases of their own is no less its own
+            score += model.log_posterior + foreseen(law.mechanism) - of_biases
+            if of_biases > 0.0:
+                beside = foresight(explanations.candidates(model), windowed, whole.with_own_biases(), noises, prior)
+                score += max(0.0, of_biases + beside(law.mechanism) - foreseen(law.mechanism))
         if model.members and score - model.log_posterior < _BEYOND:
             continue
         if explanations.evidence.resembles(column) > _SAME or (spanned and len(instead.members) == 1):

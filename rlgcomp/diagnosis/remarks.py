@@ -19,7 +19,7 @@ from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.evidence import log_sum_exp
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.naming.inadequacy import INADEQUACY
-from rlgcomp.diagnosis.noise.noises import stated_noise
+from rlgcomp.diagnosis.noise.noises import Stated
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.proof.black_box import Mismatch
 from rlgcomp.diagnosis.question.free_part import OWN_BIAS
@@ -27,7 +27,7 @@ from rlgcomp.diagnosis.question.own_noise import Level, differing
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, Fit, Trace, Verdict
 from rlgcomp.diagnosis.result.wording import listing, p_text
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise import SLOW, NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
 
@@ -40,6 +40,7 @@ _WORTH_SAYING: Final = 0.1  # probability of some of the causes alone
 _SLOW: Final = 1.3  # times the white noise, from which it is said that slow noise accounts for what is left;
 _SLOWER: Final = 1.1  # where noise is stated, and slow noise is found that is
 _AS_STATED: Final = 2.0  # times as strong
+_AS_GOOD: Final = 3.0  # log units behind the likeliest noise, from which another explains as much
 _OFF_ALONE: Final = 1.25  # the same of one run
 _OFF: Final = 1.5  # times the noise floor, from which held-out runs are said to be off
 _NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
@@ -90,6 +91,7 @@ def remarks_of(
             f"Something wanders that no recorded column follows, with standard deviation {size:.2g} deg/h in these runs and a "
             f"correlation time {time}{swing} (probability {conclusion.unrecorded:.2f}): record more monitors."
         )
+        remarks += _unless_wrong(explanations, conclusion, after.white_deg_h)
     remarks += [f"What there is takes after {name} and {why}." for name, why in conclusion.misnamed.items()]
     remarks += [f"There may be a {name}, but {why}: it is not reckoned with." for name, why in explanations.doubted.items()]
     remarks += [
@@ -159,21 +161,39 @@ def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:
     """What to say where what is left passes for noise because slow noise does."""
     times = float(np.std(after.residual_deg_h / np.sqrt(problem.loudness))) / after.white_deg_h
     found, stated = noise_model(shape, after.white_deg_h, problem.windows[0]), problem.simulator.noise
-    nothing_stated = stated is None or stated_noise(stated, problem.windows[0].white_s) is None
+    nothing_stated = stated is None or Stated.of(stated, problem.windows[0].white_s) is None
     if times < (_SLOW if nothing_stated else _SLOWER):
         return []
-    slow = (
-        f"bias instability {found.bias_instability_deg_h:.2g} deg/h and rate random walk "
-        f"{found.rate_random_walk_deg_h_sqrt_h:.2g} deg/h/sqrt(h)"
-    )
-    left = f"What is left, {times:.1f} times the white noise, passes for noise with {slow}"
+    left = f"What is left, {times:.1f} times the white noise, passes for noise with {_slow_text(found)}"
     if stated is None or nothing_stated:
         return [f"{left}. If this gyro is known to be calmer at rest, give its noise (--noise): then something unrecorded wanders."]
-    slow_ones = ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h")
-    if all(getattr(found, name) <= _AS_STATED * getattr(stated, name) for name in slow_ones):
+    limits = {name: max(getattr(stated, name), limit) for name, limit in zip(SLOW, stated.at_most, strict=True)}
+    if all(getattr(found, name) <= _AS_STATED * limit for name, limit in limits.items()):
         return []
-    said = f"{stated.bias_instability_deg_h:.2g} and {stated.rate_random_walk_deg_h_sqrt_h:.2g}"
-    return [f"{left}; {said} are stated. If these are right, something unrecorded wanders."]
+    said = " and ".join(f"{'at most ' * bool(most)}{limits[name]:.2g}" for name, most in zip(SLOW, stated.at_most, strict=True))
+    return [f"{left}; {said} are stated, too near to that for anything unrecorded to be claimed."]
+
+
+def _unless_wrong(explanations: Explanations, conclusion: Conclusion, white_deg_h: float) -> list[str]:
+    """What to say where something wanders because the noise that is stated is believed: noise of another strength explains as
+    much."""
+    problem = explanations.evidence.problem
+    if Stated.of(problem.simulator.noise, problem.windows[0].white_s) is None:
+        return []
+    noise_log = explanations.in_training(conclusion.model).noise_log - explanations.search.noise_log_prior
+    best = int(np.argmax(np.where(explanations.ordinary, noise_log, -np.inf)))
+    if noise_log[best] < noise_log.max() - _AS_GOOD:
+        return []
+    found = noise_model(explanations.evidence.noises[best], white_deg_h, problem.windows[0])
+    return [f"That rests on the noise that is stated: {_slow_text(found)} would explain as much."]
+
+
+def _slow_text(noise: NoiseModel) -> str:
+    """How strong slow noise is."""
+    return (
+        f"bias instability {noise.bias_instability_deg_h:.2g} deg/h and rate random walk "
+        f"{noise.rate_random_walk_deg_h_sqrt_h:.2g} deg/h/sqrt(h)"
+    )
 
 
 def correlation_time_s(problem: Problem, design: Array, noise: NoiseShape) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.naming.inadequacy import inadequacy
 from rlgcomp.diagnosis.naming.own_bias import own_bias
 from rlgcomp.diagnosis.naming.search import LARGEST, Label, Model, Search, posterior
 from rlgcomp.diagnosis.naming.telegraph import best_path
-from rlgcomp.diagnosis.noise.noises import WANDERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
+from rlgcomp.diagnosis.noise.noises import WANDERS, Stated, log_prior, ordinary_noise, unrecorded_cause
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
@@ -242,7 +242,7 @@ def considered(
     wanders : mapping of float to float
         How strong it may be, and how likely that is.
     """
-    stated = stated_noise(problem.simulator.noise, problem.windows[0].white_s)
+    stated = Stated.of(problem.simulator.noise, problem.windows[0].white_s)
     usual, (unusual, unusual_log_prior) = ordinary_noise(stated), unrecorded_cause(stated, wanders)
     noise_log_prior = np.r_[log_prior(usual, stated) + math.log(1.0 - unrecorded), unusual_log_prior + math.log(unrecorded)]
     return (*usual, *unusual), noise_log_prior, np.arange(len(noise_log_prior)) < len(usual)

@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -34,39 +34,68 @@ SWINGING: Final = 0.2
 SWINGING_WANDERS: Final = {1.2: 0.5, 3.0: 0.5}
 SWINGING_WANDERS_S: Final = 13500.0
 SWINGS_S: Final = (4320.0, 7200.0, 12600.0)
-_EXACT: Final = 0.5  # weight of the very noise that a simulator file states
-_NEAR: Final = 0.3  # weight of what is near it
+_EXACT: Final = 0.5  # weight of the very noise that is stated; what is near it has the rest,
+_WRONG: Final = 0.001  # but for this: the statement is wrong altogether
 _DOUBT: Final = 0.7  # standard deviation of the logarithm of a stated strength
 _SMALL: Final = 0.02  # a strength below this, relative to white noise, is as good as none
 
 
-def stated_noise(stated: NoiseModel | None, white_s: float) -> NoiseShape | None:
-    """The noise that a simulator file states, relative to the white noise of so many seconds; None where it says nothing of slow
-    noise.
+@dataclasses.dataclass(frozen=True)
+class Stated:
+    """The noise that is stated, and what is known of slow noise that was too weak to be seen.
 
-    Angle random walk alone says how large the noise is, not that it is white; that it is, zeros say.
+    Parameters
+    ----------
+    shape : NoiseShape
+        Zero where there is a limit only.
+    flicker_at_most, walk_at_most : float
+        Upper limits; zero where there is none.
     """
-    if stated is None or stated.angle_random_walk_deg_sqrt_h == 0.0:
-        return None
-    if stated.bias_instability_deg_h == stated.rate_random_walk_deg_h_sqrt_h == 0.0 and not stated.white:
-        return None
-    white = arw_rate_sd_deg_h(stated.angle_random_walk_deg_sqrt_h, white_s)
-    return NoiseShape(stated.bias_instability_deg_h / white, stated.rate_random_walk_deg_h_sqrt_h / white)
+
+    shape: NoiseShape
+    flicker_at_most: float = 0.0
+    walk_at_most: float = 0.0
+
+    @classmethod
+    def of(cls, noise: NoiseModel | None, white_s: float) -> Self | None:
+        """What is stated, relative to the white noise of so many seconds; None where nothing is said of slow noise.
+
+        Angle random walk alone says how large the noise is, not that it is white; that it is, zeros say, or limits how nearly.
+        """
+        if noise is None or noise.angle_random_walk_deg_sqrt_h == 0.0:
+            return None
+        slow = noise.bias_instability_deg_h, noise.rate_random_walk_deg_h_sqrt_h
+        if not (any(slow) or any(noise.at_most) or noise.white):
+            return None
+        white = arw_rate_sd_deg_h(noise.angle_random_walk_deg_sqrt_h, white_s)
+        flicker, walk = (0.0 if limit else value / white for value, limit in zip(slow, noise.at_most, strict=True))
+        return cls(NoiseShape(flicker, walk), *(limit / white for limit in noise.at_most))
+
+    def nearness(self, noise: NoiseShape) -> float:
+        """Of a noise to what is stated; below a limit strengths are as likely as they usually are."""
+        near = 1.0
+        for found, value, limit, usual in (
+            (noise.flicker, self.shape.flicker, self.flicker_at_most, FLICKERS),
+            (noise.walk, self.shape.walk, self.walk_at_most, WALKS | STEEP_WALKS),
+        ):
+            away = _log_ratio(max(found, limit), limit) if limit else _log_ratio(found, value)
+            near *= math.exp(-0.5 * (away / _DOUBT) ** 2) * (usual.get(found, 0.0) if limit else 1.0)
+        return near
 
 
-def ordinary_noise(stated: NoiseShape | None = None) -> tuple[NoiseShape, ...]:
+def ordinary_noise(stated: Stated | None = None) -> tuple[NoiseShape, ...]:
     """Noise that gyros have: white, flicker and random walk; and the noise that is stated."""
     usual = [NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS)]
     usual += [NoiseShape(0.0, walk) for walk in STEEP_WALKS]
-    return tuple(usual if stated is None or stated in usual else [*usual, stated])
+    return tuple(usual if stated is None or stated.shape in usual else [*usual, stated.shape])
 
 
 def unrecorded_cause(
-    stated: NoiseShape | None = None, wanders: Mapping[float, float] = WANDERS
+    stated: Stated | None = None, wanders: Mapping[float, float] = WANDERS
 ) -> tuple[tuple[NoiseShape, ...], Array]:
     """White noise, or the noise that is stated, with a wander in it of something that no recorded column follows; and the logarithm
     of how likely each is before the data are seen."""
-    own = NoiseShape() if stated is None else stated
+    own = NoiseShape() if stated is None else stated.shape
     steady = {
         dataclasses.replace(own, wander=wander, wander_s=time): (1.0 - SWINGING) * share * part
         for (wander, share), (time, part) in itertools.product(wanders.items(), WANDERS_S.items())
@@ -79,23 +108,26 @@ def unrecorded_cause(
     return tuple(found), np.log(list(found.values()))
 
 
-def log_prior(noises: tuple[NoiseShape, ...], stated: NoiseShape | None = None) -> Array:
-    """Log probability of ordinary noises: how usual they are, or most of it for what is stated and what is near that.
+def log_prior(noises: tuple[NoiseShape, ...], stated: Stated | None = None) -> Array:
+    """Log probability of ordinary noises: how usual they are, or all but a little of it for what is stated and what is near that.
+
+    Who states a noise asks what follows if it is right: what moves beyond it wanders unrecorded, usual as it is in other gyros.
 
     Parameters
     ----------
     noises : tuple of NoiseShape
         Of :func:`ordinary_noise`, for the same statement.
-    stated : NoiseShape, optional
+    stated : Stated, optional
     """
     usual = np.array([FLICKERS.get(n.flicker, 0.0) * WALKS.get(n.walk, 0.0) or STEEP_WALKS.get(n.walk, 0.0) for n in noises])
     usual /= usual.sum()
     if stated is None:
         return np.asarray(np.log(usual))
-    distance = np.array([_log_ratio(n.flicker, stated.flicker) ** 2 + _log_ratio(n.walk, stated.walk) ** 2 for n in noises])
-    near = np.exp(-0.5 * distance / _DOUBT**2)
-    exact = np.array([noise == stated for noise in noises])
-    return np.asarray(np.log(_EXACT * exact + _NEAR * near / near.sum() + (1.0 - _EXACT - _NEAR) * usual))
+    near = np.array([stated.nearness(noise) for noise in noises])
+    limited = stated.flicker_at_most > 0.0 or stated.walk_at_most > 0.0
+    exact = np.array([not limited and noise == stated.shape for noise in noises])
+    known = _EXACT * exact + (1.0 - _EXACT * exact.sum()) * near / near.sum()
+    return np.asarray(np.log((1.0 - _WRONG) * known + _WRONG * usual))
 
 
 def _log_ratio(found: float, wanted: float) -> float:
