@@ -18,6 +18,7 @@ from rlgcomp.diagnosis.result import (
     Estimate,
     Fit,
     Law,
+    Nearest,
     NextExperiment,
     Place,
     RunFit,
@@ -85,7 +86,7 @@ def test_its_mapping_is_the_contract(diagnosis: Diagnosis) -> None:
         {"mechanisms": [], "probability": 0.0},
     ]
     left = {"p_value": 0.4, "drivers": [], "memory": "none", "equation": None, "probability": None, "laws": []}
-    left["memory_probabilities"] = {}
+    left |= {"memory_probabilities": {}, "nearest": None}
     assert content["unexplained"] == left
     train = {"baseline_rms", "augmented_rms", "noise_floor_rms", "unit", "averaging_s"}
     assert set(content["fit"]["train"]) >= train
@@ -170,7 +171,7 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
         diagnosis, verdict="unknown", causes=(), unexplained=Unexplained(1e-9, ("light_intensity_V",), "static", "b = ...")
     )
     assert "follows light_intensity_V (static)" in unknown.sentence
-    lost = dataclasses.replace(unknown, unexplained=Unexplained(1e-9))
+    lost = dataclasses.replace(unknown, alternatives=(), unexplained=Unexplained(1e-9))
     assert "follows no channel that was recorded" in lost.sentence
     doubtful = dataclasses.replace(none, p_value=0.01)
     assert "hardly noise alone (p = 0.01)" in doubtful.sentence
@@ -242,6 +243,12 @@ def test_a_wander_has_one_probability_wherever_it_is_said(diagnosis: Diagnosis) 
     assert "that no known mechanism explains (probability 0.67); it follows no channel that was recorded." in wander.sentence
     assert "noise after all" not in wander.sentence
     assert "Unexplained (probability 0.67, p-value of noise 0.19)" in str(wander)
+    near = "no law was found that it follows for sure; nearest is "
+    likely = dataclasses.replace(wander, alternatives=(Alternative(("ambient_pressure",), 0.4),))
+    assert f"{near}ambient_pressure (probability 0.40)." in likely.sentence
+    law = Nearest("b = 0.01 deg/h * pressure_hPa", ("pressure_hPa",), "static", 0.3)
+    lawful = dataclasses.replace(wander, unexplained=dataclasses.replace(left, nearest=law))
+    assert f"{near}b = 0.01 deg/h * pressure_hPa, which follows pressure_hPa (probability 0.30)." in lawful.sentence
     unsure = dataclasses.replace(wander, unexplained=Unexplained(0.19))
     assert "unless it is noise after all (p = 0.19)" in unsure.sentence
 

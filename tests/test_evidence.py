@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.naming.candidates import Candidate, candidates
 from rlgcomp.diagnosis.naming.evidence import SIZES, Evidence, Member
 from rlgcomp.diagnosis.naming.explain import explain
 from rlgcomp.diagnosis.naming.search import Search, posterior
-from rlgcomp.diagnosis.noise.noises import FLICKERS, log_prior, ordinary_noise, stated_noise, unrecorded_cause
+from rlgcomp.diagnosis.noise.noises import FLICKERS, WALKS, Stated, log_prior, ordinary_noise, unrecorded_cause
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, simulate
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import FEWEST_WINDOWS, default_window_s
@@ -162,23 +162,40 @@ def test_priors_over_sets_sum_to_one(small: Evidence) -> None:
 
 
 def test_stated_noise_is_believed_but_not_blindly() -> None:
-    stated = stated_noise(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4, bias_instability_deg_h=6e-4), 100.0)
-    assert stated == NoiseShape(pytest.approx(1.0 / 3.0), 0.0)
+    stated = Stated.of(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4, bias_instability_deg_h=6e-4), 100.0)
+    assert stated is not None
+    assert stated.shape == NoiseShape(pytest.approx(1.0 / 3.0), 0.0)
     noises = ordinary_noise(stated)
     prior = np.exp(log_prior(noises, stated))
     assert prior.sum() == pytest.approx(1.0)
-    assert noises[int(np.argmax(prior))] == stated
+    assert noises[int(np.argmax(prior))] == stated.shape
     assert noises[int(np.argsort(prior)[-2])] == NoiseShape(min(FLICKERS, key=lambda one: abs(one - 1.0 / 3.0)), 0.0)
     usual = np.exp(log_prior(ordinary_noise()))
-    assert (prior[: len(usual)] > 0.19 * usual).all()  # what the file says is wrong one time in five
-    assert stated_noise(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4), 100.0) is None  # it does not say that noise is white
+    assert (prior[: len(usual)] > 0.9e-3 * usual).all()  # what the file says is hardly ever wrong altogether:
+    far = np.array([noise.walk >= 0.9 for noise in noises])
+    assert prior[far].sum() < 2e-3  # else it would not matter that it was said
+    assert Stated.of(NoiseModel(angle_random_walk_deg_sqrt_h=3e-4), 100.0) is None  # it does not say that noise is white
     zeros = {"bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}
     white = NoiseModel.from_mapping({"angle_random_walk_deg_sqrt_h": 3e-4} | zeros)
-    assert stated_noise(white, 100.0) == NoiseShape()
-    assert np.exp(log_prior(ordinary_noise(NoiseShape()), NoiseShape()))[0] > 0.5  # the first is white
+    zero = Stated.of(white, 100.0)
+    assert zero == Stated(NoiseShape())
+    assert np.exp(log_prior(ordinary_noise(zero), zero))[0] > 0.5  # the first is white
     wandering, log_share = unrecorded_cause(stated)
-    assert {(noise.flicker, noise.walk) for noise in wandering} == {(stated.flicker, stated.walk)}
+    assert {(noise.flicker, noise.walk) for noise in wandering} == {(stated.shape.flicker, stated.shape.walk)}
     assert np.exp(log_share).sum() == pytest.approx(1.0)
+
+
+def test_below_a_limit_slow_noise_is_as_likely_as_it_usually_is() -> None:
+    """Of a walk of which a measurement saw nothing: an upper limit says neither that there is none nor that it is there."""
+    measured = NoiseModel(3e-4, 6e-4, at_most=(0.0, 3e-4))  # of white noise of 100 s: 1/3, and 1/6 in an hour
+    stated = Stated.of(measured, 100.0)
+    assert stated == Stated(NoiseShape(pytest.approx(1.0 / 3.0), 0.0), 0.0, pytest.approx(1.0 / 6.0))
+    noises = ordinary_noise(stated)
+    prior = dict(zip(noises, np.exp(log_prior(noises, stated)), strict=True))
+    assert sum(prior.values()) == pytest.approx(1.0)
+    of_walks = {walk: sum(p for noise, p in prior.items() if noise.walk == walk and noise.flicker in FLICKERS) for walk in WALKS}
+    assert of_walks[0.0] / of_walks[0.07] == pytest.approx(WALKS[0.0] / WALKS[0.07], rel=0.01)
+    assert sum(p for walk, p in of_walks.items() if walk >= 0.9) < 2e-3
 
 
 # --- the null --------------------------------------------------------------------------------------------------------------

@@ -92,7 +92,7 @@ def test_what_passes_for_noise_because_slow_noise_does_is_said_to() -> None:
     calm = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.002 / 6.0, bias_instability_deg_h=1e-6)
     stated = Problem.of(dataclasses.replace(SIMULATOR, noise=calm), problem.runs, window_s=100.0)
     (said,) = _as_noise(stated, fit(stated, [], shape), shape)
-    assert said.endswith("; 1e-06 and 0 are stated. If these are right, something unrecorded wanders.")
+    assert said.endswith("; 1e-06 and 0 are stated, but what there is looks like noise rather than something unrecorded.")
     white = Problem.of(SIMULATOR, runs(seed=5), window_s=100.0)
     assert not _as_noise(white, fit(white, [], NoiseShape()), NoiseShape())
 

@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms, whiten
 from rlgcomp.diagnosis.programmes.next_experiment import next_experiment, told_apart
 from rlgcomp.diagnosis.proof.before_after import whiteness_p_value
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.diagnosis.result import Alternative, Cause, InPart, Law, NextExperiment, Unexplained
+from rlgcomp.diagnosis.result import Alternative, Cause, InPart, Law, Nearest, NextExperiment, Unexplained
 from rlgcomp.diagnosis.result.wording import listing
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 
@@ -167,7 +167,9 @@ def unexplained_of(conclusion: Conclusion, after: Fitted, left: float, in_part: 
         memories = dict(first.memory_probabilities)
         return Unexplained(first.p_value, drivers, first.memory, equation, conclusion.lawful, laws, memories)
     if conclusion.unrecorded > UNRECORDED:
-        return Unexplained(min(left, 1.0 - conclusion.unrecorded), probability=conclusion.unrecorded)
+        law = conclusion.instead
+        near = None if law is None else Nearest(law.equation, law.drivers, law.memory, conclusion.lawful)
+        return Unexplained(min(left, 1.0 - conclusion.unrecorded), probability=conclusion.wanders, nearest=near)
     if in_part:
         return Unexplained(left, tuple(dict.fromkeys(driver for one in in_part for driver in one.drivers)), "static")
     return Unexplained(left)

@@ -13,7 +13,16 @@ from collections.abc import Mapping
 from typing import Final, Self
 
 from rlgcomp.diagnosis.account import alternatives_of, and_hidden, causes_of, hidden_of, set_probability, whiteness
-from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, beside_laws, concluded, likely_noises, rivals_of, verdict_of
+from rlgcomp.diagnosis.conclusion import (
+    UNRECORDED,
+    Conclusion,
+    beside_laws,
+    by_another_name,
+    concluded,
+    likely_noises,
+    rivals_of,
+    verdict_of,
+)
 from rlgcomp.diagnosis.fitting.fit import Fitted, fit
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.naming.explain import Explanations
@@ -147,9 +156,12 @@ class Answer:
 
 
 def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -> tuple[Explanations, Conclusion]:
-    """Sets of causes, and the conclusion, once laws that were found beside causes are in place."""
-    if not (conclusion.laws and conclusion.model.labels):
+    """Sets of causes, and the conclusion, once laws that were found beside causes are in place; a law that is a mechanism by another
+    name is such a cause."""
+    alike = by_another_name(explanations, conclusion.laws)
+    if not ((conclusion.laws and conclusion.model.labels) or alike):
         return explanations, conclusion
+    conclusion = dataclasses.replace(conclusion, laws=tuple(law for law in conclusion.laws if law not in alike))
     explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained()
     return explanations, beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
 

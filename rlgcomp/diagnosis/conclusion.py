@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.laws.dictionary import Dictionary
-from rlgcomp.diagnosis.laws.discover import Discovery, discover, discover_laws
+from rlgcomp.diagnosis.laws.discover import SURE, Discovery, discover, discover_laws
 from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.confirm import foresight
 from rlgcomp.diagnosis.naming.evidence import log_sum_exp
@@ -29,6 +29,7 @@ LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue 
 AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold together cannot be told from them
 MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
 UNRECORDED: Final = 0.5
+NEAR: Final = math.log(10.0)  # log Bayes factor from which a law is spoken of where no law is found and something wanders
 _NO_NOISE: Final = 1e-6  # p-value below which something is there, though the likeliest noise passes for it
 _ACQUITTED: Final = 0.45  # probability of a healthy gyro from which nothing is claimed: eleven to nine is asked of who accuses
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
@@ -43,7 +44,8 @@ class Conclusion:
     """What the evidence says: the set, laws that are needed beyond it and how probable they are, whether something unrecorded
     wanders, causes that take after it without being what they are named for, and whether the set was weighed beside the laws.
 
-    Where a set without laws is likelier, but hardly, than a law instead of it: that law, as probable as laws are.
+    Where a set without laws, or something that wanders, is likelier, but hardly, than a law instead of it: that law, as probable as
+    laws are.
     """
 
     model: Model
@@ -53,6 +55,11 @@ class Conclusion:
     misnamed: Mapping[str, str] = dataclasses.field(default_factory=dict)
     reweighed: bool = False
     instead: Discovery | None = None
+
+    @property
+    def wanders(self) -> float:
+        """Probability that something unrecorded wanders, rather than a law acts."""
+        return self.unrecorded * (1.0 - self.lawful)
 
 
 def concluded(windowed: Problem, explanations: Explanations, whole: Problem | None = None) -> Conclusion:
@@ -73,28 +80,30 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     chosen, first, highest = None, None, best.log_posterior
     lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
     runner_up, lawful = None, 0.0
-    for model in (best,) if best is innocent else (best, innocent):
+    tried = [best] if best is innocent else [best, innocent]
+    for model in tried:
         foreseen = None if whole is None else foresight(explanations.candidates(model), windowed, whole, noises, prior)
         design = _design(windowed, explanations, model)
-        law = discover(windowed, design, noises, prior, dictionary=dictionary, foreseen=foreseen)
-        instead = best if model is innocent else innocent
-        if law is None:
+        law = discover(windowed, design, noises, prior, dictionary=dictionary, least=NEAR, foreseen=foreseen)
+        instead = innocent if model is best else best
+        if law is None or (law.log_bayes_factor < SURE and not (model is best is innocent and unrecorded > UNRECORDED)):
             continue
+        if model is best:
+            tried += _less_what_reads(explanations, best, law)
         column = explanations.evidence.problem.columns(law.mechanism)
         spanned = explanations.evidence.spans(instead.members, column) > _SAME
         if spanned and 1 < len(instead.members) <= _FEW:
             continue  # it is these mechanisms together
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
-        score = law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
-        of_biases = explanations.of_biases.get(model.labels, 0.0)
-        if whole is None or foreseen is None:
-            score += model.log_posterior
-        else:  # a law is sought where runs have one bias; what it explains beside biases of their own is no less its own
-            score += model.log_posterior + foreseen(law.mechanism) - of_biases
-            if of_biases > 0.0:
+        score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
+        if whole is not None and foreseen is not None:
+            of_biases = explanations.of_biases.get(model.labels, 0.0)
+            borne_out = foreseen(law.mechanism) - of_biases  # a law is sought where runs have one bias,
+            if of_biases > 0.0:  # and asked for what it explains beside biases of their own
                 beside = foresight(explanations.candidates(model), windowed, whole.with_own_biases(), noises, prior)
-                score += max(0.0, of_biases + beside(law.mechanism) - foreseen(law.mechanism))
+                borne_out = max(borne_out, beside(law.mechanism))
+            score += borne_out
         if model.members and score - model.log_posterior < _BEYOND:
             continue
         if explanations.evidence.resembles(column) > _SAME or (spanned and len(instead.members) == 1):
@@ -103,15 +112,24 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
         elif not model.members:
             runner_up, lawful = law, _share(score, lawless)
-        if score > highest:
+        if score > highest and law.log_bayes_factor >= SURE:
             chosen, first, highest = model, law, score
     if chosen is None:
         misnamed_alone = {name: why for (name, _), why in false.items()}
-        if runner_up is None or lawful < MENTIONED or best is innocent or unrecorded > UNRECORDED:
+        if runner_up is None or lawful < MENTIONED or (best is innocent and unrecorded <= UNRECORDED):
             return Conclusion(best, (), 0.0, unrecorded, misnamed_alone)
         return Conclusion(best, (), lawful, unrecorded, misnamed_alone, instead=runner_up)
     laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary, first=first)
     return Conclusion(chosen, laws, _share(highest, lawless), 0.0)
+
+
+def _less_what_reads(explanations: Explanations, best: Model, law: Discovery) -> list[Model]:
+    """The set without the causes that read nothing but what a law beside them reads: one law may be what they are together."""
+    run, read = explanations.evidence.problem.runs[0], set(law.drivers)
+    drivers = {(one.name, one.known): set(one.mechanism.driver_columns(run)) for one in explanations.candidates(best)}
+    less = best.labels - {label for label, columns in drivers.items() if columns and columns <= read and not label[1]}
+    others = best.labels, explanations.innocent.labels
+    return [model for model in explanations.models if model.labels == less and less not in others]
 
 
 def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Conclusion, whole: Problem | None = None) -> Conclusion:
@@ -134,6 +152,12 @@ def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Concl
     laws = discover_laws(windowed, _design(windowed, explanations, best), noises, prior, foreseen=foreseen) or conclusion.laws
     misnamed_beside = {name: why for (name, _), why in false.items()}
     return dataclasses.replace(conclusion, model=best, laws=laws, misnamed=misnamed_beside, reweighed=True)
+
+
+def by_another_name(explanations: Explanations, laws: Sequence[Discovery]) -> list[Discovery]:
+    """Laws beyond the first that are a mechanism of the catalogue: the first was weighed against these."""
+    problem = explanations.evidence.problem
+    return [law for law in laws[1:] if explanations.evidence.resembles(problem.columns(law.mechanism)) > _SAME]
 
 
 def _share(lawful: float, lawless: float) -> float:

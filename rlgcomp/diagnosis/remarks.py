@@ -26,7 +26,7 @@ from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.question.own_noise import Level, differing
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, Fit, Trace, Verdict
-from rlgcomp.diagnosis.result.wording import listing, p_text
+from rlgcomp.diagnosis.result.wording import DOUBTED, listing, p_text, sure_text
 from rlgcomp.noise import SLOW, NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
@@ -86,10 +86,12 @@ def remarks_of(
         design = np.column_stack([problem.baseline, *(one.columns for one in explanations.candidates(conclusion.model))])
         time = _about(*correlation_time_s(problem, design, noise))
         noise_deg_h2 = after.white_deg_h**2 * float(problem.loudness.mean())
+        near = any(one.probability > DOUBTED for one in alternatives_of(explanations, conclusion))
+        followed = "for which no law was found" if near or conclusion.instead else "that no recorded column follows"
         size = math.sqrt(max(float(np.var(after.residual_deg_h)) - noise_deg_h2, 0.0))
         remarks.append(
-            f"Something wanders that no recorded column follows, with standard deviation {size:.2g} deg/h in these runs and a "
-            f"correlation time {time}{swing} (probability {conclusion.unrecorded:.2f}): record more monitors."
+            f"Something wanders {followed}, with standard deviation {size:.2g} deg/h in these runs and a "
+            f"correlation time {time}{swing} (probability {sure_text(conclusion.wanders, 2)}): record more monitors."
         )
         remarks += _unless_wrong(explanations, conclusion, after.white_deg_h)
     remarks += [f"What there is takes after {name} and {why}." for name, why in conclusion.misnamed.items()]
@@ -148,7 +150,7 @@ def _together(explanations: Explanations, conclusion: Conclusion) -> list[str]:
 
 def _instead(conclusion: Conclusion) -> list[str]:
     """What to say where a law of which the catalogue knows nothing is hardly less likely than what is named."""
-    if conclusion.instead is None:
+    if conclusion.instead is None or conclusion.unrecorded > UNRECORDED:  # the latter is said with what wanders
         return []
     law, named = conclusion.instead, sorted(name for name, known in conclusion.model.labels if not known)
     return [
@@ -171,7 +173,7 @@ def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:
     if all(getattr(found, name) <= _AS_STATED * limit for name, limit in limits.items()):
         return []
     said = " and ".join(f"{'at most ' * bool(most)}{limits[name]:.2g}" for name, most in zip(SLOW, stated.at_most, strict=True))
-    return [f"{left}; {said} are stated, too near to that for anything unrecorded to be claimed."]
+    return [f"{left}; {said} are stated, but what there is looks like noise rather than something unrecorded."]
 
 
 def _unless_wrong(explanations: Explanations, conclusion: Conclusion, white_deg_h: float) -> list[str]:

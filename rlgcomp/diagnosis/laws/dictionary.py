@@ -282,6 +282,7 @@ class Dictionary:
         found: list[Family] = []
         tried = [*itertools.permutations(single, 2), *itertools.product(self._sizes, single)]
         pairs = [(one, two) for one, two in tried if not set(self._columns[one]) & set(self._columns[two])]
+        pairs += [(one, one) for one in single if one.startswith("temperature_")]  # what warms, times how fast
         every = sum(shares[one] * shares[two] for one, two in pairs)
         for one, two in pairs:
             ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))

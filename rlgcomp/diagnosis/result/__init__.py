@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.result.findings import (
     Estimate,
     InPart,
     Law,
+    Nearest,
     NextExperiment,
     Place,
     Step,
@@ -36,7 +37,7 @@ from rlgcomp.noise import NoiseModel
 from rlgcomp.simulation.simulator import Simulator
 
 __all__ = [
-    "Alignment", "Alternative", "Cause", "Diagnosis", "Estimate", "Fit", "InPart", "Law",
+    "Alignment", "Alternative", "Cause", "Diagnosis", "Estimate", "Fit", "InPart", "Law", "Nearest",
     "NextExperiment", "Place", "RunFit", "Step", "Trace", "Unexplained", "Verdict", "chance", "contradicted",
 ]  # fmt: skip
 

@@ -194,6 +194,24 @@ class Law:
 
 
 @dataclasses.dataclass(frozen=True)
+class Nearest:
+    """The law that comes nearest to one that would be claimed, where none is.
+
+    Parameters
+    ----------
+    equation : str
+    drivers : tuple of str
+    memory : str
+    probability : float
+    """
+
+    equation: str
+    drivers: tuple[str, ...]
+    memory: str
+    probability: float
+
+
+@dataclasses.dataclass(frozen=True)
 class Unexplained:
     """What is left when the named mechanisms are taken out.
 
@@ -212,6 +230,8 @@ class Unexplained:
         One for each term of the equation.
     memory_probabilities : mapping of str to float
         Of each memory of the first law, given its drivers; a law that a simpler one explains as well counts with that.
+    nearest : Nearest, optional
+        Of something that wanders: the law that comes near.
     """
 
     p_value: float
@@ -221,6 +241,7 @@ class Unexplained:
     probability: float | None = None
     laws: tuple[Law, ...] = ()
     memory_probabilities: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    nearest: Nearest | None = None
 
 
 @dataclasses.dataclass(frozen=True)

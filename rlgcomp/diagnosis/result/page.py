@@ -65,7 +65,7 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         "proved": "held out" if diagnosis.test is not None else "in training",
         "proof_title": wording.proof_title(diagnosis),
         "p_value": wording.p_number(diagnosis.p_value),
-        **_left(diagnosis.unexplained),
+        **_left(diagnosis),
         "steps": wording.events_text(diagnosis),
         **_next(diagnosis.next_experiment),
         "places": _places(diagnosis),
@@ -90,10 +90,12 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     return template.render(**page, **drawn)
 
 
-def _left(unexplained: Unexplained) -> dict[str, str]:
+def _left(diagnosis: Diagnosis) -> dict[str, str]:
+    unexplained = diagnosis.unexplained
     sure = unexplained.probability
     return {
         "left_memory": wording.memory_text(unexplained),
+        "no_channel": wording.no_channel(diagnosis),
         "left_p_value": wording.p_number(unexplained.p_value),
         "left_probability": "" if sure is None else wording.sure_text(sure, 2),
     }

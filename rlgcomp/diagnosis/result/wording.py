@@ -115,14 +115,14 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"{said}: it is not that, or not that alone."
     if diagnosis.verdict == "unknown":
         left = diagnosis.unexplained
-        driven = f"follows {listing(list(left.drivers))}" if left.drivers else "follows no channel that was recorded"
         memory = f" ({left.memory})" if left.drivers and left.memory != "none" else ""
+        driven = f"it follows {listing(list(left.drivers))}{memory}" if left.drivers else no_channel(diagnosis)
         if left.probability is None and not (doubt or left.drivers) and left.p_value > DOUBTFUL:
             doubt = f", unless it is noise after all ({p_text(left.p_value)})"
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
         sure = "" if left.probability is None or left.equation else f" (probability {sure_text(left.probability, 2)})"
         beside = f" Beside that {events_text(diagnosis)}" if diagnosis.steps or diagnosis.in_part else ""
-        return f"{start} that no known mechanism explains{sure}; it {driven}{memory}{doubt}.{beside}"
+        return f"{start} that no known mechanism explains{sure}; {driven}{doubt}.{beside}"
     if diagnosis.verdict == "ambiguous":
         return f"{who} lacks {_either(diagnosis)}{doubt}: these runs cannot tell which."
     if diagnosis.probability is not None and diagnosis.probability <= EVEN:
@@ -130,6 +130,20 @@ def headline(diagnosis: Diagnosis) -> str:
         whole = f"{named}, together with {share}" if len(diagnosis.causes) > 1 else f"{named}, and that alone with {share}"
         return f"Most likely {subject(diagnosis)} lacks {whole}{doubt}."
     return f"Probably {subject(diagnosis)} lacks {named}{doubt}." if doubt else f"{who} lacks {named}."
+
+
+def no_channel(diagnosis: Diagnosis) -> str:
+    """That what is unexplained follows no recorded channel, or what comes near to being followed."""
+    named = {cause.name for cause in diagnosis.causes}
+    more = [([name for name in one.mechanisms if name not in named], one) for one in diagnosis.alternatives]
+    near = [(set_text(names), one.probability) for names, one in more if names and named <= set(one.mechanisms)]
+    if diagnosis.unexplained.nearest is not None:
+        law = diagnosis.unexplained.nearest
+        near.append((f"{law.equation}, which follows {listing(list(law.drivers))}", law.probability))
+    what, share = max(near, key=lambda one: one[1], default=("", 0.0))
+    if share <= DOUBTED:
+        return "it follows no channel that was recorded"
+    return f"no law was found that it follows for sure; nearest is {what} (probability {sure_text(share, 2)})"
 
 
 def gain_sentence(diagnosis: Diagnosis) -> str:
