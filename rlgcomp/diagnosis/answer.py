@@ -156,10 +156,10 @@ class Answer:
 
 
 def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -> tuple[Explanations, Conclusion]:
-    """Sets of causes, and the conclusion, once laws that were found beside causes are in place; a law that is a mechanism by another
-    name is such a cause."""
+    """Sets of causes, and the conclusion, once laws that were found beside causes are in place; a further law that is a
+    mechanism by another name is such a cause."""
     alike = by_another_name(explanations, conclusion.laws)
-    if not ((conclusion.laws and conclusion.model.labels) or alike):
+    if not (conclusion.laws and (conclusion.model.labels or alike)):
         return explanations, conclusion
     conclusion = dataclasses.replace(conclusion, laws=tuple(law for law in conclusion.laws if law not in alike))
     explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained()

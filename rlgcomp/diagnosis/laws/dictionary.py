@@ -278,11 +278,11 @@ class Dictionary:
         return (*found, *self._of_two(single, shares))
 
     def _of_two(self, single: Sequence[str], shares: Mapping[str, float]) -> list[Family]:
-        """The products of two drivers."""
+        """The products of two drivers, and of a temperature and its own rate."""
         found: list[Family] = []
         tried = [*itertools.permutations(single, 2), *itertools.product(self._sizes, single)]
         pairs = [(one, two) for one, two in tried if not set(self._columns[one]) & set(self._columns[two])]
-        pairs += [(one, one) for one in single if one.startswith("temperature_")]  # what warms, times how fast
+        pairs += [(one, one) for one in single if one.startswith("temperature_")]
         every = sum(shares[one] * shares[two] for one, two in pairs)
         for one, two in pairs:
             ats = (Axis("at", 0.0, 1.0, 3), Axis("at_2", 0.0, 1.0, 3))

@@ -86,7 +86,7 @@ class Family:
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (self.driver, self.driver_2) if self.driver_2 else (self.driver,)
+        return (self.driver, self.driver_2) if self.driver_2 not in ("", self.driver) else (self.driver,)
 
     def held(self, value: float) -> Held:
         """What it remembers of its first driver."""
