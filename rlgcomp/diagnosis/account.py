@@ -33,7 +33,7 @@ def causes_of(
     problem: Problem, explanations: Explanations, conclusion: Conclusion, after: Fitted, rivals: Mapping[str, Mapping[str, float]]
 ) -> tuple[Cause, ...]:
     """The chosen causes, the most probable first."""
-    causes = []
+    causes, beside = [], without_law(conclusion)
     for cause in after.causes:
         if cause.known or cause.mechanism.open_set:
             continue
@@ -41,12 +41,12 @@ def causes_of(
         probability = explanations.probability_of(name)
         if not conclusion.reweighed:
             within = bool(conclusion.laws) and (name, False) in conclusion.model.labels
-            probability = conclusion.lawful * within + (1.0 - conclusion.lawful) * probability
+            probability = conclusion.lawful * within + beside * probability
         drivers = tuple(cause.mechanism.driver_columns(explanations.evidence.problem.runs[0]))
         others = tuple(sorted(rivals.get(name, {}), key=lambda other: -rivals[name][other]))
         rms = _beyond(problem.baseline, cause.contribution_deg_h)
         alone = None if explanations.proposed is None else explanations.proposed.probability_of(name)
-        theirs = tuple(explanations.probability_of(other) for other in others)
+        theirs = tuple(beside * explanations.probability_of(other) for other in others)
         causes.append(Cause(cause.mechanism.settled(), probability, cause.estimates, rms, others, drivers, alone, theirs))
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
@@ -64,9 +64,9 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
     weighed = conclusion.reweighed or not conclusion.laws
     own = None if not weighed else _named(conclusion.model)
     for model, probability in zip(explanations.models, explanations.probabilities, strict=True):
-        names = _named(model)
-        if names != own and not set(names) & set(conclusion.misnamed):
-            shares[names] = shares.get(names, 0.0) + float(probability) * (1.0 if conclusion.reweighed else 1.0 - conclusion.lawful)
+        names = _rightly(model, conclusion)
+        if names != own:
+            shares[names] = shares.get(names, 0.0) + float(probability) * without_law(conclusion)
     return _ranked(shares)
 
 
@@ -111,13 +111,22 @@ def set_probability(explanations: Explanations, conclusion: Conclusion) -> float
         return conclusion.lawful
     names = _named(conclusion.model)
     both = zip(explanations.models, explanations.probabilities, strict=True)
-    beside = 1.0 if conclusion.reweighed else 1.0 - conclusion.lawful
-    return min(1.0, beside * sum(float(p) for model, p in both if _named(model) == names))
+    return min(1.0, without_law(conclusion) * sum(float(p) for model, p in both if _rightly(model, conclusion) == names))
+
+
+def without_law(conclusion: Conclusion) -> float:
+    """What sets share that were weighed without laws: what laws leave of it; all, where they were weighed beside laws."""
+    return 1.0 if conclusion.reweighed else 1.0 - conclusion.lawful
 
 
 def _named(model: Model) -> tuple[str, ...]:
     """What a set adds to the simulator."""
     return tuple(sorted(name for name, known in model.labels if not known))
+
+
+def _rightly(model: Model, conclusion: Conclusion) -> tuple[str, ...]:
+    """The same, but for what takes after a cause and is none."""
+    return tuple(name for name in _named(model) if name not in conclusion.misnamed)
 
 
 def what_to_run(

@@ -102,7 +102,7 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             borne_out = foreseen(law.mechanism) - of_biases  # a law is sought where runs have one bias,
             if of_biases > 0.0:  # and asked for what it explains beside biases of their own
                 beside = foresight(explanations.candidates(model), windowed, whole.with_own_biases(), noises, prior)
-                borne_out = max(borne_out, beside(law.mechanism))
+                borne_out = max(borne_out, math.log(-math.expm1(-of_biases)) + beside(law.mechanism))
             score += borne_out
         if model.members and score - model.log_posterior < _BEYOND:
             continue

@@ -145,8 +145,9 @@ def diagnose(
         detecting = beside.submit(detect, explanations.evidence, *given)
         conclusion = concluded(windowed, explanations, posed.whole_windowed)
     detection = detecting.result()
-    nothing = healthy(explanations) * (1.0 - conclusion.lawful)
-    explanations, conclusion = and_laws(posed, explanations, beyond_noise(conclusion, detection.p_value, explanations.first))
+    conclusion = beyond_noise(conclusion, detection.p_value, explanations.first)
+    nothing = min(healthy(explanations), 1.0 - conclusion.unrecorded) * (1.0 - conclusion.lawful)
+    explanations, conclusion = and_laws(posed, explanations, conclusion)
     told(0.75)
     first = Answer.of(posed, explanations, conclusion, before)
     last = first.and_further() or first

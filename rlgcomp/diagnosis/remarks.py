@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.account import alternatives_of, hidden_of
+from rlgcomp.diagnosis.account import alternatives_of, hidden_of, set_probability
 from rlgcomp.diagnosis.answer import Answer, spoken_for
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, noise_model
@@ -137,7 +137,7 @@ def _together(explanations: Explanations, conclusion: Conclusion) -> list[str]:
     """What to say where each cause is likely, and all of them together are not."""
     own = {name for name, known in conclusion.model.labels if not known}
     others = {one.mechanisms: one.probability for one in alternatives_of(explanations, conclusion)}
-    probability = float(explanations.probabilities[explanations.models.index(conclusion.model)])
+    probability = set_probability(explanations, conclusion)
     if len(own) <= 1 or conclusion.laws or probability > _MORE_OFTEN_THAN_NOT:
         return []
     told = [
