@@ -31,6 +31,7 @@ def test_a_cause_that_acts_in_one_run_of_two_is_told_as_such() -> None:
     (one,) = found.in_part
     assert (one.mechanism, one.acts) == ("supply_voltage", ("run0",))
     assert one.silent[0] == "run1"
+    assert [(place.run, place.share > 0.5) for place in found.where] == [("run0", True)]
     assert abs(one.size.value - 0.12) < 5.0 * one.size.sd
     assert "something follows supply_voltage_V" in found.sentence
     assert found.unexplained.drivers == ("supply_voltage_V",)

@@ -72,34 +72,44 @@ def told(problem: Problem, baseline: Mapping[str, Mapping[str, Estimate]]) -> tu
     return tuple(found)
 
 
-def with_places(where: Sequence[Place], problem: Problem, steps: Sequence[Step], white_deg_h: float) -> tuple[Place, ...]:
-    """Places of a mismatch, and those of steps, with their shares of it all together: the most significant first.
+def places(problem: Problem, steps: Sequence[Step]) -> list[tuple[Place, Array]]:
+    """Where steps of a problem are, with what they do, from what :func:`told` gives of them."""
+    return [
+        (
+            Place(one.run, problem.channel, one.at_s, float(problem.runs[step.run].time_s[-1]), p_value=chance([one])),
+            problem.step_column(step) * one.size.value,
+        )
+        for step, one in zip(problem.steps, steps, strict=True)
+    ]
+
+
+def with_places(
+    where: Sequence[Place], problem: Problem, events: Sequence[tuple[Place, Array]], white_deg_h: float
+) -> tuple[Place, ...]:
+    """Places of a mismatch, and those of events, with their shares of it all together: the most significant first.
 
     Parameters
     ----------
     where : sequence of Place
     problem : Problem
-    steps : sequence of Step
-        As :func:`told` gives them.
+    events : sequence of tuple
+        Steps and causes in a part of the runs: the place of each, and what it does there.
     white_deg_h : float
         Standard deviation of the white noise of a full window's mean.
     """
-    if not steps:
+    if not events:
         return tuple(where)
-    columns = [problem.step_column(step) * one.size.value for step, one in zip(problem.steps, steps, strict=True)]
-    bare = problem.with_steps(()).baseline
+    bare = problem.with_steps(()).with_partly(()).baseline
     design = np.linalg.qr(bare / norms(bare))[0]
-    left, *parts = (values - design @ (design.T @ values) for values in (problem.target_deg_h, *columns))
+    columns = (problem.target_deg_h, *(column for _, column in events))
+    left, *parts = (values - design @ (design.T @ values) for values in columns)
     squares = [float(part @ part) for part in parts]
     beyond_noise = max(float(left @ left) - white_deg_h**2 * float(problem.rows.white.sum()), sum(squares), 1e-300)
     shares = [square / beyond_noise for square in squares]
     rest = max(0.0, 1.0 - sum(shares))
-    places = [
-        Place(one.run, problem.channel, one.at_s, float(run.time_s[-1]), share=share, p_value=chance([one]))
-        for one, run, share in zip(steps, (problem.runs[step.run] for step in problem.steps), shares, strict=True)
-    ]
+    found = [dataclasses.replace(place, share=share) for (place, _), share in zip(events, shares, strict=True)]
     others = (dataclasses.replace(place, share=place.share * rest) for place in where)
-    return tuple(sorted([*places, *others], key=lambda place: place.p_value))
+    return tuple(sorted([*found, *others], key=lambda place: place.p_value))
 
 
 def _likeliest(problem: Problem, background: Background) -> tuple[float, BiasStep]:

@@ -45,7 +45,7 @@ from rlgcomp.diagnosis.remarks import (
     worse_in_training,
     wrong_numbers_of,
 )
-from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Step, chance, contradicted
+from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.errors import InputError
 from rlgcomp.knocks import frozen_in, undisturbed
@@ -154,7 +154,7 @@ def diagnose(
     after, shape, problem, windowed = last.after, last.shape, last.posed.problem, last.posed.windowed
     explanations, conclusion = last.explanations, last.conclusion
     steps, in_part, by_chance = _apart(last.posed, after, shape)
-    where = bias_steps.with_places(locate(posed.windowed, posed.within, first.shape, rng), posed.windowed, steps, after.white_deg_h)
+    where = _where(posed, locate(posed.windowed, posed.within, first.shape, rng), steps, in_part, after)
     told(0.85)
     proof = proved(
         mismatches,
@@ -297,6 +297,14 @@ def _apart(posed: Posed, after: Fitted, shape: NoiseShape) -> tuple[tuple[Step, 
     steps = bias_steps.told(posed.windowed, after.baseline)
     in_part = partly.told(posed.windowed, posed.whole_windowed, after.baseline, shape)
     return steps, in_part, min(chance(steps), chance(in_part))
+
+
+def _where(
+    posed: Posed, found: Sequence[Place], steps: Sequence[Step], in_part: Sequence[InPart], after: Fitted
+) -> tuple[Place, ...]:
+    """Places of the mismatch, those of steps and of causes in a part of the runs among them."""
+    events = [*bias_steps.places(posed.windowed, steps), *partly.places(posed.windowed, in_part)]
+    return bias_steps.with_places(found, posed.windowed, events, after.white_deg_h)
 
 
 def _differs(simulator: Simulator, name: str, found: Mapping[str, Estimate]) -> bool:

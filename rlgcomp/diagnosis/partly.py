@@ -27,7 +27,7 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.events import PARTLY as PART
 from rlgcomp.diagnosis.question.events import BiasStep, Partly
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.diagnosis.result import Estimate, InPart
+from rlgcomp.diagnosis.result import Estimate, InPart, Place, chance
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
@@ -94,6 +94,20 @@ def told(
             told_of = dataclasses.replace(told_of, run=names[at.run], at_s=at.at_s, after=at.after)
         found.append(told_of)
     return tuple(found)
+
+
+def places(problem: Problem, in_part: Sequence[InPart]) -> list[tuple[Place, Array]]:
+    """Where causes act in a part of a problem's runs, with what they do there, from what :func:`told` gives of them."""
+    found = []
+    for one, told_of in zip(problem.partly, in_part, strict=True):
+        column, moment = problem.partly_column(one) * told_of.size.value, one.moment
+        for k in sorted({*one.runs, *([moment.run] if moment else [])}):
+            start_s, end_s = (float(problem.runs[k].time_s[end]) for end in (0, -1))
+            if moment and moment.run == k:
+                start_s, end_s = (moment.at_s, end_s) if moment.after else (start_s, moment.at_s)
+            place = Place(problem.runs[k].name, problem.channel, start_s, end_s, p_value=chance([told_of]))
+            found.append((place, column * (problem.rows.run == k)))
+    return found
 
 
 def _held_out(whole: Problem, one: Partly, noise: NoiseShape) -> dict[str, tuple[float, float]]:

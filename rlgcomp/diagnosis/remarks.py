@@ -26,7 +26,7 @@ from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.question.own_noise import Level, differing
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, Fit, Trace, Verdict
-from rlgcomp.diagnosis.result.wording import DOUBTED, listing, p_text, sure_text
+from rlgcomp.diagnosis.result.wording import NEAREST, listing, p_text, sure_text
 from rlgcomp.noise import SLOW, NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
@@ -86,7 +86,7 @@ def remarks_of(
         design = np.column_stack([problem.baseline, *(one.columns for one in explanations.candidates(conclusion.model))])
         time = _about(*correlation_time_s(problem, design, noise))
         noise_deg_h2 = after.white_deg_h**2 * float(problem.loudness.mean())
-        near = any(one.probability > DOUBTED for one in alternatives_of(explanations, conclusion))
+        near = any(one.probability > NEAREST for one in alternatives_of(explanations, conclusion))
         followed = "for which no law was found" if near or conclusion.instead else "that no recorded column follows"
         size = math.sqrt(max(float(np.var(after.residual_deg_h)) - noise_deg_h2, 0.0))
         remarks.append(

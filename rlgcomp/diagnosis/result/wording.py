@@ -19,6 +19,7 @@ PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
 OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
 DECIDES: Final = 0.8  # expected probability of the true explanation from which an experiment is said to tell
 DOUBTED: Final = 0.1  # probability that nothing is missing from which it is said beside what is named
+NEAREST: Final = 0.2  # of what comes near to explaining what wanders, from which that is said
 DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
 SMALL: Final = 1e-6  # probability below which only that is said
 A_DATE_S: Final = 3e8  # time that is larger counts from 1970
@@ -141,7 +142,7 @@ def no_channel(diagnosis: Diagnosis) -> str:
         law = diagnosis.unexplained.nearest
         near.append((f"{law.equation}, which follows {listing(list(law.drivers))}", law.probability))
     what, share = max(near, key=lambda one: one[1], default=("", 0.0))
-    if share <= DOUBTED:
+    if share <= NEAREST:
         return "it follows no channel that was recorded"
     return f"no law was found that it follows for sure; nearest is {what} (probability {sure_text(share, 2)})"
 
