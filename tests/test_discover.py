@@ -17,6 +17,7 @@ from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis.conclusion import by_another_name
 from rlgcomp.diagnosis.fitting.fit import fit
 from rlgcomp.diagnosis.laws.dictionary import Dictionary, differences
 from rlgcomp.diagnosis.laws.discover import Discovery, discover, discover_laws
@@ -24,10 +25,11 @@ from rlgcomp.diagnosis.laws.families import Axis, Family
 from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.naming.evidence import SIZES
-from rlgcomp.diagnosis.naming.explain import considered
+from rlgcomp.diagnosis.naming.explain import considered, explain
 from rlgcomp.diagnosis.noise.noises import STEEP_WALKS, WANDERS, WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, simulate
 from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
 
@@ -126,6 +128,12 @@ def slipping_from_below(table: pd.DataFrame) -> np.ndarray:
     return np.array(out)
 
 
+def warming(table: pd.DataFrame) -> np.ndarray:
+    """A temperature times its own rate."""
+    block = table["temperature_block_degC"].to_numpy()
+    return (block - 20.0) * np.gradient(block, STEP_S)
+
+
 LAWS: dict[str, tuple[Effect, set[str], str]] = {
     "product": (
         lambda table: voltage(table) * (table["magnetic_field_uT"].to_numpy() - 48.0) / 3.0,
@@ -138,6 +146,7 @@ LAWS: dict[str, tuple[Effect, set[str], str]] = {
         {"temperature_block_degC"},
         "static",
     ),
+    "warming": (warming, {"temperature_block_degC"}, "dynamic"),
     "lag": (slow, {"supply_voltage_V"}, "dynamic"),
     "hysteresis": (slipping, {"supply_voltage_V"}, "rate-independent"),
     "hysteresis from below": (slipping_from_below, {"supply_voltage_V"}, "rate-independent"),
@@ -509,6 +518,47 @@ def test_what_stood_in_for_a_law_is_given_up_once_the_law_is_there() -> None:
     assert found.test is not None
     assert found.test.augmented_rms < 1.15 * found.test.noise_floor_rms
     assert all("supply_voltage" in other.mechanisms for other in found.alternatives if other.probability > 0.01)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [lambda table: 2e-3 * (voltage(table) > 0.3), lambda table: 3e-3 * np.tanh(voltage(table))],
+    ids=["step", "saturation"],
+)
+def test_a_law_of_what_a_cause_reads_takes_its_place(effect: Effect) -> None:
+    """Beside an imbalance of two arms: a step of the supply is no sensitivity to it with a law on top."""
+    made = []
+    for run in with_arms((*TRAIN, *TEST), 0.0):
+        imbalance = run.table["discharge_current_a_mA"] - run.table["discharge_current_b_mA"]
+        added = effect(run.table) + 3e-3 * imbalance / imbalance.std()
+        made.append(run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + added)))
+    found = rlg.diagnose(SIMULATOR, made[:2], made[2:], black_box=False)
+    assert [cause.name for cause in found.causes] == ["discharge_imbalance"]
+    assert found.unexplained.drivers == ("supply_voltage_V",)
+    assert len(found.unexplained.laws) == 1
+
+
+def test_a_second_law_that_is_a_mechanism_is_known_as_such() -> None:
+    made = []
+    for run in with_arms(TRAIN, 0.0):
+        imbalance = run.table["discharge_current_a_mA"] - run.table["discharge_current_b_mA"]
+        added = 4e-3 * (voltage(run.table) > 0.3) + 3e-3 * imbalance / imbalance.std()
+        made.append(run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + added)))
+    problem = Problem.of(SIMULATOR, made)
+    laws = discover_laws(problem, problem.baseline, NOISES)
+    of_arms = [law for law in laws if len(law.drivers) == 2]
+    assert len(laws) == 2
+    assert len(of_arms) == 1
+    explanations = explain(problem, CATALOGUE)
+    assert by_another_name(explanations, [law for law in laws if law not in of_arms] + of_arms) == of_arms
+
+
+def test_a_temperature_times_its_own_rate_is_told_as_such() -> None:
+    discovery, _, _ = found("warming")
+    assert discovery is not None
+    law = discovery.mechanism
+    assert (law.driver, law.driver_2, law.memory) == ("temperature_block_degC", "temperature_block_degC", "rate")
+    assert discovery.drivers == ("temperature_block_degC",)
 
 
 TRUE_LAWS: dict[str, tuple[EmpiricalLaw, tuple[str, ...], tuple[str, ...]]] = {

@@ -10,6 +10,7 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.naming.explain import explain
 from rlgcomp.diagnosis.naming.own_bias import own_bias
 from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.filters import lag
 from rlgcomp.physics import CATALOGUE
 from tests.test_evidence import SIMULATOR, runs, with_effect
 
@@ -90,3 +91,21 @@ def test_recordings_that_begin_at_zero_have_one_ageing() -> None:
     assert len(CATALOGUE["ageing"].grid(by_the_clock(together, 3600.0))) == 2
     ageing = CATALOGUE["ageing"](since="clock", begun_s=100.0)
     np.testing.assert_allclose(ageing.basis(together[0])[:, 0], (together[0].time_s - 100.0) / 86400.0)
+
+
+def test_a_law_that_biases_of_runs_own_would_take_for_theirs_is_found() -> None:
+    """Held-out runs at another pressure: what follows it late is then mostly an offset, which a switch-on explains as well."""
+    made = []
+    for k, run in enumerate([*runs(seed=0, hours=8.0), *runs(seed=1, hours=8.0)]):
+        time_s = run.time_s
+        level_hPa = 1005.0 if k < 2 else 970.0
+        fast, slow = (np.sin(2.0 * np.pi * time_s / period_s + k) for period_s in (9000.0 + 3000.0 * k, 21000.0))
+        pressure_hPa = level_hPa + 6.0 * fast + 4.0 * slow
+        gyro = run.column("gyro_deg_h") + 3e-4 * lag(pressure_hPa - 1013.0, time_s, 5400.0)
+        made.append(rlg.Recording(run.table.assign(pressure_hPa=pressure_hPa, gyro_deg_h=gyro), name=f"run{k}"))
+    found = diagnose(SIMULATOR, made[:2], made[2:], window_s=100.0, black_box=False)
+    assert (found.verdict, found.unexplained.drivers, found.unexplained.memory) == ("unknown", ("pressure_hPa",), "dynamic")
+    assert found.probability is not None
+    assert found.probability + sum(one.probability for one in found.alternatives) == pytest.approx(1.0)
+    assert found.test is not None
+    assert found.test.improvement > 0.7
