@@ -154,7 +154,6 @@ def diagnose(
     after, shape, problem, windowed = last.after, last.shape, last.posed.problem, last.posed.windowed
     explanations, conclusion = last.explanations, last.conclusion
     steps, in_part, by_chance = _apart(last.posed, after, shape)
-    where = _where(posed, locate(posed.windowed, posed.within, first.shape, rng), steps, in_part, after)
     told(0.85)
     proof = proved(
         mismatches,
@@ -181,7 +180,7 @@ def diagnose(
     return Diagnosis(
         verdict="unknown" if steps or in_part or denied else verdict,
         p_value=p_value,
-        where=where,
+        where=_where(posed, locate(posed.windowed, posed.within, first.shape, rng), steps, in_part, after),
         causes=last.causes(rivals),
         alternatives=last.alternatives(),
         unexplained=unexplained_of(
