@@ -48,6 +48,7 @@ from rlgcomp.diagnosis.remarks import (
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.errors import InputError
+from rlgcomp.held import without_holds
 from rlgcomp.knocks import frozen_in, undisturbed
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
@@ -275,9 +276,11 @@ def _require_noise(problem: Problem) -> None:
 
 
 def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
-    """Runs without knocks and spikes, and what to say of these and of monitors that freeze."""
+    """Runs without knocks and spikes, monitors not held between readings, and what to say of these and of monitors that freeze."""
     calm, remarks = undisturbed(runs, gyro)
-    return calm, [*remarks, *(said for run in calm for said in frozen_in(run))]
+    straight, held = zip(*(without_holds(run) for run in calm), strict=True) if calm else ((), ())
+    frozen = (said for run in calm for said in frozen_in(run))
+    return list(straight), [*remarks, *frozen, *(said for said in held if said is not None)]
 
 
 def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[Mismatch]]:
