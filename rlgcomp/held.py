@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -19,26 +20,31 @@ _IN_STEP: Final = 0.95  # of the changes come a whole number of periods after th
 _ONE_SIZE: Final = 0.95  # of the changes: a last digit that turns over, or a programme that climbs; no readings
 
 
+def held_in(run: Recording) -> dict[str, tuple[Array, Array, float]]:
+    """Monitors that are held, with their readings: when, what, and how far they are apart, as :func:`readings` gives them."""
+    monitors = (column for column in run.columns if column not in (TIME, *MOTION) and not is_gyro(column))
+    found = ((column, readings(run.time_s, run.column(column), run.period_s)) for column in monitors)
+    return {column: each for column, each in found if each is not None}
+
+
 def without_holds(run: Recording) -> tuple[Recording, str | None]:
     """A run whose held monitors go straight from reading to reading, and what to say of them.
 
     A reading that is held for P lags by P/2 and changes all at once: its rate is zero, and then anything.
     """
-    straight, periods_s = {}, []
-    for column in run.columns:
-        if column in (TIME, *MOTION) or is_gyro(column):
-            continue
-        found = readings(run.time_s, run.column(column), run.period_s)
-        if found is not None:
-            at_s, values, period_s = found
-            straight[column] = np.interp(run.time_s, at_s, values)
-            periods_s.append(period_s)
-    if not straight:
+    held = held_in(run)
+    if not held:
         return run, None
-    who = f"{next(iter(straight))} is" if len(straight) == 1 else f"{len(straight)} monitors, {next(iter(straight))} the first, are"
-    every_s = float(np.median(periods_s))
-    said = f"{run.name}: {who} read every {every_s:.3g} s and held in between; taken to go straight from reading to reading."
+    straight = {column: np.interp(run.time_s, at_s, values) for column, (at_s, values, _) in held.items()}
+    said = f"{run.name}: {said_of(held)}; taken to go straight from reading to reading."
     return run.replace(table=run.table.assign(**straight)), said
+
+
+def said_of(held: Mapping[str, tuple[Array, Array, float]]) -> str:
+    """Of held monitors, in words: how many, and how often they are read."""
+    first, every_s = next(iter(held)), float(np.median([period_s for *_, period_s in held.values()]))
+    who = f"{first} is" if len(held) == 1 else f"{len(held)} monitors, {first} the first, are"
+    return f"{who} read every {every_s:.3g} s and held in between"
 
 
 def readings(time_s: Array, values: Array, period_s: float) -> tuple[Array, Array, float] | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.errors import InputError
+from rlgcomp.held import held_in, said_of
 from rlgcomp.hysteresis import Play
 from rlgcomp.knocks import knocks_in, spikes_in
 from rlgcomp.recording import DEFAULT_AVERAGING_S, Finding, Recording
@@ -47,7 +48,7 @@ def summarise(recording: Recording) -> dict[str, Any]:
             for column in recording.columns
         ],
         "legs": legs(recording),
-        "findings": [str(finding) for finding in (*recording.findings, *wild_samples(recording))],
+        "findings": [str(finding) for finding in (*recording.findings, *wild_samples(recording), *held_monitors(recording))],
     }
 
 
@@ -66,6 +67,12 @@ def wild_samples(recording: Recording) -> list[Finding]:
         remark = f"has {said}: faults of the logger; training and diagnosis put them between their neighbours"
         found.append(Finding("noted", remark, column, int(np.argmax(spikes))))
     return found
+
+
+def held_monitors(recording: Recording) -> list[Finding]:
+    """Monitors that a slower logger reads, in one line."""
+    held = held_in(recording)
+    return [Finding("noted", f"{said_of(held)}; a diagnosis goes straight from reading to reading")] if held else []
 
 
 def legs(recording: Recording) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ import pytest
 
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.held import readings, without_holds
+from rlgcomp.inspection import summarise
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -109,3 +110,11 @@ def test_a_healthy_gyro_beside_a_slow_logger_lacks_nothing() -> None:
     found = diagnose(simulator, runs[:2], runs[2:], black_box=False)
     assert found.verdict == "none"
     assert any("read every 300 s and held" in remark for remark in found.remarks)
+
+
+def test_inspect_notes_them_in_one_line() -> None:
+    assert [finding for finding in summarise(_run("slow", 0, 300.0))["findings"] if "held" in finding] == [
+        "noted: 2 monitors, temperature_block_degC the first, are read every 300 s and held in between; "
+        "a diagnosis goes straight from reading to reading"
+    ]
+    assert not [finding for finding in summarise(_run("live", 0, None))["findings"] if "held" in finding]
