@@ -29,7 +29,7 @@ ROWS = [
     ["hysteresis_loops", "sparse"],
     ["filters", "hysteresis", "frames", "triad", "motion"],
     ["miscounts"],
-    ["knocks"],
+    ["knocks", "held"],
     ["noise"],
     ["allan"],
     ["rotation"],
