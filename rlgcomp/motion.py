@@ -34,6 +34,7 @@ _BENDS: Final = 6.0  # median bends of a rate from row to row: a table that begi
 _NO_BEND: Final = 1e-6  # of the highest rate: rounding of what was recorded
 _STILL: Final = 31  # samples, an odd number, by which it is judged whether a table stands
 _STANDS_OUT: Final = 12.0  # median deviations: no noise is so far out
+_DIGITS: Final = 2.5  # that an encoder at rest may change by, of what it usually does when it does
 _STRAYS: Final = 8.0  # of the root mean square step of an angle
 _SLOWEST: Final = 1e-3  # of the highest rate
 _SAME_RATE: Final = 1e-9  # of the highest: rounding
@@ -323,7 +324,8 @@ def stilled(recording: Recording, rate: Array) -> Array:
     .. math:: \max_k \theta_k - \min_k \theta_k \le r \, \Delta t \sqrt{\overline{W^2}}, \qquad r = 8
 
     (3 to 4 for noise, 13 for a sweep through zero), and the rate is less than a thousandth of the highest. A sample whose rate
-    stands out is of the table's coming to rest.
+    stands out is of the table's coming to rest; not so where an encoder at rest changes now and then by a last digit, which
+    does not stand out from what it changes by in the midst of rests.
 
     Parameters
     ----------
@@ -341,14 +343,16 @@ def stilled(recording: Recording, rate: Array) -> Array:
     size = np.sqrt(uniform_filter1d(rate**2, _STILL).clip(0.0))
     still = (strayed <= _STRAYS * size * recording.period_s) & (size <= _SLOWEST * float(np.abs(rate).max()))
     still = maximum_filter1d(still, _STILL)
-    found = rate.copy()
     edges = np.r_[0, np.flatnonzero(np.diff(still)) + 1, len(rate)]
-    for start, stop in itertools.pairwise(edges):
-        if still[start]:
-            inside = rate[start:stop]
-            from_middle = np.abs(inside - np.median(inside))
-            calm = from_middle <= _STANDS_OUT * np.median(from_middle)
-            found[start:stop][calm] = np.average(inside[calm], weights=spans_s[start:stop][calm])
+    rests = [slice(start, stop) for start, stop in itertools.pairwise(edges) if still[start]]
+    from_middle = [np.abs(rate[rest] - np.median(rate[rest])) for rest in rests]
+    midst = np.concatenate([np.zeros(0), *(each[_STILL // 2 + 1 : -(_STILL // 2 + 1)] for each in from_middle)])
+    changes = midst[midst > _SAME_RATE * float(np.abs(rate).max())]
+    a_digit = _DIGITS * float(np.median(changes)) if len(changes) else 0.0
+    found = rate.copy()
+    for rest, off in zip(rests, from_middle, strict=True):
+        calm = off <= max(_STANDS_OUT * float(np.median(off)), a_digit)
+        found[rest][calm] = np.average(rate[rest][calm], weights=spans_s[rest][calm])
     return found
 
 

@@ -170,3 +170,21 @@ def test_a_table_that_comes_to_rest_has_no_rate_of_its_last_motion(encoder_deg_s
     assert found[41:] == pytest.approx(0.0, abs=0.1 * encoder_deg_s)
     assert found[:40] == pytest.approx(-0.5, abs=1e-4)
     assert found[40] == pytest.approx(-0.075, abs=1e-4)
+
+
+def test_an_encoder_at_rest_that_changes_by_its_last_digit_now_and_then_stands() -> None:
+    """It is rounded, and no more than noise enough to change a digit in one sample of fifty; the last motion stays what it was."""
+    rng, digit_deg = np.random.default_rng(1), 1e-3
+    rate = np.r_[np.full(40, -5.0), -0.075, np.zeros(2000), 0.4, np.full(40, 5.0), 0.2, np.zeros(2000)]
+    seen = digit_deg * np.round((np.cumsum(rate) + 0.2 * digit_deg * rng.standard_normal(len(rate))) / digit_deg + 0.02)
+    seen_rate = np.diff(seen, prepend=seen[0] - rate[0])
+    flickers = seen_rate[60:2000] != 0.0
+    assert 0 < flickers.sum() < 100
+    table = pd.DataFrame({"time_s": np.arange(len(rate)) + 1.0, "gyro_deg_s": rate, "table_rate_deg_s": seen_rate})
+    run = rlg.Recording(table, rlg.Metadata(kind="turntable"), name="digits")
+    found = motion.stilled(run, seen_rate)
+    for rest in (slice(41, 2041), slice(2083, None)):
+        assert np.ptp(found[rest]) == 0.0
+        assert abs(found[rest][0]) < 2.0 * digit_deg / 2000.0
+    for moving in (slice(0, 41), slice(2041, 2083)):
+        np.testing.assert_array_equal(found[moving], seen_rate[moving])
