@@ -409,6 +409,7 @@ def test_predict_takes_the_size_of_a_pulse(tmp_path: Path) -> None:
     table["gyro_pulses"] = table.pop("gyro_deg_s") * 3600.0 * run.period_s / 0.8
     rlg.write(run.replace(table=table, truth=None), tmp_path / "run.parquet")
     (tmp_path / "sim.yaml").write_text("kind: turntable\nmechanisms: []\n")
+    register_commands()
     arguments = ["predict", str(tmp_path / "sim.yaml"), str(tmp_path / "run.parquet"), "--out", str(tmp_path / "said.parquet")]
     refused = CliRunner().invoke(app, arguments)
     assert refused.exit_code == 2
