@@ -67,6 +67,8 @@ class NoiseModel:
         B and K are zero because there is no slow noise, not because nothing is known of it. A file says so by giving both as zero.
     at_most : tuple of float
         Of B and K, upper limits where a measurement saw no more than these; zero where there is none.
+    measured : bool
+        Of this very gyro at rest, rather than what a simulator's file or a data sheet says.
 
     Raises
     ------
@@ -82,6 +84,7 @@ class NoiseModel:
     dither_residual_frequency_hz: float = 0.1
     white: bool = dataclasses.field(default=False, kw_only=True)
     at_most: tuple[float, float] = dataclasses.field(default=(0.0, 0.0), kw_only=True)
+    measured: bool = dataclasses.field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         for name, value in self.strengths().items():

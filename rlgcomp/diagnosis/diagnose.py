@@ -123,7 +123,7 @@ def diagnose(
     base, predicted, own = _known(simulator, simulated, train, test, gyro)
     if own is not None:
         train, test = list(own.runs[: len(train)]), list(own.runs[len(train) :])
-    base = base if noise is None else dataclasses.replace(base, noise=noise)
+    base = base if noise is None else dataclasses.replace(base, noise=dataclasses.replace(noise, measured=True))
     meant = [as_meant(run, gyro) if predicted is None else Meant(run) for run in (*train, *test)]
     conventions = conventions_of([*train, *test], meant)
     train, test = [one.run for one in meant[: len(train)]], [one.run for one in meant[len(train) :]]

@@ -35,7 +35,8 @@ SWINGING_WANDERS: Final = {1.2: 0.5, 3.0: 0.5}
 SWINGING_WANDERS_S: Final = 13500.0
 SWINGS_S: Final = (4320.0, 7200.0, 12600.0)
 _EXACT: Final = 0.5  # weight of the very noise that is stated; what is near it has the rest,
-_WRONG: Final = 0.001  # but for this: the statement is wrong altogether
+_WRONG: Final = 0.2  # but for this: what a file or a data sheet says is wrong altogether,
+_MISMEASURED: Final = 0.001  # and what was measured of this very gyro
 _DOUBT: Final = 0.7  # standard deviation of the logarithm of a stated strength
 _SMALL: Final = 0.02  # a strength below this, relative to white noise, is as good as none
 
@@ -50,11 +51,14 @@ class Stated:
         Zero where there is a limit only.
     flicker_at_most, walk_at_most : float
         Upper limits; zero where there is none.
+    wrong : float
+        Probability that it is wrong altogether.
     """
 
     shape: NoiseShape
     flicker_at_most: float = 0.0
     walk_at_most: float = 0.0
+    wrong: float = _WRONG
 
     @classmethod
     def of(cls, noise: NoiseModel | None, white_s: float) -> Self | None:
@@ -69,7 +73,8 @@ class Stated:
             return None
         white = arw_rate_sd_deg_h(noise.angle_random_walk_deg_sqrt_h, white_s)
         flicker, walk = (0.0 if limit else value / white for value, limit in zip(slow, noise.at_most, strict=True))
-        return cls(NoiseShape(flicker, walk), *(limit / white for limit in noise.at_most))
+        of_flicker, of_walk = (limit / white for limit in noise.at_most)
+        return cls(NoiseShape(flicker, walk), of_flicker, of_walk, _MISMEASURED if noise.measured else _WRONG)
 
     def nearness(self, noise: NoiseShape) -> float:
         """Of a noise to what is stated; below a limit strengths are as likely as they usually are."""
@@ -111,7 +116,8 @@ def unrecorded_cause(
 def log_prior(noises: tuple[NoiseShape, ...], stated: Stated | None = None) -> Array:
     """Log probability of ordinary noises: how usual they are, or all but a little of it for what is stated and what is near that.
 
-    Who states a noise asks what follows if it is right: what moves beyond it wanders unrecorded, usual as it is in other gyros.
+    A file may be wrong. Who measured a noise asks what follows from it: what moves beyond it wanders unrecorded, usual as it is in
+    other gyros.
 
     Parameters
     ----------
@@ -127,7 +133,7 @@ def log_prior(noises: tuple[NoiseShape, ...], stated: Stated | None = None) -> A
     limited = stated.flicker_at_most > 0.0 or stated.walk_at_most > 0.0
     exact = np.array([not limited and noise == stated.shape for noise in noises])
     known = _EXACT * exact + (1.0 - _EXACT * exact.sum()) * near / near.sum()
-    return np.asarray(np.log((1.0 - _WRONG) * known + _WRONG * usual))
+    return np.asarray(np.log((1.0 - stated.wrong) * known + stated.wrong * usual))
 
 
 def _log_ratio(found: float, wanted: float) -> float:
