@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.recording import TIME, Recording, is_gyro
-from rlgcomp.repair.frozen import MOTION
+from rlgcomp.recording import Recording
+from rlgcomp.repair.frozen import monitors
 
 Array = npt.NDArray[np.float64]
 _SHORTEST_ROWS: Final = 5
@@ -20,10 +20,18 @@ _IN_STEP: Final = 0.95  # of the changes come a whole number of periods after th
 _ONE_SIZE: Final = 0.95  # of the changes: a last digit that turns over, or a programme that climbs; no readings
 
 
-def held_in(run: Recording) -> dict[str, tuple[Array, Array, float]]:
-    """Monitors that are held, with their readings: when, what, and how far they are apart, as :func:`readings` gives them."""
-    monitors = (column for column in run.columns if column not in (TIME, *MOTION) and not is_gyro(column))
-    found = ((column, readings(run.time_s, run.column(column), run.period_s)) for column in monitors)
+class Readings(NamedTuple):
+    """Corners of the straight course of a monitor: when and what it read, shape (n,), in s and in its unit; how far readings are
+    apart."""
+
+    at_s: Array
+    values: Array
+    every_s: float
+
+
+def held_in(run: Recording) -> dict[str, Readings]:
+    """Monitors that are held, with their readings."""
+    found = ((column, readings(run.time_s, run.column(column), run.period_s)) for column in monitors(run.columns))
     return {column: each for column, each in found if each is not None}
 
 
@@ -35,23 +43,23 @@ def without_holds(run: Recording) -> tuple[Recording, str | None]:
     held = held_in(run)
     if not held:
         return run, None
-    straight = {column: np.interp(run.time_s, at_s, values) for column, (at_s, values, _) in held.items()}
+    straight = {column: np.interp(run.time_s, one.at_s, one.values) for column, one in held.items()}
     said = f"{run.name}: {said_of(held)}; taken to go straight from reading to reading."
     return run.replace(table=run.table.assign(**straight)), said
 
 
-def said_of(held: Mapping[str, tuple[Array, Array, float]]) -> str:
+def said_of(held: Mapping[str, Readings]) -> str:
     """Of held monitors, in words: how many, and how often they are read."""
-    first, every_s = next(iter(held)), float(np.median([period_s for *_, period_s in held.values()]))
+    first, every_s = next(iter(held)), float(np.median([one.every_s for one in held.values()]))
     who = f"{first} is" if len(held) == 1 else f"{len(held)} monitors, {first} the first, are"
     return f"{who} read every {every_s:.3g} s and held in between"
 
 
-def readings(time_s: Array, values: Array, period_s: float) -> tuple[Array, Array, float] | None:
-    """When a monitor that is held was read, what it read, and how far its readings are apart; None where it is not held.
+def readings(time_s: Array, values: Array, period_s: float) -> Readings | None:
+    """Readings of a monitor that is held, from its rows, shape (n,), a sample period apart in s; None where it is not held.
 
-    Times in s, of which the first may lie before the run's beginning. Changes come at whole numbers of that period, but for a
-    sample; where a reading repeats the last, there is none.
+    The first may lie before the run's beginning. Changes come at whole numbers of a period of readings, but for a sample; where a
+    reading repeats the last, there is none.
     """
     changes = 1 + np.flatnonzero(np.diff(values))
     if not (_FEWEST < len(changes) <= len(values) / _SHORTEST_ROWS and np.isfinite(values).all()):
@@ -70,4 +78,4 @@ def readings(time_s: Array, values: Array, period_s: float) -> tuple[Array, Arra
     starts_s = np.r_[time_s[changes[0]] - held_s, time_s[changes]]
     last_s = np.r_[starts_s[1:], time_s[-1] + held_s] - held_s  # a reading that repeats is read again, last just before it changes
     at_s = np.column_stack([starts_s, np.maximum(starts_s, last_s)]).ravel()
-    return at_s, np.repeat(np.r_[values[0], values[changes]], 2), held_s
+    return Readings(at_s, np.repeat(np.r_[values[0], values[changes]], 2), held_s)

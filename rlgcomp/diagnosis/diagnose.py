@@ -278,9 +278,9 @@ def _require_noise(problem: Problem) -> None:
 def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
     """Runs without knocks and spikes, monitors not held between readings, and what to say of these and of monitors that freeze."""
     calm, remarks = undisturbed(runs, gyro)
-    straight, held = zip(*(without_holds(run) for run in calm), strict=True) if calm else ((), ())
+    straight = [without_holds(run) for run in calm]
     frozen = (said for run in calm for said in frozen_in(run))
-    return list(straight), [*remarks, *frozen, *(said for said in held if said is not None)]
+    return [run for run, _ in straight], [*remarks, *frozen, *(said for _, said in straight if said is not None)]
 
 
 def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[Mismatch]]:

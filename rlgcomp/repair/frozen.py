@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,7 +23,7 @@ FEWEST_SAMPLES: Final = 100  # of a stretch, and of what the monitor does elsewh
 _ALIVE: Final = 0.25
 # Of a frozen thermometer that shows no noise: how far it is off what another foresees, over how far it is off elsewhere (rms).
 _ASTRAY: Final = 5.0
-MOTION: Final = (*ENCODERS, "table_rate_deg_s")  # a table stands still by right
+_MOTION: Final = (*ENCODERS, "table_rate_deg_s")  # a table stands still by right
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +43,7 @@ def frozen_stretches(table: pd.DataFrame) -> list[Stretch]:
     time_s = table[TIME].to_numpy()
     fewest = max(FEWEST_SAMPLES, 1 + int(FROZEN_S / step_extent(time_s).greatest)) if len(time_s) > 1 else FEWEST_SAMPLES
     found = []
-    for column in (str(name) for name in table.columns if name not in (TIME, *MOTION) and not is_gyro(str(name))):
+    for column in monitors(table.columns):
         values = table[column].to_numpy()
         if len(values) < 2 * fewest or not may_hold(values, fewest):
             continue
@@ -53,6 +53,11 @@ def frozen_stretches(table: pd.DataFrame) -> list[Stretch]:
         if spans and _alive(values[~_covered(spans, len(values))]):
             found += [Stretch(column, a, b, float(values[a]), float(time_s[a]), float(time_s[b - 1])) for a, b in spans]
     return found
+
+
+def monitors(columns: Iterable[object]) -> list[str]:
+    """What is neither time, nor a gyro, nor a table's motion."""
+    return [name for name in map(str, columns) if name not in (TIME, *_MOTION) and not is_gyro(name)]
 
 
 def said_of(stretches: Sequence[Stretch]) -> dict[str, str]:
