@@ -52,6 +52,15 @@ def test_weights_are_those_of_least_variance(knee_s: float, samples: int) -> Non
     assert share @ covariance(knee_s, samples) @ share == pytest.approx(1.0 / averages.white_s(samples, knee_s, 1.0), rel=1e-5)
 
 
+@given(knee_s=st.floats(1e-3, 1e5), samples=st.integers(3, 300), plain=st.booleans())
+def test_the_size_of_a_mean_in_both_noises(knee_s: float, samples: int, plain: bool) -> None:
+    """The variance of the mean that is taken, be its weights those of the noise or equal."""
+    share = averages.weights(np.arange(1.0, samples + 1.0), samples, 0.0 if plain else knee_s, 1.0)
+    share /= share.sum()
+    found = averages.size(2.0, 2.0 * knee_s, samples, 0.0 if plain else knee_s, 1.0)
+    assert found == pytest.approx(2.0 * samples * share @ covariance(knee_s, samples) @ share, rel=1e-6)
+
+
 def test_weights_go_from_a_plain_mean_to_a_parabola() -> None:
     place = np.arange(1.0, SAMPLES + 1.0)
     np.testing.assert_array_equal(averages.weights(place, SAMPLES, 0.0, 1.0), 1.0)

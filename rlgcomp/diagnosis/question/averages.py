@@ -67,6 +67,15 @@ def white_s(window_s: float, knee_s: float, period_s: float) -> float:
     return period_s * float(weights(np.arange(1.0, count + 0.5), count, knee_s, period_s).sum()) if knee_s else window_s
 
 
+def size(white: float, angle: float, window_s: float, knee_s: float, period_s: float) -> float:
+    r"""Variance of a full window's mean, times its samples, in noise of the spectrum :math:`w + 4 a \sin^2 \pi f \Delta t`:
+    :math:`w + 2 a / N` where it is plain."""
+    count = window_s / period_s
+    shares = weights(np.arange(1.0, round(count) + 0.5), count, knee_s, period_s)
+    shares /= shares.sum()
+    return float(len(shares) * (white * shares @ shares + angle * np.sum(np.diff(shares, prepend=0.0, append=0.0) ** 2)))
+
+
 def knee_s(segments: Sequence[Array], window_s: float, period_s: float) -> float:
     """Time in which the angle's random walk grows as large as its error; 0 where a plain mean is as good.
 

@@ -11,6 +11,7 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy import optimize
 
 from rlgcomp.diagnosis.noise.whitening import IntArray
 from rlgcomp.diagnosis.question import averages
@@ -25,6 +26,8 @@ _FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
 _DEPENDENT: Final = 1e-9
 _BANDS: Final = 24
+_MIDDLES: Final = (np.arange(_BANDS) + 0.5) / _BANDS  # of the highest frequency
+_ROUNDS: Final = 8  # in which powers are weighed by what is expected of them
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _UNLIKE: Final = 300.0  # between the sample periods of runs
 _SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
@@ -250,8 +253,9 @@ class Contrasts:
     .. math:: z = \sqrt{\Delta t / \tau} \; D^T (x - \bar x), \qquad D = V U \Lambda^{-1/2}, \qquad V^T P V = U \Lambda U^T
 
     V spans what the fast columns do within windows; x̄ is the mean of each sample's window, Δt the sample period, tau the window.
-    P is the spectrum of what V leaves within windows over white noise of the level seen at their length, one at least: rounding to
-    whole pulses and an encoder's own noise make it large, and larger the faster. To it comes what laws of the simulator leave open.
+    P is the spectrum of what V leaves within windows over white noise that makes a window's mean as noisy as it is, one at least:
+    rounding to whole pulses and an encoder's own noise make it large, and larger the faster; in a short window they are the louder
+    at its very length already. To it comes what laws of the simulator leave open.
     """
 
     windows: tuple[Windows, ...]
@@ -295,8 +299,8 @@ class Contrasts:
 
 
 def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, float]:
-    """Power within windows over that of white noise of the level seen at their length, in bands of equal width: ratios of medians,
-    in which lines do not count; one where a window holds but two samples. And that level."""
+    """Power within windows over that of white noise as large as the noise of a window's mean, in bands of equal width: ratios of
+    medians, in which lines do not count; one where a window holds but two samples. And that white noise's variance."""
     powers, slow, of_band = [], [], []
     for values, part in zip(inside, windows, strict=True):
         power = np.abs(np.fft.rfft(values))[1:] ** 2 / len(values)
@@ -305,20 +309,31 @@ def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, 
         powers.append(power[cycles:])
         of_band.append(np.arange(cycles, len(power)) * _BANDS // len(power))
     every, band, at_length = (np.concatenate(parts) for parts in (powers, of_band, slow))
-    level = float(np.median(at_length)) if len(at_length) else 0.0
-    if level <= 0.0:
+    seen = float(np.median(at_length)) / math.log(2.0) if len(at_length) else 0.0
+    found = np.array([float(np.median(every[band == k])) / math.log(2.0) if (band == k).any() else 0.0 for k in range(_BANDS)])
+    if seen <= 0.0 or not found.any():
         return np.ones(_BANDS), 0.0
-    found = np.array([float(np.median(every[band == k])) / level if (band == k).any() else 1.0 for k in range(_BANDS)])
-    bands = np.maximum(np.maximum(found, 1.0), 1.0 + _rounding(windows[0].full) * math.log(2.0) / level)
-    return bands, level / math.log(2.0)
+    level = min(seen, _of_means(found, windows[0]))
+    return np.maximum(np.maximum(found, level), level + _rounding(windows[0].full)) / level, level
+
+
+def _of_means(powers: Array, part: Windows) -> float:
+    r"""Variance of a window's mean, times its samples, where angles err as well and powers in bands are :math:`w + 4 a \sin^2`,
+    by least squares of their ratios to that."""
+    told = powers > 0.0
+    shape = np.column_stack([np.ones(_BANDS), 4.0 * np.sin(0.5 * np.pi * _MIDDLES) ** 2])[told]
+    size = np.array([float(np.median(powers[told])), 0.0])
+    for _ in range(_ROUNDS):
+        expected = shape @ size
+        size = optimize.nnls(shape / expected[:, None], powers[told] / expected)[0]
+    return averages.size(float(size[0]), float(size[1]), part.window_s, part.knee_s, part.full.period_s)
 
 
 def _rounding(run: Recording) -> Array:
     r"""Power of the rounding to whole pulses q in the same bands, in (deg/h)²: (q/Δt)² sin²(πfΔt)/3, which may stand in lines."""
     if run.metadata.pulse_arcsec is None or not any(column.endswith("_pulses") for column in run.gyro_columns):
         return np.zeros(_BANDS)
-    middle = (np.arange(_BANDS) + 0.5) / _BANDS  # of the highest frequency
-    return np.asarray((run.metadata.pulse_arcsec / run.period_s) ** 2 / 3.0 * np.sin(0.5 * np.pi * middle) ** 2)
+    return np.asarray((run.metadata.pulse_arcsec / run.period_s) ** 2 / 3.0 * np.sin(0.5 * np.pi * _MIDDLES) ** 2)
 
 
 def _in_noise(block: Array, bands: Array) -> Array:
