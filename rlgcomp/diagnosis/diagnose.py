@@ -291,7 +291,7 @@ def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[M
     left = [Mismatch.of(before.simulator, run, asked.gyro, asked.predicted, window_s, knee_s) for run in runs]
     known = posed.problem.windows[: len(asked.train)]
     heard = [*known, *(posed.problem.heard(one.windows, one.mismatch_deg_h) for one in left[len(known) :])]
-    return before, [one.as_loud(part.loudness) for one, part in zip(left, heard, strict=True)]
+    return before, [one.as_loud(part) for one, part in zip(left, heard, strict=True)]
 
 
 def _apart(posed: Posed, after: Fitted, shape: NoiseShape) -> tuple[tuple[Step, ...], tuple[InPart, ...], float]:

@@ -25,8 +25,9 @@ from rlgcomp.diagnosis.proof.black_box import Mismatch
 from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.question.own_noise import Level, differing
 from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.diagnosis.result import Estimate, Fit, Trace, Verdict
-from rlgcomp.diagnosis.result.wording import NEAREST, listing, p_text, sure_text
+from rlgcomp.diagnosis.result.wording import NEAREST, listing, p_text, span_text, sure_text
 from rlgcomp.noise import SLOW, NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
@@ -392,15 +393,41 @@ def weighed_means(model: NoiseModel, averaging_s: float) -> tuple[str, ...]:
 
 
 def own_noises_of(mismatches: Sequence[Mismatch], white_deg_h: float) -> tuple[str, ...]:
-    """What to say where runs are weighed by a white noise of their own; `white_deg_h` is that of the middle one's windows."""
+    """What to say where runs, or parts of them, are weighed by a white noise of their own.
+
+    Parameters
+    ----------
+    mismatches : sequence of Mismatch
+    white_deg_h : float
+        That of the middle run's windows.
+    """
+    said = []
     apart = [one for one in mismatches if one.windows.loudness != 1.0]
-    if not apart:
-        return ()
-    p_value = differing([Level.of(one.windows, one.mismatch_deg_h) for one in mismatches])
-    told = ", ".join(f"{one.run.name} {math.sqrt(one.windows.loudness):.2f} times" for one in apart)
-    return (
-        f"White noise differs between runs ({p_text(p_value)}): that of {told} the {white_deg_h:.2g} deg/h that means of "
-        f"{apart[0].windows.window_s:g} s have in the middle one. Each run is weighed by its own.",
+    if apart:
+        p_value = differing([Level.of(one.windows, one.mismatch_deg_h) for one in mismatches])
+        told = ", ".join(f"{one.run.name} {math.sqrt(one.windows.loudness):.2f} times" for one in apart)
+        said.append(
+            f"White noise differs between runs ({p_text(p_value)}): that of {told} the {white_deg_h:.2g} deg/h that means of "
+            f"{apart[0].windows.window_s:g} s have in the middle one. Each run is weighed by its own."
+        )
+    told = "; ".join(f"{one.run.name} {times}" for one in mismatches if (times := _bursts_text(one.windows)))
+    if told:
+        said.append(
+            f"White noise is not the same throughout a run: {told}. Each part is weighed by its own. Look at what shook or "
+            "switched then."
+        )
+    return tuple(said)
+
+
+def _bursts_text(windows: Windows) -> str:
+    """Where a run is louder or quieter than elsewhere, and how many times; stretches that overlap are cut where they do."""
+    loud = windows.bursting
+    edges = np.r_[0, np.flatnonzero(np.diff(loud)) + 1, len(loud)]
+    begins_s = windows.begins_s
+    return ", ".join(
+        f"{span_text(begins_s[first], begins_s[stop - 1] + windows.window_s)} {math.sqrt(loud[first]):.2g} times as loud"
+        for first, stop in itertools.pairwise(edges.tolist())
+        if loud[first] != 1.0
     )
 
 

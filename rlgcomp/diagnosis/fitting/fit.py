@@ -412,7 +412,8 @@ def _free(problem: Problem, candidate: Candidate) -> frozenset[str]:
 def _of_jumps(rows: Rows, mechanism: Mechanism, jumps: Array, left: Array, half_step: Estimate) -> dict[str, Estimate]:
     """Of a path: its size as fitted, and the mean time between flips that is likeliest of jumps beside what is left."""
     size = dataclasses.replace(half_step, value=abs(half_step.value))
-    noise_deg_h = float(np.std(left[: len(left) - rows.contrasts]))
+    windows = slice(len(rows) - rows.contrasts)
+    noise_deg_h = float(np.std(left[windows] / np.sqrt(rows.white[windows])))
     dwell_s, sd_s = likeliest_dwell_s(rows, jumps + left, size.value, noise_deg_h)
     renewed = type(mechanism).jumping(size.value, dwell_s)
     step_name, dwell_name = (p.name for p in (renewed or mechanism).parameters()[:2])

@@ -1,8 +1,8 @@
 r"""Whether what follows no recorded column is what its name says: jumps between two values, a line of one frequency.
 
 A path of jumps or a line takes after whatever jumps or swings. Jumps between two values are judged against jumps to any value: in
-window means y with white noise of variance sigma^2, levels drawn anew from N(0, A^2) at each jump, summed over all times
-since the last jump, r,
+window means y with white noise of variance sigma^2 in a full window, levels drawn anew from N(0, A^2) at each jump, summed over
+all times since the last jump, r,
 
 .. math:: p(y_{1:k}, r_k) = \sum_{r_{k-1}} p(y_{1:k-1}, r_{k-1}) \, p(r_k \mid r_{k-1}) \, p(y_k \mid r_k, y_{1:k-1})
 
@@ -104,7 +104,7 @@ def _no_jumps_between_two_levels(explanations: Explanations, model: Model, path:
 
 def _by_size(law: Callable[[Rows, Array, float, float], Array], rows: Rows, jumps: Array, left: Array) -> float:
     """Log likelihood of jumps and what they leave by a law of half step and noise, averaged over these, near those found."""
-    half_step, noise = _size(jumps), float(np.std(left))
+    half_step, noise = _size(jumps), rows.white_level(left)
     grid = itertools.product((half_step * x for x in _SIZES), (noise * x for x in _NOISES))
     return _mean_of_logs(np.concatenate([law(rows, jumps + left, step, white) for step, white in grid]))
 
@@ -127,7 +127,7 @@ def _keeps_time(path: Array, rows: Rows) -> bool:
 
 def _any_level(rows: Rows, jumps: Array, left: Array) -> float:
     """The same of jumps to any level of about this size."""
-    half_step, noise = _size(jumps), float(np.std(left))
+    half_step, noise = _size(jumps), rows.white_level(left)
     grid = itertools.product((half_step * x for x in _LEVELS), (noise * x for x in _NOISES), DWELLS_S)
     models = (np.array(column) for column in zip(*grid, strict=True))
     return _mean_of_logs(_log_likelihood_of_any_level(rows, jumps + left, *models))
@@ -148,7 +148,7 @@ def _log_likelihood_of_any_level(rows: Rows, values: Array, level: Array, noise:
     for part in rows.runs:
         steps = np.diff(rows.time_s[part], prepend=rows.time_s[part.start])
         log_weight, sums, counts = np.zeros((1, len(level))), np.zeros(1), np.zeros(1)
-        for k, value in enumerate(values[part]):
+        for k, (value, white) in enumerate(zip(values[part], rows.white[part], strict=True)):
             if k:  # a jump, or none
                 jump = -np.expm1(-steps[k] / dwell_s)
                 log_weight = np.vstack([log_weight + np.log1p(-jump), log_sum_exp(log_weight, axis=0) + np.log(jump)])
@@ -157,10 +157,10 @@ def _log_likelihood_of_any_level(rows: Rows, values: Array, level: Array, noise:
                 kept = np.sort(np.argsort(-log_weight.max(axis=1))[:_PASTS])
                 log_weight, sums, counts = log_weight[kept], sums[kept], counts[kept]
             precision = level**-2 + counts[:, None] / noise**2
-            variance = 1.0 / precision + noise**2
+            variance = 1.0 / precision + white * noise**2
             expected = sums[:, None] / noise**2 / precision
             log_weight = log_weight - 0.5 * (np.log(2.0 * math.pi * variance) + (value - expected) ** 2 / variance)
-            sums, counts = sums + value, counts + 1.0
+            sums, counts = sums + value / white, counts + 1.0 / white
         total += log_sum_exp(log_weight, axis=0)
     return total
 

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -67,7 +67,7 @@ class Path:
 
 def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
     """The likeliest path in a target whose smooth part lies in the span of orthonormal columns, shape (n, p)."""
-    recording = _Target(rows, target, orthonormal)
+    recording = _Target.of(rows, target, orthonormal)
     smooth, models = _expected(recording)
     found = smoothed(rows, recording.without(smooth), models)[2]
     k = int(np.argmax(found))
@@ -88,11 +88,20 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
 
 @dataclasses.dataclass(frozen=True)
 class _Target:
-    """Rows, what they hold, shape (n,), and the columns that its smooth part is made of, shape (n, p)."""
+    """Rows, what they hold, shape (n,), and the columns that its smooth part is made of, shape (n, p): orthonormal where rows count
+    for as much as their white noise lets them."""
 
     rows: Rows
     values: Array
-    orthonormal: Array
+    columns: Array
+
+    @classmethod
+    def of(cls, rows: Rows, values: Array, columns: Array) -> Self:
+        """From columns that are orthonormal where all rows count alike."""
+        if (rows.white == 1.0).all():
+            return cls(rows, values, columns)
+        loud = np.sqrt(rows.white)[:, None]
+        return cls(rows, values, loud * np.linalg.qr(columns / loud)[0])
 
     @property
     def windows(self) -> slice:
@@ -101,31 +110,41 @@ class _Target:
 
     def without(self, smooth: Array) -> Array:
         """Windows without smooth parts, coefficients of shape (p, models)."""
-        return (self.values[:, None] - self.orthonormal @ smooth)[self.windows]
+        return (self.values[:, None] - self.columns @ smooth)[self.windows]
 
     def projected(self, jumps: Array) -> Array:
         """Coefficients, shape (p, models), of what is left when windows lose jumps, shape (windows, models)."""
-        return (self.orthonormal.T @ self.values)[:, None] - self.orthonormal[self.windows].T @ jumps
+        weighed = self.columns / self.rows.white[:, None]
+        return (weighed.T @ self.values)[:, None] - weighed[self.windows].T @ jumps
+
+    @property
+    def weights(self) -> Array:
+        """How much windows count, shape (windows, 1)."""
+        return 1.0 / self.rows.white[self.windows, None]
 
     def log_likelihood_given(self, signs: Array) -> float:
         """Largest log likelihood of a path that is known, half step, noise and smooth part fitted to it."""
-        design = np.column_stack([signs, self.orthonormal])
-        left = (self.values - design @ np.linalg.lstsq(design, self.values, rcond=1e-10)[0])[self.windows]
-        return -0.5 * len(left) * (math.log(2.0 * math.pi * max(float(left @ left), 1e-300) / len(left)) + 1.0)
+        loud = np.sqrt(self.rows.white)
+        design, values = np.column_stack([signs, self.columns]) / loud[:, None], self.values / loud
+        left = (values - design @ np.linalg.lstsq(design, values, rcond=1e-10)[0])[self.windows]
+        log_variance = math.log(2.0 * math.pi * max(float(left @ left), 1e-300) / len(left))
+        return -0.5 * len(left) * (log_variance + 1.0) - float(np.log(loud[self.windows]).sum())
 
 
 def _expected(target: _Target) -> tuple[Array, Models]:
     """Smooth parts, shape (p, models), and models that expectation and maximisation end with."""
-    spread = float(np.std(target.without(target.projected(np.zeros((target.windows.stop, 1))))))
+    weights = target.weights
+    spread = float(np.std(np.sqrt(weights) * target.without(target.projected(np.zeros((target.windows.stop, 1))))))
     dwell_s, step = (grid.ravel() for grid in np.meshgrid(DWELLS_S, _STEPS, indexing="ij"))
     models = Models(spread * step, np.full(len(dwell_s), 0.7 * spread), dwell_s)
-    smooth = np.zeros((target.orthonormal.shape[1], len(dwell_s)))
+    smooth = np.zeros((target.columns.shape[1], len(dwell_s)))
     for _ in range(_ITERATIONS):
         mean, square, _ = smoothed(target.rows, target.without(smooth), models)
         smooth = target.projected(models.half_step * mean)
         values = target.without(smooth)
-        half_step = np.maximum((values * mean).sum(axis=0) / np.maximum(square.sum(axis=0), 1e-12), 1e-3 * spread)
-        variance = (values**2 - 2.0 * values * half_step * mean + half_step**2 * square).mean(axis=0)
+        along = (weights * values * mean).sum(axis=0)
+        half_step = np.maximum(along / np.maximum((weights * square).sum(axis=0), 1e-12), 1e-3 * spread)
+        variance = (weights * (values**2 - 2.0 * values * half_step * mean + half_step**2 * square)).mean(axis=0)
         models = Models(half_step, np.sqrt(np.maximum(variance, (0.05 * spread) ** 2)), dwell_s)
     return smooth, models
 
@@ -133,7 +152,7 @@ def _expected(target: _Target) -> tuple[Array, Models]:
 def _log_breadth(target: _Target, smooth: Array, model: Models, signs: Array) -> float:
     """How much freer smooth part, half step and noise are than a known path would leave them."""
     half_step, noise = float(model.half_step[0]), float(model.noise[0])
-    design = np.column_stack([target.orthonormal, half_step * signs]) / noise
+    design = np.column_stack([target.columns, half_step * signs]) / (noise * np.sqrt(target.rows.white)[:, None])
     known = linalg.block_diag(design.T @ design, 2.0 * target.windows.stop)
     known += 1e-9 * np.diag(np.diag(known))  # of a path without a flip
     return -0.5 * float(np.log(np.maximum(linalg.eigvalsh(_curvature(target, smooth, model), known), _LEAST)).sum())
@@ -149,8 +168,10 @@ def _curvature(target: _Target, smooth: Array, model: Models) -> Array:
     values = target.without(smooth_parts)
     mean, square, _ = smoothed(target.rows, values, Models(half_step, noise, np.repeat(model.dwell_s, p + 3)))
     by_smooth = target.projected(half_step * mean) - smooth_parts
-    by_half_step = half_step * ((values * mean).sum(axis=0) - half_step * square.sum(axis=0))
-    by_noise = (values**2 - 2.0 * values * half_step * mean + half_step**2 * square).sum(axis=0) - len(values) * noise**2
+    weights = target.weights
+    by_half_step = half_step * ((weights * values * mean).sum(axis=0) - half_step * (weights * square).sum(axis=0))
+    squares = weights * (values**2 - 2.0 * values * half_step * mean + half_step**2 * square)
+    by_noise = squares.sum(axis=0) - len(values) * noise**2
     slopes = np.vstack([by_smooth, by_half_step, by_noise]) / noise**2
     curvature = (slopes[:, :1] - slopes[:, 1:]) / nudges[:, 1:].sum(axis=0)
     return np.asarray(0.5 * (curvature + curvature.T))

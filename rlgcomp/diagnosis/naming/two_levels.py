@@ -1,10 +1,11 @@
 r"""Two levels in white noise, and random flips between them: the hidden Markov model of window means.
 
-.. math:: y_k = a x_k + \sigma \epsilon_k, \qquad x_k = \frac{1}{\Delta} \int_k s(t) \, dt, \qquad s = \pm 1,
+.. math:: y_k = a x_k + \sigma \sqrt{w_k} \epsilon_k, \qquad x_k = \frac{1}{\Delta} \int_k s(t) \, dt, \qquad s = \pm 1,
     \qquad P(s(t + \Delta) \ne s(t)) = \tfrac12 (1 - e^{-2 \Delta / \tau})
 
-The state is the sign where a window ends. A window without a flip has :math:`x = \pm 1`; of one that flips once, at any time alike,
-x is uniform between them, so its mean is normal noise smeared from -a to a; and so is taken that of more flips, which are rare.
+w is the variance of a window's white noise over that of a full one. The state is the sign where a window ends. A window without a
+flip has :math:`x = \pm 1`; of one that flips once, at any time alike, x is uniform between them, so its mean is normal noise
+smeared from -a to a; and so is taken that of more flips, which are rare.
 
 References
 ----------
@@ -81,7 +82,8 @@ def log_likelihood(rows: Rows, values: Array, half_step: float, noise: float, dw
 
 def _of_windows(rows: Rows, values: Array, models: Models) -> _Windows:
     """What windows of values, shape (n, models), say of models."""
-    step, noise, size = models.half_step, models.noise, np.abs(values)
+    white = np.sqrt(rows.white[: len(values), None])
+    step, noise, size = models.half_step, models.noise * white, np.abs(values)
     low, high = (-step - size) / noise, (step - size) / noise
     inside = np.maximum(ndtr(high) - ndtr(low), 1e-300)  # of the normal law about the value, between the levels
     log_near, log_far, log_smeared = -0.5 * high**2, -0.5 * low**2, np.log(inside * (0.5 * math.sqrt(2.0 * math.pi)) * noise / step)

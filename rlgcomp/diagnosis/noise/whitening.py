@@ -99,6 +99,10 @@ class Rows:
         edges = np.r_[0, np.flatnonzero(np.diff(run)) + 1, len(run)]
         return [slice(int(start), int(stop)) for start, stop in itertools.pairwise(edges)]
 
+    def white_level(self, noise: Array) -> float:
+        """Standard deviation of white noise in a full window, from what rows hold of it, shape (n,)."""
+        return float(np.std(noise / np.sqrt(self.white)))
+
     def __len__(self) -> int:
         return len(self.time_s)
 

@@ -84,9 +84,10 @@ class Mismatch:
         left_out = not_comparable(before, run, predicted)
         return cls(run, said, mismatch, Windows.of(run.replace(table=table), window_s, knee_s, left_out, step_of(run, column)))
 
-    def as_loud(self, loudness: float) -> Mismatch:
-        """The same of a run whose white noise has so many times the variance that the runs' middle one has."""
-        return dataclasses.replace(self, windows=dataclasses.replace(self.windows, loudness=loudness))
+    def as_loud(self, as_these: Windows) -> Mismatch:
+        """The same of a run whose white noise is as loud, and where it is, as that of these windows of it."""
+        loud = dataclasses.replace(self.windows, loudness=as_these.loudness, bursts=as_these.bursts)
+        return dataclasses.replace(self, windows=loud)
 
 
 def learned(mismatches: Sequence[Mismatch], training: int, executor: Executor | None = None) -> Callable[[], list[Array] | None]:

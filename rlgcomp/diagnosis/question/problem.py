@@ -312,8 +312,8 @@ class Problem:
     @property
     def loudness(self) -> Array:
         """Variance of each row's white noise over that of the same row in the runs' middle one, shape (n,)."""
-        of_runs = np.array([*(part.loudness for part in self.windows), 1.0])  # contrasts belong to no run
-        return np.asarray(of_runs[self.rows.run])
+        of_runs = (part.louder[part.kept] for part in self.windows)
+        return np.concatenate([*of_runs, np.ones(self.rows.contrasts)])  # contrasts belong to no run
 
     @property
     def runs(self) -> tuple[Recording, ...]:

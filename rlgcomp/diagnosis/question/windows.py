@@ -54,6 +54,15 @@ def default_window_s(runs: Sequence[Recording]) -> float:
 
 
 @dataclasses.dataclass(frozen=True)
+class Burst:
+    """Windows of a run, from `first` to before `stop`, whose white noise has so many times the variance that it has elsewhere."""
+
+    first: int
+    stop: int
+    times: float
+
+
+@dataclasses.dataclass(frozen=True)
 class Windows:
     """The averaging windows of one run, and its rows on which slow causes are computed.
 
@@ -70,6 +79,7 @@ class Windows:
     window_s: float
     knee_s: float = 0.0
     loudness: float = 1.0  # variance of this run's white noise over that of the runs' middle one
+    bursts: tuple[Burst, ...] = ()  # where this run is louder, or quieter, than that; where they overlap they multiply
     step_deg_h: float = 0.0  # in which the gyro's rate moves, where it is read in whole pulses
 
     @classmethod
@@ -147,7 +157,11 @@ class Windows:
 
     def within_calm(self, values: Array) -> Array:
         """The same where white noise has been made as loud as the runs' middle one."""
-        return self.within(values) / math.sqrt(self.loudness)
+        inside = self.within(values)
+        if (self.louder == 1.0).all():
+            return inside
+        loud = np.repeat(np.sqrt(self.louder[self.kept]), self.counts[self.kept])
+        return np.asarray(inside / loud.reshape(-1, *[1] * (values.ndim - 1)))
 
     def rows_within(self, values: Array) -> Array:
         """Rows of the kept windows."""
@@ -195,8 +209,21 @@ class Windows:
             joined = np.r_[np.rint(np.diff(places)) == 1.0, False]  # a sample to the next: the error between them cancels
             variance = (1.0 + 2.0 * knee) * share**2 - 2.0 * knee * joined * share * np.r_[share[1:], 0.0]
             whole = np.add.reduceat(variance, self._full_starts - self._full_starts[0])[self.kept]
-            return np.asarray(self.loudness * (whole * self.white_s / self.full.period_s))
-        return np.asarray(self.loudness * (self.window_s / (self.counts[self.kept] * self.full.period_s)))
+            return np.asarray(self.louder[self.kept] * (whole * self.white_s / self.full.period_s))
+        return np.asarray(self.louder[self.kept] * (self.window_s / (self.counts[self.kept] * self.full.period_s)))
+
+    @functools.cached_property
+    def louder(self) -> Array:
+        """Variance of each window's white noise over that of a run that is as loud as most, shape (windows,)."""
+        return self.loudness * self.bursting
+
+    @property
+    def bursting(self) -> Array:
+        """The same over that of its run where that is as loud as mostly."""
+        loud = np.ones(len(self.counts))
+        for burst in self.bursts:
+            loud[burst.first : burst.stop] *= burst.times
+        return loud
 
     @property
     def white_s(self) -> float:
@@ -230,6 +257,11 @@ class Windows:
         """The fine rows less those of windows in which a monitor is frozen, or a row is left out."""
         unfrozen = ~np.isin(self.of_fine, self.frozen)
         return self.fine if unfrozen.all() else self.fine.replace(table=self.fine.table[unfrozen])
+
+    @property
+    def begins_s(self) -> Array:
+        """When each window begins, those that are not kept among them."""
+        return np.asarray(self.full.time_s[self._full_starts])
 
     @property
     def middles_s(self) -> Array:

@@ -308,7 +308,7 @@ def place_text(place: Place) -> str:
     """A place as a reader would say it."""
     said = [f"{place.run} {place.channel}"]
     if place.start_s is not None and place.end_s is not None:
-        said.append(_span_text(place.start_s, place.end_s))
+        said.append(span_text(place.start_s, place.end_s))
     if place.regime:
         said.append(place.regime)
     if place.frequency_hz is not None:
@@ -318,7 +318,7 @@ def place_text(place: Place) -> str:
     return ", ".join(said)
 
 
-def _span_text(start_s: float, end_s: float) -> str:
+def span_text(start_s: float, end_s: float) -> str:
     """From when to when: in hours, or by the clock where time counts from 1970."""
     if start_s < A_DATE_S:
         return f"{start_s / SECONDS_PER_HOUR:.2f} to {end_s / SECONDS_PER_HOUR:.2f} h"
