@@ -224,6 +224,9 @@ def test_a_gyro_that_touches_the_end_of_its_range_again_and_again_is_refused(sig
         pulses = np.diff(np.floor(np.cumsum(4.0 + share + 0.02 * rng.standard_normal(len(frame)))), prepend=0.0)
         pulses[0] = 4.0
         assert "saturated" not in mend(frame.assign(gyro_deg_h=2.26 * pulses))[1]
+    seldom = np.where(rng.random(len(frame)) < 0.04, rng.geometric(0.08, len(frame)), 0)  # mostly none, now and then a few
+    assert "saturated" not in mend(frame.assign(gyro_deg_h=2.26 * seldom))[1]
+    assert "saturated" not in mend(frame.drop(columns="gyro_deg_h").assign(gyro_pulses=seldom))[1]
 
 
 def test_coarse_pulses_are_not_taken_for_stuck() -> None:

@@ -50,9 +50,14 @@ def _counted(values: Array) -> bool:
     changes = np.abs(np.diff(values))
     step = float(changes[changes > PRINTED * np.abs(values).max()].min())
     leaving = changes[1:][(changes[:-1] == 0.0) & (changes[1:] > 0.0)]
-    multiples = values / step
     few_steps = len(leaving) > 0 and float(np.median(leaving)) < 2.5 * step
-    return few_steps and bool(np.abs(multiples - np.rint(multiples)).max() < 0.1)
+    return few_steps and _in_steps(values, step)
+
+
+def _in_steps(values: Array, step: float) -> bool:
+    """Whether values are multiples of a step."""
+    multiples = values / step
+    return bool(np.abs(multiples - np.rint(multiples)).max() < 0.1)
 
 
 def _stuck(values: Array) -> tuple[Rows, int]:
@@ -84,6 +89,8 @@ def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             count = int((values == rail).sum())
             if extent.least == extent.greatest or count < max(STUCK_SAMPLES, CLIPPED * len(values)):
                 continue
+            if rail == 0.0 and (column.endswith("_pulses") or _in_steps(values, float(np.abs(values[values != 0.0]).min()))):
+                continue  # no pulse in most samples is how slow a rate is counted that never turns round
             nearest = np.partition(np.abs(values[inside] - rail), min(count, int(inside.sum()) - 1))[:count]
             if count <= MORE_OFTEN * np.unique(nearest, return_counts=True)[1].max() or _within_a_step(values):
                 continue
