@@ -30,9 +30,11 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.proof.before_after import proved, unreadable
 from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
-from rlgcomp.diagnosis.question.conventions import Meant, as_meant, conventions_of
+from rlgcomp.diagnosis.question.coarser import coarser, said_of
+from rlgcomp.diagnosis.question.conventions import as_meant, conventions_of
 from rlgcomp.diagnosis.question.held_out import require_held_out
 from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.question.windows import default_window_s
 from rlgcomp.diagnosis.remarks import (
     extrapolations_of,
     found_behind,
@@ -124,9 +126,9 @@ def diagnose(
     if own is not None:
         train, test = list(own.runs[: len(train)]), list(own.runs[len(train) :])
     base = base if noise is None else dataclasses.replace(base, noise=dataclasses.replace(noise, measured=True))
-    meant = [as_meant(run, gyro) if predicted is None else Meant(run) for run in (*train, *test)]
-    conventions = conventions_of([*train, *test], meant)
-    train, test = [one.run for one in meant[: len(train)]], [one.run for one in meant[len(train) :]]
+    runs = [*train, *test]
+    runs, moved = (runs, []) if predicted is not None else _moving(runs, len(train), gyro, mechanisms, window_s)
+    train, test = runs[: len(train)], runs[len(train) :]
     asked = Asked(train, test if confirm else (), mechanisms, gyro, window_s, predicted)
     posed = Posed.of(asked, base)
     _require_noise(posed.windowed)
@@ -203,7 +205,7 @@ def diagnose(
             *(() if own is None else own.remarks),
             *knocks,
             *more,
-            *conventions,
+            *moved,
             *untold,
             *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
             *found_behind(last),
@@ -281,6 +283,16 @@ def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Reco
     straight = [without_holds(run) for run in calm]
     frozen = (said for run in calm for said in frozen_in(run))
     return [run for run, _ in straight], [*remarks, *frozen, *(said for _, said in straight if said is not None)]
+
+
+def _moving(
+    runs: Sequence[Recording], training: int, gyro: str | None, mechanisms: Mapping[str, type[Mechanism]], window_s: float | None
+) -> tuple[list[Recording], list[str]]:
+    """Runs whose table's rate is what the gyro's samples belong to, no faster than that changes, and what to say of it."""
+    meant = [as_meant(run, gyro) for run in runs]
+    known = [one.run for one in meant]
+    asked = coarser(known, mechanisms.values(), window_s or default_window_s(known[:training]))
+    return asked, [*conventions_of(runs, meant), *said_of(known, asked)]
 
 
 def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[Mismatch]]:

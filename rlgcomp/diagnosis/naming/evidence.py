@@ -39,6 +39,7 @@ from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.noise.loops import log_extensions, log_sums
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Whitener, norms
 from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -102,6 +103,7 @@ class Evidence:
         self.candidates: list[Candidate] = []
         self.scale_deg_h = float(np.std(problem.target_deg_h)) or 1.0
         self.freedom = len(problem.rows) - problem.baseline.shape[1]
+        self.leftovers: dict[Mechanism, Array] = {}  # what an equation may be wrong by, once it was asked
         self._slices: list[slice] = []
         self._signs: list[float] = []  # of each column: whether preparing it turned it round
         self._table = np.empty((len(problem.rows), 0))

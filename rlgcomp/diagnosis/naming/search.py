@@ -35,6 +35,7 @@ from rlgcomp.diagnosis.naming.inadequacy import (
     leftovers,
     turning_leftovers,
 )
+from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 # Before the data are seen: the probability that so many causes are missing; the causes of one number count equally.
@@ -246,10 +247,10 @@ class Search:
             drivers = set(mechanism.driver_columns(run))
             found = dict.fromkeys(self._by_label, 1.0)
             if mechanism.kind == "turntable" and not follows_anything(mechanism):
-                turning = turning_leftovers(evidence.problem, mechanism)
+                turning = self._left_by(mechanism)
                 found = {label: max(ON_A_TABLE, evidence.likeness(which, turning)) for label, which in self._by_label.items()}
                 return self._likenesses.setdefault(cause, found)
-            left = None if follows_anything(mechanism) else leftovers(evidence.problem, mechanism)
+            left = None if follows_anything(mechanism) else self._left_by(mechanism)
             loop = is_loop(mechanism, run)
             leaves = loop or follows_anything(mechanism) or bool(mechanism.edges())
             slow = not drivers or any(name.startswith("temperature_") for name in drivers)  # programmes come back as lines do
@@ -262,6 +263,14 @@ class Search:
                     found[label] = A_RELAY
             self._likenesses[cause] = found
         return self._likenesses[cause]
+
+    def _left_by(self, mechanism: Mechanism) -> Array:
+        """What the equation of an effect may leave, as columns."""
+        known = self.evidence.leftovers
+        if mechanism not in known:
+            of_kind = turning_leftovers if mechanism.kind == "turntable" else leftovers
+            known[mechanism] = of_kind(self.evidence.problem, mechanism)
+        return known[mechanism]
 
     def log_prior(self, labels: frozenset[Label]) -> float:
         """Log prior probability of a set."""
@@ -303,7 +312,7 @@ class Search:
         if not self._jumping or mechanism.jumps() or toll < JUMPED:
             return 0.0
         if not leaves_jumps(mechanism, evidence.problem.runs[0]):  # but what its drivers do: no path, as a rule
-            left = leftovers(evidence.problem, mechanism)
+            left = self._left_by(mechanism)
             toll *= min(evidence.likeness([k], left) for label in self._jumping for k in self._by_label[label])
         return max(0.0, toll - JUMPED)
 

@@ -239,10 +239,17 @@ class Problem:
     def fast_columns(self, bases: Sequence[Array], *, each_run: bool = False) -> Array:
         """Window means, and contrasts where there are any, of columns at the full rate."""
         if each_run:
-            alone = [[basis * (k == j) for j, basis in enumerate(bases)] for k in range(len(bases))]
-            return np.column_stack([self.fast_columns(one, each_run=False) for one in alone])
+            return np.column_stack([self._fast_columns_of(k, basis) for k, basis in enumerate(bases)])
         means = [part.means(basis) for part, basis in zip(self.windows, bases, strict=True)]
         return np.concatenate([*means, *([] if self.contrasts is None else [self.contrasts.of(bases)])])
+
+    def _fast_columns_of(self, k: int, basis: Array) -> Array:
+        """The same of columns that are nothing but in one run."""
+        table = np.zeros((len(self.rows), basis.shape[1]))
+        table[self.rows.runs[k]] = self.windows[k].means(basis)
+        if self.contrasts is not None:
+            table[len(self.rows) - self.rows.contrasts :] = self.contrasts.of_run(k, basis)
+        return table
 
     @property
     def ones(self) -> Array:

@@ -30,6 +30,8 @@ _MIDDLES: Final = (np.arange(_BANDS) + 0.5) / _BANDS  # of the highest frequency
 _ROUNDS: Final = 8  # in which powers are weighed by what is expected of them
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _UNLIKE: Final = 300.0  # between the sample periods of runs
+_FEW: Final = 4  # columns that are not worth a look for empty rows
+_EMPTY: Final = 0.3  # of the rows
 _SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
 
 
@@ -151,21 +153,34 @@ class Windows:
 
     def within(self, values: Array) -> Array:
         """Rows of the kept windows less their window's mean, shape (rows,) or (rows, k)."""
-        starts, counts = self._full_starts, self._full_counts
-        means = np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
-        return self.rows_within(values) - np.repeat(means[self.kept], counts[self.kept], axis=0)
+        rows, counts = self.rows_within(values), self._full_counts[self.kept]
+        if (counts == counts[0]).all():
+            table = rows.reshape(len(counts), counts[0], *values.shape[1:])
+            return np.asarray((table - table.mean(axis=1, keepdims=True)).reshape(rows.shape))
+        starts = np.cumsum(counts) - counts
+        means = np.add.reduceat(rows, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray(rows - np.repeat(means, counts, axis=0))
 
     def within_calm(self, values: Array) -> Array:
         """The same where white noise has been made as loud as the runs' middle one."""
-        inside = self.within(values)
+        return self.calmed(self.within(values))
+
+    def calmed(self, inside: Array) -> Array:
+        """Rows of the kept windows, shape (rows, k), over how loud the white noise of each is."""
         if (self.louder == 1.0).all():
             return inside
         loud = np.repeat(np.sqrt(self.louder[self.kept]), self.counts[self.kept])
-        return np.asarray(inside / loud.reshape(-1, *[1] * (values.ndim - 1)))
+        return np.asarray(inside / loud.reshape(-1, *[1] * (inside.ndim - 1)))
 
     def rows_within(self, values: Array) -> Array:
         """Rows of the kept windows."""
-        return np.asarray(values[self._full_starts[0] :][np.repeat(self.kept, self._full_counts)])
+        return np.asarray(values[self.kept_rows])
+
+    @functools.cached_property
+    def kept_rows(self) -> IntArray | slice:
+        """Which rows are in kept windows: a slice where they follow one another."""
+        rows = self._full_starts[0] + np.flatnonzero(np.repeat(self.kept, self._full_counts))
+        return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) == rows[-1] + 1 - rows[0] else rows
 
     def segments(self, values: Array) -> Array:
         """Stretches of so many windows as :func:`averages.knee_s` asks for, full and without a gap, shape (k, samples)."""
@@ -291,7 +306,7 @@ class Contrasts:
     """
 
     windows: tuple[Windows, ...]
-    directions: tuple[Array, ...]  # D, a part for each run: (rows in kept windows, count)
+    directions: tuple[Array, ...]  # D, a part for each run: (rows in kept windows, count); the mean over each window is nothing
     level: float  # variance of a sample, in (deg/h)², were all noise white
 
     @classmethod
@@ -314,10 +329,11 @@ class Contrasts:
         bands, level = _bands([values - block @ size for block, values in zip(spanning, seen, strict=True)], windows)
         covariance = sum((_in_noise(block, bands) for block in spanning), np.zeros((int(kept.sum()),) * 2))
         for block, part, disturbances in zip(spanning, windows, scatter, strict=True):
-            disturbed = block.T @ part.within_calm(disturbances)
+            disturbed = _along(part.calmed(block), part.rows_within(disturbances))
             covariance += disturbed @ disturbed.T / level if level > 0.0 else 0.0
         sizes, turned = np.linalg.eigh(covariance)
-        return cls(windows, tuple(block @ (turned / np.sqrt(np.maximum(sizes, 1.0))) for block in spanning), level)
+        scaled = turned / np.sqrt(np.maximum(sizes, 1.0))
+        return cls(windows, tuple(part.calmed(block) @ scaled for part, block in zip(windows, spanning, strict=True)), level)
 
     @property
     def count(self) -> int:
@@ -325,9 +341,22 @@ class Contrasts:
 
     def of(self, columns: Sequence[Array]) -> Array:
         """Contrasts of columns, (rows, k) for each run, shape (count, k)."""
-        parts = [v.T @ part.within_calm(block) for v, part, block in zip(self.directions, self.windows, columns, strict=True)]
+        parts = (self.of_run(k, block) for k, block in enumerate(columns))
+        return np.asarray(sum(parts, np.zeros((self.count, columns[0].shape[1]))))
+
+    def of_run(self, k: int, columns: Array) -> Array:
+        """The same of columns that are nothing but in one run, (rows, k) of it."""
         scale = math.sqrt(self.windows[0].full.period_s / self.windows[0].window_s)
-        return np.asarray(scale * sum(parts, np.zeros((self.count, columns[0].shape[1]))))
+        return scale * _along(self.directions[k], self.windows[k].rows_within(columns))
+
+
+def _along(directions: Array, columns: Array) -> Array:
+    """Columns, shape (rows, k), along directions whose mean over each window is nothing, so that theirs need not be taken off; most
+    rows of what happens at moments are empty."""
+    seen = np.flatnonzero(columns.any(axis=1)) if columns.shape[1] > _FEW else None
+    if seen is not None and len(seen) < _EMPTY * len(columns):
+        return np.asarray(directions[seen].T @ columns[seen])
+    return np.asarray(directions.T @ columns)
 
 
 def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, float]:
