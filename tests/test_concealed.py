@@ -193,6 +193,20 @@ class TestCases:
         assert strong.information_nats == pytest.approx(4.0 * weak.information_nats)
         assert make_case("null", (), 0.0, 2, True).information_nats == 0.0
 
+    def test_strengths_may_be_relative_to_all_noise(self) -> None:
+        noise = Noise(5e-4, 8e-4, 4e-4)
+        rng = np.random.default_rng(5)
+        drawn = [means(noise.simulate(36_000, rng)).std() for _ in range(30)]
+        assert noise.std_100_s_deg_h(360) == pytest.approx(np.sqrt(np.mean(np.square(drawn))), rel=0.05)
+        assert Noise(5e-4).std_100_s_deg_h(360) == pytest.approx(6.0 * 5e-4, rel=0.01)
+        loud = next(seed for seed in range(9) if Noise.draw(stream(seed, "noise")).flicker)
+        sizes = [
+            make_case("single", ("ambient_pressure",), 0.25, loud, True, whole_noise=whole).sizes["ambient_pressure.k_deg_h_hPa"]
+            for whole in (False, True)
+        ]
+        own = Noise.draw(stream(loud, "noise"))
+        assert 1.0 < sizes[1] / sizes[0] < 2.0 * own.std_100_s_deg_h(400) / own.white_100_s_deg_h
+
     def test_the_plan_has_every_effect_at_every_strength_by_both_makers(self) -> None:
         made = {(names[0], strength, independent) for _, names, strength, _, independent in plan("single", 102)}
         assert made == set(itertools.product(INDEPENDENT, STRENGTHS["single"], (True, False)))
@@ -345,7 +359,8 @@ class TestManyCases:
         main([*options, "--noise-stated"])
         main([*options, "--noise-stated"])
         main([*options, "--pulse-arcsec", "1.13"])
-        assert len(made) == len(set(made)) == 6
+        main([*options, "--whole-noise"])
+        assert len(made) == len(set(made)) == 8
 
     def test_a_gyro_in_pulses_is_the_same_gyro(self) -> None:
         case = make_case("null", (), 0.0, 400_000, True)

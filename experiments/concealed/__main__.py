@@ -31,6 +31,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", choices=KINDS, action="append", help="only this kind; may be given again")
     parser.add_argument("--noise-stated", action="store_true", help="tell the diagnosis each unit's true noise")
     parser.add_argument("--pulse-arcsec", type=float, default=0.0, help="the gyros are read in whole pulses of so much, dithered")
+    parser.add_argument(
+        "--whole-noise", action="store_true", help="strengths are relative to flicker and walk as well as white noise"
+    )
     Work.add_options(parser, "concealed")
     parser.add_argument("--dump", type=Path, metavar="DIR", help="write the cases as files for the command line; score nothing")
     options = parser.parse_args(argv)
@@ -40,11 +43,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     ]
     if options.dump:
         for arguments in wanted:
-            case = make_case(*arguments)
+            case = make_case(*arguments, whole_noise=options.whole_noise)
             dump(case, options.dump / case.name)
             print(options.dump / case.name)
         return
-    how = {"stated": options.noise_stated, "pulse_arcsec": options.pulse_arcsec}
+    how = {"stated": options.noise_stated, "pulse_arcsec": options.pulse_arcsec, "whole_noise": options.whole_noise}
     cases = {key_of(arguments, **how): arguments for arguments in wanted}
     run, lost = (functools.partial(function, **how) for function in (run_case, died))
     rows = Work.of(options).rows(run, cases, died=lost, told=tables.mark)

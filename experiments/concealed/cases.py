@@ -1,7 +1,8 @@
 """A case: a simulator that lacks something, recordings of a gyro that has it, and what there was to find.
 
 Strength of an effect = standard deviation of the part of it that the simulator cannot absorb (residual of its 100 s means over both
-training runs, fitted by the simulator's columns) / standard deviation of the white noise of a 100 s mean.
+training runs, fitted by the simulator's columns) / standard deviation of the white noise of a 100 s mean; or of all the noise of
+the 100 s means of a run, flicker and random walk among it, which for half of the units is more.
 """
 
 from __future__ import annotations
@@ -110,7 +111,9 @@ def means(values: Array) -> Array:
     return np.asarray(values[:rows].reshape(-1, MEAN_S, *values.shape[1:]).mean(axis=1))
 
 
-def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, independent: bool) -> Case:
+def make_case(
+    kind: Kind, effects: Sequence[str], strength: float, seed: int, independent: bool, *, whole_noise: bool = False
+) -> Case:
     """Make a case.
 
     Parameters
@@ -125,6 +128,9 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
     seed : int
     independent : bool
         Whether effects and noise are of this experiment's own making or rlgcomp's. Chamber and sensors always are its own.
+    whole_noise : bool
+        Whether strengths are relative to all noise of the 100 s means of a run about its mean, and not to its white part alone; on
+        a turntable they never are.
     """
     if kind == "table":
         return _on_a_table(effects, strength, seed)
@@ -147,12 +153,14 @@ def make_case(kind: Kind, effects: Sequence[str], strength: float, seed: int, in
     }
     scale = {}
     design = _design(known)
+    windows = len(design) // len(TRAINING)
+    noise_deg_h = noise.std_100_s_deg_h(windows) if whole_noise else noise.white_100_s_deg_h
     for effect in hidden:
         column = np.concatenate([means(values) for values in units[effect.name][: len(TRAINING)]])
         left = float(np.std(column - _project(design, column)))
         sign = stream(seed, f"sign:{effect.name}").choice([-1.0, 1.0])
         times = _STRONGER if kind == "unequal" and effect is hidden[0] else 1.0
-        scale[effect.name] = float(sign * times * strength * noise.white_100_s_deg_h / left)
+        scale[effect.name] = float(sign * times * strength * noise_deg_h / left)
     weights = np.concatenate([part.weights for part in baseline])
     added = [sum((scale[name] * units[name][k] for name in scale), np.zeros(len(columns))) for k, columns in enumerate(known)]
     truth = [columns @ weights + extra for columns, extra in zip(known, added, strict=True)]

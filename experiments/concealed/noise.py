@@ -34,6 +34,11 @@ class Noise:
         """Standard deviation of the white noise of a mean over 100 s."""
         return 6.0 * self.white
 
+    def std_100_s_deg_h(self, windows: int) -> float:
+        """Standard deviation of so many means over 100 s in a row about their own mean, slow noise among it."""
+        covariance = self.covariance(windows, 100.0)
+        return math.sqrt(float(np.trace(covariance) - covariance.mean() * windows) / windows)
+
     def to_mapping(self) -> dict[str, float]:
         """The `noise:` section of a simulator file."""
         names = ("angle_random_walk_deg_sqrt_h", "bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h")

@@ -19,25 +19,25 @@ Array = npt.NDArray[np.float64]
 Arguments = tuple[Any, tuple[str, ...], float, int, bool]
 
 
-def run_case(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0) -> dict[str, Any]:
+def run_case(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0, whole_noise: bool = False) -> dict[str, Any]:
     """Make a case, diagnose it, score it. A failure is an answer too: it is scored as such and the rest goes on."""
-    asked = _asked(arguments, stated, pulse_arcsec)
+    asked = _asked(arguments, stated, pulse_arcsec, whole_noise)
     try:
-        case = make_case(*arguments)
+        case = make_case(*arguments, whole_noise=whole_noise)
         return asked | diagnosed(read_in_pulses(case, pulse_arcsec) if pulse_arcsec else case, stated)
     except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
         return asked | {"failure": f"{type(error).__name__}: {error}"}
 
 
-def died(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0) -> dict[str, Any]:
+def died(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0, whole_noise: bool = False) -> dict[str, Any]:
     """The line of a case that takes its worker with it each time."""
-    return _asked(arguments, stated, pulse_arcsec) | {"failure": DIED}
+    return _asked(arguments, stated, pulse_arcsec, whole_noise) | {"failure": DIED}
 
 
-def _asked(arguments: Arguments, stated: bool, pulse_arcsec: float) -> dict[str, Any]:
+def _asked(arguments: Arguments, stated: bool, pulse_arcsec: float, whole_noise: bool) -> dict[str, Any]:
     kind, effects, strength, seed, independent = arguments
     return {
-        "key": key_of(arguments, stated, pulse_arcsec),
+        "key": key_of(arguments, stated, pulse_arcsec, whole_noise),
         "kind": kind,
         "hidden": list(effects),
         "strength": strength,
@@ -46,9 +46,10 @@ def _asked(arguments: Arguments, stated: bool, pulse_arcsec: float) -> dict[str,
     }
 
 
-def key_of(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0) -> str:
+def key_of(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0, whole_noise: bool = False) -> str:
     """What a case is known by among the lines of a file."""
-    return repr(arguments) + " with its noise stated" * stated + (f" in pulses of {pulse_arcsec:g} arcsec" if pulse_arcsec else "")
+    pulses = f" in pulses of {pulse_arcsec:g} arcsec" if pulse_arcsec else ""
+    return repr(arguments) + " with its noise stated" * stated + pulses + " relative to all noise" * whole_noise
 
 
 def diagnosed(case: Case, stated: bool = False) -> dict[str, Any]:
