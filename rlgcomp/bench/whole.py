@@ -1,4 +1,4 @@
-"""Whole jobs: one prediction as a real-time box asks for it, and a diagnosis of four runs of twelve hours."""
+"""Whole jobs: one prediction as a real-time box asks for it, a diagnosis of four runs of twelve hours, and one of a table."""
 
 from __future__ import annotations
 
@@ -92,6 +92,15 @@ def _diagnosis_longer(short: bool) -> Case:
     return _diagnosis_of(*simulated_case("half" if short else "whole"))
 
 
+def _diagnosis_of_a_table(quick: bool) -> Case:
+    rates = ("rate 2 300, rate 10 300, rate 40 300, rate -2 300, rate -10 300, rate -40 300", "rate 5 900, rate -20 900")
+    gyro = {"kind": "turntable", "mechanisms": ["scale_factor"], "noise": {"angle_random_walk_deg_sqrt_h": 5e-4}}
+    lacking = Simulator.from_mapping(gyro)
+    whole = Simulator.from_mapping({**gyro, "mechanisms": ["scale_factor", {"lock_in": {"lock_in_deg_s": 0.02}}]})
+    step_s = 0.5 if quick else 0.01
+    return _diagnosis_of(lacking, [whole.simulate(rates[k % 2], seed=k, step_s=step_s, name=f"run-{k}") for k in range(1, 5)])
+
+
 def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
     from rlgcomp.diagnosis.diagnose import diagnose
 
@@ -113,4 +122,5 @@ def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
 ROWS: Final = (
     Row("predict", "one prediction at a time", _prediction, goal_s=CALLS * 10e-6),
     Row("diagnose", "whole diagnosis, runs at 1 Hz", _diagnosis, goal_s=10.0, grown=_diagnosis_longer),
+    Row("diagnose-table", "whole diagnosis, a table at 100 Hz", _diagnosis_of_a_table, goal_s=20.0),
 )
