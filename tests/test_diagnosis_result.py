@@ -350,15 +350,6 @@ def test_the_numbers_of_a_law_have_their_deviations(diagnosis: Diagnosis) -> Non
         assert "light_intensity_V (dynamic: late, or by how fast they change)" in said
 
 
-def test_places_where_nothing_is_missing_are_accounted_for(diagnosis: Diagnosis) -> None:
-    """A place has its own p-value, under one noise; a reader must not take it for a mismatch that the verdict denies."""
-    none = dataclasses.replace(diagnosis, verdict="none", causes=(), p_value=0.77)
-    for said in (repr(none), render(none)):
-        assert "against all noises that these runs allow there is no mismatch (p = 0.77)" in said
-    for other in (diagnosis, dataclasses.replace(none, where=()), dataclasses.replace(none, p_value=0.01)):
-        assert "all noises that these runs allow" not in repr(other)
-
-
 def test_a_memory_that_is_not_sure_is_said_with_what_else_it_may_be() -> None:
     shares = {"static": 0.62, "dynamic": 0.05, "rate-independent": 0.33}
     left = Unexplained(1e-9, ("pressure_hPa",), "static", "b = ...", 0.99, memory_probabilities=shares)

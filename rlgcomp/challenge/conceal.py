@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 import numpy as np
 import pandas as pd
 
-from rlgcomp.challenge.injection import Array, busiest, drawn, scaled, unabsorbed
+from rlgcomp.challenge.injection import SHARE, Array, busiest, drawn, scaled, unabsorbed
 from rlgcomp.challenge.score import Hidden
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
@@ -235,7 +235,7 @@ def _moved(simulator: Simulator, rng: np.random.Generator) -> Simulator:
         values = {
             p.name: min(max(getattr(mechanism, p.name) * math.exp(_SPREAD * rng.standard_normal()), p.low), p.high)
             for p in mechanism.parameters()
-            if p.name in free
+            if p.name in free and p.unit != SHARE
         }
         simulator = simulator.with_mechanism(dataclasses.replace(mechanism, **values))  # type: ignore[type-var]
     return simulator

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, PulseArcsec, command, read_runs, require_recording, say
 from rlgcomp.cli.show import show_json
 
+if TYPE_CHECKING:
+    from rlgcomp.recording import Recording
+    from rlgcomp.simulation.simulator import Simulator
+
+logger = logging.getLogger(__name__)
 SimulatorFile = Annotated[Path, typer.Argument(metavar="SIM.yaml", help="Simulator file.")]
 Out = Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Recording to write; its ending chooses the format.")]
 
@@ -42,10 +48,10 @@ def simulate(
     from rlgcomp.simulation.simulator import Simulator
 
     require_recording(out, simulator, mechanisms)
-    recording = Simulator.from_yaml(simulator, user_catalogue(mechanisms or [])).simulate(
-        profile, seed=seed, step_s=step_s, name=out.stem
-    )
+    made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
+    recording = made.simulate(profile, seed=seed, step_s=step_s, name=out.stem)
     write(recording, out)
+    _warn_of_extrapolation(made, recording)
     truth = recording.truth
     if as_json:
         spread = {} if truth is None else truth.std().to_dict()
@@ -85,6 +91,7 @@ def predict(
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
     predicted = made.predict(recording)
     write(predicted, out)
+    _warn_of_extrapolation(made, recording)
     (column,) = predicted.gyro_columns
     if as_json:
         rate = predicted.rate_deg_h()
@@ -102,3 +109,10 @@ def predict(
         )
     else:
         say(f"{out}: {len(predicted)} rows, column {column}")
+
+
+def _warn_of_extrapolation(simulator: Simulator, recording: Recording) -> None:
+    """Say where laws that were learnt from recordings are asked about what these did not hold."""
+    for mechanism in simulator.mechanisms:
+        if said := mechanism.beyond(recording):
+            logger.warning("%s: %s", recording.name, said)

@@ -32,6 +32,7 @@ Array = npt.NDArray[np.float64]
 STEP: Final = 0.03  # before the data are seen: that the bias steps once in one of the runs
 _SURE: Final = 0.95  # probability from which that is said
 _SHORTEST: Final = 4  # windows on either side
+_BY: Final = 3.0  # standard deviations by which a step is no nothing
 _SETS: Final = 4  # beside which it is sought
 _COARSE: Final = 100  # moments of a run that are tried first
 _FINER: Final = 8  # parts of a window
@@ -57,30 +58,33 @@ def sought(problem: Problem, explanations: Explanations, whole: Problem | None =
         toll = inadequacy(explanations.evidence.explained(model.members, int(np.argmax(model.noise_log))))
         found.append((model.log_posterior + log_factor - toll, step))
     against = calm if _flips_once(problem, explanations, whole) else explanations.models
-    probability = explanations.probability_of_event([log for log, _ in found], STEP, against)
-    return dataclasses.replace(max(found, key=lambda one: one[0])[1], probability=probability) if probability > _SURE else None
+    log_odds = explanations.log_odds_of_event([log for log, _ in found], STEP, against)
+    step = dataclasses.replace(max(found, key=lambda one: one[0])[1], log_odds=log_odds)
+    return step if step.probability > _SURE else None
 
 
 def told(problem: Problem, baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[Step, ...]:
-    """The steps of a problem with their sizes, from what was fitted of its baseline."""
+    """The steps of a problem with their sizes, from what was fitted of its baseline; not one whose size is nothing, all being
+    fitted together."""
     found = []
     for step in problem.steps:
         run = problem.runs[step.run].name
         apart = baseline["gyro"][f"{step.parameter}:{run}"]
         size = dataclasses.replace(apart, value=apart.value if step.after else -apart.value)
-        found.append(Step(run, step.at_s, size, step.probability))
+        if abs(size.value) > _BY * size.sd:
+            found.append(Step(run, step.at_s, size, step.probability))
     return tuple(found)
 
 
 def places(problem: Problem, steps: Sequence[Step]) -> list[tuple[Place, Array]]:
     """Where steps of a problem are, with what they do, from what :func:`told` gives of them."""
-    return [
-        (
-            Place(one.run, problem.channel, one.at_s, float(problem.runs[step.run].time_s[-1]), p_value=chance([one])),
-            problem.step_column(step) * one.size.value,
-        )
-        for step, one in zip(problem.steps, steps, strict=True)
-    ]
+    known = {(problem.runs[step.run].name, step.at_s): step for step in problem.steps}
+    found = []
+    for one in steps:
+        step = known[one.run, one.at_s]
+        place = Place(one.run, problem.channel, one.at_s, float(problem.runs[step.run].time_s[-1]), p_value=chance([one]))
+        found.append((place, problem.step_column(step) * one.size.value))
+    return found
 
 
 def with_places(

@@ -78,7 +78,8 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     dictionary = Dictionary(windowed)
     noises, prior = _noises_beside_laws(windowed)
     chosen, first, highest = None, None, best.log_posterior
-    lawless = float(log_sum_exp(np.array([model.log_posterior for model in explanations.models])))
+    others = [model.log_posterior for model in explanations.models if false.keys().isdisjoint(model.labels)]
+    lawless = float(log_sum_exp(np.array(others)))  # what is falsely named is nothing that stands against a law
     runner_up, lawful = None, 0.0
     tried = [best] if best is innocent else [best, innocent]
     for model in tried:
@@ -92,8 +93,6 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             tried += _less_what_reads(explanations, best, law)
         column = explanations.evidence.problem.columns(law.mechanism)
         spanned = explanations.evidence.spans(instead.members, column) > _SAME
-        if spanned and 1 < len(instead.members) <= _FEW:
-            continue  # it is these mechanisms together
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
         score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
@@ -106,8 +105,8 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             score += borne_out
         if model.members and score - model.log_posterior < _BEYOND:
             continue
-        if explanations.evidence.resembles(column) > _SAME or (spanned and len(instead.members) == 1):
-            # perhaps that mechanism by another name: it must win by what the mechanism's equation may be wrong by
+        if explanations.evidence.resembles(column) > _SAME or (spanned and 1 <= len(instead.members) <= _FEW):
+            # perhaps that mechanism, or a sum of two, by another name: it must win by what their equations may be wrong by
             rival = explanations.evidence.explained(instead.members, int(np.argmax(instead.noise_log)))
             score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
         elif not model.members:

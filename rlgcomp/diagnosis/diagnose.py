@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any, Final
@@ -23,6 +24,8 @@ from rlgcomp.diagnosis.conclusion import (
 )
 from rlgcomp.diagnosis.detection.detect import detect
 from rlgcomp.diagnosis.detection.locate import locate
+from rlgcomp.diagnosis.detection.locate.residual import SIGNIFICANT
+from rlgcomp.diagnosis.detection.locate.stretches import NOISIER
 from rlgcomp.diagnosis.fitting.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.explain import considered
@@ -36,6 +39,7 @@ from rlgcomp.diagnosis.question.held_out import require_held_out
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import default_window_s
 from rlgcomp.diagnosis.remarks import (
+    denied_by_held_out,
     extrapolations_of,
     found_behind,
     not_tried,
@@ -119,6 +123,43 @@ def diagnose(
         A run is given twice, or both to train and to test; runs are too short, lack a monitor, belong to another kind than the
         simulator, or are beyond what it can be off by; a mechanism of the user's fails on them.
     """
+    ask = functools.partial(
+        _diagnosed,
+        simulator,
+        train,
+        test,
+        simulated=simulated,
+        mechanisms=mechanisms,
+        gyro=gyro,
+        window_s=window_s,
+        noise=noise,
+        seed=seed,
+        black_box=black_box,
+        executor=executor,
+    )
+    found = ask(confirm=confirm, progress=progress)
+    if not (confirm and test and contradicted(found.test, [cause.mechanism for cause in found.causes])):
+        return found
+    alone = ask(confirm=False)  # held-out runs deny what they themselves decided for, if they did
+    return dataclasses.replace(alone, remarks=(denied_by_held_out(found), *alone.remarks)) if _leaves_less(alone, found) else found
+
+
+def _diagnosed(
+    simulator: Simulator | UserSimulator | Callable[[Recording], Any] | None,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    *,
+    simulated: Sequence[Recording] | None,
+    mechanisms: Mapping[str, type[Mechanism]],
+    gyro: str | None,
+    window_s: float | None,
+    noise: NoiseModel | None,
+    seed: int,
+    black_box: bool,
+    confirm: bool,
+    executor: Executor | None,
+    progress: Callable[[float], None] | None = None,
+) -> Diagnosis:
     told = progress or (lambda fraction: None)
     require_computable(mechanisms, [*train, *test])
     (train, knocks), (test, more) = _undisturbed(train, gyro), _undisturbed(test, gyro)
@@ -134,7 +175,8 @@ def diagnose(
     _require_noise(posed.windowed)
     told(0.05)
     before, mismatches = _calibrated(posed, [*train, *test])
-    box = learned(mismatches, len(train), executor) if black_box and test else None
+    foretold = not any(one.each_run for one in base.mechanisms)  # else what it leaves of a run is known by a fit to that run alone
+    box = learned(mismatches, len(train), executor) if black_box and test and foretold else None
     stated = mismatches
     posed, explanations, wrong = posed.answered(base)
     if wrong or posed.problem.own_biases:
@@ -183,7 +225,7 @@ def diagnose(
     return Diagnosis(
         verdict="unknown" if steps or in_part or denied else verdict,
         p_value=p_value,
-        where=_where(posed, locate(posed.windowed, posed.within, first.shape, rng), steps, in_part, after),
+        where=_where(posed, locate(posed.windowed, posed.within, first.shape, rng), steps, in_part, after, p_value),
         causes=last.causes(rivals),
         alternatives=last.alternatives(),
         unexplained=unexplained_of(
@@ -214,7 +256,7 @@ def diagnose(
             *own_biases_of(after.baseline),
             *weighed_means(model, problem.rows.window_s),
             *own_noises_of(mismatches, after.white_deg_h),
-            *worse_in_training(proof.train, named),
+            *(() if steps else worse_in_training(proof.train, named)),
             *off_held_out(verdict, proof.test, named),
             *(said for said in (unreadable(after.simulator, one.run) for one in mismatches) if said is not None),
             *extrapolations_of(proof.traces, drivers),
@@ -225,6 +267,13 @@ def diagnose(
         steps=steps,
         in_part=in_part,
     )
+
+
+def _leaves_less(one: Diagnosis, other: Diagnosis) -> bool:
+    """Of held-out runs, which do not deny it."""
+    if one.test is None or other.test is None or contradicted(one.test, [cause.mechanism for cause in one.causes]):
+        return False
+    return one.test.augmented_rms < other.test.augmented_rms
 
 
 def _known(
@@ -314,11 +363,20 @@ def _apart(posed: Posed, after: Fitted, shape: NoiseShape) -> tuple[tuple[Step, 
 
 
 def _where(
-    posed: Posed, found: Sequence[Place], steps: Sequence[Step], in_part: Sequence[InPart], after: Fitted
+    posed: Posed, found: Sequence[Place], steps: Sequence[Step], in_part: Sequence[InPart], after: Fitted, p_value: float
 ) -> tuple[Place, ...]:
-    """Places of the mismatch, those of steps and of causes in a part of the runs among them."""
+    """Places of the mismatch, those of steps and of causes in a part of the runs among them.
+
+    They are sought in the likeliest noise: where the bias is off, none is surer than that there is a mismatch at all, in any noise.
+    """
+
+    def no_surer(one: Place) -> Place:
+        off = one.frequency_hz is None and one.angle_harmonic is None and one.regime != NOISIER
+        return dataclasses.replace(one, p_value=max(one.p_value, p_value)) if off else one
+
+    kept = sorted((one for one in map(no_surer, found) if one.p_value <= SIGNIFICANT), key=lambda one: one.p_value)
     events = [*bias_steps.places(posed.windowed, steps), *partly.places(posed.windowed, in_part)]
-    return bias_steps.with_places(found, posed.windowed, events, after.white_deg_h)
+    return bias_steps.with_places(kept, posed.windowed, events, after.white_deg_h)
 
 
 def _differs(simulator: Simulator, name: str, found: Mapping[str, Estimate]) -> bool:

@@ -2,9 +2,10 @@ r"""A cause that acts in a part of the runs: something that was not recorded swi
 
 .. math:: y = X \beta + \sum_m \Phi_m a_m + a \, \phi \, [r \in A] + \epsilon
 
-with phi the one column of a mechanism that follows a recorded channel and A some of the training runs, one of which it may act in
-from some moment on, or until then. Its odds are as those of a step (:mod:`rlgcomp.diagnosis.bias_steps`), over the number of
-mechanisms and of parts. Where it acts in the other runs as well, only less, it is none: then its equation is another.
+with phi the one column of a mechanism that follows a recorded channel, or dies away from a run's beginning as what a cold start
+makes, and A some of the training runs, one of which it may act in from some moment on, or until then. Its odds are as those of a
+step (:mod:`rlgcomp.diagnosis.bias_steps`), over the number of mechanisms, of their shapes and of parts. Where it acts in the other
+runs as well, only less, it is none: then its equation is another.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -25,7 +27,7 @@ from rlgcomp.diagnosis.naming.inadequacy import inadequacy
 from rlgcomp.diagnosis.naming.search import Model
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.events import PARTLY as PART
-from rlgcomp.diagnosis.question.events import BiasStep, Partly
+from rlgcomp.diagnosis.question.events import BiasStep, Partly, probability_of
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate, InPart, Place, chance
 from rlgcomp.physics.mechanism import Mechanism
@@ -35,6 +37,7 @@ PARTLY: Final = 0.03  # before the data are seen: that a cause acts in a part of
 _SURE: Final = 0.95  # probability from which that is said
 _LESS: Final = 0.5  # of what it is where it acts, that a cause is less than where it does not,
 _BY: Final = 3.0  # by so many standard deviations
+_LITTLE: Final = 0.1  # of what it is where a run begins
 _ALL_PARTS: Final = 4  # runs, of which all parts are tried; of more, one run or all but one
 _MOMENTS: Final = 60  # of a run
 _SHORTEST: Final = 10  # windows on either side of a moment
@@ -53,22 +56,25 @@ def sought(problem: Problem, explanations: Explanations) -> Partly | None:
     if not columns or not parts:
         return None
     noises, prior, _ = considered(problem)
+    shapes = Counter(one.name for one in columns)
     found = []
     for model in _sets(explanations):
         named = {name for name, _ in model.labels}
         tried = [Partly(one, part) for one in columns if one.name not in named for part in parts]
+        if not tried:
+            continue  # all are named for all runs
         causes = [candidate.columns[: len(problem.rows)] for candidate in explanations.candidates(model)]
         design = np.column_stack([problem.baseline, *causes])
         background = Background(problem, design, noises, prior)
-        best, _ = _best(problem, background.few(), tried, columns)
-        best, log_factor = _best(problem, background, [best], columns)
+        best, _ = _best(problem, background.few(), tried, columns, shapes)
+        best, log_factor = _best(problem, background, [best], columns, shapes)
         toll = inadequacy(explanations.evidence.explained(model.members, int(np.argmax(model.noise_log))))
-        found.append((model.log_posterior + log_factor - math.log(len(tried)) - toll, best, background, design))
-    probability = explanations.probability_of_event([one[0] for one in found], PARTLY, explanations.models)
-    if probability < _SURE:
+        found.append((model.log_posterior + log_factor - math.log(len(shapes) * len(parts)) - toll, best, background, design))
+    log_odds = explanations.log_odds_of_event([one[0] for one in found], PARTLY, explanations.models) if found else -math.inf
+    if probability_of(log_odds) < _SURE:
         return None
     _, best, background, design = max(found, key=lambda one: one[0])
-    best = dataclasses.replace(_from_a_moment_on(problem, background, best, columns), probability=probability)
+    best = dataclasses.replace(_from_a_moment_on(problem, background, best, columns), log_odds=log_odds)
     return best if _silent_elsewhere(problem, best, design, background.noises, prior) else None
 
 
@@ -76,11 +82,13 @@ def told(
     problem: Problem, whole: Problem | None, baseline: Mapping[str, Mapping[str, Estimate]], noise: NoiseShape
 ) -> tuple[InPart, ...]:
     """Causes of a problem that act in a part of the runs, with their sizes, from what was fitted of its baseline; and what held-out
-    runs show of them, in the whole problem."""
+    runs show of them, in the whole problem. Not one whose size is nothing, all being fitted together."""
     found, names = [], [run.name for run in problem.runs]
     for one in problem.partly:
         size = baseline["gyro"][f"{PART}:{one.mechanism.name}"]
         size = dataclasses.replace(size, unit=one.mechanism.amplitude_parameters()[0].unit)
+        if abs(size.value) < _BY * size.sd:
+            continue
         mentioned = {*one.runs, *([one.moment.run] if one.moment else [])}
         acts = [names[run] for run in one.runs]
         silent = [name for run, name in enumerate(names) if run not in mentioned]
@@ -99,7 +107,8 @@ def told(
 def places(problem: Problem, in_part: Sequence[InPart]) -> list[tuple[Place, Array]]:
     """Where causes act in a part of a problem's runs, with what they do there, from what :func:`told` gives of them."""
     found = []
-    for one, told_of in zip(problem.partly, in_part, strict=True):
+    for told_of in in_part:
+        one = next(one for one in problem.partly if one.mechanism.name == told_of.mechanism)
         column, moment = problem.partly_column(one) * told_of.size.value, one.moment
         for k in sorted({*one.runs, *([moment.run] if moment else [])}):
             start_s, end_s = (float(problem.runs[k].time_s[end]) for end in (0, -1))
@@ -129,15 +138,23 @@ def _sets(explanations: Explanations) -> list[Model]:
 
 
 def _columns(explanations: Explanations, rows: int) -> dict[Mechanism, Array]:
-    """Of mechanisms with one that follow a recorded channel, at the shapes that were tried before the data were looked at."""
-    run = explanations.evidence.problem.runs[0]
+    """Of mechanisms with one that follow a recorded channel, or die away, at the shapes that were tried before the data were looked
+    at."""
+    problem = explanations.evidence.problem
+    run, parts = problem.runs[0], problem.rows.runs
     tried = explanations.evidence.candidates[: explanations.coarse]
     return {
         one.mechanism: one.columns[:rows, 0]
         for one in tried
-        if one.columns.shape[1] == 1 and not (one.known or one.mechanism.edges() or one.mechanism.open_set)
-        if one.mechanism.repeats() and one.mechanism.driver_columns(run)
+        if one.columns.shape[1] == 1 and not (one.known or one.mechanism.open_set) and one.mechanism.repeats()
+        if one.mechanism.driver_columns(run) or _dies_away(one.columns[:rows, 0], parts)
     }
+
+
+def _dies_away(column: Array, parts: Sequence[slice]) -> bool:
+    """Whether a column is largest where runs begin, and little where they end."""
+    sizes = [np.abs(column[part]) for part in parts]
+    return all(size[0] == size.max() > 0.0 and size[-1] < _LITTLE * size[0] for size in sizes)
 
 
 def _parts(runs: int) -> list[tuple[int, ...]]:
@@ -147,11 +164,17 @@ def _parts(runs: int) -> list[tuple[int, ...]]:
 
 
 def _best(
-    problem: Problem, background: Background, tried: Sequence[Partly], columns: Mapping[Mechanism, Array]
+    problem: Problem,
+    background: Background,
+    tried: Sequence[Partly],
+    columns: Mapping[Mechanism, Array],
+    shapes: Mapping[str, int] | None = None,
 ) -> tuple[Partly, float]:
-    """The likeliest, and the logarithm of its Bayes factor."""
+    """The likeliest, and the logarithm of its Bayes factor over the number of shapes of its name, where that is given."""
     table = np.column_stack([problem.in_part(columns[one.mechanism], one) for one in tried])
     logs = background.log_bayes_factors(table)
+    if shapes is not None:
+        logs = logs - np.log([shapes[one.mechanism.name] for one in tried])
     return tried[int(np.argmax(logs))], float(logs.max())
 
 

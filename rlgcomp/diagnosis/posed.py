@@ -125,15 +125,17 @@ class Posed:
     def _stepping(self, base: Simulator) -> tuple[Self, Explanations]:
         """The same asked of runs in which the bias steps, or a cause acts in a part, where that is so; and the sets that answer."""
         posed, explanations = self, self.explained()
-        for _ in range(_STEPS if base.kind == "chamber" else 0):
-            step = bias_steps.sought(posed.windowed, explanations, posed.whole_windowed)
-            if step is None:
+        while base.kind == "chamber":
+            steps, in_part = posed.windowed.steps, posed.windowed.partly
+            step = bias_steps.sought(posed.windowed, explanations, posed.whole_windowed) if len(steps) < _STEPS else None
+            found = None if in_part else partly.sought(posed.windowed, explanations)
+            if step is None and found is None:
                 break
-            posed = type(self).of(self.asked, base, steps=[*posed.windowed.steps, step])
-            explanations = posed.explained()
-        found = partly.sought(posed.windowed, explanations) if base.kind == "chamber" else None
-        if found is not None:
-            posed = type(self).of(self.asked, base, steps=posed.windowed.steps, in_part=[found])
+            if found is None or (step is not None and step.log_odds > found.log_odds):
+                steps = (*steps, *([step] if step is not None else []))
+            else:
+                in_part = (found,)
+            posed = type(self).of(self.asked, base, steps=steps, in_part=in_part)
             explanations = posed.explained()
         return posed, explanations
 

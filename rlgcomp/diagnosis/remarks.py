@@ -26,7 +26,7 @@ from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.question.own_noise import Level, differing
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
-from rlgcomp.diagnosis.result import Estimate, Fit, Trace, Verdict
+from rlgcomp.diagnosis.result import Diagnosis, Estimate, Fit, Trace, Verdict
 from rlgcomp.diagnosis.result.wording import NEAREST, listing, p_text, span_text, sure_text
 from rlgcomp.noise import SLOW, NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
@@ -335,9 +335,19 @@ def own_biases_of(baseline: Mapping[str, Mapping[str, Estimate]]) -> tuple[str, 
     )
 
 
+def denied_by_held_out(found: Diagnosis) -> str:
+    """What to say where held-out runs decided for what then makes them worse, so that training runs were asked alone."""
+    named = listing([cause.name for cause in found.causes])
+    return (
+        f"Asked together, all runs would name {named}, with which the held-out runs are further off than without: the training "
+        "runs alone decided, once it was seen that this leaves less of the held-out runs."
+    )
+
+
 def worse_in_training(train: Fit, causes: Sequence[Mechanism]) -> tuple[str, ...]:
-    """What to say where all that is named makes the very runs worse that it was found in."""
-    if not causes or train.augmented_rms < _WORSE * train.baseline_rms:
+    """What to say where all that is named makes the very runs worse that it was found in; it is not asked of causes that are drawn
+    anew in every run."""
+    if not causes or not all(cause.repeats() for cause in causes) or train.augmented_rms < _WORSE * train.baseline_rms:
         return ()
     return (
         f"With all that is named the training runs themselves are off by {train.augmented_rms:.2g} {train.unit} rms, without it by "

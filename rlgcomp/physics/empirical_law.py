@@ -22,6 +22,7 @@ FORMS: Final = ("power", "above", "below", "step", "saturation", "bump", "resona
 NARROW: Final = ("saturation", "bump", "resonance", "dispersion", "periodic")  # forms that have a width
 RATE_INDEPENDENT: Final = ("play", "plays")
 _SHARES: Final = -np.log1p(-(np.arange(8) + 0.5) / 8)  # radii at equal steps of an exponential distribution of mean one
+_FURTHER: Final = 0.2  # of the range of a driver: beyond it by more, a law is said to be extrapolated
 _LARGEST: Final = 1e9
 _AS_THEY_ARE: Final = ("deg", "deg/s")
 
@@ -79,7 +80,7 @@ class EmpiricalLaw(Mechanism):
     high: float = setting(60.0, "unit of m", low=-_LARGEST, high=_LARGEST)
     low_2: float = setting(0.0, "unit of driver_2", low=-_LARGEST, high=_LARGEST)
     high_2: float = setting(1.0, "unit of driver_2", low=-_LARGEST, high=_LARGEST)
-    lag_s: float = shape(1800.0, "s", 1.0, 1e6)
+    lag_s: float = shape(1800.0, "s", 1e-3, 1e6)
     radius: float = shape(1.0, "unit of driver", 0.0, _LARGEST)
     at: float = shape(10.0, "unit of m", -_LARGEST, _LARGEST)
     width: float = shape(10.0, "unit of m", 1.0 / _LARGEST, _LARGEST)
@@ -120,6 +121,23 @@ class EmpiricalLaw(Mechanism):
         for other in second:
             column = column * self.factor(other)
         return np.asarray(sign * column)[:, None]
+
+    def beyond(self, recording: Recording) -> str:
+        columns = iter(self.driver_columns(recording))
+        quantities = [tuple(next(columns) for name in pair if name) for pair in self._quantities()]
+        learnt = [] if self.memory == "rate" else [(quantities[0], self.low, self.high)]
+        learnt += [(quantity, self.low_2, self.high_2) for quantity in quantities[1:]]
+        said = []
+        for quantity, low, high in learnt:
+            values = reading(recording, *quantity)
+            values = np.abs(values) if self.parity != "none" and quantity is quantities[0] else values
+            if max(low - values.min(), values.max() - high) > _FURTHER * (high - low):
+                unit = self._unit(self.driver if quantity is quantities[0] else self.driver_2)
+                said.append(
+                    f"{named(*quantity)} goes from {values.min():.4g} to {_with(float(values.max()), unit)}, and the law "
+                    f"{self.stated()} was learnt from {low:.4g} to {_with(high, unit)}: it is extrapolated, and may be wrong there"
+                )
+        return "; ".join(said)
 
     def shaped(self, m: Array) -> Array:
         """The form of what is remembered, dimensionless."""

@@ -98,6 +98,8 @@ class Mechanism(abc.ABC):
         Not a candidate when a cause is to be named: it describes, it does not explain.
     constant : str
         The amplitude that is a constant bias; "" where it has none.
+    constant_alone : mapping
+        Settings with which it is that constant and nothing else.
     """
 
     name: ClassVar[str]
@@ -110,6 +112,7 @@ class Mechanism(abc.ABC):
     each_run: ClassVar[bool] = False
     open_set: ClassVar[bool] = False
     constant: ClassVar[str] = ""
+    constant_alone: ClassVar[Mapping[str, Any]] = {}
 
     def __init_subclass__(cls, **given: Any) -> None:
         super().__init_subclass__(**given)
@@ -241,6 +244,11 @@ class Mechanism(abc.ABC):
     def settled(self) -> Self:
         """The same error in the numbers that people use, where two parameters trade against each other when fitted."""
         return self
+
+    def beyond(self, recording: Recording) -> str:
+        """What to say of a recording that goes where its law was not learnt; "" where it does not, and of laws of physics."""
+        del recording
+        return ""
 
     def informed_by(self, recordings: Sequence[Recording]) -> Self:
         """With what recordings of a real gyro tell in place of what the simulator knows when it simulates."""

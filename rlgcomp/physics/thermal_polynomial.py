@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Final, Self
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
@@ -32,6 +32,7 @@ class ThermalPolynomial(Mechanism):
     )
     drivers = (TEMPERATURE,)
     constant = "c0_deg_h"
+    constant_alone: ClassVar[Mapping[str, Any]] = {"degree": 0}
 
     c0_deg_h: float = amplitude(0.0, "deg/h", limit=1e6)
     c1_deg_h_K: float = amplitude(2e-4, "deg/h/K")
@@ -53,6 +54,11 @@ class ThermalPolynomial(Mechanism):
     def extensions(self) -> tuple[Self, ...]:
         return tuple(dataclasses.replace(self, degree=degree) for degree in range(int(self.degree) + 1, HIGHEST_DEGREE + 1))
 
+    def driver_columns(self, recording: Recording) -> tuple[str, ...]:
+        return super().driver_columns(recording) if self.degree else ()  # a constant reads no thermometer
+
     def basis(self, recording: Recording) -> Array:
+        if not self.degree:
+            return np.ones((len(recording), 1))
         (temperature,) = self.read(recording)
         return np.vander(temperature - self.reference_degC, int(self.degree) + 1, increasing=True)

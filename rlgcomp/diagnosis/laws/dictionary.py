@@ -43,6 +43,7 @@ MEMORY_CLASS: Final = {
     "plays": "rate-independent",
 }
 _SHORTEST_LAG_WINDOWS: Final = 2.0
+_ROUNDING: Final = 1e-12  # of a memory's values: it stands still
 _PIECES_A_WINDOW: Final = (5, 50)  # in a chamber; of a table that turns, whose rate jumps
 _RADII: Final = (0.03, 0.9)  # of half the range: from what cannot be told from static to what hardly moves
 _WINDOWS_A_PERIOD: Final = 3.0  # that a driver takes to go through a period: of a shorter one the means keep little
@@ -237,7 +238,8 @@ class Dictionary:
         for key, parts in series.items():
             low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
             joined = np.concatenate([part[pieces.begin :] for part, pieces in zip(parts, self._pieces, strict=True)])
-            self._remembered[key] = joined, low, high if low < high else low + 1.0
+            moves = high - low > _ROUNDING * max(abs(low), abs(high))
+            self._remembered[key] = joined, low, high if moves else low + 1.0
 
     # --- the families ------------------------------------------------------------------------------------------------------
 

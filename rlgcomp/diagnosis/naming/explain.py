@@ -107,12 +107,11 @@ class Explanations:
             one for one in self.models if search.without_jumps(one.labels) == one.labels and not search.has_own_biases(one.labels)
         ]
 
-    def probability_of_event(self, beside: Sequence[float], before: float, against: Sequence[Model]) -> float:
+    def log_odds_of_event(self, beside: Sequence[float], before: float, against: Sequence[Model]) -> float:
         """Of an event that sets do not hold, from the log posteriors of sets with it, its probability before the data are seen, and
         the sets without it."""
         with_it = float(log_sum_exp(np.array(beside))) + math.log(before / (1.0 - before))
-        without = float(log_sum_exp(np.array([model.log_posterior for model in against])))
-        return 1.0 / (1.0 + math.exp(min(700.0, without - with_it)))
+        return with_it - float(log_sum_exp(np.array([model.log_posterior for model in against])))
 
     @property
     def nothing(self) -> Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Final
 
 from rlgcomp.physics.mechanism import Mechanism
@@ -23,14 +24,19 @@ class BiasStep:
         By that run's clock.
     after : bool
         What comes after is apart from other runs; else what was before.
-    probability : float
-        That there is one.
+    log_odds : float
+        Logarithm of the odds that there is one.
     """
 
     run: int
     at_s: float
     after: bool
-    probability: float = 1.0
+    log_odds: float = math.inf
+
+    @property
+    def probability(self) -> float:
+        """That there is one."""
+        return probability_of(self.log_odds)
 
     @property
     def parameter(self) -> str:
@@ -50,11 +56,25 @@ class Partly:
         In which it acts from beginning to end.
     moment : BiasStep, optional
         In one more run it acts after some moment, or before.
-    probability : float
-        That it is so.
+    log_odds : float
+        Logarithm of the odds that it is so.
     """
 
     mechanism: Mechanism
     runs: tuple[int, ...]
     moment: BiasStep | None = None
-    probability: float = 1.0
+    log_odds: float = math.inf
+
+    @property
+    def probability(self) -> float:
+        """That it is so."""
+        return probability_of(self.log_odds)
+
+
+def probability_of(log_odds: float) -> float:
+    """Of odds.
+
+    >>> probability_of(0.0), probability_of(math.inf), probability_of(-math.inf)
+    (0.5, 1.0, 0.0)
+    """
+    return 1.0 / (1.0 + math.exp(min(700.0, -log_odds))) if log_odds > -700.0 else 0.0

@@ -7,9 +7,8 @@ Means x over a sixth of a window, or samples, in threes that follow one another,
 The largest fifth of their squares, in which jumps and knocks are, does not count. Of n normal ones log v has the variance 3.18 / n,
 so that levels of runs are compared by a chi-square. Runs that do not differ significantly and notably have one level.
 
-Within a run, windows in a row are louder (or quieter) than the others of it where the means of log d² differ, which of normal ones
-has the variance :math:`\pi^2/2`, whatever the level, and in which a jump counts for little. All stretches between any two windows
-are tried, on means over a fiftieth of a window, which are many; what is found there is a level of white noise if means over a sixth
+Within a run, windows in a row are louder than the others of it where the mean of log d² is higher, which of normal ones has the
+variance :math:`\pi^2/2`, whatever the level, and in which a jump counts for little. All stretches between any two windows are tried, on means over a fiftieth of a window, which are many; what is found there is a level of white noise if means over a sixth
 show it too.
 
 Rounding to whole pulses q is no white noise: of a steady rate it makes lines, and what d shows of these is each run's own. Of means
@@ -64,7 +63,7 @@ class Level:
 
     @classmethod
     def of(cls, windows: Windows, values_deg_h: Array) -> Level:
-        """Of a run's values at its full rate, in deg/h; where it is louder, or quieter, than elsewhere, as if it were not."""
+        """Of a run's values at its full rate, in deg/h; where it is louder than elsewhere, as if it were not."""
         found, window = _threes(windows, values_deg_h, _PIECES)
         squares = np.sort(found**2 / windows.bursting[window])
         counted = squares[: int(_COUNTED * len(squares))]
@@ -113,7 +112,7 @@ class _Logs:
 
 
 def with_bursts(windows: Windows, values_deg_h: Array) -> Windows:
-    """Windows that know in which of them the run is louder, or quieter, than in the others.
+    """Windows that know in which of them the run is louder than in the others.
 
     Parameters
     ----------
@@ -129,12 +128,12 @@ def with_bursts(windows: Windows, values_deg_h: Array) -> Windows:
     found = []
     for _ in range(_BURSTS):
         logs, sds = fine.apart(first, stop)
-        k = int(np.argmax(np.abs(logs) / sds))
-        if 2.0 * len(logs) * special.ndtr(-abs(logs[k]) / sds[k]) > _SIGNIFICANT:
+        k = int(np.argmax(logs / sds))
+        if len(logs) * special.ndtr(-logs[k] / sds[k]) > _SIGNIFICANT:
             break
         begin, end = int(first[k]), int(stop[k])
         (log,), (sd,) = coarse.apart(first[k : k + 1], stop[k : k + 1])
-        borne_out = abs(log) > max(_NOTABLE, _BORNE_OUT * sd) and log * logs[k] > 0.0
+        borne_out = log > max(_NOTABLE, _BORNE_OUT * sd)
         if borne_out and abs(log - logs[k]) < _BORNE_OUT * sd:  # white noise, of which both tell
             log = np.average([log, logs[k]], weights=[sd**-2, sds[k] ** -2])
         if borne_out and _shown(windows, coarse, begin, end):

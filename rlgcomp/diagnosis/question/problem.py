@@ -309,7 +309,7 @@ class Problem:
                     if isinstance(own, kind):
                         return dataclasses.replace(own, **{kind.constant: getattr(own, kind.constant) + value_deg_h})  # type: ignore[type-var]
                 nothing = {parameter.name: 0.0 for parameter in kind.parameters() if parameter.role == "amplitude"}
-                return kind(**(nothing | {kind.constant: value_deg_h}))
+                return kind(**{**nothing, **kind.constant_alone, kind.constant: value_deg_h})
         return None
 
     def driver(self, column: str) -> Array:

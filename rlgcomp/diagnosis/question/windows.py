@@ -81,7 +81,7 @@ class Windows:
     window_s: float
     knee_s: float = 0.0
     loudness: float = 1.0  # variance of this run's white noise over that of the runs' middle one
-    bursts: tuple[Burst, ...] = ()  # where this run is louder, or quieter, than that; where they overlap they multiply
+    bursts: tuple[Burst, ...] = ()  # where this run is louder than that; where they overlap they multiply
     step_deg_h: float = 0.0  # in which the gyro's rate moves, where it is read in whole pulses
 
     @classmethod

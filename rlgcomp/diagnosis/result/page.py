@@ -69,7 +69,6 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         "steps": wording.events_text(diagnosis),
         **_next(diagnosis.next_experiment),
         "places": _places(diagnosis),
-        "place_note": wording.place_note(diagnosis),
         "causes": _causes(diagnosis),
         "several": len(diagnosis.causes) + bool(diagnosis.unexplained.equation) > 1,
         "parameters": _parameters(diagnosis),

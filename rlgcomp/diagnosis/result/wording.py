@@ -121,7 +121,10 @@ def headline(diagnosis: Diagnosis) -> str:
         if left.probability is None and not (doubt or left.drivers) and left.p_value > DOUBTFUL:
             doubt = f", unless it is noise after all ({p_text(left.p_value)})"
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
-        sure = "" if left.probability is None or left.equation else f" (probability {sure_text(left.probability, 2)})"
+        unknown = (left.probability or 0.0) + (
+            left.nearest.probability if left.nearest else 0.0
+        )  # a law is no known mechanism either
+        sure = "" if left.probability is None or left.equation else f" (probability {sure_text(min(unknown, 1.0), 2)})"
         beside = f" Beside that {events_text(diagnosis)}" if diagnosis.steps or diagnosis.in_part else ""
         return f"{start} that no known mechanism explains{sure}; {driven}{doubt}.{beside}"
     if diagnosis.verdict == "ambiguous":
@@ -182,9 +185,11 @@ def _in_part_text(one: InPart) -> str:
     if one.run is not None and one.at_s is not None:
         acts.append(f"{one.run} {'from' if one.after else 'until'} {_time_text(one.at_s)}{' on' if one.after else ''}")
     silent = f", but not in {listing(list(one.silent))}" if one.silent else ""
+    does = f"follows {listing(list(one.drivers))}, as" if one.drivers else "goes as"
+    look = "look at cabling and settings" if one.drivers else "look at how each run was begun"
     return (
-        f"something follows {listing(list(one.drivers))}, as {one.mechanism} does ({one.size}), in {listing(acts)}{silent} "
-        f"(probability {sure_text(one.probability, 2)}). What was not recorded switches it on: look at cabling and settings."
+        f"something {does} {one.mechanism} does ({one.size}), in {listing(acts)}{silent} "
+        f"(probability {sure_text(one.probability, 2)}). What was not recorded switches it on: {look}."
     )
 
 
@@ -204,7 +209,6 @@ def as_text(diagnosis: Diagnosis) -> str:
     if diagnosis.where:
         rows = place_rows(diagnosis.where)[:SHOWN_PLACES]
         parts.append(_table(f"Where (p-value of no mismatch: {p_number(diagnosis.p_value)})", ["place", "share", "p"], rows))
-        parts += [note for note in [place_note(diagnosis)] if note]
     if diagnosis.causes:
         rows = []
         for cause in diagnosis.causes:
@@ -346,16 +350,6 @@ def place_rows(places: Sequence[Place]) -> list[list[str]]:
         said = f"{runs} {stays[0].channel}, {len(stays)} intervals, {hours:.2f} h in all, {regime}"
         rows.append([said, f"{100 * sum(place.share for place in stays):.0f} %", p_number(p_value)])
     return rows
-
-
-def place_note(diagnosis: Diagnosis) -> str:
-    """What to say of places where there is no mismatch on the whole: the two are asked under different noises."""
-    if not diagnosis.where or diagnosis.verdict != "none" or diagnosis.p_value < DOUBTFUL:
-        return ""
-    return (
-        f"Places are judged against the likeliest noise; against all noises that these runs allow there is no mismatch "
-        f"({p_text(diagnosis.p_value)}). A step or a drift of the bias may be what stands out there."
-    )
 
 
 def set_text(names: Sequence[str]) -> str:
