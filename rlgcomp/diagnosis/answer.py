@@ -12,6 +12,8 @@ import math
 from collections.abc import Mapping
 from typing import Final, Self
 
+import numpy as np
+
 from rlgcomp.diagnosis.account import alternatives_of, and_hidden, causes_of, hidden_of, set_probability, whiteness
 from rlgcomp.diagnosis.conclusion import (
     UNRECORDED,
@@ -26,11 +28,14 @@ from rlgcomp.diagnosis.conclusion import (
 from rlgcomp.diagnosis.fitting.fit import Fitted, fit
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.naming.explain import Explanations
-from rlgcomp.diagnosis.noise.whitening import NoiseShape
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Posed
+from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Alternative, Cause
 
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
+_HALF: Final = 0.5  # of what training runs say of a cause within windows, that held-out runs must be able to show,
+_SURELY: Final = 3.0  # standard deviations counted for it
 _NOISE_LEFT: Final = 0.01  # p-value from which what is left passes for noise
 
 
@@ -70,11 +75,14 @@ class Answer:
             The simulator with nothing added.
         """
         found = cls._fitted(posed, explanations, conclusion, before)
-        nothing = [one.mechanism.name for one in found.after.causes if one.vanishes]
-        if not nothing:
+        doubted = {one.mechanism.name: "its size is nothing, within its error" for one in found.after.causes if one.vanishes}
+        doubted |= dict.fromkeys(
+            _denied_within_windows(posed.whole, found.after), "held-out runs do not show it within their windows"
+        )
+        if not doubted:
             return found
-        for name in nothing:
-            explanations = explanations.without(name, "its size is nothing, within its error")
+        for name, why in doubted.items():
+            explanations = explanations.without(name, why)
         if conclusion.reweighed:
             conclusion = beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
         else:
@@ -164,6 +172,32 @@ def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -
     conclusion = dataclasses.replace(conclusion, laws=tuple(law for law in conclusion.laws if law not in alike))
     explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained()
     return explanations, beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
+
+
+def _denied_within_windows(whole: Problem | None, after: Fitted) -> list[str]:
+    """Causes that act within windows and of which held-out runs, at their full rate, surely show less than half.
+
+    Rounding of an encoder's angle stands in lines that training runs may take for harmonics; in another run these are other lines.
+    """
+    fast = [
+        one for one in after.causes if one.mechanism.fast and one.mechanism.repeats() and not (one.known or one.mechanism.each_run)
+    ]
+    if whole is None or not whole.held_out or not fast:
+        return []
+    parts = whole.windows[-whole.held_out :]
+    own = [one for one in whole.simulator.mechanisms if one.fast]
+    rows = []
+    for part, values in zip(parts, whole.unexplained_deg_h[-whole.held_out :], strict=True):
+        said = [one.mechanism.contribution(part.full, np.random.default_rng(0)) for one in fast]
+        bases = [one.basis(part.full) for one in own]
+        rows.append(part.within(np.column_stack([*said, *bases, values])))
+    table = np.vstack(rows)
+    design = table[:, :-1] / norms(table[:, :-1])
+    weights, *_ = np.linalg.lstsq(design, table[:, -1], rcond=1e-10)
+    left = table[:, -1] - design @ weights
+    sd = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * float(left @ left) / len(left))
+    shown, sd = (values[: len(fast)] / norms(table[:, : len(fast)]) for values in (weights, sd))
+    return [one.mechanism.name for one, share, error in zip(fast, shown, sd, strict=True) if share + _SURELY * error < _HALF]
 
 
 def spoken_for(explanations: Explanations, conclusion: Conclusion) -> str | None:

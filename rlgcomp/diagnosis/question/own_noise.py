@@ -8,7 +8,8 @@ The largest fifth of their squares, in which jumps and knocks are, does not coun
 so that levels of runs are compared by a chi-square. Runs that do not differ significantly and notably have one level.
 
 Within a run, windows in a row are louder than the others of it where the mean of log d² is higher, which of normal ones has the
-variance :math:`\pi^2/2`, whatever the level, and in which a jump counts for little. All stretches between any two windows are tried, on means over a fiftieth of a window, which are many; what is found there is a level of white noise if means over a sixth
+variance :math:`\pi^2/2`, whatever the level, and in which a jump counts for little. All stretches between any two windows are
+tried, on means over a fiftieth of a window, which are many; what is found there is a level of white noise if means over a sixth
 show it too.
 
 Rounding to whole pulses q is no white noise: of a steady rate it makes lines, and what d shows of these is each run's own. Of means

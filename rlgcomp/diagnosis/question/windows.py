@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
-from typing import Final, Self
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,9 @@ _WINDOWS: Final = 200  # of the longest run, at least, where the window is not g
 _UNLIKE: Final = 300.0  # between the sample periods of runs
 _FEW: Final = 4  # columns that are not worth a look for empty rows
 _EMPTY: Final = 0.3  # of the rows
+_FEWEST_ALIKE: Final = 8  # samples of a window that tell how much they scatter
+_CLEAR: Final = 8.0  # standard deviations of that, where windows scatter alike, times the root of the samples
+_FEWEST_WINDOWS: Final = 5  # that have a spectrum of their own
 _SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
 
 
@@ -302,12 +306,15 @@ class Contrasts:
     V spans what the fast columns do within windows; x̄ is the mean of each sample's window, Δt the sample period, tau the window.
     P is the spectrum of what V leaves within windows over white noise that makes a window's mean as noisy as it is, one at least:
     rounding to whole pulses and an encoder's own noise make it large, and larger the faster; in a short window they are the louder
-    at its very length already. To it comes what laws of the simulator leave open.
+    at its very length already. Where a table stands its encoder's rounding makes no noise, and little where it turns by whole
+    digits: windows in which samples scatter alike have a spectrum of their own, by means, since rounding may stand in lines. To it
+    comes what laws of the simulator leave open.
     """
 
     windows: tuple[Windows, ...]
     directions: tuple[Array, ...]  # D, a part for each run: (rows in kept windows, count); the mean over each window is nothing
     level: float  # variance of a sample, in (deg/h)², were all noise white
+    louder: tuple[Array, ...]  # of each run, the variance of each kept window's mean over that, shape (windows,)
 
     @classmethod
     def made(
@@ -326,14 +333,30 @@ class Contrasts:
         spanning = [block @ (vectors[:, kept] / np.sqrt(values[kept])) for block in scaled]
         seen = [part.within_calm(values) for part, values in zip(windows, noise, strict=True)]
         size = sum((block.T @ values for block, values in zip(spanning, seen, strict=True)), np.zeros(int(kept.sum())))
-        bands, level = _bands([values - block @ size for block, values in zip(spanning, seen, strict=True)], windows)
-        covariance = sum((_in_noise(block, bands) for block in spanning), np.zeros((int(kept.sum()),) * 2))
+        left = [values - block @ size for block, values in zip(spanning, seen, strict=True)]
+        calm = [values * ~part.rows_within(rows).any(axis=1) for values, part, rows in zip(left, windows, scatter, strict=True)]
+        alike = _alike(calm, windows)
+        bands, level = _bands(left, windows)
+        louder = tuple(np.ones(len(of_run)) for of_run in alike)
+        covariance = np.zeros((int(kept.sum()),) * 2)
+        kinds = np.unique(np.concatenate(alike))
+        for kind in kinds:
+            inside_kind = [np.repeat(of_run == kind, part.counts[part.kept]) for of_run, part in zip(alike, windows, strict=True)]
+            if len(kinds) > 1:
+                share = float(np.mean(np.concatenate(inside_kind)))
+                masked = [values * rows / math.sqrt(share) for values, rows in zip(calm, inside_kind, strict=True)]
+                bands, times = _bands_at(masked, windows, level)
+                for of_run, loud in zip(alike, louder, strict=True):
+                    loud[of_run == kind] = times
+            for block, rows in zip(spanning, inside_kind, strict=True):
+                covariance += _in_noise(block if rows.all() else block * rows[:, None], bands)
         for block, part, disturbances in zip(spanning, windows, scatter, strict=True):
             disturbed = _along(part.calmed(block), part.rows_within(disturbances))
             covariance += disturbed @ disturbed.T / level if level > 0.0 else 0.0
         sizes, turned = np.linalg.eigh(covariance)
         scaled = turned / np.sqrt(np.maximum(sizes, 1.0))
-        return cls(windows, tuple(part.calmed(block) @ scaled for part, block in zip(windows, spanning, strict=True)), level)
+        directions = tuple(part.calmed(block) @ scaled for part, block in zip(windows, spanning, strict=True))
+        return cls(windows, directions, level, louder)
 
     @property
     def count(self) -> int:
@@ -359,9 +382,54 @@ def _along(directions: Array, columns: Array) -> Array:
     return np.asarray(directions.T @ columns)
 
 
+def _alike(inside: Sequence[Array], windows: Sequence[Windows]) -> list[IntArray]:
+    """Of each run, which of its kept windows scatter alike from sample to sample, as most (0), more or less: by second differences,
+    in steps that are clear."""
+    found, fewest = [], min(int(part.counts[part.kept].min()) for part in windows)
+    for values, part in zip(inside, windows, strict=True):
+        counts = part.counts[part.kept]
+        squares = np.r_[0.0, np.diff(values, 2) ** 2, 0.0]
+        found.append(np.add.reduceat(squares, np.cumsum(counts) - counts) / counts)
+    every = np.concatenate(found)
+    typical = float(np.median(every))
+    if fewest < _FEWEST_ALIKE or typical <= 0.0:
+        return [np.zeros(len(of_run), dtype=np.intp) for of_run in found]
+    clear = 2.0 * max(math.log(2.0), _CLEAR / math.sqrt(fewest))
+    kinds = [np.rint(np.log(np.maximum(of_run, 1e-12 * typical) / typical) / clear).astype(np.intp) for of_run in found]
+    many = Counter(np.concatenate(kinds).tolist())
+    rare = [kind for kind, count in many.items() if count < _FEWEST_WINDOWS]
+    return [np.where(np.isin(of_run, rare), 0, of_run) for of_run in kinds]
+
+
+def _of_median(powers: Array) -> float:
+    """Mean of powers of noise, from their median."""
+    return float(np.median(powers)) / math.log(2.0)
+
+
 def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, float]:
     """Power within windows over that of white noise as large as the noise of a window's mean, in bands of equal width: ratios of
     medians, in which lines do not count; one where a window holds but two samples. And that white noise's variance."""
+    found, seen = _powers(inside, windows)
+    if seen <= 0.0 or not found.any():
+        return np.ones(_BANDS), 0.0
+    level = min(seen, _of_means(found, windows[0]))
+    return np.maximum(np.maximum(found, level), level + _rounding(windows[0].full)) / level, level
+
+
+def _bands_at(inside: Sequence[Array], windows: Sequence[Windows], level: float) -> tuple[Array, float]:
+    """The same of some windows over the level of all, and the variance of one of their means over that; one at least."""
+    found, seen = _powers(inside, windows, np.mean)
+    if seen <= 0.0 or not found.any() or level <= 0.0:
+        return np.ones(_BANDS), 1.0
+    return np.maximum(np.maximum(found, level), level + _rounding(windows[0].full)) / level, max(
+        1.0, _of_means(found, windows[0]) / level
+    )
+
+
+def _powers(
+    inside: Sequence[Array], windows: Sequence[Windows], middle: Callable[[Array], Any] = _of_median
+) -> tuple[Array, float]:
+    """Power within windows in bands of equal width, by medians or means; and about the windows' length."""
     powers, slow, of_band = [], [], []
     for values, part in zip(inside, windows, strict=True):
         power = np.abs(np.fft.rfft(values))[1:] ** 2 / len(values)
@@ -370,12 +438,8 @@ def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, 
         powers.append(power[cycles:])
         of_band.append(np.arange(cycles, len(power)) * _BANDS // len(power))
     every, band, at_length = (np.concatenate(parts) for parts in (powers, of_band, slow))
-    seen = float(np.median(at_length)) / math.log(2.0) if len(at_length) else 0.0
-    found = np.array([float(np.median(every[band == k])) / math.log(2.0) if (band == k).any() else 0.0 for k in range(_BANDS)])
-    if seen <= 0.0 or not found.any():
-        return np.ones(_BANDS), 0.0
-    level = min(seen, _of_means(found, windows[0]))
-    return np.maximum(np.maximum(found, level), level + _rounding(windows[0].full)) / level, level
+    seen = float(middle(np.asarray(at_length))) if len(at_length) else 0.0
+    return np.array([float(middle(np.asarray(every[band == k]))) if (band == k).any() else 0.0 for k in range(_BANDS)]), seen
 
 
 def _of_means(powers: Array, part: Windows) -> float:
