@@ -149,6 +149,15 @@ class TestConceal:
         assert made.hidden.parameters["temperature_rate.k_deg_h_min_K"] == 0.004
         assert challenge("temperature_rate", strength=2.0).strengths["temperature_rate"] == pytest.approx(2.0, rel=1e-6)
 
+    def test_a_share_that_is_one_in_nature_is_one(self) -> None:
+        """A lock-in whose share was drawn read backwards within its dead zone, and no diagnosis could be right about it."""
+        table = rlg.Simulator.from_mapping(
+            {"kind": "turntable", "mechanisms": ["scale_factor", "lock_in"], "noise": {"angle_random_walk_deg_sqrt_h": 1e-3}}
+        )
+        for seed in range(3):
+            (hidden,) = conceal(table, "lock_in", seed=seed, step_s=1.0).mechanisms
+            assert hidden.fraction == 1.0
+
     def test_several_at_once_and_what_no_run_repeats(self) -> None:
         made = challenge("random_telegraph,ambient_pressure", strength=0.5)
         assert set(made.strengths) == {"random_telegraph", "ambient_pressure"}

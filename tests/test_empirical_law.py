@@ -257,3 +257,19 @@ def test_nothing_grows_faster_than_straight(u: float, form: str, exponent: int) 
     out = float(found.basis(recording(np.full(3, u)))[-1, 0])
     assert math.isfinite(out)
     assert abs(out) <= 1.0 + 5.0 * max(1.0, abs(x)) * (1.0 + 1e-9)
+
+
+def test_a_recording_beyond_what_a_law_was_learnt_from_is_spoken_of() -> None:
+    time_s = np.arange(2000.0)
+    table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": 0.0 * time_s, "supply_voltage_V": 12.0 + 0.1 * np.sin(time_s / 200.0)})
+    run = rlg.Recording(table, name="run")
+    law = EmpiricalLaw(driver="supply_voltage_V", low=11.9, high=12.1, at=12.0)
+    assert law.beyond(run) == ""
+    said = law.beyond(run.replace(table=table.assign(supply_voltage_V=table["supply_voltage_V"] + 3.0)))
+    assert "supply_voltage_V goes from 14.9 to 15.1 V" in said
+    assert "extrapolated" in said
+    assert rlg.CATALOGUE["supply_voltage"]().beyond(run) == ""
+
+
+def test_lags_of_less_than_a_second_are_laws_too() -> None:
+    assert EmpiricalLaw(memory="lag", lag_s=0.4).lag_s == 0.4

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.naming.explain import explain
@@ -46,3 +49,33 @@ def test_a_cause_that_acts_in_all_runs_is_no_such() -> None:
 def test_nothing_is_no_such() -> None:
     problem = Problem.of(SIMULATOR, runs(seed=2, hours=HOURS), window_s=100.0)
     assert sought(problem, explain(problem, CATALOGUE)) is None
+
+
+def minutes(seed: int, of_warm_up: float = 0.0, of_hop: float = 0.0) -> rlg.Recording:
+    """A run of eight hours in which a cold start, or a step at 25 degC, may show."""
+    (run, *_) = runs(seed=seed, hours=HOURS)
+    warm = of_warm_up * np.exp(-run.time_s / 2400.0)
+    hop = of_hop * (run.column("temperature_block_degC") > 25.0)
+    return rlg.Recording(run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + warm + hop), run.metadata, name=f"run{seed}")
+
+
+@pytest.mark.parametrize(("name", "sizes"), [("warm_up", (0.012, 0.0)), ("mode_hop", (0.0, 0.006))])
+def test_a_cold_start_or_a_step_in_one_run_of_three_is_told_as_such(name: str, sizes: tuple[float, float]) -> None:
+    found = diagnose(SIMULATOR, [minutes(11, *sizes), minutes(12), minutes(13)], [minutes(14)], window_s=100.0, black_box=False)
+    assert found.verdict == "unknown"
+    (one,) = found.in_part
+    assert (one.mechanism, one.acts[0]) == (name, "run11")
+    assert {"run12", "run13"} <= set(one.silent)
+    assert abs(one.size.value - sum(sizes)) < 5.0 * one.size.sd + 0.2 * sum(sizes)
+    assert not found.causes
+    assert not found.unexplained.laws
+    assert ("look at how each run was begun" in found.sentence) == (name == "warm_up")
+
+
+def test_where_all_candidates_are_named_nothing_is_left_to_act_in_a_part() -> None:
+    """Of the user's own few, all may be named for all runs: it had ended in an internal fault."""
+    only = {"supply_voltage": CATALOGUE["supply_voltage"]}
+    train = with_supply(runs(seed=5, hours=HOURS), 1.0, 1.0)
+    found = diagnose(SIMULATOR, train, mechanisms=only, window_s=100.0, black_box=False)
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    assert not found.in_part

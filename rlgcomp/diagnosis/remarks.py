@@ -105,7 +105,8 @@ def remarks_of(
     remarks += [said for cause in after.causes for said in _at_the_end(cause)]
     remarks += _beside_a_law(after.causes)
     if explanations.left_out:
-        wanting = "; ".join(dict.fromkeys(reason.split("; ")[0] for reason in explanations.left_out.values()))
+        reasons = ((name, reason.split("; ")[0]) for name, reason in explanations.left_out.items())
+        wanting = "; ".join(reason if name in reason else f"{name}: {reason}" for name, reason in reasons)
         remarks.append(f"Not tried, because a column is not recorded in every run ({wanting}).")
     return tuple(remarks)
 

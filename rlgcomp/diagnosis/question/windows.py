@@ -42,6 +42,8 @@ _SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a lit
 def default_window_s(runs: Sequence[Recording]) -> float:
     """100 s, or what gives the longest run two hundred windows and every run enough; never less than a sample.
 
+    On a table, where means are plain, those of whole pulses are as long as they can be: rounding counts for less.
+
     Raises
     ------
     InputError
@@ -55,7 +57,9 @@ def default_window_s(runs: Sequence[Recording]) -> float:
         )
     lengths = [run.duration_s - run.metadata.lead_in_s for run in runs]
     period = max(run.period_s for run in runs)
-    wanted = min(DEFAULT_AVERAGING_S, max(lengths) / _WINDOWS, min(lengths) / (2 * FEWEST_WINDOWS))
+    counted = any(run.metadata.kind == "turntable" and any(one.endswith("_pulses") for one in run.gyro_columns) for run in runs)
+    finest = math.inf if counted else max(lengths) / _WINDOWS
+    wanted = min(DEFAULT_AVERAGING_S, finest, min(lengths) / (2 * FEWEST_WINDOWS))
     return period * max(1, round(wanted / period))
 
 
