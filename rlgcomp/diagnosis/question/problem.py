@@ -275,11 +275,7 @@ class Problem:
             self.rows,
             time_s=np.r_[self.rows.time_s, np.zeros(more)],
             run=np.r_[self.rows.run, np.full(more, len(self.windows))],
-            white=np.r_[
-                self.rows.white * np.concatenate(contrasts.louder)
-                + (of_samples / contrasts.level if contrasts.level > 0.0 else 0.0),
-                np.ones(more),
-            ],
+            white=np.r_[self.rows.white + (of_samples / contrasts.level if contrasts.level > 0.0 else 0.0), np.ones(more)],
             contrasts=more,
         )
         target = np.r_[self.target_deg_h, contrasts.of([values[:, None] for values in self.unexplained_deg_h])[:, 0]]

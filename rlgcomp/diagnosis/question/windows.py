@@ -318,7 +318,6 @@ class Contrasts:
     windows: tuple[Windows, ...]
     directions: tuple[Array, ...]  # D, a part for each run: (rows in kept windows, count); the mean over each window is nothing
     level: float  # variance of a sample, in (deg/h)², were all noise white
-    louder: tuple[Array, ...]  # of each run, the variance of each kept window's mean over that, shape (windows,)
 
     @classmethod
     def made(
@@ -340,18 +339,17 @@ class Contrasts:
         left = [values - block @ size for block, values in zip(spanning, seen, strict=True)]
         calm = [values * ~part.rows_within(rows).any(axis=1) for values, part, rows in zip(left, windows, scatter, strict=True)]
         alike = _alike(calm, windows)
-        bands, level = _bands(left, windows)
-        louder = tuple(np.ones(len(of_run)) for of_run in alike)
+        everywhere, level = _bands(left, windows)
         covariance = np.zeros((int(kept.sum()),) * 2)
         kinds = np.unique(np.concatenate(alike))
         for kind in kinds:
             inside_kind = [np.repeat(of_run == kind, part.counts[part.kept]) for of_run, part in zip(alike, windows, strict=True)]
-            if len(kinds) > 1:
+            bands = everywhere
+            if len(kinds) > 1 and level > 0.0:
                 share = float(np.mean(np.concatenate(inside_kind)))
                 masked = [values * rows / math.sqrt(share) for values, rows in zip(calm, inside_kind, strict=True)]
-                bands, times = _bands_at(masked, windows, level)
-                for of_run, loud in zip(alike, louder, strict=True):
-                    loud[of_run == kind] = times
+                own, _ = _powers(masked, windows, np.mean)
+                bands = np.maximum(everywhere, own / level)  # what is calmer may be so by chance, or by whole digits
             for block, rows in zip(spanning, inside_kind, strict=True):
                 covariance += _in_noise(block if rows.all() else block * rows[:, None], bands)
         for block, part, disturbances in zip(spanning, windows, scatter, strict=True):
@@ -360,7 +358,7 @@ class Contrasts:
         sizes, turned = np.linalg.eigh(covariance)
         scaled = turned / np.sqrt(np.maximum(sizes, 1.0))
         directions = tuple(part.calmed(block) @ scaled for part, block in zip(windows, spanning, strict=True))
-        return cls(windows, directions, level, louder)
+        return cls(windows, directions, level)
 
     @property
     def count(self) -> int:
@@ -418,16 +416,6 @@ def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, 
         return np.ones(_BANDS), 0.0
     level = min(seen, _of_means(found, windows[0]))
     return np.maximum(np.maximum(found, level), level + _rounding(windows[0].full)) / level, level
-
-
-def _bands_at(inside: Sequence[Array], windows: Sequence[Windows], level: float) -> tuple[Array, float]:
-    """The same of some windows over the level of all, and the variance of one of their means over that; one at least."""
-    found, seen = _powers(inside, windows, np.mean)
-    if seen <= 0.0 or not found.any() or level <= 0.0:
-        return np.ones(_BANDS), 1.0
-    return np.maximum(np.maximum(found, level), level + _rounding(windows[0].full)) / level, max(
-        1.0, _of_means(found, windows[0]) / level
-    )
 
 
 def _powers(
