@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from experiments.mems_thermal_chamber.__main__ import cycle, diagnosed
+import rlgcomp as rlg
+from experiments.mems_thermal_chamber.__main__ import CUBIC, cycle, diagnosed, leg
 from experiments.mems_thermal_chamber.judgement import MEMORY, held_out, judgement, memories
 
 DATA = Path(__file__).parents[2] / "shared/data/real/mems_imu_thermal_chamber"
@@ -32,3 +33,13 @@ def test_the_hard_axis_gets_an_honest_answer() -> None:
     assert found.verdict == "unknown"
     assert ("no gain can be claimed" in said) == (held_out(found).improvement_ci95[0] <= 0.0)
     assert "the leg is not described" in said
+
+
+def test_held_out_runs_decide_nothing_that_makes_them_worse() -> None:
+    """Averaged as by itself, the third axis had an ageing by its held-out leg alone, and that leg was four times as far off by it."""
+    whole = cycle(DATA)
+    train, test = [leg(whole, 1), leg(whole, 2)], [leg(whole, 3)]
+    found = rlg.diagnose(rlg.Simulator.from_mapping(CUBIC), train, test, gyro="gyro_z_deg_s", black_box=False)
+    assert held_out(found).improvement_ci95[0] > 0.0
+    assert memories(found)
+    assert any("the training runs alone decided" in remark for remark in found.remarks)
