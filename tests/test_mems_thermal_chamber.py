@@ -36,7 +36,7 @@ def test_the_hard_axis_gets_an_honest_answer() -> None:
 
 
 def test_held_out_runs_decide_nothing_that_makes_them_worse() -> None:
-    """Averaged as by itself, the third axis had an ageing by its held-out leg alone, and that leg was four times as far off by it."""
+    """Averaged as by itself, the third axis had an ageing by its held-out leg alone, and was four times as far off by it."""
     whole = cycle(DATA)
     train, test = [leg(whole, 1), leg(whole, 2)], [leg(whole, 3)]
     found = rlg.diagnose(rlg.Simulator.from_mapping(CUBIC), train, test, gyro="gyro_z_deg_s", black_box=False)

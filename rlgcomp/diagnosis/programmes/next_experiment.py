@@ -6,7 +6,8 @@ runs there are and the new one at once, down to a whitened squared distance
 .. math:: D^2_{AB} = \min_{\beta, a_B, \theta_B} \lVert W (\Phi_A a_A - X \beta - \Phi_B(\theta_B) a_B) \rVert^2 .
 
 The log likelihood ratio of A and B after the run is then normal with mean :math:`D^2/2` and variance :math:`D^2`, of which the part
-that the present runs give is known already. The expected probability of whichever is true follows, averaged over the rivals.
+that the present runs give is known already. The expected probability of whichever is true follows, averaged over the rivals, and
+over whether equations are exact or wrong by as much as :mod:`rlgcomp.diagnosis.naming.inadequacy` says, one as likely as the other.
 
 References
 ----------
@@ -99,7 +100,7 @@ def next_experiment(
         futures = [_simulated(problem, laboratory, programme, shape, white_deg_h, seed) for programme in programmes]
         known = _distances(rivals, [past])
         scored = [
-            (_expected(prior, _distances(rivals, [past, future]) - known - _unsure(rivals, future)), programme, future)
+            (_expected(prior, _distances(rivals, [past, future]) - known, _unsure(rivals, future)), programme, future)
             for programme, future in zip(programmes, futures, strict=True)
         ]
     except InputError:
@@ -107,7 +108,7 @@ def next_experiment(
     scored.sort(key=lambda item: _preference(float(prior @ item[0]), item[1]))
     known = _distances(rivals, [past], refine=True)
     refined = [
-        (_expected(prior, _distances(rivals, [past, future], refine=True) - known - _unsure(rivals, future)), programme)
+        (_expected(prior, _distances(rivals, [past, future], refine=True) - known, _unsure(rivals, future)), programme)
         for _, programme, future in scored[:_REFINED]
     ]
     if not refined:
@@ -230,7 +231,7 @@ def _distances(rivals: Sequence[Members], runs: Sequence[_Run], *, refine: bool 
 
 
 def _unsure(rivals: Sequence[Members], future: _Run) -> Array:
-    """What of D² the equations of each truth may be wrong by: no gyro is told by less from what resembles its cause."""
+    """What of D² the equations of each truth may be wrong by: no gyro is told by less, then, from what resembles its cause."""
     basis, sizes = np.linalg.qr(future.baseline)[0], []
     for truth in rivals:
         total = sum((_contribution(future.of(one), one) for one in truth), np.zeros(len(future.baseline)))
@@ -305,8 +306,13 @@ def _diagonal(parts: Sequence[Array]) -> Array:
     return table
 
 
-def _expected(prior: Array, distances: Array) -> Array:
-    """Expected probability of each rival, were it true: the log likelihood ratios are normal, mean D²/2, variance D²."""
+def _expected(prior: Array, distances: Array, unsure: Array) -> Array:
+    """Expected probability of each rival, were it true; it is as likely as not that its equation is exact."""
+    return 0.5 * (_expected_of(prior, distances) + _expected_of(prior, distances - unsure))
+
+
+def _expected_of(prior: Array, distances: Array) -> Array:
+    """The same where these distances count: the log likelihood ratios are normal, mean D²/2, variance D²."""
     found = np.empty(len(prior))
     for k, probability in enumerate(prior):
         squared = np.maximum(distances[k], 0.0)
