@@ -12,7 +12,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, whiten
 from rlgcomp.diagnosis.programmes.feasible import LONGEST_S, chamber_programmes, table_programmes
-from rlgcomp.diagnosis.programmes.next_experiment import _distances, _expected, _Run, next_experiment
+from rlgcomp.diagnosis.programmes.next_experiment import _distances, _expected, _expected_of, _Run, next_experiment
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.motion import angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism, amplitude
@@ -100,9 +100,12 @@ def test_expected_probability_against_draws() -> None:
         z = rng.standard_normal(400_000)
         against = sum(prior[j] * np.exp(-0.5 * distances[k, j] - np.sqrt(distances[k, j]) * z) for j in range(3) if j != k)
         each[k] = np.mean(prior[k] / (prior[k] + against))
-    assert _expected(prior, distances) == pytest.approx(each, abs=4e-3)
-    assert _expected(prior, np.zeros((3, 3))) == pytest.approx(prior)
-    assert _expected(prior, 1e4 * (1.0 - np.eye(3))) == pytest.approx(1.0)
+    assert _expected_of(prior, distances) == pytest.approx(each, abs=4e-3)
+    assert _expected_of(prior, np.zeros((3, 3))) == pytest.approx(prior)
+    assert _expected_of(prior, 1e4 * (1.0 - np.eye(3))) == pytest.approx(1.0)
+    unsure = np.full((3, 1), 2.0)
+    halves = _expected_of(prior, distances), _expected_of(prior, distances - unsure)
+    assert _expected(prior, distances, unsure) == pytest.approx(np.mean(halves, axis=0))
 
 
 def test_the_ratio_of_likelihoods_comes_out_as_foretold() -> None:

@@ -64,7 +64,7 @@ def remarks_of(
         usual = listing([cause.mechanism.name for cause in after.causes if cause.mechanism.constant])
         if usual:
             remarks.append(
-                f"If your simulator has {usual} of its own, its numbers may be wrong by what is said here: then no physics is missing."
+                f"If your simulator has {usual} of its own, its numbers may be wrong by what is said here, and no physics is missing."
             )
     missing = 1.0 - healthy(explanations)
     if verdict_of(conclusion, {}) == "none" and missing > _SUSPECTED:
