@@ -63,9 +63,7 @@ def remarks_of(
         remarks.append("augmented.yaml holds what is to be added to what your simulator says, not your simulator.")
         usual = listing([cause.mechanism.name for cause in after.causes if cause.mechanism.constant])
         if usual:
-            remarks.append(
-                f"If your simulator has {usual} of its own, its numbers may be wrong by what is said here, and no physics is missing."
-            )
+            remarks.append(f"If your simulator has {usual} of its own, its numbers may be wrong by this, and no physics missing.")
     missing = 1.0 - healthy(explanations)
     if verdict_of(conclusion, {}) == "none" and missing > _SUSPECTED:
         first = next((model.labels for model in explanations.models if any(not known for _, known in model.labels)), ())
