@@ -175,7 +175,7 @@ def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -
 
 
 def _denied_within_windows(whole: Problem | None, after: Fitted) -> list[str]:
-    """Causes that act within windows and of which held-out runs, at their full rate, surely show less than half.
+    """Causes that act mostly within windows and of which held-out runs, at their full rate, surely show less than half.
 
     Rounding of an encoder's angle stands in lines that training runs may take for harmonics; in another run these are other lines.
     """
@@ -186,18 +186,22 @@ def _denied_within_windows(whole: Problem | None, after: Fitted) -> list[str]:
         return []
     parts = whole.windows[-whole.held_out :]
     own = [one for one in whole.simulator.mechanisms if one.fast]
-    rows = []
+    rows, whole_rows = [], []
     for part, values in zip(parts, whole.unexplained_deg_h[-whole.held_out :], strict=True):
         said = [one.mechanism.contribution(part.full, np.random.default_rng(0)) for one in fast]
         bases = [one.basis(part.full) for one in own]
         rows.append(part.within(np.column_stack([*said, *bases, values])))
+        whole_rows.append(part.rows_within(np.column_stack(said)))
     table = np.vstack(rows)
+    everywhere = np.vstack(whole_rows)
+    mostly = (table[:, : len(fast)] ** 2).sum(axis=0) > _HALF * ((everywhere - everywhere.mean(axis=0)) ** 2).sum(axis=0)
     design = table[:, :-1] / norms(table[:, :-1])
     weights, *_ = np.linalg.lstsq(design, table[:, -1], rcond=1e-10)
     left = table[:, -1] - design @ weights
     sd = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * float(left @ left) / len(left))
     shown, sd = (values[: len(fast)] / norms(table[:, : len(fast)]) for values in (weights, sd))
-    return [one.mechanism.name for one, share, error in zip(fast, shown, sd, strict=True) if share + _SURELY * error < _HALF]
+    denied = mostly & (shown + _SURELY * sd < _HALF)
+    return [one.mechanism.name for one, no in zip(fast, denied, strict=True) if no]
 
 
 def spoken_for(explanations: Explanations, conclusion: Conclusion) -> str | None:

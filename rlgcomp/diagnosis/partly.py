@@ -56,11 +56,17 @@ def sought(problem: Problem, explanations: Explanations) -> Partly | None:
     if not columns or not parts:
         return None
     noises, prior, _ = considered(problem)
+    switches = {one: [_switches(column[rows]) for rows in problem.rows.runs] for one, column in columns.items() if one.edges()}
+
+    def acting(one: Mechanism, part: tuple[int, ...]) -> bool:
+        """Whether it is more than one step of the bias."""
+        return one not in switches or sum(switches[one][run] for run in part) > 1
+
     shapes = Counter(one.name for one in columns)
     found = []
     for model in _sets(explanations):
         named = {name for name, _ in model.labels}
-        tried = [Partly(one, part) for one in columns if one.name not in named for part in parts]
+        tried = [Partly(one, part) for one in columns if one.name not in named for part in parts if acting(one, part)]
         if not tried:
             continue  # all are named for all runs
         causes = [candidate.columns[: len(problem.rows)] for candidate in explanations.candidates(model)]
@@ -85,7 +91,9 @@ def told(
     runs show of them, in the whole problem. Not one whose size is nothing, all being fitted together."""
     found, names = [], [run.name for run in problem.runs]
     for one in problem.partly:
-        size = baseline["gyro"][f"{PART}:{one.mechanism.name}"]
+        size = baseline["gyro"].get(f"{PART}:{one.mechanism.name}")
+        if size is None:
+            continue  # biases of each run's own take all of it
         size = dataclasses.replace(size, unit=one.mechanism.amplitude_parameters()[0].unit)
         if abs(size.value) < _BY * size.sd:
             continue
@@ -149,6 +157,11 @@ def _columns(explanations: Explanations, rows: int) -> dict[Mechanism, Array]:
         if one.columns.shape[1] == 1 and not (one.known or one.mechanism.open_set) and one.mechanism.repeats()
         if one.mechanism.driver_columns(run) or _dies_away(one.columns[:rows, 0], parts)
     }
+
+
+def _switches(column: Array) -> int:
+    """How often a relay switches in a run."""
+    return int(np.count_nonzero(np.diff(column > 0.5 * (column.min() + column.max()))))
 
 
 def _dies_away(column: Array, parts: Sequence[slice]) -> bool:
