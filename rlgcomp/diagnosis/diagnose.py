@@ -138,7 +138,7 @@ def diagnose(
         executor=executor,
     )
     found = ask(confirm=confirm, progress=progress)
-    if not (confirm and test and contradicted(found.test, [cause.mechanism for cause in found.causes])):
+    if not (confirm and test and _denied(found)):
         return found
     alone = ask(confirm=False)  # held-out runs deny what they themselves decided for, if they did
     return dataclasses.replace(alone, remarks=(denied_by_held_out(found), *alone.remarks)) if _leaves_less(alone, found) else found
@@ -269,9 +269,18 @@ def _diagnosed(
     )
 
 
+def _denied(found: Diagnosis) -> bool:
+    """Whether runs deny what is named: held-out runs surely, or these and the training runs, which it makes worse."""
+    named = [cause.mechanism for cause in found.causes]
+    if contradicted(found.test, named):
+        return True
+    worse = found.test is not None and found.test.augmented_rms > found.test.baseline_rms
+    return worse and not found.steps and bool(worse_in_training(found.train, named))
+
+
 def _leaves_less(one: Diagnosis, other: Diagnosis) -> bool:
-    """Of held-out runs, which do not deny it."""
-    if one.test is None or other.test is None or contradicted(one.test, [cause.mechanism for cause in one.causes]):
+    """Of held-out runs, and is not denied."""
+    if one.test is None or other.test is None or _denied(one):
         return False
     return one.test.augmented_rms < other.test.augmented_rms
 
