@@ -160,6 +160,7 @@ def _diagnosed(
     executor: Executor | None,
     progress: Callable[[float], None] | None = None,
 ) -> Diagnosis:
+    """A diagnosis in which held-out runs are asked what they bear out, or are not."""
     told = progress or (lambda fraction: None)
     require_computable(mechanisms, [*train, *test])
     (train, knocks), (test, more) = _undisturbed(train, gyro), _undisturbed(test, gyro)
@@ -167,9 +168,7 @@ def _diagnosed(
     if own is not None:
         train, test = list(own.runs[: len(train)]), list(own.runs[len(train) :])
     base = base if noise is None else dataclasses.replace(base, noise=dataclasses.replace(noise, measured=True))
-    runs = [*train, *test]
-    runs, moved = (runs, []) if predicted is not None else _moving(runs, len(train), gyro, mechanisms, window_s)
-    train, test = runs[: len(train)], runs[len(train) :]
+    train, test, moved = (train, test, []) if predicted is not None else _moving(train, test, gyro, mechanisms, window_s)
     asked = Asked(train, test if confirm else (), mechanisms, gyro, window_s, predicted)
     posed = Posed.of(asked, base)
     _require_noise(posed.windowed)
@@ -344,13 +343,19 @@ def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Reco
 
 
 def _moving(
-    runs: Sequence[Recording], training: int, gyro: str | None, mechanisms: Mapping[str, type[Mechanism]], window_s: float | None
-) -> tuple[list[Recording], list[str]]:
-    """Runs whose table's rate is what the gyro's samples belong to, no faster than that changes, and what to say of it."""
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    gyro: str | None,
+    mechanisms: Mapping[str, type[Mechanism]],
+    window_s: float | None,
+) -> tuple[Sequence[Recording], Sequence[Recording], list[str]]:
+    """Runs whose table's rate is what the gyro's samples belong to, no faster than that changes; and what to say of it."""
+    runs = [*train, *test]
     meant = [as_meant(run, gyro) for run in runs]
     known = [one.run for one in meant]
-    asked = coarser(known, mechanisms.values(), window_s or default_window_s(known[:training]))
-    return asked, [*conventions_of(runs, meant), *said_of(known, asked)]
+    asked = coarser(known, mechanisms.values(), window_s or default_window_s(known[: len(train)]))
+    said = [*conventions_of(runs, meant), *said_of(known, asked)]
+    return asked[: len(train)], asked[len(train) :], said
 
 
 def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[Mismatch]]:
