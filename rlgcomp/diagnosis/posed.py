@@ -129,12 +129,12 @@ class Posed:
             steps, in_part = posed.windowed.steps, posed.windowed.partly
             step = bias_steps.sought(posed.windowed, explanations, posed.whole_windowed) if len(steps) < _STEPS else None
             found = None if in_part else partly.sought(posed.windowed, explanations)
-            if step is None and found is None:
-                break
-            if found is None or (step is not None and step.log_odds > found.log_odds):
-                steps = (*steps, *([step] if step is not None else []))
-            else:
+            if step is not None and (found is None or step.log_odds > found.log_odds):
+                steps = (*steps, step)
+            elif found is not None:
                 in_part = (found,)
+            else:
+                break
             posed = type(self).of(self.asked, base, steps=steps, in_part=in_part)
             explanations = posed.explained()
         return posed, explanations
