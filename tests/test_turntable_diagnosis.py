@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -265,3 +266,19 @@ def test_laws_of_rate_and_temperature_are_found_and_no_cause_is_named_in_their_p
     else:
         assert told.at == pytest.approx(at, abs=1.0)
         assert told.at_2 == pytest.approx(at_2, abs=1.0)
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_a_scale_factor_that_wanders_with_what_is_not_recorded_has_no_false_name(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    recordings = []
+    for run in runs(None):
+        rate, time_s = run.column("table_rate_deg_s"), run.time_s
+        room = np.interp(time_s, np.linspace(0.0, time_s[-1], 8), rng.normal(0.0, 1.0, 8))
+        gyro = run.column("gyro_deg_s") + rate * 0.5e-6 * room
+        recordings.append(run.replace(table=run.table.drop(columns="temperature_block_degC").assign(gyro_deg_s=gyro)))
+    found = rlg.diagnose(SIMULATOR, recordings, black_box=False)
+    assert (found.verdict, found.causes) == ("unknown", ())
+    (told,) = (remark for remark in found.remarks if "scale factor wanders with something that no recorded column" in remark)
+    size_ppm = float(re.search(r"standard deviation ([0-9.e-]+) ppm", told)[1])
+    assert 0.05 < size_ppm < 1.0

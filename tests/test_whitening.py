@@ -15,7 +15,10 @@ SHAPES = (
     NoiseShape(0.2, 0.1),
     NoiseShape(wander=0.8, wander_s=900.0),
     NoiseShape(walk=0.2, wander=1.2, wander_s=2000.0, swing_s=1500.0),
+    NoiseShape(flicker=0.2, wander=1.2, wander_s=2000.0, at_deg_s=30.0),
+    NoiseShape(wander=0.8, wander_s=2000.0, swing_s=1500.0, at_deg_s=30.0),
 )
+RATES_DEG_S = np.array([-60.0, 10.0, 0.5, 40.0, 0.0, 0.0, 30.0])
 
 
 def rows(*lengths: int, contrasts: int = 0) -> Rows:
@@ -23,7 +26,9 @@ def rows(*lengths: int, contrasts: int = 0) -> Rows:
     run = np.repeat(np.arange(len(lengths)), lengths)
     white = np.where(np.arange(len(run)) % 7 == 3, 1.25, 1.0)
     more = np.zeros(contrasts)
-    return Rows(np.r_[np.concatenate(times), more], np.r_[run, more + 9].astype(int), np.r_[white, more + 1.0], 100.0, contrasts)
+    run_of_all, white = np.r_[run, more + 9].astype(int), np.r_[white, more + 1.0]
+    rate_deg_s = np.resize(RATES_DEG_S, len(run))
+    return Rows(np.r_[np.concatenate(times), more], run_of_all, white, 100.0, contrasts, rate_deg_s)
 
 
 def dense(rows: Rows, shape: NoiseShape) -> np.ndarray:
@@ -33,8 +38,10 @@ def dense(rows: Rows, shape: NoiseShape) -> np.ndarray:
         time_s = rows.time_s[part]
         lag = np.abs(time_s[:, None] - time_s)
         since = np.minimum(time_s[:, None], time_s) - time_s[0] + rows.window_s
-        for time_constant, stationary, diffusion, rate in zip(*shape.processes(rows.window_s), strict=True):
-            covariance[part, part] += diffusion * since + stationary * np.exp(-lag / time_constant) * np.cos(rate * lag)
+        for time_constant, stationary, diffusion, swing, at_deg_s in zip(*shape.processes(rows.window_s), strict=True):
+            by_rate = rows.rate_deg_s[part] / at_deg_s if at_deg_s else np.ones(len(time_s))
+            kept = np.exp(-lag / time_constant) * np.cos(swing * lag)
+            covariance[part, part] += diffusion * since + stationary * kept * np.outer(by_rate, by_rate)
     return covariance
 
 

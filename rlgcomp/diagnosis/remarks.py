@@ -30,7 +30,7 @@ from rlgcomp.diagnosis.result import Diagnosis, Estimate, Fit, Trace, Verdict
 from rlgcomp.diagnosis.result.wording import NEAREST, listing, p_text, span_text, sure_text
 from rlgcomp.noise import SLOW, NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.units import column_unit
+from rlgcomp.units import PPM, SECONDS_PER_HOUR, column_unit
 
 Array = npt.NDArray[np.float64]
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
@@ -93,8 +93,14 @@ def remarks_of(
         near = any(one.probability > NEAREST for one in alternatives_of(explanations, conclusion))
         followed = "for which no law was found" if near or conclusion.instead else "that no recorded column follows"
         size = math.sqrt(max(float(np.var(after.residual_deg_h)) - noise_deg_h2, 0.0))
+        what, size_text = "Something wanders", f"{size:.2g} deg/h"
+        if noise.at_deg_s:
+            what, size_text = (
+                "The scale factor wanders with something",
+                f"{size / (PPM * SECONDS_PER_HOUR * noise.at_deg_s):.2g} ppm",
+            )
         remarks.append(
-            f"Something wanders {followed}, with standard deviation {size:.2g} deg/h in these runs and a "
+            f"{what} {followed}, with standard deviation {size_text} in these runs and a "
             f"correlation time {time}{swing} (probability {sure_text(conclusion.wanders, 2)}): record more monitors."
         )
         remarks += _unless_wrong(explanations, conclusion, after.white_deg_h)

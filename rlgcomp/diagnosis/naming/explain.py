@@ -242,7 +242,9 @@ def considered(
         How strong it may be, and how likely that is.
     """
     stated = Stated.of(problem.simulator.noise, problem.windows[0].white_s)
-    usual, (unusual, unusual_log_prior) = ordinary_noise(stated), unrecorded_cause(stated, wanders)
+    rate = problem.rows.rate_deg_s
+    rate_deg_s = 0.0 if rate is None else float(np.sqrt(np.mean(rate**2)))
+    usual, (unusual, unusual_log_prior) = ordinary_noise(stated), unrecorded_cause(stated, wanders, rate_deg_s)
     noise_log_prior = np.r_[log_prior(usual, stated) + math.log(1.0 - unrecorded), unusual_log_prior + math.log(unrecorded)]
     return (*usual, *unusual), noise_log_prior, np.arange(len(noise_log_prior)) < len(usual)
 

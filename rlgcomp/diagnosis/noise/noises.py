@@ -34,6 +34,9 @@ SWINGING: Final = 0.2
 SWINGING_WANDERS: Final = {1.2: 0.5, 3.0: 0.5}
 SWINGING_WANDERS_S: Final = 13500.0
 SWINGS_S: Final = (4320.0, 7200.0, 12600.0)
+# On a turntable it may be the scale factor that wanders, and by far more, the faster the table turns.
+TURNING: Final = 0.5
+TURNING_WANDERS: Final = {1.0: 0.25, 3.0: 0.25, 10.0: 0.25, 30.0: 0.25}
 _EXACT: Final = 0.5  # weight of the very noise that is stated; what is near it has the rest,
 _WRONG: Final = 0.2  # but for this: what a file or a data sheet says is wrong altogether,
 _MISMEASURED: Final = 0.001  # and what was measured of this very gyro
@@ -96,21 +99,36 @@ def ordinary_noise(stated: Stated | None = None) -> tuple[NoiseShape, ...]:
 
 
 def unrecorded_cause(
-    stated: Stated | None = None, wanders: Mapping[float, float] = WANDERS
+    stated: Stated | None = None, wanders: Mapping[float, float] = WANDERS, rate_deg_s: float = 0.0
 ) -> tuple[tuple[NoiseShape, ...], Array]:
     """White noise, or the noise that is stated, with a wander in it of something that no recorded column follows; and the logarithm
-    of how likely each is before the data are seen."""
+    of how likely each is before the data are seen.
+
+    Parameters
+    ----------
+    stated : Stated, optional
+    wanders : mapping of float to float
+        How strong it may be, and how likely that is.
+    rate_deg_s : float
+        Root mean square of the rate of a table that turns: there it may be the scale factor that wanders.
+    """
     own = NoiseShape() if stated is None else stated.shape
-    steady = {
-        dataclasses.replace(own, wander=wander, wander_s=time): (1.0 - SWINGING) * share * part
-        for (wander, share), (time, part) in itertools.product(wanders.items(), WANDERS_S.items())
-    }
-    swinging = {
+    found = _steady(own, wanders, 1.0 - SWINGING) | {
         dataclasses.replace(own, wander=wander, wander_s=SWINGING_WANDERS_S, swing_s=period): SWINGING * share / len(SWINGS_S)
         for (wander, share), period in itertools.product(SWINGING_WANDERS.items(), SWINGS_S)
     }
-    found = steady | swinging
+    if rate_deg_s > 0.0:
+        found = {noise: (1.0 - TURNING) * share for noise, share in found.items()}
+        found |= _steady(dataclasses.replace(own, at_deg_s=rate_deg_s), TURNING_WANDERS, TURNING)
     return tuple(found), np.log(list(found.values()))
+
+
+def _steady(own: NoiseShape, wanders: Mapping[float, float], together: float) -> dict[NoiseShape, float]:
+    """Noises with a wander that does not swing, and their probabilities, so much together."""
+    return {
+        dataclasses.replace(own, wander=wander, wander_s=time_s): together * share * part
+        for (wander, share), (time_s, part) in itertools.product(wanders.items(), WANDERS_S.items())
+    }
 
 
 def log_prior(noises: tuple[NoiseShape, ...], stated: Stated | None = None) -> Array:

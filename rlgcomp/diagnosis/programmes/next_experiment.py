@@ -30,7 +30,7 @@ from rlgcomp.diagnosis.programmes.feasible import chamber_programmes, table_prog
 from rlgcomp.diagnosis.programmes.laboratory import Laboratory
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.shapes import neighbours
-from rlgcomp.diagnosis.question.windows import Windows
+from rlgcomp.diagnosis.question.windows import Windows, turning_deg_s
 from rlgcomp.diagnosis.result import NextExperiment
 from rlgcomp.errors import InputError
 from rlgcomp.motion import ANGLES, RATE, angle_deg, rate_deg_s
@@ -179,7 +179,8 @@ def _simulated(
         run = _as_recorded(bare.simulate(programme, seed=seed, step_s=step_s, name="next"), problem.runs)
     windows = Windows.of(run, window_s, problem.windows[0].knee_s)
     time_s = windows.middles_s
-    rows = Rows(time_s, np.zeros(len(time_s), dtype=np.intp), windows.white, window_s)
+    rate = turning_deg_s(problem.simulator.kind, [windows])
+    rows = Rows(time_s, np.zeros(len(time_s), dtype=np.intp), windows.white, window_s, rate_deg_s=rate)
 
     def columns(mechanism: Mechanism) -> Array:
         return Problem.run_columns(mechanism, windows)

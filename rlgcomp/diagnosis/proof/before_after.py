@@ -26,7 +26,7 @@ from scipy import special
 
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, whiten
 from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
-from rlgcomp.diagnosis.question.windows import Windows
+from rlgcomp.diagnosis.question.windows import Windows, turning_deg_s
 from rlgcomp.diagnosis.result import Fit, RunFit, Trace
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Recording, is_gyro
@@ -168,12 +168,14 @@ def noise_floor(rows: Rows, shape: NoiseShape) -> float:
     r"""Expected standard deviation of one run's window means about their own mean, for noise whose white part is one.
 
     .. math:: E[s^2] = \frac{1}{n(n-1)} \sum_{m=1}^{n-1} (n - m) \, D(m \tau), \qquad D(t) = E[(x_{i+m} - x_i)^2]
+
+    Nothing in it goes with a table's rate.
     """
     n = len(rows)
     lag_s = rows.window_s * np.arange(1, n)
     differing = np.zeros(n - 1)
-    for time_constant_s, stationary, diffusion, rate in zip(*shape.processes(rows.window_s), strict=True):
-        differing += 2.0 * stationary * (1.0 - np.exp(-lag_s / time_constant_s) * np.cos(rate * lag_s)) + diffusion * lag_s
+    for time_constant_s, stationary, diffusion, swing, _ in zip(*shape.processes(rows.window_s), strict=True):
+        differing += 2.0 * stationary * (1.0 - np.exp(-lag_s / time_constant_s) * np.cos(swing * lag_s)) + diffusion * lag_s
     correlated = ((n - np.arange(1, n)) * differing).sum() / (n * (n - 1))
     return math.sqrt(float(rows.white.mean()) + correlated)
 
@@ -311,7 +313,8 @@ def _rows(windows: Windows, simulator: Simulator, white_deg_h: float) -> Rows:
         if left_open is not None:
             white += (windows.means(left_open) ** 2).sum(axis=1) / white_deg_h**2
     time_s = windows.middles_s
-    return Rows(time_s, np.zeros(len(time_s), dtype=np.intp), white, windows.window_s)
+    rate_deg_s = turning_deg_s(simulator.kind, [windows])
+    return Rows(time_s, np.zeros(len(time_s), dtype=np.intp), white, windows.window_s, rate_deg_s=rate_deg_s)
 
 
 def _block_sums(values: Array, length: int) -> Array:

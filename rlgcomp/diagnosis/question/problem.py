@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.question.free_part import free, stated, where_free
 from rlgcomp.diagnosis.question.own_noise import beside, with_own_noise
 from rlgcomp.diagnosis.question.pulses import step_of
 from rlgcomp.diagnosis.question.shapes import shifted
-from rlgcomp.diagnosis.question.windows import Contrasts, Windows, default_window_s, with_knee
+from rlgcomp.diagnosis.question.windows import Contrasts, Windows, default_window_s, turning_deg_s, with_knee
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.empirical_law import EmpiricalLaw
@@ -135,6 +135,7 @@ class Problem:
             np.repeat(np.arange(len(windows)), [int(part.kept.sum()) for part in windows]),
             np.concatenate([part.white for part in windows]),
             window_s,
+            rate_deg_s=turning_deg_s(simulator.kind, windows),
         )
         return cls(windows, rows, target, np.empty((len(rows), 0)), (), simulator, channel, unexplained_deg_h)
 
@@ -277,6 +278,7 @@ class Problem:
             run=np.r_[self.rows.run, np.full(more, len(self.windows))],
             white=np.r_[self.rows.white + (of_samples / contrasts.level if contrasts.level > 0.0 else 0.0), np.ones(more)],
             contrasts=more,
+            rate_within_deg_s=contrasts.of_rate() if self.simulator.kind == "turntable" else None,
         )
         target = np.r_[self.target_deg_h, contrasts.of([values[:, None] for values in self.unexplained_deg_h])[:, 0]]
         wider = dataclasses.replace(self, rows=rows, target_deg_h=target, contrasts=contrasts, baseline=np.empty((len(rows), 0)))

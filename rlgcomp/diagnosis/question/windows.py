@@ -17,6 +17,7 @@ from scipy import optimize
 from rlgcomp.diagnosis.noise.whitening import IntArray
 from rlgcomp.diagnosis.question import averages
 from rlgcomp.errors import InputError
+from rlgcomp.motion import rate_deg_s
 from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
 from rlgcomp.repair.frozen import frozen_stretches, said_of
 
@@ -301,6 +302,14 @@ def with_knee(windows: tuple[Windows, ...], values: Sequence[Array]) -> tuple[Wi
     return tuple(dataclasses.replace(part, knee_s=knee_s) for part in windows) if knee_s else windows
 
 
+def turning_deg_s(kind: str, windows: Sequence[Windows]) -> Array | None:
+    """Mean rate of the table in each kept window of runs, shape (n,); None in a chamber, and where nothing turns."""
+    if kind != "turntable":
+        return None
+    rate = np.concatenate([part.means(rate_deg_s(part.full)) for part in windows])
+    return rate if rate.any() else None
+
+
 @dataclasses.dataclass(frozen=True)
 class Contrasts:
     r"""Orthonormal comparisons of samples within windows, in units in which white noise of a window mean has its own size.
@@ -371,8 +380,20 @@ class Contrasts:
 
     def of_run(self, k: int, columns: Array) -> Array:
         """The same of columns that are nothing but in one run, (rows, k) of it."""
-        scale = math.sqrt(self.windows[0].full.period_s / self.windows[0].window_s)
-        return scale * _along(self.directions[k], self.windows[k].rows_within(columns))
+        return self._scale * _along(self.directions[k], self.windows[k].rows_within(columns))
+
+    def of_rate(self) -> Array:
+        """Contrasts of the table's rate in each window alone, shape (count, windows)."""
+        found = []
+        for directions, part in zip(self.directions, self.windows, strict=True):
+            counts = part.counts[part.kept]
+            along = directions * part.rows_within(rate_deg_s(part.full)[:, None])
+            found.append(self._scale * np.add.reduceat(along, np.cumsum(counts) - counts))
+        return np.concatenate(found).T
+
+    @property
+    def _scale(self) -> float:
+        return math.sqrt(self.windows[0].full.period_s / self.windows[0].window_s)
 
 
 def _along(directions: Array, columns: Array) -> Array:

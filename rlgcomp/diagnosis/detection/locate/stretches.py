@@ -58,7 +58,8 @@ def intervals(residual: Residual) -> Iterator[Answer]:
     """In each run, the interval in which the gyro is off: between any two of many edges."""
     problem, rows = residual.problem, residual.problem.rows
     for part in rows.runs:
-        inside = Rows(rows.time_s[part], rows.run[part], rows.white[part], rows.window_s)
+        rate = None if rows.rate_deg_s is None else rows.rate_deg_s[part]
+        inside = Rows(rows.time_s[part], rows.run[part], rows.white[part], rows.window_s, rate_deg_s=rate)
         edges = np.unique(np.linspace(0, len(inside), min(_EDGES, len(inside) // 2) + 1).astype(np.intp))
         steps = (np.arange(len(inside))[:, None] >= edges[None, :-1]).astype(np.float64)
         columns = np.column_stack([whiten(inside, steps, (residual.shape,))[0][0], np.zeros(len(inside))])
