@@ -13,9 +13,10 @@ from scipy.stats import binomtest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.account import alternatives_of, set_probability
-from rlgcomp.diagnosis.conclusion import Conclusion, beyond_noise, concluded
+from rlgcomp.diagnosis.conclusion import LAW, Conclusion, beyond_noise, concluded, least_p_value
 from rlgcomp.diagnosis.fitting.fit import FittedCause, fit
-from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.naming.explain import UNTRIED, explain
+from rlgcomp.diagnosis.naming.search import MISSING
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.question.problem import Problem
@@ -40,6 +41,18 @@ from tests.test_evidence import SIMULATOR, runs
 
 def found(mechanism: Mechanism) -> FittedCause:
     return FittedCause(mechanism, {}, np.zeros(3), known=False)
+
+
+def test_a_posterior_probability_bounds_a_p_value() -> None:
+    before = MISSING[0] * (1.0 - UNTRIED) * (1.0 - LAW)
+    shown = np.random.default_rng(0).standard_normal(20_000)  # of nothing, where an effect would add a variance of four
+    bayes_factor = np.exp(0.5 * shown**2 * 0.8) / np.sqrt(5.0)
+    nothing = 1.0 / (1.0 + bayes_factor * (1.0 - before) / before)
+    p_values = np.array([least_p_value(value) for value in nothing])
+    np.testing.assert_allclose(p_values, np.minimum(1.0, 1.0 / bayes_factor), rtol=1e-9)
+    for level in (0.5, 0.1, 0.01, 0.001):
+        assert np.mean(p_values <= level) < level
+    assert (least_p_value(1.0), least_p_value(0.0)) == (1.0, 0.0)
 
 
 def test_a_shape_at_the_end_of_what_is_tried_is_said_to_be_there() -> None:

@@ -15,9 +15,9 @@ from rlgcomp.diagnosis.laws.discover import SURE, Discovery, discover, discover_
 from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.confirm import foresight
 from rlgcomp.diagnosis.naming.evidence import log_sum_exp
-from rlgcomp.diagnosis.naming.explain import Explanations, considered
+from rlgcomp.diagnosis.naming.explain import UNTRIED, Explanations, considered
 from rlgcomp.diagnosis.naming.inadequacy import inadequacy
-from rlgcomp.diagnosis.naming.search import Label, Model
+from rlgcomp.diagnosis.naming.search import MISSING, Label, Model
 from rlgcomp.diagnosis.naming.signatures import misnamed
 from rlgcomp.diagnosis.noise.noises import WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
@@ -245,6 +245,22 @@ def healthy(explanations: Explanations) -> float:
         if all(known for _, known in model.labels)
     ]
     return sum(shares)
+
+
+def least_p_value(nothing: float) -> float:
+    r"""Bound of the p-value of "nothing is missing" from its posterior probability: one over the Bayes factor of all else.
+
+    .. math:: P(B \ge b \mid \text{nothing}) \le 1/b, \qquad
+        B = \frac{1 - p}{p} \frac{\pi}{1 - \pi}
+
+    (Markov's inequality: under the null the expectation of B is one), with p after and :math:`\pi` before the data are seen.
+
+    References
+    ----------
+    V. Vovk, R. Wang, "E-values: calibration, combination and applications", Ann. Stat. 49, 1736 (2021).
+    """
+    before = MISSING[0] * (1.0 - UNTRIED) * (1.0 - LAW)
+    return min(1.0, nothing / max(1.0 - nothing, 1e-300) * (1.0 - before) / before)
 
 
 def acquitted(explanations: Explanations) -> bool:

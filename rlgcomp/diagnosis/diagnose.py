@@ -19,6 +19,7 @@ from rlgcomp.diagnosis.conclusion import (
     beyond_noise,
     concluded,
     healthy,
+    least_p_value,
     rivals_of,
     verdict_of,
 )
@@ -213,8 +214,9 @@ def _diagnosed(
     rivals = rivals_of(explanations, conclusion.model)
     verdict, named = verdict_of(conclusion, rivals), [cause.mechanism for cause in after.causes]
     denied = verdict != "none" and contradicted(proof.test, named)
-    # a path of jumps, a line or a law is seen by the search alone: the null's own probability then bounds the p-value
-    p_value = min(detection.p_value, nothing if verdict != "none" else 1.0, by_chance)
+    # a path of jumps or a law is seen by the search alone, whose Bayes factor bounds the p-value
+    searched = least_p_value(nothing) if verdict != "none" else 1.0
+    p_value = min(detection.p_value, searched, by_chance)
     differing = tuple(name for name in wrong if _differs(base, name, (before.baseline | after.baseline)[name]))
     next_up, untold = (
         what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else (None, ())

@@ -55,7 +55,8 @@ class Diagnosis:
     ----------
     verdict : {"none", "explained", "ambiguous", "unknown"}
     p_value : float
-        That the calibrated simulator lacks nothing, given the noise it has.
+        Probability, if the calibrated simulator lacked nothing, that runs depart from it as far as these, or a bound of it:
+        from replicates of noise (:mod:`rlgcomp.diagnosis.detection.detect`), or one over the Bayes factor of what is named.
     where : tuple of Place
     causes : tuple of Cause
         The chosen set.
