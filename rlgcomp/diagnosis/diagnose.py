@@ -15,30 +15,20 @@ from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.account import unexplained_of, what_to_run, whiteness
 from rlgcomp.diagnosis.answer import Answer, and_laws
-from rlgcomp.diagnosis.conclusion import (
-    beyond_noise,
-    concluded,
-    healthy,
-    least_p_value,
-    rivals_of,
-    verdict_of,
-)
-from rlgcomp.diagnosis.detection.detect import detect
+from rlgcomp.diagnosis.comparable import Comparable
+from rlgcomp.diagnosis.conclusion import Conclusion, beyond_noise, concluded, healthy, least_p_value, rivals_of, verdict_of
+from rlgcomp.diagnosis.detection.detect import Detection, detect
 from rlgcomp.diagnosis.detection.locate import locate
 from rlgcomp.diagnosis.detection.locate.residual import SIGNIFICANT
 from rlgcomp.diagnosis.detection.locate.stretches import NOISIER
 from rlgcomp.diagnosis.fitting.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.naming.background import Background
-from rlgcomp.diagnosis.naming.explain import considered
+from rlgcomp.diagnosis.naming.explain import Explanations, considered
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Asked, Posed
-from rlgcomp.diagnosis.proof.before_after import proved, unreadable
+from rlgcomp.diagnosis.proof.before_after import Proof, proved, unreadable
 from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
-from rlgcomp.diagnosis.question.coarser import coarser, said_of
-from rlgcomp.diagnosis.question.conventions import as_meant, conventions_of
-from rlgcomp.diagnosis.question.held_out import require_held_out
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.diagnosis.question.windows import default_window_s
 from rlgcomp.diagnosis.remarks import (
     denied_by_held_out,
     extrapolations_of,
@@ -53,10 +43,8 @@ from rlgcomp.diagnosis.remarks import (
     wrong_numbers_of,
 )
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
-from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
+from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.errors import InputError
-from rlgcomp.held import without_holds
-from rlgcomp.knocks import frozen_in, undisturbed
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -164,73 +152,127 @@ def _diagnosed(
     """A diagnosis in which held-out runs are asked what they bear out, or are not."""
     told = progress or (lambda fraction: None)
     require_computable(mechanisms, [*train, *test])
-    (train, knocks), (test, more) = _undisturbed(train, gyro), _undisturbed(test, gyro)
-    base, predicted, own = _known(simulator, simulated, train, test, gyro)
-    if own is not None:
-        train, test = list(own.runs[: len(train)]), list(own.runs[len(train) :])
-    base = base if noise is None else dataclasses.replace(base, noise=dataclasses.replace(noise, measured=True))
-    train, test, moved = (train, test, []) if predicted is not None else _moving(train, test, gyro, mechanisms, window_s)
-    asked = Asked(train, test if confirm else (), mechanisms, gyro, window_s, predicted)
+    runs = Comparable.of(simulator, simulated, train, test, mechanisms=mechanisms, gyro=gyro, window_s=window_s)
+    base = runs.base if noise is None else dataclasses.replace(runs.base, noise=dataclasses.replace(noise, measured=True))
+    asked = Asked(runs.train, runs.test if confirm else (), mechanisms, gyro, window_s, runs.predicted)
+    searched = _searched(runs, asked, base, told, executor, black_box=black_box, seed=seed)
+    first = Answer.of(searched.posed, searched.explanations, searched.conclusion, searched.before)
+    last = first.and_further() or first
+    told(0.85)
+    proof = proved(
+        searched.mismatches,
+        len(runs.train),
+        searched.before.simulator,
+        last.after.simulator,
+        shape=last.shape,
+        white_deg_h=last.after.white_deg_h,
+        box=searched.box,
+        seed=seed,
+    )
+    told(0.98)
+    return _told(runs, base, searched, first, last, proof, seed)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Searched:
+    """What was asked in the end, and what answers it.
+
+    Parameters
+    ----------
+    posed : Posed
+    explanations : Explanations
+    conclusion : Conclusion
+    detection : Detection
+    nothing : float
+        Probability that nothing is missing and nothing unrecorded wanders.
+    before : Fitted
+        The simulator with nothing added.
+    mismatches : list of Mismatch
+        What every run holds beyond it.
+    as_stated : list of Mismatch
+        The same with the numbers that it said to be known.
+    wrong : tuple of str
+        Mechanisms of the simulator with such numbers, where they do not fit.
+    box : callable, optional
+        What the LS-SVM compensation says of all runs.
+    """
+
+    posed: Posed
+    explanations: Explanations
+    conclusion: Conclusion
+    detection: Detection
+    nothing: float
+    before: Fitted
+    mismatches: list[Mismatch]
+    as_stated: list[Mismatch]
+    wrong: tuple[str, ...]
+    box: Callable[[], list[Array] | None] | None
+
+
+def _searched(
+    runs: Comparable,
+    asked: Asked,
+    base: Simulator,
+    told: Callable[[float], None],
+    executor: Executor | None,
+    *,
+    black_box: bool,
+    seed: int,
+) -> _Searched:
+    """Whether there is anything, and what it is."""
+    every = [*runs.train, *runs.test]
     posed = Posed.of(asked, base)
     _require_noise(posed.windowed)
     told(0.05)
-    before, mismatches = _calibrated(posed, [*train, *test])
+    before, mismatches = _calibrated(posed, every)
+    as_stated = mismatches
     foretold = not any(one.each_run for one in base.mechanisms)  # else what it leaves of a run is known by a fit to that run alone
-    box = learned(mismatches, len(train), executor) if black_box and test and foretold else None
-    stated = mismatches
+    box = learned(mismatches, len(runs.train), executor) if black_box and runs.test and foretold else None
     posed, explanations, wrong = posed.answered(base)
     if wrong or posed.problem.own_biases:
-        before, mismatches = _calibrated(posed, [*train, *test])
-        box = learned(mismatches, len(train), executor) if wrong and box is not None else box
-    problem, windowed = posed.problem, posed.windowed
+        before, mismatches = _calibrated(posed, every)
+        box = learned(mismatches, len(runs.train), executor) if wrong and box is not None else box
     told(0.5)
-    rng = stream(seed, "diagnosis")
     with ThreadPoolExecutor(1) as beside:  # neither needs the other
-        given = explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, rng
+        given = explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, stream(seed, "detection")
         detecting = beside.submit(detect, explanations.evidence, *given)
-        conclusion = concluded(windowed, explanations, posed.whole_windowed)
+        conclusion = concluded(posed.windowed, explanations, posed.whole_windowed)
     detection = detecting.result()
     conclusion = beyond_noise(conclusion, detection.p_value, explanations.first)
     nothing = min(healthy(explanations), 1.0 - conclusion.unrecorded) * (1.0 - conclusion.lawful)
     explanations, conclusion = and_laws(posed, explanations, conclusion)
     told(0.75)
-    first = Answer.of(posed, explanations, conclusion, before)
-    last = first.and_further() or first
-    after, shape, problem, windowed = last.after, last.shape, last.posed.problem, last.posed.windowed
-    explanations, conclusion = last.explanations, last.conclusion
-    steps, in_part, by_chance = _apart(last.posed, after, shape)
-    told(0.85)
-    proof = proved(
-        mismatches,
-        len(train),
-        before.simulator,
-        after.simulator,
-        shape=shape,
-        white_deg_h=after.white_deg_h,
-        box=box,
-        seed=seed,
-    )
-    told(0.98)
-    rivals = rivals_of(explanations, conclusion.model)
+    return _Searched(posed, explanations, conclusion, detection, nothing, before, mismatches, as_stated, wrong, box)
+
+
+def _told(
+    runs: Comparable, base: Simulator, searched: _Searched, first: Answer, last: Answer, proof: Proof, seed: int
+) -> Diagnosis:
+    """All that is said in the end: of what was found first where the search began, and of the last answer what it is."""
+    after, conclusion, windowed = last.after, last.conclusion, last.posed.windowed
+    steps = bias_steps.told(windowed, after.baseline)
+    in_part = partly.told(windowed, last.posed.whole_windowed, after.baseline, last.shape)
+    by_chance = min(chance(steps), chance(in_part))
+    rivals = rivals_of(last.explanations, conclusion.model)
     verdict, named = verdict_of(conclusion, rivals), [cause.mechanism for cause in after.causes]
     denied = verdict != "none" and contradicted(proof.test, named)
+    in_noise = searched.detection.p_value
     # a path of jumps or a law is seen by the search alone, whose Bayes factor bounds the p-value
-    searched = least_p_value(nothing) if verdict != "none" else 1.0
-    p_value = min(detection.p_value, searched, by_chance)
-    differing = tuple(name for name in wrong if _differs(base, name, (before.baseline | after.baseline)[name]))
-    next_up, untold = (
-        what_to_run(windowed, explanations, conclusion.model, shape, after, seed) if verdict == "ambiguous" else (None, ())
-    )
-    model = noise_model(shape, after.white_deg_h, problem.windows[0])
-    drivers = {column for mechanism in after.simulator.mechanisms for column in mechanism.driver_columns(train[0])} - {TIME}
+    p_value = min(in_noise, by_chance, 1.0 if verdict == "none" else least_p_value(searched.nothing))
+    places = locate(searched.posed.windowed, searched.posed.within, first.shape, stream(seed, "places"))
+    asked = windowed, last.explanations, conclusion.model, last.shape, after, seed
+    next_up, untold = what_to_run(*asked) if verdict == "ambiguous" else (None, ())
+    numbers, before = searched.before.baseline | after.baseline, searched.before
+    differing = {name: numbers[name] for name in searched.wrong if _differs(base, name, numbers[name])}
+    model = noise_model(last.shape, after.white_deg_h, last.posed.problem.windows[0])
     return Diagnosis(
         verdict="unknown" if steps or in_part or denied else verdict,
         p_value=p_value,
-        where=_where(posed, locate(posed.windowed, posed.within, first.shape, rng), steps, in_part, after, p_value),
+        where=_where(searched.posed.windowed, places, steps, in_part, after, p_value),
         causes=last.causes(rivals),
         alternatives=last.alternatives(),
         unexplained=unexplained_of(
-            conclusion, after, detection.p_value if verdict == "none" else whiteness(problem, after, shape), in_part
+            conclusion, after, in_noise if verdict == "none" else whiteness(last.posed.problem, after, last.shape), in_part
         ),
         train=proof.train,
         test=proof.test,
@@ -240,34 +282,36 @@ def _diagnosed(
         noise=model,
         calibration=before.baseline,
         recalibration={name: found for name, found in after.baseline.items() if name not in last.earlier_names},
-        wrong=differing,
-        alignment=() if own is None else own.alignment,
+        wrong=tuple(differing),
+        alignment=() if runs.own is None else runs.own.alignment,
         remarks=(
-            *scale_remarks(windowed.windows, predicted, gyro),
-            *clock_remarks(windowed.windows, own, {one.mechanism: one.contribution_deg_h for one in after.causes}),
-            *(() if own is None else own.remarks),
-            *knocks,
-            *more,
-            *moved,
+            *scale_remarks(windowed.windows, runs.predicted, last.posed.asked.gyro),
+            *clock_remarks(windowed.windows, runs.own, {one.mechanism: one.contribution_deg_h for one in after.causes}),
+            *runs.remarks,
             *untold,
-            *remarks_of(explanations, conclusion, after, shape, detection.p_value, theirs=predicted is not None),
+            *remarks_of(last.explanations, conclusion, after, last.shape, in_noise, theirs=runs.predicted is not None),
             *found_behind(last),
-            *not_tried(explanations, mechanisms),
-            *wrong_numbers_of({name: (before.baseline | after.baseline)[name] for name in differing}, stated),
+            *not_tried(last.explanations, last.posed.asked.mechanisms),
+            *wrong_numbers_of(differing, searched.as_stated),
             *own_biases_of(after.baseline),
-            *weighed_means(model, problem.rows.window_s),
-            *own_noises_of(mismatches, after.white_deg_h),
+            *weighed_means(model, windowed.rows.window_s),
+            *own_noises_of(searched.mismatches, after.white_deg_h),
             *(() if steps else worse_in_training(proof.train, named)),
             *off_held_out(verdict, proof.test, named),
-            *(said for said in (unreadable(after.simulator, one.run) for one in mismatches) if said is not None),
-            *extrapolations_of(proof.traces, drivers),
+            *(said for said in (unreadable(after.simulator, one.run) for one in searched.mismatches) if said is not None),
+            *extrapolations_of(proof.traces, _drivers(after.simulator, runs.train[0])),
         ),
         traces=proof.traces,
-        healthy=nothing * by_chance,
+        healthy=searched.nothing * by_chance,
         probability=last.probability,
         steps=steps,
         in_part=in_part,
     )
+
+
+def _drivers(simulator: Simulator, run: Recording) -> set[str]:
+    """Columns that a simulator reads, but for the time."""
+    return {column for mechanism in simulator.mechanisms for column in mechanism.driver_columns(run)} - {TIME}
 
 
 def _denied(found: Diagnosis) -> bool:
@@ -286,43 +330,6 @@ def _leaves_less(one: Diagnosis, other: Diagnosis) -> bool:
     return one.test.augmented_rms < other.test.augmented_rms
 
 
-def _known(
-    simulator: Simulator | UserSimulator | Callable[[Recording], Any] | None,
-    simulated: Sequence[Recording] | None,
-    train: Sequence[Recording],
-    test: Sequence[Recording],
-    gyro: str | None,
-) -> tuple[Simulator, Callable[[Recording], Array] | None, SimulatedRuns | None]:
-    """The simulator whose parameters are free, what else is predicted, and the simulated runs where these were given."""
-    if not train:
-        raise InputError("no training runs; give at least one with --train")
-    require_held_out(train, test)
-    kinds = {run.metadata.kind for run in (*train, *test)}
-    if simulator is not None and simulated is not None:
-        raise InputError("a simulator and simulated runs were given; give one of them")
-    if isinstance(simulator, Simulator):
-        base, predicted = simulator, None
-    else:
-        base = Simulator(kind="turntable" if kinds == {"turntable"} else "chamber", unit=train[0].metadata.unit or "recorded")
-        if simulated is not None:
-            runs = SimulatedRuns.of([*train, *test], simulated, gyro=gyro)
-            return base, runs.predict_deg_h, runs
-        if simulator is None:
-            raise InputError("no simulator; give one with --simulator, or its output with --simulated")
-        theirs = simulator if isinstance(simulator, UserSimulator) else PythonSimulator(simulator, _name_of(simulator))
-        predicted = theirs.predict_deg_h
-    if ("turntable" in kinds) != (base.kind == "turntable"):
-        raise InputError(
-            f"the simulator is of kind {base.kind!r}, the recordings of kind {', '.join(sorted(kinds))}; "
-            "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
-        )
-    return base, predicted, None
-
-
-def _name_of(function: Callable[[Recording], Any]) -> str:
-    return str(getattr(function, "__name__", type(function).__name__))
-
-
 def _require_noise(problem: Problem) -> None:
     """Refuse runs of which the simulator leaves nothing at all: no gyro is without noise."""
     design = problem.baseline / norms(problem.baseline)
@@ -336,30 +343,6 @@ def _require_noise(problem: Problem) -> None:
         )
 
 
-def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
-    """Runs without knocks and spikes, monitors not held between readings, and what to say of these and of monitors that freeze."""
-    calm, remarks = undisturbed(runs, gyro)
-    straight = [without_holds(run) for run in calm]
-    frozen = (said for run in calm for said in frozen_in(run))
-    return [run for run, _ in straight], [*remarks, *frozen, *(said for _, said in straight if said is not None)]
-
-
-def _moving(
-    train: Sequence[Recording],
-    test: Sequence[Recording],
-    gyro: str | None,
-    mechanisms: Mapping[str, type[Mechanism]],
-    window_s: float | None,
-) -> tuple[Sequence[Recording], Sequence[Recording], list[str]]:
-    """Runs whose table's rate is what the gyro's samples belong to, no faster than that changes; and what to say of it."""
-    runs = [*train, *test]
-    meant = [as_meant(run, gyro) for run in runs]
-    known = [one.run for one in meant]
-    asked = coarser(known, mechanisms.values(), window_s or default_window_s(known[: len(train)]))
-    said = [*conventions_of(runs, meant), *said_of(known, asked)]
-    return asked[: len(train)], asked[len(train) :], said
-
-
 def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[Mismatch]]:
     """The simulator with nothing added, and what runs hold beyond it."""
     # whatever wanders unexplained is no noise to weigh by: what is fitted must hold in the runs' slow course as well
@@ -371,15 +354,8 @@ def _calibrated(posed: Posed, runs: Sequence[Recording]) -> tuple[Fitted, list[M
     return before, [one.as_loud(part) for one, part in zip(left, heard, strict=True)]
 
 
-def _apart(posed: Posed, after: Fitted, shape: NoiseShape) -> tuple[tuple[Step, ...], tuple[InPart, ...], float]:
-    """Steps of the bias, causes that act in a part of the runs, and the probability that there are none."""
-    steps = bias_steps.told(posed.windowed, after.baseline)
-    in_part = partly.told(posed.windowed, posed.whole_windowed, after.baseline, shape)
-    return steps, in_part, min(chance(steps), chance(in_part))
-
-
 def _where(
-    posed: Posed, found: Sequence[Place], steps: Sequence[Step], in_part: Sequence[InPart], after: Fitted, p_value: float
+    problem: Problem, found: Sequence[Place], steps: Sequence[Step], in_part: Sequence[InPart], after: Fitted, p_value: float
 ) -> tuple[Place, ...]:
     """Places of the mismatch, those of steps and of causes in a part of the runs among them.
 
@@ -391,8 +367,8 @@ def _where(
         return dataclasses.replace(one, p_value=max(one.p_value, p_value)) if off else one
 
     kept = sorted((one for one in map(no_surer, found) if one.p_value <= SIGNIFICANT), key=lambda one: one.p_value)
-    events = [*bias_steps.places(posed.windowed, steps), *partly.places(posed.windowed, in_part)]
-    return bias_steps.with_places(kept, posed.windowed, events, after.white_deg_h)
+    events = [*bias_steps.places(problem, steps), *partly.places(problem, in_part)]
+    return bias_steps.with_places(kept, problem, events, after.white_deg_h)
 
 
 def _differs(simulator: Simulator, name: str, found: Mapping[str, Estimate]) -> bool:
