@@ -13,9 +13,10 @@ would do to each parameter adds to the standard deviations.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Collection, Sequence
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -117,61 +118,132 @@ def fit(
     if any(candidate.mechanism.constant for candidate in chosen):
         problem = _without(problem, {""})
     problem = _without(problem, {candidate.name for candidate in chosen if not candidate.known})  # longer, it has these columns too
-    columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
     mechanisms = [candidate.mechanism for candidate in chosen]
-    for step in range(STEPS + 1):
-        problem = _beside_causes(problem, columns, noise)
-        plain = np.column_stack([problem.baseline, *columns])
-        weights, _, lowest = solve(problem, plain, noise)
-        parts = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
-        derived = [
-            _told(slopes(problem, mechanism, part), mechanism, block)
-            if _steady(candidate) and not mechanism.open_set  # a law's are at their best
-            else []
-            for candidate, mechanism, part, block in zip(chosen, mechanisms, parts, columns, strict=True)
-        ]
-        design = np.column_stack([plain, *(column for found in derived for _, column in found)])
-        weights = solve(problem, design, noise)[0]
-        if step == STEPS:
+    columns = [problem.columns(candidate.mechanism) if _steady(candidate) else candidate.columns for candidate in chosen]
+    at = _Linear.of(problem, chosen, mechanisms, columns, noise)
+    for _ in range(STEPS):
+        further = at.moved(noise)
+        if further is None:
             break
-        shifted = moved(problem, mechanisms, derived, weights[plain.shape[1] :])
-        trial = [problem.columns(m) if _steady(c) else block for c, m, block in zip(chosen, shifted, columns, strict=True)]
-        if shifted == mechanisms or solve(problem, np.column_stack([problem.baseline, *trial]), noise)[2] >= lowest:
-            break
-        mechanisms, columns = shifted, trial
-    for k, (mechanism, part) in enumerate(zip(mechanisms, parts, strict=True)):
-        if isinstance(mechanism, EmpiricalLaw):
-            derived[k] = _of_law(problem, mechanism, float(part[0]), plain)
-    design = np.column_stack([plain, *(column for found in derived for _, column in found)])
-    weights = solve(problem, design, noise)[0]
+        at = further
+    at = at.with_laws()
+    problem, plain = at.problem, at.plain
+    weights = solve(problem, at.design, noise)[0]
+    own = problem.baseline.shape[1]
+    held = np.r_[problem.held(), np.ones(plain.shape[1] - own, dtype=np.bool_)]
     final = np.zeros(plain.shape[1])
-    held = np.r_[problem.held(), np.ones(plain.shape[1] - problem.baseline.shape[1], dtype=np.bool_)]
     final[held], covariance, square = solve(problem, plain[:, held], noise)  # the simulator's own shapes are at their best
-    freedom = len(problem.rows) - design.shape[1]
-    widened = [1.0] * plain.shape[1]
-    for k, found in enumerate(derived):
-        if found:
-            names, directions = zip(*found, strict=True)
-            others = [problem.baseline, *columns[:k], *columns[k + 1 :]]
-            widened += wider(problem, mechanisms[k], names, np.column_stack([plain, *directions]), others, noise, square)
-    steady = [k for k, candidate in enumerate(chosen) if _steady(candidate)]
-    lateness = late(problem, [mechanisms[k] for k in steady], [parts[k] for k in steady])
-    answer = solve(dataclasses.replace(problem, target_deg_h=lateness), design, noise)[0]
-    sd = np.sqrt(np.square(widened) * _variances(problem, design, weights, likely or [(noise, 1.0)]) + answer**2)
-    laws, widths = [mechanism.open_set for mechanism in mechanisms], [block.shape[1] for block in columns]
-    of_laws = np.repeat([False, *laws, *laws], [problem.baseline.shape[1], *widths, *map(len, derived)])
-    rounded = weights - np.r_[final, np.zeros(design.shape[1] - plain.shape[1])]  # numbers of laws are
-    sd = np.where(of_laws, np.hypot(sd, rounded), sd)
-    baseline, simulator = _baseline(problem, final[: problem.baseline.shape[1]], sd)
-    beside = [*columns, *(column[:, None] for found in derived for _, column in found)]
+    freedom = len(problem.rows) - at.design.shape[1]
+    sd = at.standard_deviations(weights, final, square, noise, likely)
+    baseline, simulator = _baseline(problem, final[:own], sd)
+    beside = [*at.columns, *(column[:, None] for found in at.derived for _, column in found)]
     baseline, simulator = _own_settled(problem, baseline, simulator, beside, noise)
     left = problem.target_deg_h - plain @ final
-    causes = _causes(problem, chosen, mechanisms, columns, derived, final, sd, covariance * square / freedom, left)
+    causes = _causes(problem, chosen, at.mechanisms, at.columns, at.derived, final, sd, covariance * square / freedom, left)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
-        causes = _settled(problem, chosen, causes, columns, noise)
+        causes = _settled(problem, chosen, causes, at.columns, noise)
     for cause in causes:
         simulator = _joined(simulator, cause)
     return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), left)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Linear:
+    """Baseline and causes as columns, linearised where the shapes stand.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the simulator's own shapes where they lie beside the causes.
+    chosen : sequence of Candidate
+    mechanisms : sequence of Mechanism
+        The causes at the shapes at which they are linearised.
+    columns, amplitudes : sequence of ndarray
+        Of each cause, shapes (n, k) and (k,).
+    derived : list of list of (str, ndarray)
+        Of each cause, its shapes' names and derivatives, shape (n,).
+    square : float
+        What is left with the shapes where they stand.
+    """
+
+    problem: Problem
+    chosen: Sequence[Candidate]
+    mechanisms: Sequence[Mechanism]
+    columns: Sequence[Array]
+    amplitudes: Sequence[Array]
+    derived: list[list[tuple[str, Array]]]
+    square: float
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        chosen: Sequence[Candidate],
+        mechanisms: Sequence[Mechanism],
+        columns: Sequence[Array],
+        noise: NoiseShape,
+    ) -> Self:
+        """At shapes; a law has no derivatives yet, since it is at its best."""
+        problem = _beside_causes(problem, columns, noise)
+        weights, _, square = solve(problem, np.column_stack([problem.baseline, *columns]), noise)
+        amplitudes = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
+        derived = [
+            _told(slopes(problem, mechanism, part), mechanism, block) if _steady(one) and not mechanism.open_set else []
+            for one, mechanism, part, block in zip(chosen, mechanisms, amplitudes, columns, strict=True)
+        ]
+        return cls(problem, chosen, mechanisms, columns, amplitudes, derived, square)
+
+    @functools.cached_property
+    def plain(self) -> Array:
+        """All but derivatives, shape (n, p)."""
+        return np.column_stack([self.problem.baseline, *self.columns])
+
+    @functools.cached_property
+    def design(self) -> Array:
+        """All of it, derivatives last, shape (n, q)."""
+        return np.column_stack([self.plain, *(column for found in self.derived for _, column in found)])
+
+    def moved(self, noise: NoiseShape) -> Self | None:
+        """The same a step of Gauss–Newton on, where that leaves less."""
+        weights = solve(self.problem, self.design, noise)[0]
+        shifted = moved(self.problem, self.mechanisms, self.derived, weights[self.plain.shape[1] :])
+        if shifted == self.mechanisms:
+            return None
+        found = zip(self.chosen, shifted, self.columns, strict=True)
+        columns = [self.problem.columns(mechanism) if _steady(one) else block for one, mechanism, block in found]
+        if solve(self.problem, np.column_stack([self.problem.baseline, *columns]), noise)[2] >= self.square:
+            return None
+        return self.of(self.problem, self.chosen, shifted, columns, noise)
+
+    def with_laws(self) -> Self:
+        """The same with derivatives by the shapes of laws, which are uncertain all the same."""
+        derived = [
+            _of_law(self.problem, mechanism, float(part[0]), self.plain) if isinstance(mechanism, EmpiricalLaw) else found
+            for mechanism, part, found in zip(self.mechanisms, self.amplitudes, self.derived, strict=True)
+        ]
+        return dataclasses.replace(self, derived=derived)
+
+    def standard_deviations(
+        self, weights: Array, final: Array, square: float, noise: NoiseShape, likely: Sequence[tuple[NoiseShape, float]]
+    ) -> Array:
+        """Of all columns of the design, about their weights: by the noises that are likely, widened where the likelihood along a
+        shape is, and by what a late thermometer does. Numbers of laws are rounded to those of the weights that are told."""
+        problem, own = self.problem, self.problem.baseline.shape[1]
+        widened = [1.0] * self.plain.shape[1]
+        for k, found in enumerate(self.derived):
+            if found:
+                names, directions = zip(*found, strict=True)
+                others = [problem.baseline, *self.columns[:k], *self.columns[k + 1 :]]
+                beside = np.column_stack([self.plain, *directions])
+                widened += wider(problem, self.mechanisms[k], names, beside, others, noise, square)
+        steady = [k for k, candidate in enumerate(self.chosen) if _steady(candidate)]
+        lateness = late(problem, [self.mechanisms[k] for k in steady], [self.amplitudes[k] for k in steady])
+        moved_by = solve(dataclasses.replace(problem, target_deg_h=lateness), self.design, noise)[0]
+        sd = np.sqrt(np.square(widened) * _variances(problem, self.design, weights, likely or [(noise, 1.0)]) + moved_by**2)
+        laws, widths = [mechanism.open_set for mechanism in self.mechanisms], [block.shape[1] for block in self.columns]
+        of_laws = np.repeat([False, *laws, *laws], [own, *widths, *map(len, self.derived)])
+        rounded = weights - np.r_[final, np.zeros(len(weights) - len(final))]
+        return np.where(of_laws, np.hypot(sd, rounded), sd)
 
 
 def _told(derived: list[tuple[str, Array]], mechanism: Mechanism, columns: Array) -> list[tuple[str, Array]]:
