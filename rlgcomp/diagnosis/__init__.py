@@ -15,4 +15,16 @@ Rooms, each importing only from those before it:
     proof         held-out runs before and after, beside a black box
     simulators    a user's own simulator, on the recording's clock
     programmes    the programme that would tell most
+
+Words, and what the literature calls them:
+    wander        a Gauss–Markov (Ornstein–Uhlenbeck) process of a cause that was not recorded
+    jumps, path   a random telegraph process, and the sequence of its states
+    law           a regression term for which the catalogue has no mechanism
+    loop          rate-independent hysteresis
+    toll          what a further cause must exceed for model discrepancy of those beside it (Kennedy and O'Hagan)
+    known         in the simulator already, with numbers that it states; a set of such causes alone is innocent
+    own bias      turn-on to turn-on bias: each run has its own
+    fast          computed at the full rate of samples, since it acts within averaging windows
+    contrasts     orthonormal comparisons of samples within averaging windows
+    loudness      variance of a window's white noise over that of the runs' middle one
 """
