@@ -18,7 +18,8 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.question.windows import Contrasts, Windows
+from rlgcomp.diagnosis.question.contrasts import Contrasts
+from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.motion import stilled
 from rlgcomp.noise import stream
 from rlgcomp.physics.lock_in import LockIn

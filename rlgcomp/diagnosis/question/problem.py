@@ -11,13 +11,14 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.noise.whitening import Rows
 from rlgcomp.diagnosis.question import free_part
+from rlgcomp.diagnosis.question.contrasts import Contrasts
 from rlgcomp.diagnosis.question.departures import departures_deg_h, not_comparable
 from rlgcomp.diagnosis.question.events import BiasStep, Partly
 from rlgcomp.diagnosis.question.free_part import free, stated, where_free
 from rlgcomp.diagnosis.question.own_noise import beside, with_own_noise
 from rlgcomp.diagnosis.question.pulses import step_of
 from rlgcomp.diagnosis.question.shapes import shifted
-from rlgcomp.diagnosis.question.windows import Contrasts, Windows, default_window_s, turning_deg_s, with_knee
+from rlgcomp.diagnosis.question.windows import Windows, default_window_s, turning_deg_s, with_knee
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.empirical_law import EmpiricalLaw
