@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from rlgcomp.noise import upper_limit
+
 if TYPE_CHECKING:
     from rlgcomp.allan.analysis import NoiseAnalysis
     from rlgcomp.allan.coefficients import NoiseCoefficients
     from rlgcomp.allan.deviation import AllanDeviation
 
 SHOWN: Final = 12  # averaging times
-_ONE_SIDED: Final = 1.645  # standard deviations that a normal variable exceeds with probability 0.05
 _UNITS: Final = {
     "quantization_arcsec": ("Q", "quantization", "arcsec"),
     "angle_random_walk_deg_sqrt_h": ("N", "angle random walk", "deg/sqrt(h)"),
@@ -66,14 +67,10 @@ def short(value: float) -> str:
 
 
 def value_text(value: float, sd: float) -> str:
-    """A coefficient with its standard error, or its upper limit where its square is less than two standard errors above zero.
-
-    What is estimated is the square, which a root of it near zero does not tell.
+    """A coefficient with its standard error, or its :func:`rlgcomp.noise.upper_limit` where it is not seen.
 
     >>> value_text(0.5, 0.01), value_text(0.002, 0.001), value_text(0.0, 0.1)
     ('0.5 ± 0.01', '< 0.003 (95 %)', '< 0.13 (95 %)')
     """
-    square_sd = 2.0 * value * sd - sd**2 if sd < value else (value + sd) ** 2 - value**2
-    if value**2 > 2.0 * square_sd:
-        return f"{value:.3g} ± {short(sd)}"
-    return f"< {short(math.sqrt(value**2 + _ONE_SIDED * square_sd))} (95 %)"
+    limit = upper_limit(value, sd)
+    return f"{value:.3g} ± {short(sd)}" if limit is None else f"< {short(limit)} (95 %)"
