@@ -28,6 +28,7 @@ import pandas as pd
 from scipy import stats
 
 from rlgcomp.allan import wording
+from rlgcomp.allan.floor import lowest
 from rlgcomp.allan.power_law import NAMES, degrees_of_freedom, identify
 from rlgcomp.allan.sums import angle_of, sums_of_squares
 from rlgcomp.errors import InputError
@@ -141,25 +142,27 @@ class AllanDeviation:
         pulse_arcsec : float, optional
             q, where the gyro counts pulses.
         """
-        white = self.white_noise_deg_h(averaging_s)
         if pulse_arcsec is None:
-            return white
-        within = self.tau_s <= averaging_s * (1.0 + 1e-9)
-        best = int(np.argmin(self.deviation_deg_h[within] * np.sqrt(self.tau_s[within]))) if within.any() else 0
-        tau_s, deviation = float(self.tau_s[best]), float(self.deviation_deg_h[best])
-        rounding = min(pulse_arcsec**2 / 12.0, (deviation * tau_s) ** 2 / 3.0)  # arcsec²; deg/h is arcsec/s
-        return float(np.sqrt(white**2 - rounding * (3.0 / (tau_s * averaging_s) - 2.0 / averaging_s**2)))
+            return self.white_noise_deg_h(averaging_s)
+        tau_s, level = self._lowest(averaging_s)
+        rounding = min(pulse_arcsec**2 / 12.0, level**2 * tau_s / 3.0)  # arcsec²; deg/h is arcsec/s
+        return float(np.sqrt(level**2 / averaging_s - rounding * (3.0 / (tau_s * averaging_s) - 2.0 / averaging_s**2)))
 
     def white_noise_deg_h(self, averaging_s: float) -> float:
         r"""Noise that no compensation can remove from means over `averaging_s`.
 
-        The smallest :math:`\sigma(\tau)\sqrt{\tau / T}` over :math:`\tau \le T`. White noise gives the same value at every tau;
-        what falls faster (quantization) or rises (drift) only adds, so the smallest is the white part's.
+        The lowest :math:`\sigma(\tau)\sqrt{\tau / T}` over :math:`\tau \le T`, of the curve fitted there; see
+        :mod:`rlgcomp.allan.floor`.
         """
+        return self._lowest(averaging_s)[1] / float(np.sqrt(averaging_s))
+
+    def _lowest(self, averaging_s: float) -> tuple[float, float]:
+        """Averaging time in s, up to `averaging_s`, at which deviation times root of time is lowest, and how low, in deg/h √s."""
         within = self.tau_s <= averaging_s * (1.0 + 1e-9)
-        if not within.any():
-            return float(self.deviation_deg_h[0])
-        return float(np.min(self.deviation_deg_h[within] * np.sqrt(self.tau_s[within] / averaging_s)))
+        if not within.any():  # of the shortest mean there is
+            return float(self.tau_s[0]), float(self.deviation_deg_h[0] * np.sqrt(averaging_s))
+        k, level = lowest(self.tau_s[within], self.deviation_deg_h[within], self.edf[within])
+        return float(self.tau_s[k]), level
 
 
 def allan_deviation(
