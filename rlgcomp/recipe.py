@@ -96,9 +96,9 @@ class FeatureRecipe:
             A value is missing or not finite, as is what comes of it, or time does not increase.
         """
         wanted = (TIME, *self.columns)
-        bad = [name for name in wanted if not np.isfinite(sample.get(name, np.nan))]
+        bad = [name for name in wanted if not _finite(sample.get(name))]
         if bad:
-            raise InputError(f"sample: {', '.join(bad)} missing or not finite; needed are {', '.join(wanted)}")
+            raise InputError(f"sample: {', '.join(bad)} missing or not finite; needed are {', '.join(wanted)}, each a number")
         if state is not None and not sample[TIME] > state[0]:
             raise InputError(f"sample: time_s is {sample[TIME]}, not after {state[0]}; begin a new recording with state None")
         row = np.array([[sample[column] for column in self.columns]], dtype=np.float64)
@@ -189,6 +189,13 @@ def _require_usable(feature: Any) -> None:
             good = _positive(value) or value == field.default
         if not good:
             raise InputError(f"feature recipe: {feature.kind}: {field.name} is {str(value)[:60]!r}, which is not allowed")
+
+
+def _finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except (TypeError, ValueError, OverflowError):  # nothing, a text, several numbers, or an int beyond all floats
+        return False
 
 
 def _positive(value: Any) -> bool:

@@ -102,7 +102,11 @@ def test_budget_of_the_paper() -> None:
 def test_marks_at_their_worst_bound_what_monte_carlo_gives() -> None:
     """Four passages, each of a uniform distribution: none goes beyond the bound, and some come near."""
     alone = PositionTable(
-        errors=TableErrors().only("sync_arcsec"), latitude_deg=0.0, bias_deg_h=0.0, angle_random_walk_deg_sqrt_h=0.0, period_error=0.0
+        errors=TableErrors().only("sync_arcsec"),
+        latitude_deg=0.0,
+        bias_deg_h=0.0,
+        angle_random_walk_deg_sqrt_h=0.0,
+        period_error=0.0,
     )
     bound = error_budget(alone).marks_relative_bound
     plus, minus = alone.rate_table_counts(200_000, np.random.default_rng(4))
