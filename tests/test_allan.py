@@ -238,6 +238,10 @@ def test_noise_floor_is_not_above_a_curve_that_is_no_sum_of_noises() -> None:
 def test_interpolation_and_table() -> None:
     curve = rlg.allan_deviation(nist_1000(), np.arange(1000.0), [1.0, 10.0, 100.0])
     assert curve.at(10.0) == pytest.approx(curve.deviation_deg_h[1])
+    assert [curve.at(1.0), curve.at(100.0)] == pytest.approx(curve.deviation_deg_h[[0, 2]].tolist())
+    for outside in (0.9, 0.0, -1.0, 1e9, float("nan")):
+        with pytest.raises(rlg.InputError, match="goes from 1 to 100 s"):
+            curve.at(outside)
     assert list(curve.to_frame())[:4] == ["tau_s", "deviation_deg_h", "lower_deg_h", "upper_deg_h"]
 
 

@@ -44,6 +44,7 @@ Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
 FEWEST_SAMPLES: Final = 5
 _ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
 _IDENTIFIED: Final = 1 << 20  # means, whose autocorrelation is then known to a thousandth
+_ROUNDING: Final = 1e-9  # of averaging times
 _GROUPS: Final = 64  # of parts of about one length, for the degrees of freedom
 
 
@@ -125,7 +126,19 @@ class AllanDeviation:
         return fit_coefficients(self)
 
     def at(self, tau_s: float) -> float:
-        """Deviation at tau, interpolated on the logarithmic plot."""
+        """Deviation at tau in deg/h, interpolated on the logarithmic plot.
+
+        Raises
+        ------
+        InputError
+            tau lies outside the curve's averaging times.
+        """
+        first, last = float(self.tau_s[0]), float(self.tau_s[-1])
+        if not first * (1.0 - _ROUNDING) <= tau_s <= last * (1.0 + _ROUNDING):
+            raise InputError(
+                f"the deviation at {tau_s:g} s was asked for; this curve goes from {first:g} to {last:g} s: give a time within it, or "
+                "a recording that is sampled faster or lasts longer"
+            )
         return float(np.exp(np.interp(np.log(tau_s), np.log(self.tau_s), np.log(self.deviation_deg_h))))
 
     def noise_of_means_deg_h(self, averaging_s: float, pulse_arcsec: float | None = None) -> float:
@@ -158,7 +171,7 @@ class AllanDeviation:
 
     def _lowest(self, averaging_s: float) -> tuple[float, float]:
         """Averaging time in s, up to `averaging_s`, at which deviation times root of time is lowest, and how low, in deg/h √s."""
-        within = self.tau_s <= averaging_s * (1.0 + 1e-9)
+        within = self.tau_s <= averaging_s * (1.0 + _ROUNDING)
         if not within.any():  # of the shortest mean there is
             return float(self.tau_s[0]), float(self.deviation_deg_h[0] * np.sqrt(averaging_s))
         k, level = lowest(self.tau_s[within], self.deviation_deg_h[within], self.edf[within])
