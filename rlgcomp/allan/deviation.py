@@ -136,8 +136,8 @@ class AllanDeviation:
         first, last = float(self.tau_s[0]), float(self.tau_s[-1])
         if not first * (1.0 - _ROUNDING) <= tau_s <= last * (1.0 + _ROUNDING):
             raise InputError(
-                f"the deviation at {tau_s:g} s was asked for; this curve goes from {first:g} to {last:g} s: give a time within it, or "
-                "a recording that is sampled faster or lasts longer"
+                f"the deviation at {tau_s:g} s was asked for; this curve goes from {first:g} to {last:g} s: give a time within it, "
+                "or a recording that is sampled faster or lasts longer"
             )
         return float(np.exp(np.interp(np.log(tau_s), np.log(self.tau_s), np.log(self.deviation_deg_h))))
 
