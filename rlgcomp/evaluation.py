@@ -20,6 +20,7 @@ from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.compensation.suitable import other_unit, require_raw
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings, require_workers
 from rlgcomp.knocks import spikes_in, without_knocks
 from rlgcomp.recording import Recording, rate_name
 
@@ -282,8 +283,10 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
     Raises
     ------
     InputError
-        No runs, or one is too short, lacks a monitor or was compensated already.
+        The compensation is not fitted; no runs, or one is too short, lacks a monitor or was compensated already.
     """
+    compensator.require_fitted()
+    runs, n_jobs = require_recordings(runs, "runs"), require_workers(n_jobs)
     if not runs:
         raise InputError("no runs to evaluate on; give at least one recording")
     for run in runs:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, Self
 
 import numpy as np
@@ -265,7 +265,11 @@ def left_out_of(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") 
 
 
 def _names(wanted: str | Sequence[str]) -> list[str]:
-    return [name.strip() for name in wanted.split(",")] if isinstance(wanted, str) else list(wanted)
+    if isinstance(wanted, str):
+        return [name.strip() for name in wanted.split(",")]
+    if not (isinstance(wanted, Iterable) and all(isinstance(name, str) for name in wanted)):
+        raise InputError(f"features is {wanted!r:.60}; give 'all', names with commas between them, or a list of names")
+    return list(wanted)
 
 
 def _group(name: str, runs: Sequence[Recording]) -> list[Feature]:

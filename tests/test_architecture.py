@@ -24,6 +24,7 @@ ROWS = [
     ["beside"],
     ["scan", "sampling", "robust"],
     ["recording"],
+    ["given"],
     ["repair"],
     ["formats"],
     ["hysteresis_loops", "sparse"],

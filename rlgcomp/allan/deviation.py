@@ -20,6 +20,7 @@ IEEE Std 647-2006, annex C. W. J. Riley, *Handbook of Frequency Stability Analys
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
@@ -269,6 +270,8 @@ def deviation_of_angle(
         raise InputError(f"confidence is {confidence}; it must lie between 0 and 1, as 0.683 for one sigma")
     parts = np.diff(np.r_[0, ends])
     order, overlapping = _ORDER[estimator], not estimator.startswith("plain")
+    if not 0.0 < per_decade < math.inf:
+        raise InputError(f"per_decade is {per_decade}; it must be a positive number of averaging times, as 10")
     counts = _counts(tau_s, period_s, int(parts.max()), per_decade)
     counts = counts[order * counts <= int(parts.max())]
     if overlapping:

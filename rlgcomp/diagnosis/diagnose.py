@@ -54,6 +54,7 @@ from rlgcomp.diagnosis.remarks import (
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings, require_seed
 from rlgcomp.held import without_holds
 from rlgcomp.knocks import frozen_in, undisturbed
 from rlgcomp.noise import NoiseModel, stream
@@ -123,6 +124,7 @@ def diagnose(
         A run is given twice, or both to train and to test; runs are too short, lack a monitor, belong to another kind than the
         simulator, or are beyond what it can be off by; a mechanism of the user's fails on them.
     """
+    train, test, seed = require_recordings(train, "train"), require_recordings(test, "test"), require_seed(seed)
     ask = functools.partial(
         _diagnosed,
         simulator,
