@@ -26,6 +26,7 @@ Results
 
 Modules, each importing only from those before it:
     errors units files plugins  the one exception, units and constants, whole-or-nothing writing, a user's own Python file
+    notebook                    results as a notebook shows them
     compiled lapack             loops that carry state, compiled when first called; linear algebra for threads side by side
     beside                      a second process, for commands
     scan                        what a few numbers prove of long columns

@@ -22,6 +22,7 @@ from rlgcomp.compensation.suitable import other_unit, require_raw
 from rlgcomp.errors import InputError
 from rlgcomp.given import require_recordings, require_workers
 from rlgcomp.knocks import spikes_in, without_knocks
+from rlgcomp.notebook import ShownAsTable
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
@@ -105,7 +106,7 @@ class Trace:
 
 
 @dataclasses.dataclass(frozen=True)
-class Evaluation:
+class Evaluation(ShownAsTable):
     """A compensation on runs held out.
 
     Parameters
@@ -195,6 +196,9 @@ class Evaluation:
 
     def __repr__(self) -> str:
         return _as_text(self)
+
+    def shown(self) -> pd.DataFrame:
+        return pd.DataFrame(stability_rows(self))
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run."""

@@ -159,6 +159,20 @@ def test_what_cannot_be_used_is_refused_at_the_entry(
         call(runs, fitted)
 
 
+def test_results_are_tables_in_a_notebook(runs: list[rlg.Recording], fitted: rlg.Compensator) -> None:
+    deviation = rlg.allan_deviation(runs[0])
+    evaluation = rlg.evaluate(fitted, runs, compare=False)
+    for shown, words in (
+        (deviation, ("<p>Allan deviation (overlapping): 1260 samples", "<th>deviation_deg_h</th>")),
+        (deviation.noise(), ("<p>Noise from 10 to ", "<td>angle random walk</td>", "deg/sqrt(h)")),
+        (evaluation, ("<p>Bias stability", "<th>noise floor</th>", "<td>cold</td>", "<li>cold was trained on, at least in part")),
+    ):
+        page = shown._repr_html_()
+        for word in words:
+            assert word in page
+        assert page.count("<table") == 1
+
+
 def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], tmp_path: Path) -> None:
     rlg.simulated_unit(1).without("readout_incoherence").to_yaml(tmp_path / "gyro.yaml")
     simulator = rlg.Simulator.from_yaml(tmp_path / "gyro.yaml")
@@ -166,6 +180,9 @@ def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], t
     diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], black_box=False)
     assert "readout_incoherence" in str(diagnosis)
     assert "readout_incoherence" in str(diagnosis.findings)
+    page = diagnosis._repr_html_()
+    assert page.startswith("<p>The simulator lacks readout_incoherence")
+    assert "<td>readout_incoherence</td>" in page
     better = diagnosis.augmented
     assert isinstance(better.simulate("short", seed=2, step_s=10.0), rlg.Recording)
     assert len(better.predict(held_out)) == len(held_out)

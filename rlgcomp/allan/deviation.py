@@ -33,6 +33,7 @@ from rlgcomp.allan.floor import lowest
 from rlgcomp.allan.power_law import NAMES, degrees_of_freedom, identify
 from rlgcomp.allan.sums import angle_of, sums_of_squares
 from rlgcomp.errors import InputError
+from rlgcomp.notebook import ShownAsTable
 from rlgcomp.recording import Recording
 from rlgcomp.sampling import Sampling
 
@@ -50,7 +51,7 @@ _GROUPS: Final = 64  # of parts of about one length, for the degrees of freedom
 
 
 @dataclasses.dataclass(frozen=True)
-class AllanDeviation:
+class AllanDeviation(ShownAsTable):
     """Allan (or Hadamard) deviation against averaging time, with its uncertainty.
 
     Parameters

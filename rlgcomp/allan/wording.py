@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import pandas as pd
 
 from rlgcomp.noise import upper_limit
 
@@ -41,14 +42,23 @@ def deviation_text(deviation: AllanDeviation) -> str:
 
 def coefficients_text(coefficients: NoiseCoefficients) -> str:
     """One line a noise, with its standard error; for one that is not seen its upper limit."""
-    lines = []
-    for name, (letter, noise, unit) in _UNITS.items():
-        value, sd = getattr(coefficients, name), getattr(coefficients, f"{name}_sd")
-        seen = f"{value_text(value, sd)} {unit}" if math.isfinite(sd) else "not seen"
-        lines.append(f"{letter}  {noise:<17}  {seen}")
+    lines = [f"{letter}  {noise:<17}  {seen}" for letter, noise, seen in _coefficient_rows(coefficients)]
     if coefficients.misfit:
         lines.append(f"the five noises do not describe the curve: off by {100 * coefficients.misfit:.0f} % beyond chance")
     return "\n".join(lines)
+
+
+def coefficients_table(coefficients: NoiseCoefficients) -> pd.DataFrame:
+    """The same as a table."""
+    return pd.DataFrame(_coefficient_rows(coefficients), columns=["", "noise", "coefficient"])
+
+
+def _coefficient_rows(coefficients: NoiseCoefficients) -> list[tuple[str, str, str]]:
+    rows = []
+    for name, (letter, noise, unit) in _UNITS.items():
+        value, sd = getattr(coefficients, name), getattr(coefficients, f"{name}_sd")
+        rows.append((letter, noise, f"{value_text(value, sd)} {unit}" if math.isfinite(sd) else "not seen"))
+    return rows
 
 
 def analysis_text(analysis: NoiseAnalysis) -> str:

@@ -26,7 +26,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.given import require_recordings, require_workers
 from rlgcomp.knocks import undisturbed
 from rlgcomp.recipe import left_out_of, recipe_for
-from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, rate_name
+from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_compensation, rate_name
 from rlgcomp.recording.sameness import share_rows
 from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
 
@@ -308,7 +308,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         else:
             corrected, name = rate_deg_h - removed, rate_name(column)
         place = list(table.columns).index(column)
-        table = table.drop(columns=[column, *(extra for extra in table.columns if extra.startswith("compensation_"))])
+        table = table.drop(columns=[column, *(extra for extra in table.columns if is_compensation(extra))])
         table.insert(place, name, corrected)
         table.insert(place + 1, REMOVED, removed)
         table.insert(place + 2, "compensation_out_of_range", predicted["out_of_range"].to_numpy().astype(np.float64))

@@ -104,7 +104,7 @@ def diagnose(
     gyro : str, optional
         Gyro column, where recordings have several.
     window_s : float, optional
-        Averaging time; 100 s, less for short runs.
+        Averaging time; 100 s, or a two hundredth of the longest run where that is less.
     noise : NoiseModel, optional
         Of the gyro at rest, instead of what the simulator says. Where it is known, weaker effects are told from it.
     seed : int
