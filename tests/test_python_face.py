@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 
@@ -119,6 +120,7 @@ def test_a_compensator_is_an_estimator(runs: list[rlg.Recording]) -> None:
     assert (again.fit(run for run in runs).predict(new) == model.predict(new)).all(axis=None)  # any iterable will do
     coarser = clone(model).set_params(model__degree=1, averaging_s=100.0).fit(runs)
     assert coarser.model_.degree == 1
+    assert (pickle.loads(pickle.dumps(model)).predict(new) == model.predict(new)).all(axis=None)  # noqa: S301
 
 
 GYRO = rlg.simulated_unit(1)
