@@ -26,11 +26,13 @@ Results
 
 Modules, each importing only from those before it:
     errors units files plugins  the one exception, units and constants, whole-or-nothing writing, a user's own Python file
+    notebook                    results as a notebook shows them
     compiled lapack             loops that carry state, compiled when first called; linear algebra for threads side by side
     beside                      a second process, for commands
     scan                        what a few numbers prove of long columns
     robust                      the scatter behind a median deviation; where a mask holds, stretch by stretch
-    recording repair formats    the data type; what is mended in files, a room a kind of fault; one module a file format
+    recording given             the data type; what is given at the Python face
+    repair formats              what is mended in files, a room a kind of fault; one module a file format
     filters hysteresis          causal recursions and hysteresis operators with explicit state; hysteresis_loops: of many gyros
     frames triad                frames of a triad on a table, and its errors as parameters
     motion                      how a one-axis table turned: rate, angle, acceleration of a recording

@@ -20,7 +20,9 @@ from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.compensation.suitable import other_unit, require_raw
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings, require_workers
 from rlgcomp.knocks import spikes_in, without_knocks
+from rlgcomp.notebook import ShownAsTable
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
@@ -104,7 +106,7 @@ class Trace:
 
 
 @dataclasses.dataclass(frozen=True)
-class Evaluation:
+class Evaluation(ShownAsTable):
     """A compensation on runs held out.
 
     Parameters
@@ -195,6 +197,9 @@ class Evaluation:
     def __repr__(self) -> str:
         return _as_text(self)
 
+    def shown(self) -> pd.DataFrame:
+        return pd.DataFrame(stability_rows(self))
+
     def to_frame(self) -> pd.DataFrame:
         """One row a run."""
         return pd.DataFrame([{**dataclasses.asdict(run), "floor_ratio": run.floor_ratio} for run in self.runs])
@@ -282,8 +287,10 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
     Raises
     ------
     InputError
-        No runs, or one is too short, lacks a monitor or was compensated already.
+        The compensation is not fitted; no runs, or one is too short, lacks a monitor or was compensated already.
     """
+    compensator.require_fitted()
+    runs, n_jobs = require_recordings(runs, "runs"), require_workers(n_jobs)
     if not runs:
         raise InputError("no runs to evaluate on; give at least one recording")
     for run in runs:

@@ -58,7 +58,7 @@ class Level:
     def group(self) -> str:
         if self.column.startswith("temperature_"):
             return "temperature"
-        return self.column.removesuffix("_V") if self.column == "light_intensity_V" else self.column
+        return "light_intensity" if self.column == "light_intensity_V" else self.column
 
     @property
     def columns(self) -> tuple[str, ...]:

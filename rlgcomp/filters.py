@@ -6,6 +6,7 @@ same bits, because the loop is the same: a real-time box that follows these line
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 from typing import Final
@@ -20,6 +21,7 @@ from rlgcomp.units import SECONDS_PER_MINUTE
 Array = npt.NDArray[np.float64]
 _RATE_WINDOWS_S: Final = (120.0, 1200.0)  # shortest and longest over which a slope is taken
 _RATE_ERROR: Final = 0.1  # standard deviation of a rate that its window may leave, of the rate's rms
+_BLOCK: Final = 512  # samples, at least, over which sums for slopes are carried on
 _MANY: Final = 20_000  # samples from which compiling pays: a recording is passed through a dozen filters
 
 
@@ -124,10 +126,22 @@ def rate_per_min(values: Array, time_s: Array, window_s: float | None = None) ->
     """
     period_s = float(np.median(np.diff(time_s)))
     half = max(1, round(0.5 * (window_s or rate_window_s(values, time_s)) / period_s))
-    ahead = np.minimum(np.arange(len(values)) + half + 1, len(values))
-    behind = np.maximum(np.arange(len(values)) - half, 0)
-    t = time_s - time_s[0]
-    x = values - values[0]
+    return np.concatenate(
+        [_slopes(values, time_s, half, start, stop) for start, stop in itertools.pairwise(_blocks(len(values), 2 * half))]
+    )
+
+
+def _blocks(samples: int, window: int) -> list[int]:
+    """Edges of blocks no longer than what sums over a window can be told from: cumulative sums of t² grow with the cube of it."""
+    return [*range(0, samples, max(window, _BLOCK)), samples]
+
+
+def _slopes(values: Array, time_s: Array, half: int, start: int, stop: int) -> Array:
+    """Slopes per minute at the samples from start to stop, time and value counted from the first sample that they take."""
+    first, last = max(start - half, 0), min(stop + half, len(values))
+    at = np.arange(start, stop)
+    ahead, behind = np.minimum(at + half + 1, last) - first, np.maximum(at - half, first) - first
+    t, x = time_s[first:last] - time_s[first], values[first:last] - values[first]
 
     def window_sum(series: Array) -> Array:
         total = np.r_[0.0, np.cumsum(series)]

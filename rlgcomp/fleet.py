@@ -25,6 +25,7 @@ from rlgcomp import __version__
 from rlgcomp.errors import InputError
 from rlgcomp.files import require_apart, sha256, to_json, whole_folder, write_json, write_text
 from rlgcomp.formats import sidecar
+from rlgcomp.given import require_workers
 from rlgcomp.workers import DIED, spread
 
 NOTE: Final = "unit.json"
@@ -158,6 +159,7 @@ def run_fleet(
     InputError
         The folder cannot be made, or the scheduler cannot be reached.
     """
+    n_jobs = require_workers(n_jobs)
     out = Path(out).absolute()
     try:
         out.mkdir(exist_ok=True)

@@ -57,12 +57,6 @@ def table_attitude(outer_deg: npt.ArrayLike, inner_deg: npt.ArrayLike) -> Array:
     return np.asarray(C_PN @ C_bp)
 
 
-def cross_matrix(vector: Array) -> Array:
-    """[v x], shape (3, 3)."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 # --- quaternions, shape (n, 4) ---------------------------------------------------------------------------------------------
 
 

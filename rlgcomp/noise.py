@@ -35,15 +35,36 @@ from rlgcomp.errors import InputError
 Array = npt.NDArray[np.float64]
 NOISES: Final = ("angle_random_walk", "bias_instability", "rate_random_walk", "quantization", "dither_residual")
 SLOW: Final = ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h")
-_SEEN: Final = 2.0  # standard errors from which a strength is seen
+_SEEN: Final = 2.0  # standard errors of its square from which a coefficient is seen
+_ONE_SIDED: Final = 1.645  # standard deviations that a normal variable exceeds with probability 0.05
 
 
-def upper_limits(coefficients: Mapping[str, float]) -> tuple[float, float]:
-    """Of B and K, by name as `rlgcomp allan` writes them, with standard errors: what they are at most where they are hardly seen;
-    zero where they are."""
-    values = [(coefficients.get(name, 0.0), coefficients.get(f"{name}_sd", 0.0)) for name in SLOW]
-    of_b, of_k = (value + _SEEN * sd if value < _SEEN * sd else 0.0 for value, sd in values)
-    return of_b, of_k
+def upper_limit(coefficient: float, sd: float) -> float | None:
+    """95 % upper limit of a coefficient whose square is less than two standard errors above zero; None of one that is seen.
+
+    What an Allan deviation estimates is the square, which a root of it near zero does not tell.
+
+    Parameters
+    ----------
+    coefficient, sd : float
+        With its standard error as :class:`rlgcomp.allan.coefficients.NoiseCoefficients` has it: the larger of the steps that one
+        standard error of the square makes, up or down.
+
+    >>> upper_limit(0.5, 0.01), upper_limit(3.0, 4.0), upper_limit(0.0, math.inf)
+    (None, 8.648699324175862, inf)
+    """
+    square_sd = 2.0 * coefficient * sd - sd**2 if sd < coefficient else (coefficient + sd) ** 2 - coefficient**2
+    if coefficient**2 > _SEEN * square_sd:
+        return None
+    return math.sqrt(coefficient**2 + _ONE_SIDED * square_sd)
+
+
+def upper_limits(coefficients: Mapping[str, float | None]) -> tuple[float, float]:
+    """Of B and K, by name as `rlgcomp allan` writes them, with standard errors: what they are at most where they are not seen;
+    zero where they are, or where nothing is said of them."""
+    given = [(coefficients.get(name), coefficients.get(f"{name}_sd")) for name in SLOW]
+    of_b, of_k = (None if value is None or sd is None else upper_limit(value, sd) for value, sd in given)
+    return of_b or 0.0, of_k or 0.0
 
 
 def stream(seed: int, name: str) -> np.random.Generator:

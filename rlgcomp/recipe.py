@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, Self
 
 import numpy as np
@@ -96,9 +96,9 @@ class FeatureRecipe:
             A value is missing or not finite, as is what comes of it, or time does not increase.
         """
         wanted = (TIME, *self.columns)
-        bad = [name for name in wanted if not np.isfinite(sample.get(name, np.nan))]
+        bad = [name for name in wanted if not _finite(sample.get(name))]
         if bad:
-            raise InputError(f"sample: {', '.join(bad)} missing or not finite; needed are {', '.join(wanted)}")
+            raise InputError(f"sample: {', '.join(bad)} missing or not finite; needed are {', '.join(wanted)}, each a number")
         if state is not None and not sample[TIME] > state[0]:
             raise InputError(f"sample: time_s is {sample[TIME]}, not after {state[0]}; begin a new recording with state None")
         row = np.array([[sample[column] for column in self.columns]], dtype=np.float64)
@@ -191,6 +191,13 @@ def _require_usable(feature: Any) -> None:
             raise InputError(f"feature recipe: {feature.kind}: {field.name} is {str(value)[:60]!r}, which is not allowed")
 
 
+def _finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except (TypeError, ValueError, OverflowError):  # nothing, a text, several numbers, or an int beyond all floats
+        return False
+
+
 def _positive(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
 
@@ -258,7 +265,11 @@ def left_out_of(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") 
 
 
 def _names(wanted: str | Sequence[str]) -> list[str]:
-    return [name.strip() for name in wanted.split(",")] if isinstance(wanted, str) else list(wanted)
+    if isinstance(wanted, str):
+        return [name.strip() for name in wanted.split(",")]
+    if not (isinstance(wanted, Iterable) and all(isinstance(name, str) for name in wanted)):
+        raise InputError(f"features is {wanted!r:.60}; give 'all', names with commas between them, or a list of names")
+    return list(wanted)
 
 
 def _group(name: str, runs: Sequence[Recording]) -> list[Feature]:

@@ -147,7 +147,10 @@ _SUFFIXES: Final[dict[str, str]] = {
     "_hPa": "hPa",
     "_V": "V",
     "_s": "s",
+    **{f"_{unit.replace('/', '_')}": unit for unit in _DIMENSIONS["angular rate [deg/h]"]},
 }
+# Words before `_s` with which it stands for "per second" of a unit that is not known, not for seconds.
+_PER: Final = frozenset({"per", "kg", "l", "m", "mm"}.union(*(units for units in _DIMENSIONS.values())))
 _HEADER_UNIT: Final = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]+)[\])]\s*$")
 _RAISED: Final = dict(zip("23456789", "²³⁴⁵⁶⁷⁸⁹", strict=True))
 
@@ -175,15 +178,17 @@ def value_and_sd(value: float, sd: float) -> tuple[str, str]:
 
 
 def column_unit(column: str) -> str | None:
-    """Unit that a column's name ends in, or None where it ends in none.
+    """Unit that a column's name ends in, or None where it ends in none that is known.
 
     >>> column_unit("temperature_block_degC"), column_unit("accel_x_m_s2"), column_unit("heater_state")
     ('degC', 'm/s^2', None)
+    >>> column_unit("wheel_rad_s"), column_unit("flow_counts_per_s"), column_unit("heater_on_s")
+    ('rad/s', None, 's')
     """
-    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
-        if column.endswith(suffix):
-            return _SUFFIXES[suffix]
-    return None
+    suffix = max((suffix for suffix in _SUFFIXES if column.endswith(suffix)), key=len, default="")
+    if suffix == "_s" and column.removesuffix("_s").rpartition("_")[2] in _PER:
+        return None
+    return _SUFFIXES.get(suffix)
 
 
 def header_unit(header: str) -> tuple[str, str | None]:
@@ -233,8 +238,9 @@ def _find(unit: str) -> tuple[str, tuple[float, float]]:
     unit = unit.strip()
     if unit.startswith("-"):  # a sense that is reversed
         dimension, (factor, offset) = _find(unit[1:])
-        if offset == 0.0:
-            return dimension, (-factor, offset)
+        if any(zero for _, zero in _DIMENSIONS[dimension].values()):
+            raise InputError(f"unit {unit!r}: a {dimension} has no sense that could be reversed; leave the minus sign out")
+        return dimension, (-factor, offset)
     name = _SPELLINGS.get(unit.strip(), unit.strip())
     for dimension, table in _DIMENSIONS.items():
         if name in table:

@@ -198,9 +198,50 @@ def test_noise_floor_is_the_white_part() -> None:
     assert floor == pytest.approx(0.0018, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("model", "hours", "draws", "within"),
+    [
+        (rlg.NoiseModel(0.0003), 1.0, 120, 0.01),  # the smallest measured value lies 6 % below it
+        (rlg.NoiseModel(0.0003), 11.0, 20, 0.01),
+        (rlg.NoiseModel(0.0003, 0.002), 1.0, 40, 0.01),
+        (rlg.NoiseModel(0.0003, 0.0, 0.02), 1.0, 40, 0.01),
+        (rlg.NoiseModel(0.0003, quantization_arcsec=0.2), 1.0, 40, 0.015),
+        (rlg.NoiseModel(0.0003, 0.001, 0.01, 0.05), 4.0, 40, 0.02),
+    ],
+    ids=["white", "long", "flicker", "walk", "quantization", "all"],
+)
+def test_noise_floor_is_not_the_smallest_of_values_that_scatter(
+    model: rlg.NoiseModel, hours: float, draws: int, within: float
+) -> None:
+    samples = round(3600 * hours)
+    found = []
+    for seed in range(draws):
+        rate = np.sum([values[-samples:] for values in model.simulate(2 * samples, 1.0, seed).values()], axis=0)
+        curve = rlg.allan_deviation(rate, np.arange(float(samples)))
+        found.append(curve.white_noise_deg_h(100.0))
+    tau_s = curve.tau_s[curve.tau_s <= 100.0]
+    true = np.sqrt((model.allan_variance(tau_s) * tau_s / 100.0).min())
+    assert np.mean(found) == pytest.approx(true, rel=within)
+
+
+def test_noise_floor_is_not_above_a_curve_that_is_no_sum_of_noises() -> None:
+    """Between the humps of a strong line the curve comes down to the white noise, where no sum of powers of tau goes."""
+    line = rlg.NoiseModel(0.0003, dither_residual_arcsec=0.2, dither_residual_frequency_hz=0.03)
+    rate = np.sum(list(line.simulate(40_000, 1.0, 3).values()), axis=0)
+    curve = rlg.allan_deviation(rate, np.arange(40_000.0))
+    inside = curve.tau_s <= 100.0
+    at_most = curve.deviation_deg_h[inside] * np.sqrt(curve.tau_s[inside] / 100.0) * (1.0 + 1.5 * np.sqrt(2.0 / curve.edf[inside]))
+    assert curve.white_noise_deg_h(100.0) <= at_most.min()
+    assert rlg.allan_deviation(np.full(100, 11.0), np.arange(100.0)).white_noise_deg_h(10.0) == 0.0
+
+
 def test_interpolation_and_table() -> None:
     curve = rlg.allan_deviation(nist_1000(), np.arange(1000.0), [1.0, 10.0, 100.0])
     assert curve.at(10.0) == pytest.approx(curve.deviation_deg_h[1])
+    assert [curve.at(1.0), curve.at(100.0)] == pytest.approx(curve.deviation_deg_h[[0, 2]].tolist())
+    for outside in (0.9, 0.0, -1.0, 1e9, float("nan")):
+        with pytest.raises(rlg.InputError, match="goes from 1 to 100 s"):
+            curve.at(outside)
     assert list(curve.to_frame())[:4] == ["tau_s", "deviation_deg_h", "lower_deg_h", "upper_deg_h"]
 
 

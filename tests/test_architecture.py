@@ -20,10 +20,11 @@ PACKAGE = Path(rlgcomp.__file__).parent
 # Bottom to top; a module imports only from rows before its own, or from its own package.
 ROWS = [
     ["errors"],
-    ["units", "files", "plugins", "compiled", "lapack"],
+    ["units", "files", "notebook", "plugins", "compiled", "lapack"],
     ["beside"],
     ["scan", "sampling", "robust"],
     ["recording"],
+    ["given"],
     ["repair"],
     ["formats"],
     ["hysteresis_loops", "sparse"],

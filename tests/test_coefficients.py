@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy import optimize
@@ -11,6 +13,8 @@ from rlgcomp.allan import coefficients
 from rlgcomp.allan.coefficients import NAMES, NoiseCoefficients, fit_coefficients
 from rlgcomp.allan.covariance import covariance_products, design_matrix
 from rlgcomp.allan.slopes import findings, stretches
+from rlgcomp.allan.wording import short, value_text
+from rlgcomp.noise import upper_limits
 
 SAMPLES = 18_000  # 5 h of 1 s means
 CRAMER_RAO = 1.0 / np.sqrt(2.0 * SAMPLES)  # of N, relative, white noise alone: 0.53 %
@@ -289,3 +293,17 @@ def test_why_a_curve_ends_early_is_said() -> None:
     assert "recording.averaged(10)" in said
     whole = rlg.allan_deviation(record(WHITE, 2), np.arange(float(SAMPLES)))
     assert "no part of" not in " ".join(findings(whole, fit_coefficients(whole)))
+
+
+def test_a_noise_that_prints_as_not_seen_is_limited_by_what_is_printed() -> None:
+    """One rule for the line in a terminal and for the noise that a diagnosis is told, on either side of the bound."""
+    for sd in np.linspace(0.05, 3.0, 60).tolist():
+        limits = upper_limits({f"{name}{end}": value for name in NAMES[2:4] for end, value in (("", 1.0), ("_sd", sd))})
+        text = value_text(1.0, sd)
+        assert text == (f"< {short(limits[0])} (95 %)" if limits[0] else f"1 ± {short(sd)}")
+        assert limits[0] == limits[1]
+        assert limits[0] == 0.0 or limits[0] > 1.0
+    assert upper_limits({"bias_instability_deg_h": 0.0, "bias_instability_deg_h_sd": 0.1}) == pytest.approx(
+        (0.1 * math.sqrt(1.645), 0)
+    )
+    assert upper_limits({"bias_instability_deg_h": 0.0, "bias_instability_deg_h_sd": None}) == (0.0, 0.0)  # as JSON has an infinity

@@ -79,13 +79,21 @@ def test_a_lag_in_rows_instead_of_seconds_is_refused_unless_it_is_computed_from_
 def test_what_reckons_in_seconds_is_not_refused(run: rlg.Recording, name: str) -> None:
     own = type(CATALOGUE[name].__name__, (CATALOGUE[name],), {})
     require_computable({name: own}, [run])
+    if own().covariance(np.zeros(1)) is not None:
+        return  # it has no columns
+    by_rows = type("ByRows", (own,), {"basis": lambda self, recording: own.basis(self, recording) * len(recording)})
+    with pytest.raises(rlg.InputError, match=f"{name} cannot be tried"):  # it was tried, and would have been told
+        require_computable({name: by_rows}, [run])
 
 
 def test_a_mechanism_whose_column_is_not_recorded_is_passed_over(run: rlg.Recording, tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(
         OWN.replace('("temperature",)', '("vibration_m_s2",)').replace("BASIS", "temperature[:, None]")
     )
-    require_computable(user_catalogue([tmp_path / "own.py"]), [run])
+    catalogue = user_catalogue([tmp_path / "own.py"])
+    require_computable(catalogue, [run])
+    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=catalogue, black_box=False)
+    assert any("own" in remark and "vibration_m_s2" in remark for remark in found.remarks)
 
 
 def test_a_mechanism_whose_place_the_simulator_takes_is_said_not_to_be_tried(run: rlg.Recording, tmp_path: Path) -> None:
@@ -222,4 +230,7 @@ def test_runs_of_one_programme_on_a_turntable_are_two(step_s: float) -> None:
 
 def test_parts_that_share_a_few_rows_are_two(run: rlg.Recording) -> None:
     middle = float(run.time_s[len(run) // 2])
-    require_held_out([run.between(0.0, middle + 5.0 * run.period_s)], [run.between(middle, float(run.time_s[-1]))])
+    first, last = run.between(0.0, middle + 5.0 * run.period_s), run.between(middle, float(run.time_s[-1]))
+    require_held_out([first], [last])
+    with pytest.raises(rlg.InputError, match="is given both to train and to test"):
+        require_held_out([first], [run.between(0.5 * middle, float(run.time_s[-1]))])

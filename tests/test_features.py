@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -137,10 +138,12 @@ def test_no_monitor_at_all_is_refused(short_runs: list[rlg.Recording]) -> None:
         recipe_for(bare)
 
 
-@pytest.mark.parametrize("change", [{T: float("nan")}, {"time_s": 0.0}, {T: None}])
+@pytest.mark.parametrize("change", [{T: float("nan")}, {"time_s": 0.0}, {T: None}, {T: "20.0"}, {T: [20.0]}, {T: pd.NA}])
 def test_a_wrong_sample_is_refused(change: dict[str, object]) -> None:
     recipe = rlg.FeatureRecipe((Level(T),))
     _, state = recipe.step(None, {"time_s": 1.0, T: 20.0})
     sample = {"time_s": 2.0, T: 20.0} | change
     with pytest.raises(rlg.InputError, match="sample"):
-        recipe.step(state, {key: value for key, value in sample.items() if value is not None})
+        recipe.step(state, sample)
+    with pytest.raises(rlg.InputError, match=f"sample: {T} missing"):
+        recipe.step(state, {"time_s": 2.0})

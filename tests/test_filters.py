@@ -71,6 +71,32 @@ def test_rate_of_a_straight_line_is_exact_even_at_the_ends_and_over_gaps() -> No
     assert rate_per_min(3.0 + 0.02 * time_s, time_s) == pytest.approx(np.full(600, 1.2), rel=1e-9)
 
 
+@pytest.mark.parametrize("window_s", [120.0, 1200.0])
+def test_rate_at_the_end_of_a_year_is_as_good_as_on_its_first_day(window_s: float) -> None:
+    """Sums of t² carried on from the beginning of a year hold no digit of a window of minutes."""
+    day = np.arange(0.0, 86400.0, 60.0)
+    time_s = np.arange(0.0, 365.0 * 86400.0, 60.0)
+    values = 20.0 + 10.0 * np.sin(2.0 * np.pi * time_s / 86400.0)
+    rate = rate_per_min(values, time_s, window_s)
+    inside = slice(30, len(day) - 30)
+    assert rate[-len(day) :][inside] == pytest.approx(rate_per_min(values[: len(day)], day, window_s)[inside], abs=1e-9)
+    true = 60.0 * 10.0 * 2.0 * np.pi / 86400.0 * np.cos(2.0 * np.pi * time_s / 86400.0)
+    assert np.abs(rate - true)[30:-30].max() < 1e-3 * true.std()
+
+
+@pytest.mark.parametrize("window_s", [3.0, 700.0, 40_000.0])
+def test_rate_is_that_of_a_straight_line_fitted_to_each_window(window_s: float) -> None:
+    rng = np.random.default_rng(3)
+    time_s = np.cumsum(rng.uniform(0.5, 1.5, 5000))
+    values = 20.0 + np.cumsum(rng.standard_normal(5000))
+    half = max(1, round(0.5 * window_s / float(np.median(np.diff(time_s)))))
+    rate = rate_per_min(values, time_s, window_s)
+    for k in (0, 1, 511, 512, 2047, 2500, 4999):
+        window = slice(max(k - half, 0), k + half + 1)
+        slope = np.polynomial.polynomial.polyfit(time_s[window] - time_s[k], values[window], 1)[1]
+        assert rate[k] == pytest.approx(60.0 * slope, rel=1e-6, abs=1e-9)
+
+
 def test_rate_has_the_noise_of_a_fitted_slope() -> None:
     """Slope over m samples of step h: sd = sigma sqrt(12 / m (m² - 1)) / h."""
     noise = np.random.default_rng(1).standard_normal(200_000)

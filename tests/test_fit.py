@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,6 +16,7 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mode_hop import ModeHop
+from rlgcomp.physics.periodic_interference import PeriodicInterference
 
 STEP_S = 20.0
 TAU_S = 900.0
@@ -134,3 +137,23 @@ def test_a_shape_that_is_free_beside_an_amplitude_that_is_stated_is_found(stated
     left = [part.full.rate_deg_h() - fitted.simulator.predict(part.full).rate_deg_h() for part in problem.windows]
     means = np.concatenate([part.means(values) for part, values in zip(problem.windows, left, strict=True)])
     assert means == pytest.approx(fitted.residual_deg_h, abs=0.02 * WHITE_DEG_H)
+
+
+def test_the_size_of_what_each_run_has_of_its_own_scatters_as_stated() -> None:
+    """Two runs, a sine of its own phase in each: four amplitudes, of whose root mean square the error is that of one, halved."""
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 1}}]})
+    line = PeriodicInterference(frequency_hz=1.0 / 1800.0, phase="random")
+    table = run(0).table.assign(gyro_deg_h=0.0)
+    runs = [rlg.Recording(table, name=name) for name in ("one", "other")]
+    blank = Problem.of(simulator, runs, window_s=100.0)
+    columns = blank.columns(line)
+    true = np.array([3.0, 4.0, -5.0, 0.0]) * 1e-3
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(300):
+        noise = WHITE_DEG_H * 5.0 * rng.standard_normal(len(blank.rows))
+        fitted = fit(dataclasses.replace(blank, target_deg_h=columns @ true + noise), [Candidate(line, columns, 0.0)], NoiseShape())
+        found.append(fitted.causes[0].estimates["cosine_deg_h"])
+    scatter = np.std([one.value for one in found])
+    assert scatter == pytest.approx(np.sqrt(np.mean([one.sd**2 for one in found])), rel=0.15)
+    assert np.mean([one.value for one in found]) == pytest.approx(np.sqrt(np.mean(true**2)), abs=0.2 * scatter)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -92,6 +95,64 @@ def test_closed_form_folds_are_those_of_brute_force(
     assert cross_validation_path(model, X, y, groups, [3.0, 20.0])[1] == pytest.approx(brute, abs=1e-10)
     if len(np.unique(groups)) == 60:
         assert fitted.loo_residuals_ == pytest.approx(brute, abs=1e-10)
+
+
+@pytest.mark.parametrize("settings", KERNELS, ids=lambda settings: settings["kernel"])
+@pytest.mark.parametrize("robust", [False, True])
+def test_a_weight_of_three_is_a_row_three_times(
+    data: tuple[np.ndarray, np.ndarray], settings: dict[str, object], robust: bool
+) -> None:
+    X, y = data
+    y = np.where(np.arange(60) % 17 == 3, y + 2.0, y)  # outliers, which a robust fit weighs down
+    count = np.random.default_rng(2).integers(0, 4, 60)
+    make = functools.partial(rlg.LSSVMRegressor, c=20.0, robust=robust, **settings)
+    weighted = make().fit(X, y, sample_weight=count)
+    repeated = make().fit(np.repeat(X, count, axis=0), np.repeat(y, count))
+    assert weighted.intercept_ == pytest.approx(repeated.intercept_, abs=1e-9)
+    assert weighted.predict(X) == pytest.approx(repeated.predict(X), abs=1e-9)
+    assert (weighted.weights_ < 0.5).any() == robust
+    assert len(weighted.X_fit_) == np.count_nonzero(count)
+    groups = np.arange(60) % 7
+    left_out = weighted.leave_groups_out(groups[count > 0])
+    assert np.repeat(left_out, count[count > 0]) == pytest.approx(repeated.leave_groups_out(np.repeat(groups, count)), abs=1e-8)
+
+
+@pytest.mark.parametrize("weight", [np.r_[-1.0, np.ones(59)], np.r_[1.0, np.zeros(59)]])
+def test_weights_that_cannot_be_are_refused(data: tuple[np.ndarray, np.ndarray], weight: np.ndarray) -> None:
+    with pytest.raises(rlg.InputError, match="at least two of them positive"):
+        rlg.LSSVMRegressor().fit(*data, sample_weight=weight)
+
+
+@pytest.mark.parametrize(
+    ("groups", "message"),
+    [
+        (np.zeros(59), r"groups of shape \(59,\); give one label for each of the 60"),
+        (np.zeros(61), r"groups of shape \(61,\)"),
+        (np.arange(60)[:, None], r"groups of shape \(60, 1\)"),
+        (np.zeros(60), "all rows are of one group"),
+    ],
+)
+def test_groups_that_are_no_folds_are_refused(data: tuple[np.ndarray, np.ndarray], groups: np.ndarray, message: str) -> None:
+    with pytest.raises(rlg.InputError, match=message):
+        rlg.LSSVMRegressor().fit(*data).leave_groups_out(groups)
+
+
+def test_labels_of_groups_may_be_anything(data: tuple[np.ndarray, np.ndarray]) -> None:
+    model = rlg.LSSVMRegressor().fit(*data)
+    numbers = np.arange(60) % 3
+    expected = model.leave_groups_out(numbers)
+    for labels in (["cold", "hot", "new"], [1.5, -2.0, np.nan]):
+        assert (model.leave_groups_out(np.array(labels)[numbers]) == expected).all()
+
+
+def test_a_pickled_one_holds_no_inverse(data: tuple[np.ndarray, np.ndarray]) -> None:
+    X, y = np.repeat(data[0], 10, axis=0), np.repeat(data[1], 10)
+    model = rlg.LSSVMRegressor().fit(X, y)
+    stored = pickle.dumps(model)
+    assert len(stored) < 100_000  # 600 rows of a few numbers each; their inverse takes 2.9 MB
+    again = pickle.loads(stored)  # noqa: S301
+    assert again.predict(X, return_std=True)[1] == pytest.approx(model.predict(X, return_std=True)[1], rel=1e-9)
+    assert again.leave_groups_out(np.arange(600) % 5) == pytest.approx(model.leave_groups_out(np.arange(600) % 5), abs=1e-12)
 
 
 def test_dual_and_primal_agree(data: tuple[np.ndarray, np.ndarray]) -> None:

@@ -99,6 +99,22 @@ def test_budget_of_the_paper() -> None:
     assert exact / printed == pytest.approx(1.0 / math.cos(300.0 * RAD_PER_ARCSEC), rel=1e-12)
 
 
+def test_marks_at_their_worst_bound_what_monte_carlo_gives() -> None:
+    """Four passages, each of a uniform distribution: none goes beyond the bound, and some come near."""
+    alone = PositionTable(
+        errors=TableErrors().only("sync_arcsec"),
+        latitude_deg=0.0,
+        bias_deg_h=0.0,
+        angle_random_walk_deg_sqrt_h=0.0,
+        period_error=0.0,
+    )
+    bound = error_budget(alone).marks_relative_bound
+    plus, minus = alone.rate_table_counts(200_000, np.random.default_rng(4))
+    off = np.abs(2.0 * ARCSEC_PER_TURN * 5 / (plus - minus) / alone.conventional_arcsec - 1.0)
+    assert bound == pytest.approx(4 * 0.1 / (2_592_000 * 5))
+    assert 0.9 * bound < off.max() < bound * (1.0 + 1e-6)
+
+
 @pytest.mark.parametrize("reading", ["uniform", "gaussian"])
 @pytest.mark.parametrize(
     ("row", "name"),

@@ -162,6 +162,18 @@ def test_values_out_of_bounds_are_refused(mechanism: type[Mechanism]) -> None:
                 mechanism(**{parameter.name: value})
 
 
+@each
+def test_settings_are_finite_and_whole_where_they_count(mechanism: type[Mechanism]) -> None:
+    """A number that is rounded in silence says one thing and does another."""
+    numbers = [p for p in mechanism.parameters() if p.role == "setting" and not isinstance(p.typical, str)]
+    for parameter in numbers:
+        for value in (float("inf"), float("-inf"), float("nan"), *([max(parameter.typical, 2) + 0.5] if parameter.whole else [])):
+            with pytest.raises(rlg.InputError, match=rf"{parameter.name} is {value}; it must be a (finite|whole) number"):
+                mechanism.from_mapping({parameter.name: value})
+        assert parameter.whole == (parameter.name.startswith(("degree", "order", "exponent")))
+        assert mechanism.from_mapping({parameter.name: float(parameter.typical)}) == mechanism()
+
+
 def test_rate_and_asymmetry_make_two_coefficients(run: rlg.Recording) -> None:
     rate = rlg.CATALOGUE["temperature_rate"](k_deg_h_min_K=0.004)
     asymmetry = rlg.CATALOGUE["rate_asymmetry"](k_deg_h_min_K=0.001)

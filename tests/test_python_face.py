@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.base import clone
 
 import rlgcomp as rlg
 from rlgcomp.simulation.rate_table import reversing
@@ -31,6 +34,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def runs(folder: Path) -> list[rlg.Recording]:
     return [rlg.read(folder / "cold.parquet"), rlg.read(folder / "hot.parquet")]
+
+
+@pytest.fixture(scope="module")
+def fitted(runs: list[rlg.Recording]) -> rlg.Compensator:
+    return rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(runs)
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +99,82 @@ def test_results_print_as_a_few_lines(runs: list[rlg.Recording], folder: Path, t
     assert "R  rate ramp          not seen" in str(rlg.allan_deviation(runs[0], estimator="hadamard").noise())
 
 
+def test_a_compensator_is_an_estimator(runs: list[rlg.Recording]) -> None:
+    """Its settings are as they were given, before and after a fit, and a clone is unfitted and fits alike."""
+    bare = rlg.Compensator()
+    assert bare.get_params(deep=False) == {
+        "model": None, "features": "all", "averaging_s": 100.0, "gyro": None, "keep_mean": False, "n_jobs": 1,
+    }  # fmt: skip
+    assert str(bare).startswith("Compensator, not fitted: LSSVMRegressor, features all")
+    features = ["temperature", "temperature_rate"]
+    cubic = rlg.CubicLeastSquares(degree=2)
+    model = rlg.Compensator(cubic, features=features, averaging_s=200.0).fit(runs)
+    assert model.model is cubic
+    assert not hasattr(cubic, "coef_")
+    assert model.features is features
+    assert model.get_params()["model__degree"] == 2
+    again = clone(model)
+    assert not hasattr(again, "model_")
+    assert again.get_params(deep=False) | {"model": None} == model.get_params(deep=False) | {"model": None}
+    new = runs[0]
+    assert (again.fit(run for run in runs).predict(new) == model.predict(new)).all(axis=None)  # any iterable will do
+    coarser = clone(model).set_params(model__degree=1, averaging_s=100.0).fit(runs)
+    assert coarser.model_.degree == 1
+    assert (pickle.loads(pickle.dumps(model)).predict(new) == model.predict(new)).all(axis=None)  # noqa: S301
+
+
+GYRO = rlg.simulated_unit(1)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda runs, model: rlg.Compensator().fit(runs[0]), r"runs is one recording, cold; .* give \[runs\]"),
+        (lambda runs, model: rlg.Compensator().fit(["cold.parquet"]), r"runs holds 'cold.parquet', which is no Recording"),
+        (lambda runs, model: rlg.Compensator().fit(None), r"runs holds None"),
+        (lambda runs, model: rlg.Compensator(features=None).fit(runs), "features is None"),
+        (lambda runs, model: rlg.Compensator("lssvm").fit(runs), "model is 'lssvm'; it must be a regressor that was made"),
+        (lambda runs, model: rlg.Compensator(rlg.CubicLeastSquares).fit(runs), "a regressor that was made"),
+        (lambda runs, model: rlg.Compensator(n_jobs=0).fit(runs), "n_jobs is 0"),
+        (lambda runs, model: rlg.Compensator(n_jobs=1.5).fit(runs), "n_jobs is 1.5; it must be a whole number"),
+        (lambda runs, model: rlg.evaluate(rlg.Compensator(), runs), "not fitted yet"),
+        (lambda runs, model: rlg.evaluate(model, runs[0]), "runs is one recording"),
+        (lambda runs, model: rlg.evaluate(model, runs, n_jobs=0), "n_jobs is 0"),
+        (lambda runs, model: rlg.adapt(model, runs[0]), "runs is one recording"),
+        (lambda runs, model: rlg.diagnose(GYRO, train=runs[0]), r"train is one recording, cold; .* give \[train\]"),
+        (lambda runs, model: rlg.diagnose(GYRO, train=runs, test=runs[0]), "test is one recording"),
+        (lambda runs, model: rlg.diagnose(GYRO, train=[runs[0].table]), "train holds a DataFrame"),
+        (lambda runs, model: rlg.diagnose(GYRO, train=runs, seed=-1), "seed is -1; it must be a whole number, 0 or more"),
+        (lambda runs, model: GYRO.simulate("short", seed=-1), "seed is -1"),
+        (lambda runs, model: GYRO.simulate("short", seed=1.5), "seed is 1.5"),
+        (lambda runs, model: rlg.calibrate_scale_factor(runs[0]), "recordings is one recording"),
+        (lambda runs, model: rlg.calibrate_turntable(runs[0]), "recordings is one recording"),
+        (lambda runs, model: rlg.allan_deviation(runs[0], per_decade=0.0), "per_decade is 0.0; it must be a positive number"),
+        (lambda runs, model: rlg.allan_deviation(runs[0], per_decade=-1.0), "per_decade is -1.0"),
+        (lambda runs, model: rlg.allan_deviation(runs[0], per_decade=float("nan")), "per_decade is nan"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_at_the_entry(
+    call: Callable[..., object], message: str, runs: list[rlg.Recording], fitted: rlg.Compensator
+) -> None:
+    with pytest.raises(rlg.InputError, match=message):
+        call(runs, fitted)
+
+
+def test_results_are_tables_in_a_notebook(runs: list[rlg.Recording], fitted: rlg.Compensator) -> None:
+    deviation = rlg.allan_deviation(runs[0])
+    evaluation = rlg.evaluate(fitted, runs, compare=False)
+    for shown, words in (
+        (deviation, ("<p>Allan deviation (overlapping): 1260 samples", "<th>deviation_deg_h</th>")),
+        (deviation.noise(), ("<p>Noise from 10 to ", "<td>angle random walk</td>", "deg/sqrt(h)")),
+        (evaluation, ("<p>Bias stability", "<th>noise floor</th>", "<td>cold</td>", "<li>cold was trained on, at least in part")),
+    ):
+        page = shown._repr_html_()
+        for word in words:
+            assert word in page
+        assert page.count("<table") == 1
+
+
 def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], tmp_path: Path) -> None:
     rlg.simulated_unit(1).without("readout_incoherence").to_yaml(tmp_path / "gyro.yaml")
     simulator = rlg.Simulator.from_yaml(tmp_path / "gyro.yaml")
@@ -98,6 +182,9 @@ def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], t
     diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], black_box=False)
     assert "readout_incoherence" in str(diagnosis)
     assert "readout_incoherence" in str(diagnosis.findings)
+    page = diagnosis._repr_html_()
+    assert page.startswith("<p>The simulator lacks readout_incoherence")
+    assert "<td>readout_incoherence</td>" in page
     better = diagnosis.augmented
     assert isinstance(better.simulate("short", seed=2, step_s=10.0), rlg.Recording)
     assert len(better.predict(held_out)) == len(held_out)

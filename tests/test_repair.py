@@ -388,4 +388,10 @@ def test_any_table_is_mended_or_refused(rows: list[tuple[object, object, object]
     frame = pd.DataFrame(rows, columns=["time_s", "gyro_deg_h", "temperature_block_degC"])
     with contextlib.suppress(rlg.InputError):
         mended, findings = repair(frame, rlg.Metadata(), name="file")
-        rlg.Recording(mended, findings=findings)
+        recording = rlg.Recording(mended, findings=findings)
+        assert np.isfinite(recording.table).all(axis=None)
+        assert (np.diff(recording.time_s) > 0.0).all()
+        assert len(recording) == len(rows) or any(finding.kind == "repaired" for finding in findings)
+        again, more = repair(recording.table, rlg.Metadata(), name="file")
+        assert again.reset_index(drop=True).equals(recording.table)
+        assert not any(finding.kind == "repaired" for finding in more)

@@ -322,7 +322,10 @@ def test_no_recording_makes_anything_but_an_answer_or_a_refusal(
     for column in columns:
         frame[column] = np.cumsum(step_deg * rng.choice([0.0, 1.0, -1.0]) + shake_deg * rng.standard_normal(rows))
     with contextlib.suppress(InputError):
-        calibrate_scale_factor([rlg.Recording(frame)], conventional_arcsec=1.0)
+        found = calibrate_scale_factor([rlg.Recording(frame)], conventional_arcsec=1.0)
+        assert np.isnan(found.scale_arcsec) or 0.0 < found.scale_arcsec < np.inf
+        assert np.isnan(found.relative_sd) or found.relative_sd >= 0.0
+        assert str(found.to_frame())
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import rlgcomp as rlg
 from rlgcomp import units
+from rlgcomp.errors import InputError
 
 RATES = ["deg/h", "deg/s", "rad/s", "arcsec/s", "urad/s", "deg/min"]
 
@@ -59,6 +60,12 @@ def test_conversion_between_dimensions_is_refused() -> None:
         ("table_angle_deg", "deg"),
         ("discharge_current_a_mA", "mA"),
         ("heater", None),
+        ("heater_on_s", "s"),
+        ("wheel_rad_s", "rad/s"),
+        ("table_rate_mdeg_s", "mdeg/s"),
+        ("drift_arcsec_s", "arcsec/s"),
+        ("flow_counts_per_s", None),
+        ("supply_V_s", None),
     ],
 )
 def test_a_column_ends_in_its_unit(column: str, unit: str | None) -> None:
@@ -68,6 +75,12 @@ def test_a_column_ends_in_its_unit(column: str, unit: str | None) -> None:
 def test_angle_random_walk_in_100_s() -> None:
     """0.0023 deg/h in 100 s needs N = 0.00038 deg/sqrt(h)."""
     assert units.arw_rate_sd_deg_h(0.00038, 100.0) == pytest.approx(0.0023, abs=5e-5)
+
+
+@pytest.mark.parametrize("unit", ["-degC", "-K", "-°F"])
+def test_a_temperature_has_no_sense_to_reverse(unit: str) -> None:
+    with pytest.raises(InputError, match=r"temperature \[degC\] has no sense .* leave the minus sign out"):
+        units.convert(20.0, unit, "degC")
 
 
 def test_arrays_keep_their_shape() -> None:

@@ -177,6 +177,15 @@ def test_nan_is_no_number(option: str, tmp_path: Path) -> None:
     assert f"{option} is nan" in result.stderr
 
 
+def test_what_a_compensation_left_is_no_monitor(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    """Flags that are 0 all along, and a half width that is the same, are no monitors that stand still."""
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(short_runs[:2])
+    rlg.write(model.correct(short_runs[0]), tmp_path / "clean.parquet")
+    again = rlg.read(tmp_path / "clean.parquet")
+    assert {"compensation_out_of_range", "compensation_half_width_deg_h"} <= set(again.columns)
+    assert not any("compensation_" in str(finding) for finding in again.findings)
+
+
 def test_remarks_of_a_training_are_for_machines_too(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
     paths = [tmp_path / "wild.parquet", tmp_path / "sound.parquet"]
     rlg.write(struck(short_runs[0], "gyro_deg_h", slice(500, 501), 1000.0), paths[0])

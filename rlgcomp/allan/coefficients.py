@@ -34,6 +34,7 @@ from rlgcomp.allan.covariance import POWERS, covariance_products, design_matrix
 from rlgcomp.allan.deviation import AllanDeviation
 from rlgcomp.errors import InputError
 from rlgcomp.noise import NoiseModel, upper_limits
+from rlgcomp.notebook import ShownAsTable
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -65,7 +66,7 @@ _BISECTIONS: Final = 12
 
 
 @dataclasses.dataclass(frozen=True)
-class NoiseCoefficients:
+class NoiseCoefficients(ShownAsTable):
     """Coefficients of the five noises, each with its standard error.
 
     The standard error of a coefficient is the larger of the steps that one standard error of its variance makes, up or down: for
@@ -105,6 +106,12 @@ class NoiseCoefficients:
 
     def __repr__(self) -> str:
         return wording.coefficients_text(self)
+
+    def heading(self) -> str:
+        return f"Noise from {self.tau_s[0]:g} to {self.tau_s[-1]:g} s"
+
+    def shown(self) -> pd.DataFrame:
+        return wording.coefficients_table(self)
 
     @property
     def p_value(self) -> float:

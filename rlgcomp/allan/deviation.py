@@ -20,6 +20,7 @@ IEEE Std 647-2006, annex C. W. J. Riley, *Handbook of Frequency Stability Analys
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
@@ -28,9 +29,11 @@ import pandas as pd
 from scipy import stats
 
 from rlgcomp.allan import wording
+from rlgcomp.allan.floor import lowest
 from rlgcomp.allan.power_law import NAMES, degrees_of_freedom, identify
 from rlgcomp.allan.sums import angle_of, sums_of_squares
 from rlgcomp.errors import InputError
+from rlgcomp.notebook import ShownAsTable
 from rlgcomp.recording import Recording
 from rlgcomp.sampling import Sampling
 
@@ -43,11 +46,12 @@ Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
 FEWEST_SAMPLES: Final = 5
 _ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
 _IDENTIFIED: Final = 1 << 20  # means, whose autocorrelation is then known to a thousandth
+_ROUNDING: Final = 1e-9  # of averaging times
 _GROUPS: Final = 64  # of parts of about one length, for the degrees of freedom
 
 
 @dataclasses.dataclass(frozen=True)
-class AllanDeviation:
+class AllanDeviation(ShownAsTable):
     """Allan (or Hadamard) deviation against averaging time, with its uncertainty.
 
     Parameters
@@ -124,7 +128,19 @@ class AllanDeviation:
         return fit_coefficients(self)
 
     def at(self, tau_s: float) -> float:
-        """Deviation at tau, interpolated on the logarithmic plot."""
+        """Deviation at tau in deg/h, interpolated on the logarithmic plot.
+
+        Raises
+        ------
+        InputError
+            tau lies outside the curve's averaging times.
+        """
+        first, last = float(self.tau_s[0]), float(self.tau_s[-1])
+        if not first * (1.0 - _ROUNDING) <= tau_s <= last * (1.0 + _ROUNDING):
+            raise InputError(
+                f"the deviation at {tau_s:g} s was asked for; this curve goes from {first:g} to {last:g} s: give a time within it, "
+                "or a recording that is sampled faster or lasts longer"
+            )
         return float(np.exp(np.interp(np.log(tau_s), np.log(self.tau_s), np.log(self.deviation_deg_h))))
 
     def noise_of_means_deg_h(self, averaging_s: float, pulse_arcsec: float | None = None) -> float:
@@ -141,25 +157,27 @@ class AllanDeviation:
         pulse_arcsec : float, optional
             q, where the gyro counts pulses.
         """
-        white = self.white_noise_deg_h(averaging_s)
         if pulse_arcsec is None:
-            return white
-        within = self.tau_s <= averaging_s * (1.0 + 1e-9)
-        best = int(np.argmin(self.deviation_deg_h[within] * np.sqrt(self.tau_s[within]))) if within.any() else 0
-        tau_s, deviation = float(self.tau_s[best]), float(self.deviation_deg_h[best])
-        rounding = min(pulse_arcsec**2 / 12.0, (deviation * tau_s) ** 2 / 3.0)  # arcsec²; deg/h is arcsec/s
-        return float(np.sqrt(white**2 - rounding * (3.0 / (tau_s * averaging_s) - 2.0 / averaging_s**2)))
+            return self.white_noise_deg_h(averaging_s)
+        tau_s, level = self._lowest(averaging_s)
+        rounding = min(pulse_arcsec**2 / 12.0, level**2 * tau_s / 3.0)  # arcsec²; deg/h is arcsec/s
+        return float(np.sqrt(level**2 / averaging_s - rounding * (3.0 / (tau_s * averaging_s) - 2.0 / averaging_s**2)))
 
     def white_noise_deg_h(self, averaging_s: float) -> float:
         r"""Noise that no compensation can remove from means over `averaging_s`.
 
-        The smallest :math:`\sigma(\tau)\sqrt{\tau / T}` over :math:`\tau \le T`. White noise gives the same value at every tau;
-        what falls faster (quantization) or rises (drift) only adds, so the smallest is the white part's.
+        The lowest :math:`\sigma(\tau)\sqrt{\tau / T}` over :math:`\tau \le T`, of the curve fitted there; see
+        :mod:`rlgcomp.allan.floor`.
         """
-        within = self.tau_s <= averaging_s * (1.0 + 1e-9)
-        if not within.any():
-            return float(self.deviation_deg_h[0])
-        return float(np.min(self.deviation_deg_h[within] * np.sqrt(self.tau_s[within] / averaging_s)))
+        return self._lowest(averaging_s)[1] / float(np.sqrt(averaging_s))
+
+    def _lowest(self, averaging_s: float) -> tuple[float, float]:
+        """Averaging time in s, up to `averaging_s`, at which deviation times root of time is lowest, and how low, in deg/h √s."""
+        within = self.tau_s <= averaging_s * (1.0 + _ROUNDING)
+        if not within.any():  # of the shortest mean there is
+            return float(self.tau_s[0]), float(self.deviation_deg_h[0] * np.sqrt(averaging_s))
+        k, level = lowest(self.tau_s[within], self.deviation_deg_h[within], self.edf[within])
+        return float(self.tau_s[k]), level
 
 
 def allan_deviation(
@@ -253,6 +271,8 @@ def deviation_of_angle(
         raise InputError(f"confidence is {confidence}; it must lie between 0 and 1, as 0.683 for one sigma")
     parts = np.diff(np.r_[0, ends])
     order, overlapping = _ORDER[estimator], not estimator.startswith("plain")
+    if not 0.0 < per_decade < math.inf:
+        raise InputError(f"per_decade is {per_decade}; it must be a positive number of averaging times, as 10")
     counts = _counts(tau_s, period_s, int(parts.max()), per_decade)
     counts = counts[order * counts <= int(parts.max())]
     if overlapping:

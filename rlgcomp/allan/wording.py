@@ -6,6 +6,9 @@ import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import pandas as pd
+
+from rlgcomp.noise import upper_limit
 
 if TYPE_CHECKING:
     from rlgcomp.allan.analysis import NoiseAnalysis
@@ -13,7 +16,6 @@ if TYPE_CHECKING:
     from rlgcomp.allan.deviation import AllanDeviation
 
 SHOWN: Final = 12  # averaging times
-_ONE_SIDED: Final = 1.645  # standard deviations that a normal variable exceeds with probability 0.05
 _UNITS: Final = {
     "quantization_arcsec": ("Q", "quantization", "arcsec"),
     "angle_random_walk_deg_sqrt_h": ("N", "angle random walk", "deg/sqrt(h)"),
@@ -40,14 +42,23 @@ def deviation_text(deviation: AllanDeviation) -> str:
 
 def coefficients_text(coefficients: NoiseCoefficients) -> str:
     """One line a noise, with its standard error; for one that is not seen its upper limit."""
-    lines = []
-    for name, (letter, noise, unit) in _UNITS.items():
-        value, sd = getattr(coefficients, name), getattr(coefficients, f"{name}_sd")
-        seen = f"{value_text(value, sd)} {unit}" if math.isfinite(sd) else "not seen"
-        lines.append(f"{letter}  {noise:<17}  {seen}")
+    lines = [f"{letter}  {noise:<17}  {seen}" for letter, noise, seen in _coefficient_rows(coefficients)]
     if coefficients.misfit:
         lines.append(f"the five noises do not describe the curve: off by {100 * coefficients.misfit:.0f} % beyond chance")
     return "\n".join(lines)
+
+
+def coefficients_table(coefficients: NoiseCoefficients) -> pd.DataFrame:
+    """The same as a table."""
+    return pd.DataFrame(_coefficient_rows(coefficients), columns=["", "noise", "coefficient"])
+
+
+def _coefficient_rows(coefficients: NoiseCoefficients) -> list[tuple[str, str, str]]:
+    rows = []
+    for name, (letter, noise, unit) in _UNITS.items():
+        value, sd = getattr(coefficients, name), getattr(coefficients, f"{name}_sd")
+        rows.append((letter, noise, f"{value_text(value, sd)} {unit}" if math.isfinite(sd) else "not seen"))
+    return rows
 
 
 def analysis_text(analysis: NoiseAnalysis) -> str:
@@ -66,14 +77,10 @@ def short(value: float) -> str:
 
 
 def value_text(value: float, sd: float) -> str:
-    """A coefficient with its standard error, or its upper limit where its square is less than two standard errors above zero.
-
-    What is estimated is the square, which a root of it near zero does not tell.
+    """A coefficient with its standard error, or its :func:`rlgcomp.noise.upper_limit` where it is not seen.
 
     >>> value_text(0.5, 0.01), value_text(0.002, 0.001), value_text(0.0, 0.1)
     ('0.5 ± 0.01', '< 0.003 (95 %)', '< 0.13 (95 %)')
     """
-    square_sd = 2.0 * value * sd - sd**2 if sd < value else (value + sd) ** 2 - value**2
-    if value**2 > 2.0 * square_sd:
-        return f"{value:.3g} ± {short(sd)}"
-    return f"< {short(math.sqrt(value**2 + _ONE_SIDED * square_sd))} (95 %)"
+    limit = upper_limit(value, sd)
+    return f"{value:.3g} ± {short(sd)}" if limit is None else f"< {short(limit)} (95 %)"

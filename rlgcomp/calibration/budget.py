@@ -59,7 +59,7 @@ class ErrorBudget:
     scale_per_arcsec, scale_per_arcsec_printed : float
         Relative error of K for one arcsec of theta: by tan(theta), and by the paper's (5), sin(theta).
     marks_relative_bound : float
-        (P+ - P-) / 2592000 m with every passage of the mark at its worst.
+        (P+ - P-) / 2592000 m with each of its four passages of the mark at its worst: P+ and P- are the differences of two.
     """
 
     terms: pd.DataFrame
@@ -136,7 +136,7 @@ def error_budget(
         three_sigma_arcsec=float(np.hypot.reduce(terms["three_sigma_arcsec"].to_numpy())),
         scale_per_arcsec=math.tan(theta) * RAD_PER_ARCSEC,
         scale_per_arcsec_printed=math.sin(theta) * RAD_PER_ARCSEC,
-        marks_relative_bound=2.0 * errors.sync_arcsec / (2.0 * ARCSEC_PER_TURN * conventional_revolutions),
+        marks_relative_bound=4.0 * errors.sync_arcsec / (2.0 * ARCSEC_PER_TURN * conventional_revolutions),
     )
 
 

@@ -26,6 +26,7 @@ from rlgcomp.calibration.rate_dependence import LockInFit, RateTable, fit_lock_i
 from rlgcomp.calibration.scale_factor import ConventionalScaleFactor, conventional_scale_factors
 from rlgcomp.calibration.turns import INNER, OUTER, TABLE
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.position_table import PositionTable, TableErrors
 from rlgcomp.units import DEG_PER_TURN
@@ -118,6 +119,7 @@ def calibrate_scale_factor(
     InputError
         No table turns in a recording, or what the measurements' own modules refuse.
     """
+    recordings = require_recordings(recordings, "recordings")
     stated = PositionTable(errors=errors or TableErrors())
     remarks: list[str] = []
     uses = [_uses(recording) for recording in recordings]

@@ -27,6 +27,7 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings, require_seed, require_workers
 from rlgcomp.noise import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -225,6 +226,7 @@ def sensitivity(
         The mechanism is not in the catalogue, of the other kind, or in the simulator already; the runs cannot show it; or a
         strength is not positive.
     """
+    runs, jobs, seed = require_recordings(runs, "runs"), require_workers(jobs, "jobs"), require_seed(seed)
     form = _checked(simulator, mechanism, strengths, draws, catalogue)
     for run in runs:
         form().driver_columns(run)

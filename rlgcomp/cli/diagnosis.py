@@ -75,7 +75,12 @@ def diagnose(
     only_own: OnlyOwn = False,
     gyro: Gyro = None,
     averaging_s: Annotated[
-        float | None, typer.Option("--averaging-s", help="Averaging time; 100 s, less for short runs.", show_default=False)
+        float | None,
+        typer.Option(
+            "--averaging-s",
+            help="Averaging time; 100 s, or a two hundredth of the longest run where that is less.",
+            show_default=False,
+        ),
     ] = None,
     noise: Annotated[
         Path | None,

@@ -37,6 +37,7 @@ from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.compensation.selection import Selection
 from rlgcomp.compensation.suitable import require_raw
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings
 from rlgcomp.knocks import undisturbed
 from rlgcomp.recording import Recording
 
@@ -126,6 +127,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         raise InputError(
             f"only cubic and dynamic models can be adapted, not {type(model).__name__}; train one with --model dynamic"
         )
+    runs = require_recordings(runs, "runs")
     if not runs:
         raise InputError("no runs to adapt to; give at least one recording")
     for run in runs:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from sklearn.base import clone
+from sklearn.base import BaseEstimator, clone
 
 from rlgcomp.compensation import artefact, form_of, wording
 from rlgcomp.compensation.cubic import DYNAMICS
@@ -23,9 +23,10 @@ from rlgcomp.compensation.rows import Scaling, rows
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.suitable import REMOVED, require_raw
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings, require_workers
 from rlgcomp.knocks import undisturbed
 from rlgcomp.recipe import left_out_of, recipe_for
-from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, rate_name
+from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_compensation, rate_name
 from rlgcomp.recording.sameness import share_rows
 from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
 
@@ -69,6 +70,13 @@ def require_different(runs: Sequence[Recording]) -> None:
             )
 
 
+def _require_regressor(model: Any) -> None:
+    if isinstance(model, type) or not (hasattr(model, "fit") and hasattr(model, "predict")):
+        raise InputError(
+            f"model is {model!r:.100}; it must be a regressor that was made, as rlgcomp.LSSVMRegressor(), or None for that one"
+        )
+
+
 def no_gain(selection: Selection, scaling: Scaling, what: str) -> list[str]:
     """What to say of a model that is of no use to the runs or units left out; nothing of any other."""
     if selection.rmse is None or selection.rmse < 1.0:
@@ -81,13 +89,13 @@ def no_gain(selection: Selection, scaling: Scaling, what: str) -> list[str]:
     ]
 
 
-class Compensator:
+class Compensator(BaseEstimator):  # type: ignore[misc]
     """Bias compensation of one gyro.
 
     Parameters
     ----------
     model : estimator, optional
-        A scikit-learn regressor; by default :class:`~rlgcomp.LSSVMRegressor`.
+        A scikit-learn regressor, which stays as it is; by default :class:`~rlgcomp.LSSVMRegressor`.
     features : str or sequence of str
         "all", groups such as "temperature,temperature_rate", or further columns; see :func:`rlgcomp.recipe.recipe_for`.
     averaging_s : float
@@ -97,7 +105,7 @@ class Compensator:
     keep_mean : bool
         Remove only how the bias differs from its mean over training: for runs whose gyro still holds Earth rate.
     n_jobs : int
-        Worker processes of the selection.
+        Worker processes of the selection; -1 for every core.
 
     Attributes
     ----------
@@ -128,6 +136,8 @@ class Compensator:
     ('time_s', 'gyro_deg_h', 'compensation_deg_h', 'compensation_out_of_range')
     """
 
+    _state: Any = None  # what `step` has seen
+
     def __init__(
         self,
         model: Any = None,
@@ -138,13 +148,12 @@ class Compensator:
         keep_mean: bool = False,
         n_jobs: int = 1,
     ) -> None:
-        self.model = LSSVMRegressor() if model is None else model
+        self.model = model
         self.features = features
         self.averaging_s = averaging_s
         self.gyro = gyro
         self.keep_mean = keep_mean
         self.n_jobs = n_jobs
-        self._state: Any = None
 
     def __repr__(self) -> str:
         return wording.as_text(self)
@@ -153,7 +162,7 @@ class Compensator:
 
     def fit(
         self,
-        runs: Sequence[Recording],
+        runs: Iterable[Recording],
         *,
         journal: Path | None = None,
         progress: Progress | None = None,
@@ -163,8 +172,8 @@ class Compensator:
 
         Parameters
         ----------
-        runs : sequence of Recording
-            With a single run, five contiguous blocks take the place of runs.
+        runs : iterable of Recording
+            With a single run, [run], five contiguous blocks take the place of runs.
         journal : path, optional
             Where the selection keeps finished work; see :mod:`rlgcomp.compensation.selection`.
         progress : callable, optional
@@ -175,20 +184,24 @@ class Compensator:
         Raises
         ------
         InputError
-            A run is given twice, was compensated already, is too short, lacks a monitor, or its gyro cannot be told.
+            A run is given twice, was compensated already, is too short, lacks a monitor, or its gyro cannot be told; the model is
+            no regressor; or a setting is out of bounds.
         """
+        runs, workers = require_recordings(runs, "runs"), require_workers(self.n_jobs)
+        model = LSSVMRegressor() if self.model is None else self.model
+        _require_regressor(model)
         if not runs:
             raise InputError("no runs to train on; give at least one recording")
         for run in runs:
             require_raw(run.name, run.columns)
         require_different(runs)
-        given, (runs, noticed) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
+        raw, (runs, noticed) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
         noticed += left_out_of(runs, self.features)
         self.recipe_ = recipe_for(runs, self.features)
         samples = [self.recipe_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(rows(run, self.recipe_, self.averaging_s, self.gyro) for run in runs)
         self.gyro_ = runs[0].gyro_column(self.gyro)
-        self.form_ = form_of(self.model)
+        self.form_ = form_of(model)
         self.scaling_ = Scaling.of(self.training_, samples, reach=0.0 if self.form_ is None else self.form_.reach)
         self._warn_of_earth_rate(runs)
         X, y, groups = self.training_rows()
@@ -196,19 +209,19 @@ class Compensator:
             logger.warning(
                 "one run only: parameters are selected on %d blocks of it; expect less on another programme", BLOCKS_OF_ONE_RUN
             )
-        model = clone(self.model)
+        model = clone(model)
         if model.get_params().get("linear") == DYNAMICS:
             model.set_params(linear=self.recipe_.dynamic)
         self.selection_ = (
             Selection({}, None, pd.DataFrame())
             if self.form_ is None
-            else select(self.form_, model, X, y, groups, journal=journal, n_jobs=self.n_jobs, progress=progress)
+            else select(self.form_, model, X, y, groups, journal=journal, n_jobs=workers, progress=progress)
         )
         self.model_ = model.set_params(**self.selection_.best)
         self.model_.fit(X, y, **({"groups": self.run_labels()} if sequential(self.model_) else {}))
         self.interval_ = self.calibrated_interval()
         self.provenance_ = [
-            {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in given
+            {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in raw
         ]
         self.remarks_ = (*noticed, *no_gain(self.selection_, self.scaling_, "runs"))
         for remark in self.remarks_:
@@ -255,7 +268,7 @@ class Compensator:
         pandas.DataFrame
             `bias_deg_h`, `out_of_range` and `half_width_deg_h`, one row a sample.
         """
-        self._require_fitted()
+        self.require_fitted()
         X = self.recipe_.transform(recording).to_numpy()
         bias = self._by_windows(recording, X) if sequential(self.model_) else self.predict_rows(X)
         return self._said_of(X, bias)
@@ -295,7 +308,7 @@ class Compensator:
         else:
             corrected, name = rate_deg_h - removed, rate_name(column)
         place = list(table.columns).index(column)
-        table = table.drop(columns=[column, *(extra for extra in table.columns if extra.startswith("compensation_"))])
+        table = table.drop(columns=[column, *(extra for extra in table.columns if is_compensation(extra))])
         table.insert(place, name, corrected)
         table.insert(place + 1, REMOVED, removed)
         table.insert(place + 2, "compensation_out_of_range", predicted["out_of_range"].to_numpy().astype(np.float64))
@@ -376,7 +389,7 @@ class Compensator:
         """
         from rlgcomp.compensation.keeping import packed
 
-        self._require_fitted()
+        self.require_fitted()
         artefact.write(path, packed(self))
 
     # --- inside ------------------------------------------------------------------------------------------------------------
@@ -397,11 +410,12 @@ class Compensator:
         )
 
     def _require_steps(self) -> None:
-        self._require_fitted()
+        self.require_fitted()
         if sequential(self.model_):
             raise InputError("a sequence model answers once an averaging time, not sample by sample; use predict, or another model")
 
-    def _require_fitted(self) -> None:
+    def require_fitted(self) -> None:
+        """Raise `InputError` unless it is."""
         if not hasattr(self, "model_"):
             raise InputError("this Compensator is not fitted yet; call .fit(runs), or load one with rlgcomp.load")
 

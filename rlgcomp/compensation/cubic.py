@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -123,12 +123,17 @@ def _check(model: CubicLeastSquares, features: int) -> None:
         raise InputError("half_range_ has values that are not positive")
 
 
+def _nothing_to_select(features: int) -> list[list[dict[str, Any]]]:
+    del features
+    return []
+
+
 def _form(name: str, **defaults: str) -> ModelForm:
     return ModelForm(
         name=name,
         estimator=CubicLeastSquares,
         defaults=defaults,
-        batches=lambda features: [],
+        batches=_nothing_to_select,
         numbers=("intercept_",),
         arrays=("coef_", "centre_", "half_range_"),
         check=_check,

@@ -33,7 +33,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
 from rlgcomp.compensation.bordered import PlainSystem
 from rlgcomp.compensation.device import DeviceSystem, predictions, require_device
@@ -43,6 +43,7 @@ from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.parameters import require_choice, require_number
 from rlgcomp.compensation.path import EigenPath, path_over
 from rlgcomp.compiled import compiled
+from rlgcomp.errors import InputError
 from rlgcomp.robust import SD_OF_MAD
 
 Array = npt.NDArray[np.float64]
@@ -86,9 +87,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     intercept_ : float
         b.
     X_fit_ : ndarray, shape (n, features)
-        The centres.
+        The centres: the training rows, less those of weight zero.
     weights_ : ndarray, shape (n,)
-        v, all 1 unless robust.
+        v: the sample weights, all 1 where none were given, times the robust ones.
     loo_residuals_ : ndarray, shape (n,)
         Residual of each row when it is left out.
     scale_ : float
@@ -124,28 +125,34 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.robust = robust
         self.device = device
 
-    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
+    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
         """Solve the bordered system.
 
         Parameters
         ----------
         X : array_like, shape (n, features)
         y : array_like, shape (n,)
+        sample_weight : array_like, shape (n,), optional
+            How often each row counts: a row of weight 3 is the same row three times, one of weight 0 is none.
 
         Raises
         ------
         ValueError
             Shapes or values are unfit, or a parameter is out of bounds.
         InputError
-            The device is not there or its memory too small, or on it H is not positive definite.
+            A weight is negative, or fewer than two are positive. The device is not there or its memory too small, or on it H is not
+            positive definite.
         """
         self.check_parameters()
         inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True, ensure_min_samples=2)
+        given = np.ones(len(target))
+        if sample_weight is not None:
+            inputs, target, given = _counted(inputs, target, _check_sample_weight(sample_weight, inputs, dtype=np.float64))
         system = self._system_of(inputs)
-        weights = np.ones(len(target))
+        weights = given
         for _ in range(_ROBUST_PASSES if self.robust else 0):
             alpha, _ = system(self.c * weights).solve(target)
-            weights = _suykens_weights(alpha / (self.c * weights))
+            weights = given * _suykens_weights(alpha / (self.c * weights), given)
         self.X_fit_ = inputs
         self.weights_ = weights
         solved = system(self.c * weights)
@@ -205,14 +212,38 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Parameters
         ----------
         groups : array_like, shape (n,)
-            Label of each training row's group.
+            Label of the group of each row of `X_fit_`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+
+        Raises
+        ------
+        InputError
+            There is not one label a row, or all are the same.
         """
         check_is_fitted(self)
+        given = np.asarray(groups)
+        if given.shape != self.alpha_.shape:
+            raise InputError(
+                f"groups of shape {given.shape}; give one label for each of the {len(self.alpha_)} training rows, shape "
+                f"({len(self.alpha_)},)"
+            )
+        labels, numbers = np.unique(given, return_inverse=True)
+        if len(labels) < 2:
+            raise InputError(
+                f"all rows are of one group, {labels[0]!r}: with it left out there is nothing to learn from; give two or more"
+            )
         solved = getattr(self, "_solved", None)  # a model that was read from a file has none
         if solved is None:
             solved = self._system_of(self.X_fit_)(self.c * self.weights_)
             self._solved = solved if self.device is None else None
-        return solved.left_out(self.alpha_, np.asarray(groups))
+        return solved.left_out(self.alpha_, numbers)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the inverse, n² numbers that are soon made again."""
+        return {name: value for name, value in super().__getstate__().items() if name != "_solved"}
 
     def check_parameters(self) -> None:
         """Raise `InputError` unless every parameter is allowed."""
@@ -297,12 +328,32 @@ def _one(centres: Array, alpha: Array, factor: float, intercept: float, exponent
     return total
 
 
-def _suykens_weights(residuals: Array) -> Array:
-    spread = SD_OF_MAD * float(np.median(np.abs(residuals - np.median(residuals))))
+def _counted(X: Array, y: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """Rows, output and weights where the weight is positive."""
+    counts = weight > 0.0
+    if (weight < 0.0).any() or counts.sum() < 2:
+        raise InputError(
+            f"sample_weight has {int((weight < 0.0).sum())} negative and {int(counts.sum())} positive values; weights are zero or "
+            "positive, at least two of them positive"
+        )
+    return (X, y, weight) if counts.all() else (X[counts], y[counts], weight[counts])
+
+
+def _suykens_weights(residuals: Array, counted: Array) -> Array:
+    """Of residuals each of which counts so often."""
+    spread = SD_OF_MAD * _median(np.abs(residuals - _median(residuals, counted)), counted)
     if spread == 0.0:
         return np.ones(len(residuals))
     far = np.abs(residuals) / spread
     return np.where(far <= 2.5, 1.0, np.where(far <= 3.0, (3.0 - far) / 0.5, 0.0)).clip(_WEIGHT_OF_OUTLIER, 1.0)
+
+
+def _median(values: Array, counted: Array) -> float:
+    """Median of values each of which counts so often: of whole numbers that of the values repeated."""
+    order = np.argsort(values)
+    reached = np.cumsum(counted[order])
+    middle = [np.searchsorted(reached, 0.5 * reached[-1], side=side) for side in ("left", "right")]
+    return float(np.mean(values[order][middle]))
 
 
 def _batches(features: int) -> list[list[dict[str, Any]]]:

@@ -15,7 +15,7 @@ _WIDTH: Final = 110
 def as_text(compensator: Compensator) -> str:
     """What it is, what it was trained on, and what is left with runs left out."""
     if not hasattr(compensator, "model_"):
-        model = type(compensator.model).__name__
+        model = "LSSVMRegressor" if compensator.model is None else type(compensator.model).__name__
         return f"Compensator, not fitted: {model}, features {_listed(compensator.features)}, {compensator.averaging_s:g} s means"
     kind = type(compensator.model_).__name__ if compensator.form_ is None else compensator.form_.name
     before, rmse = compensator.scaling_.y_scale_deg_h, compensator.selection_.rmse

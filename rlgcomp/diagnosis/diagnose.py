@@ -45,6 +45,7 @@ from rlgcomp.diagnosis.remarks import (
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
 from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator, clock_remarks, scale_remarks
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings, require_seed
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -92,7 +93,7 @@ def diagnose(
     gyro : str, optional
         Gyro column, where recordings have several.
     window_s : float, optional
-        Averaging time; 100 s, less for short runs.
+        Averaging time; 100 s, or a two hundredth of the longest run where that is less.
     noise : NoiseModel, optional
         Of the gyro at rest, instead of what the simulator says. Where it is known, weaker effects are told from it.
     seed : int
@@ -112,6 +113,7 @@ def diagnose(
         A run is given twice, or both to train and to test; runs are too short, lack a monitor, belong to another kind than the
         simulator, or are beyond what it can be off by; a mechanism of the user's fails on them.
     """
+    train, test, seed = require_recordings(train, "train"), require_recordings(test, "test"), require_seed(seed)
     ask = functools.partial(
         _diagnosed,
         simulator,

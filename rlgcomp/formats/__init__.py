@@ -201,11 +201,6 @@ def _maps_columns(said: Any) -> bool:
     return any(str(target) == TIME or column_unit(str(target)) is not None for target in said)
 
 
-def with_metadata(recording: Recording, **changes: Any) -> Recording:
-    """The same recording with some of its metadata changed."""
-    return recording.replace(metadata=dataclasses.replace(recording.metadata, **changes))
-
-
 def _with_time(table: pd.DataFrame, period_s: Any, name: str) -> pd.DataFrame:
     """The table with the time stamps that it lacks."""
     if TIME in table:

@@ -44,6 +44,25 @@ class Parameter:
     high: float
     choices: tuple[str, ...] = ()
 
+    @property
+    def whole(self) -> bool:
+        """Whether it counts: a degree, an order."""
+        return self.role == "setting" and isinstance(self.typical, int)
+
+    @property
+    def allowed(self) -> str:
+        """Which values it may take, in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        if math.isinf(self.low) and math.isinf(self.high):
+            return f"a finite number{' of' * bool(unit)}{unit}, as {self.typical:g}"
+        return f"a {'whole' if self.whole else 'finite'} number from {self.low:g} to {self.high:g}{unit}"
+
+    def allows(self, value: object) -> bool:
+        """Whether it is a number within the bounds, finite, and whole where it must be."""
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            return False
+        return self.low <= value <= self.high and (not self.whole or value == round(value))
+
     def spread(self, points: int = 10) -> tuple[float, ...]:
         """Values from bound to bound: in equal ratios where both are positive, in equal steps elsewhere."""
         space = np.geomspace if self.low > 0.0 else np.linspace
@@ -66,7 +85,7 @@ def shape(typical: float, unit: str, low: float, high: float) -> Any:
 
 
 def setting(default: Any, unit: str = "", *, choices: tuple[str, ...] = (), low: float = -math.inf, high: float = math.inf) -> Any:
-    """A choice that is made, not estimated: a degree, a reference, a law."""
+    """A choice that is made, not estimated: a degree, a reference, a law; whole where its default is an int, as 3 and not 3.0."""
     return dataclasses.field(
         default=default, metadata={"role": "setting", "unit": unit, "low": low, "high": high, "choices": choices}
     )
@@ -133,11 +152,8 @@ class Mechanism(abc.ABC):
                 if not isinstance(value, str):
                     raise InputError(f"{self.name}: {parameter.name} is {value!r}; it must be a text, as {parameter.typical!r}")
                 continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not parameter.low <= value <= parameter.high:
-                raise InputError(
-                    f"{self.name}: {parameter.name} is {value!r}; it must be a number from {parameter.low:g} to {parameter.high:g}"
-                    + (f" {parameter.unit}" if parameter.unit else "")
-                )
+            if not parameter.allows(value):
+                raise InputError(f"{self.name}: {parameter.name} is {value!r}; it must be {parameter.allowed}")
 
     # --- what a mechanism says ---------------------------------------------------------------------------------------------
 

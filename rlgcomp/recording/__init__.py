@@ -16,14 +16,14 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.errors import InputError
 from rlgcomp.recording.averaging import DEFAULT_AVERAGING_S, LEAST_COVERAGE, FullWindows
-from rlgcomp.recording.columns import GYRO_UNITS, TIME, is_gyro, rate_name
+from rlgcomp.recording.columns import GYRO_UNITS, TIME, is_compensation, is_gyro, rate_name
 from rlgcomp.recording.metadata import Finding, Kind, Metadata
 from rlgcomp.recording.validity import FEWEST_ROWS, problems_of
 from rlgcomp.sampling import GAP_PERIODS, Sampling
 
 __all__ = [
     "DEFAULT_AVERAGING_S", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "TIME",
-    "Finding", "Kind", "Metadata", "Recording", "is_gyro", "rate_name",
+    "Finding", "Kind", "Metadata", "Recording", "is_compensation", "is_gyro", "rate_name",
 ]  # fmt: skip
 Array = npt.NDArray[np.float64]
 

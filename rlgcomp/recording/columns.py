@@ -13,6 +13,11 @@ def is_gyro(column: str) -> bool:
     return column.startswith("gyro_") and column.endswith(GYRO_UNITS)
 
 
+def is_compensation(column: str) -> bool:
+    """Whether a column was written by a compensation: it is no monitor."""
+    return column.startswith("compensation_")
+
+
 def rate_name(gyro_column: str) -> str:
     """Name of a gyro column once it is in deg/h.
 

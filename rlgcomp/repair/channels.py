@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.recording import TIME, is_gyro
+from rlgcomp.recording import TIME, is_compensation, is_gyro
 from rlgcomp.repair.context import Array, Context, Rows
 from rlgcomp.scan import may_hold
 
@@ -125,6 +125,6 @@ def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 
 def constant_columns(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     for column, extent in context.extents(table).items():
-        if column not in (TIME, *ENCODERS) and not is_gyro(column) and extent.least == extent.greatest:
+        if column not in (TIME, *ENCODERS) and not (is_gyro(column) or is_compensation(column)) and extent.least == extent.greatest:
             context.add("noted", f"constant at {table[column].iloc[0]:.6g}: it can explain nothing", column)
     return table

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.recording import TIME, is_gyro
+from rlgcomp.recording import TIME, is_compensation, is_gyro
 from rlgcomp.repair.channels import ENCODERS
 from rlgcomp.repair.context import Array, Context, Rows
 from rlgcomp.scan import may_hold, step_extent
@@ -56,8 +56,8 @@ def frozen_stretches(table: pd.DataFrame) -> list[Stretch]:
 
 
 def monitors(columns: Iterable[object]) -> list[str]:
-    """What is neither time, nor a gyro, nor a table's motion."""
-    return [name for name in map(str, columns) if name not in (TIME, *_MOTION) and not is_gyro(name)]
+    """What is neither time, nor a gyro, nor a table's motion, nor what a compensation left."""
+    return [name for name in map(str, columns) if name not in (TIME, *_MOTION) and not (is_gyro(name) or is_compensation(name))]
 
 
 def said_of(stretches: Sequence[Stretch]) -> dict[str, str]:

@@ -18,6 +18,7 @@ import yaml
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, write_text
+from rlgcomp.given import require_seed
 from rlgcomp.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
@@ -120,8 +121,9 @@ class Simulator:
         Raises
         ------
         InputError
-            The programme is not understood, of the other kind, or too short.
+            The programme is not understood, of the other kind, or too short; the seed is negative.
         """
+        seed = require_seed(seed)
         if programme is None:
             programme = _USUAL_PROGRAMME[self.kind]
         name = name or f"{name_of(programme, PRESETS | TABLE_PRESETS)}-{seed}"

@@ -21,6 +21,7 @@ from rlgcomp.calibration.triad.latitude import Latitude
 from rlgcomp.calibration.triad.rate_bias import RateBias, rate_bias, unseparated
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.errors import InputError
+from rlgcomp.given import require_recordings
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.rate_table import Triad
 from rlgcomp.triad import GYRO, TriadErrors
@@ -85,6 +86,7 @@ def calibrate_turntable(
     InputError
         Something is missing or disagrees; the message says what to do.
     """
+    recordings = require_recordings(recordings, "recordings")
     noise = None
     if angle_random_walk_deg_sqrt_h is not None:
         if not 0.0 < angle_random_walk_deg_sqrt_h < _MOST_NOISE:

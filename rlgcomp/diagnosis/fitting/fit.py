@@ -369,7 +369,10 @@ def _causes(
     for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, derived, strict=True):
         part = slice(place, place + block.shape[1])
         place = part.stop
-        if _steady(candidate):
+        there = slice(part.start + held, part.stop + held)
+        if len(weights[part]) > len(mechanism.amplitude_parameters()) > 0:
+            estimates = _of_each_run(mechanism, weights[part], covariance[there, there])
+        elif _steady(candidate):
             estimates = _estimates(problem, candidate, mechanism, weights[part], sd[part])
         else:
             half_step = Estimate(float(weights[part.start]), float(sd[part.start]), "deg/h")
@@ -381,7 +384,6 @@ def _causes(
         values = {name: estimate.value for name, estimate in estimates.items()}
         limits = {p.name: (p.low, p.high) for p in mechanism.parameters()}
         filled = dataclasses.replace(mechanism, **{k: float(np.clip(v, *limits[k])) for k, v in values.items()})  # type: ignore[type-var]
-        there = slice(part.start + held, part.stop + held)
         chi_square = float(weights[part] @ np.linalg.pinv(covariance[there, there], hermitian=True) @ weights[part])
         causes.append(FittedCause(filled, estimates, block @ weights[part], candidate.known, chi_square))
     return causes
@@ -459,14 +461,20 @@ def settle(problem: Problem, cause: FittedCause, taken: Array, others: Array, no
     return dataclasses.replace(cause, mechanism=mechanism, estimates=estimates)
 
 
+def _of_each_run(mechanism: Mechanism, weights: Array, covariance: Array) -> dict[str, Estimate]:
+    """Of amplitudes of which each run has its own, their root mean square, with its error to first order.
+
+    Their covariance is that with the shapes held: a frequency that is a little off turns a phase and leaves the size as it is.
+    """
+    size = float(np.sqrt(np.mean(weights**2)))
+    direction = weights / (float(np.linalg.norm(weights)) or 1.0)
+    sd = math.sqrt(max(0.0, float(direction @ covariance @ direction)) / len(weights))
+    return {p.name: Estimate(size, sd, p.unit) for p in mechanism.amplitude_parameters()}
+
+
 def _estimates(problem: Problem, candidate: Candidate, mechanism: Mechanism, weights: Array, sd: Array) -> dict[str, Estimate]:
-    """Of the amplitudes; where each run has its own, their root mean square."""
+    """Of the amplitudes."""
     parameters = mechanism.amplitude_parameters()
-    width = len(parameters)
-    if len(weights) > width:
-        table = weights.reshape(-1, width)
-        size = float(np.sqrt((table**2).sum(axis=1).mean() / width))
-        return {p.name: Estimate(size, float(np.sqrt((sd**2).mean() / len(table))), p.unit) for p in parameters}
     has = candidate.known or any(held.name == candidate.name for held in problem.simulator.mechanisms)
     known = {p.name: getattr(candidate.mechanism, p.name) for p in parameters} if has else {}
     free = _free(problem, candidate) if has else frozenset()

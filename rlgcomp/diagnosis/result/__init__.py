@@ -34,6 +34,7 @@ from rlgcomp.diagnosis.result.fits import Alignment, Fit, RunFit, Trace, contrad
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256, to_json, write_json
 from rlgcomp.noise import NoiseModel
+from rlgcomp.notebook import ShownAsTable
 from rlgcomp.simulation.simulator import Simulator
 
 __all__ = [
@@ -48,7 +49,7 @@ VERDICTS: Final = ("none", "explained", "ambiguous", "unknown")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class Diagnosis:
+class Diagnosis(ShownAsTable):
     """What a simulator is missing.
 
     Parameters
@@ -228,6 +229,9 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         return wording.as_text(self)
+
+    def heading(self) -> str:
+        return " ".join(part for part in (wording.headline(self), wording.gain_sentence(self)) if part)
 
     # --- keeping it --------------------------------------------------------------------------------------------------------
 

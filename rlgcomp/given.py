@@ -1,0 +1,74 @@
+"""What is given at the Python face, checked once at the entry: recordings, seeds and numbers of workers."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable
+from typing import Any
+
+from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+
+
+def require_recordings(given: Iterable[Recording], name: str) -> list[Recording]:
+    """A list of recordings, from any iterable of them.
+
+    Parameters
+    ----------
+    given : iterable of Recording
+    name : str
+        What the argument is called.
+
+    Raises
+    ------
+    InputError
+        It is a single recording, or something in it is none.
+    """
+    if isinstance(given, Recording):
+        raise InputError(f"{name} is one recording, {given.name}; a list of recordings is wanted: give [{name}]")
+    found = list(given) if isinstance(given, Iterable) else [given]
+    for one in found:
+        if not isinstance(one, Recording):
+            raise InputError(
+                f"{name} holds {_described(one)}, which is no Recording; give a list of what rlgcomp.read(path) or "
+                "Simulator.simulate() returns"
+            )
+    return found
+
+
+def require_seed(given: int) -> int:
+    """A seed of random numbers.
+
+    Raises
+    ------
+    InputError
+        It is no whole number, or negative.
+    """
+    return _whole(given, "seed", 0)
+
+
+def require_workers(given: int, name: str = "n_jobs") -> int:
+    """A number of worker processes, negative as joblib counts: -1 is every core.
+
+    Raises
+    ------
+    InputError
+        It is no whole number, or zero.
+    """
+    if given == 0:
+        raise InputError(f"{name} is 0, which leaves nobody to do the work; give 1, or more, or -1 for every core")
+    return _whole(given, name, None)
+
+
+def _whole(given: Any, name: str, least: int | None) -> int:
+    try:
+        value = operator.index(given)
+    except TypeError:
+        value = None
+    if value is None or isinstance(given, bool) or (least is not None and value < least):
+        raise InputError(f"{name} is {given!r}; it must be a whole number{'' if least is None else f', {least} or more'}, as 1")
+    return value
+
+
+def _described(one: object) -> str:
+    return f"{one!r:.60}" if isinstance(one, str | int | float) or one is None else f"a {type(one).__name__}"
