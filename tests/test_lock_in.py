@@ -32,13 +32,14 @@ def sweep(slope_deg_s2: float, first_deg_s: float, samples: int = 41) -> np.ndar
 @pytest.mark.parametrize("slope", [0.004, 0.05, -0.6])
 @pytest.mark.parametrize("first", [0.0, 0.0011, -0.02])
 def test_in_a_sweep_the_error_is_the_mean_over_each_sample(slope: float, first: float) -> None:
+    """Where pulses are so fine that many beats pass before the rate changes."""
     law = LockIn(lock_in_deg_s=0.01, acts_on="table")
     rate = sweep(slope, first)
 
     def error(at: float) -> float:
         return float(np.sign(at) * np.sqrt(max(at**2 - 0.01**2, 0.0)) - at)
 
-    found = law.basis(at_rates(rate))[1:-1, 0]
+    found = law.basis(at_rates(rate, pulse_arcsec=1e-4))[1:-1, 0]
     for value, middle in zip(found, rate[1:-1], strict=True):
         low, high = middle - 0.5 * abs(slope), middle + 0.5 * abs(slope)
         edges = [edge for edge in (-0.01, 0.01) if low < edge < high]
@@ -82,9 +83,47 @@ def test_passages_through_zero_scatter_as_the_phase_equation_does() -> None:
     law = dataclasses.replace(LockIn(), lock_in_deg_s=lock_in, acts_on="table")
     run = at_rates(sweep(slope, 0.0), pulse_arcsec=SECONDS_PER_HOUR / PULSES_PER_DEG)
     scatter_deg = law.scatter(run) * SAMPLE_S / SECONDS_PER_HOUR
-    through = scatter_deg[:, scatter_deg.sum(axis=0) > 1e-12]  # the angle within a beat comes back
-    assert np.count_nonzero(through) == 1
-    assert np.std(lost) == pytest.approx(float(through.sum()), rel=0.15)  # 4 % by chance, and higher orders
+    steps_deg = scatter_deg.sum(axis=0)  # the angle within a beat comes back
+    assert np.count_nonzero(np.abs(steps_deg) > 1e-12) == 2  # by the phase's cosine and by its sine
+    assert np.std(lost) == pytest.approx(float(np.linalg.norm(steps_deg)), rel=0.15)  # 4 % by chance, and higher orders
+
+
+@pytest.fixture
+def fine_instants(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(turntable, "INSTANTS", FINE)
+
+
+def swept(slope_deg_s2: float, first_deg_s: float, lock_in_deg_s: float, phases: int) -> tuple[np.ndarray, rlg.Recording]:
+    """Errors in deg/h of the samples of a sweep, by phases at which it begins, evenly spread; and its recording."""
+    rate = sweep(slope_deg_s2, first_deg_s)
+    within = (np.arange(FINE) + 0.5) / FINE - 0.5
+    course = rate[:, None] + slope_deg_s2 * SAMPLE_S * within
+    errors = []
+    for turn in (np.arange(phases) + 0.5) / phases:
+        lead_in = np.full((1, FINE), course[0, 0] + turn / (PULSES_PER_DEG * SAMPLE_S))
+        whole = np.vstack([lead_in, course])
+        errors.append(locked(Turn(whole, np.zeros_like(whole), 0.0), lock_in_deg_s)[1:])
+    return np.array(errors), at_rates(rate, pulse_arcsec=SECONDS_PER_HOUR / PULSES_PER_DEG)
+
+
+@pytest.mark.usefixtures("fine_instants")
+@pytest.mark.parametrize("place", [0.0, 0.25, 0.5])
+def test_a_passage_scatters_the_samples_about_it_wherever_in_a_sample_it_falls(place: float) -> None:
+    """The covariance of samples over phases: at the end of a sample its neighbour has half of the step, and both go together."""
+    errors, run = swept(0.02, 0.02 * place, 4e-4, 60)
+    expected = np.cov(errors.T)
+    scatter = LockIn(lock_in_deg_s=4e-4, acts_on="table").scatter(run)
+    assert scatter @ scatter.T == pytest.approx(expected, abs=0.1 * expected.max())
+
+
+@pytest.mark.usefixtures("fine_instants")
+@pytest.mark.parametrize("lock_in", [4e-4, 2e-3])
+def test_a_passage_that_is_too_fast_to_lock_loses_less(lock_in: float) -> None:
+    """The mean over phases of each sample; W_L is a third of the rate below which there is no beat, or more than that."""
+    errors, run = swept(0.02, 0.01, lock_in, 60)
+    expected = errors.mean(axis=0)[1:-1]
+    found = LockIn(lock_in_deg_s=lock_in, acts_on="table").basis(run)[1:-1, 0]
+    assert found == pytest.approx(expected, abs=0.05 * np.abs(expected).max())
 
 
 def test_where_a_sample_ends_within_a_beat_the_angle_is_ahead_or_behind() -> None:
@@ -105,7 +144,7 @@ def test_the_course_of_a_rate_that_sets_off_in_a_sample_is_left_open() -> None:
     law = LockIn(lock_in_deg_s=0.05, acts_on="table")
     even = np.r_[np.full(9, -13.0), 2.0 * np.arange(13) - 12.0, np.full(9, 13.0)]
     sudden = np.r_[np.zeros(9), 0.3, np.full(9, 12.0)]
-    column = slice(64, None)  # beside what the phase leaves open
+    column = slice(96, None)  # beside what the phase leaves open
     assert not law.scatter(at_rates(even))[:, column].any()
     left_open = np.abs(law.scatter(at_rates(sudden))[:, column]).sum(axis=1)
     assert np.flatnonzero(left_open).tolist() == [9]
@@ -198,3 +237,22 @@ def test_two_rates_tell_no_law_from_another_and_the_passages_through_zero_do(mon
     assert [cause.name for cause in found.causes] == ["lock_in"]
     estimate = found.causes[0].parameters["lock_in_deg_s"]
     assert abs(estimate.value - 0.05) < 4.0 * estimate.sd
+
+
+@pytest.mark.usefixtures("fine_instants")
+def test_a_table_that_swings_names_lock_in_with_its_size() -> None:
+    """Back through zero at the end of a sample, which is where a step of unknown phase says nothing of the mean error."""
+    simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
+    recordings = []
+    for seed, (top_deg_s, period_s) in enumerate(((20.0, 120.0), (35.0, 200.0))):
+        rng = np.random.default_rng(seed)
+        time_s = (np.arange(3600 * FINE) + 0.5) / FINE
+        rate = (top_deg_s * np.sin(2.0 * np.pi * time_s / period_s)).reshape(-1, FINE)
+        rate += 2e-3 * np.repeat(rng.standard_normal(len(rate) // 10), 10)[:, None]  # no two passages at one phase
+        turn = Turn(rate, np.full_like(rate, 22.0), 0.0)
+        gyro = SECONDS_PER_HOUR * rate.mean(axis=1) * (1.0 + 1e-5) + locked(turn, 1e-3) + 0.02 * rng.standard_normal(len(rate))
+        recordings.append(turn.recording(gyro, rng, name=f"swing{seed}"))
+    found = rlg.diagnose(simulator, recordings, black_box=False)
+    assert [cause.name for cause in found.causes] == ["lock_in"]
+    estimate = found.causes[0].parameters["lock_in_deg_s"]
+    assert abs(estimate.value - 1e-3) < 3.0 * estimate.sd < 4e-4

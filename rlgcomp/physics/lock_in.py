@@ -30,6 +30,10 @@ _WRONG: Final = 2.0  # standard deviations on the wrong side of zero: no lock-in
 _FEW: Final = 30  # lock-in rates
 _PULSE_ARCSEC: Final = 1.0
 _PASSAGES: Final = 32
+_HASTE: Final = math.exp(1.0 - np.euler_gamma) / math.pi  # of pulse times acceleration: squared rate below which there is no beat
+_CORE: Final = 4.0  # of Fresnel's argument about a passage: beyond, the rate hardly changes within a beat
+_REACH: Final = 16  # samples at most to either side of a passage
+_EDGE: Final = 1e-9  # of a sample: a passage just where one ends is one passage
 _BEATS: Final = 0.1  # lock-in rate over rate: the angle within a beat of less than this is nothing
 _UNIFORM: Final = 1.0 / math.sqrt(12.0)  # standard deviation of a phase that may be anywhere in a beat, in counts
 _MOST_ROWS: Final = 200_000  # that the best lock-in rate is sought in
@@ -47,6 +51,13 @@ class LockIn(Mechanism):
 
     Far above lock-in the error holds W_L² only, so that fitting finds `fraction` times `lock_in_deg_s` squared; :meth:`settled`
     gives the lock-in rate itself.
+
+    Where the rate runs through zero so fast that it changes within a beat, the beams have no time to lock. Averaged over phases,
+    the second order of the phase equation takes the same angle on either side as lock-in at another rate would, but for its size,
+
+    .. math:: \frac{W_L^2}{W_Z^2} \, b(W, W_Z), \qquad W_Z^4 = W_L^4 + (e^{1 - \gamma} \dot W / \pi S)^2 ,
+
+    with Euler's :math:`\gamma`; the fourth powers join that limit to slow sweeps, in which :math:`W_Z = W_L`.
     """
 
     name = "lock_in"
@@ -66,34 +77,38 @@ class LockIn(Mechanism):
     offset_deg_h: float = setting(0.0, "deg/h")
 
     def scatter(self, recording: Recording) -> Array:
-        r"""What the phase does, which is not foretold. Each passage through zero leaves a step of the angle, by the phase
-        :math:`\psi_0` in which it finds the beams:
+        r"""What the phase does, which is not foretold. Each passage through zero, at :math:`t_0`, leaves an error by the phase
+        :math:`\psi_0` in which it finds the beams,
 
-        .. math:: \frac{W_L}{\sqrt{S |\dot W|}} \sin(\psi_0 \pm \pi/4),
+        .. math:: -W_L \sin(\psi_0 + \pi S \dot W (t - t_0)^2), \qquad
+            \text{in all a step of the angle by} \quad \frac{W_L}{\sqrt{S |\dot W|}} \sin(\psi_0 \pm \pi/4),
 
-        the first order of the phase equation at a stationary phase, with all phases alike likely: what dither makes random walk of
-        (Aronowitz, section on dither). And wherever a sample ends while the beams beat, it ends within a beat, in which the angle
-        runs ahead and behind by up to half a count, the nearer to lock-in the more. Where an instrument's pulse is not known it is
-        taken for one second of arc. In a sample within which a table sets off or comes to stand near lock-in, the course of its
-        rate is not recorded either: half of the error there is left open.
+        the first order of the phase equation, with all phases alike likely: what dither makes random walk of (Aronowitz, section on
+        dither). Its cosine and its sine are a disturbance each, with Fresnel's integrals as means over samples. They are even about
+        :math:`t_0` and the mean error is odd, so that at the end of a sample a passage hides nothing of it. And wherever a sample
+        ends while the beams beat, it ends within a beat, in which the angle runs ahead and behind by up to half a count, the nearer
+        to lock-in the more; about a passage that is said already. Where an instrument's pulse is not known it is taken for one
+        second of arc. In a sample within which a table sets off or comes to stand near lock-in, the course of its rate is not
+        recorded either: half of the error there is left open.
         """
-        rate, spans_s = self._rate_deg_s(recording), np.diff(recording.time_s, prepend=recording.time_s[0] - recording.period_s)
+        rate, spans_s, pulse_deg = self._rate_deg_s(recording), _spans_s(recording), _pulse_deg(recording)
         run = _run_of(rate)
-        pulse_deg = (recording.metadata.pulse_arcsec or _PULSE_ARCSEC) / ARCSEC_PER_DEG
-        through = np.flatnonzero((np.abs(rate) <= 0.5 * np.abs(run)) & (run != 0.0))
-        step_deg = self.lock_in_deg_s / np.sqrt(2.0 / pulse_deg * np.abs(run[through]) / spans_s[through])
-        columns = np.zeros((len(rate), 3 * _PASSAGES))
-        _spread(columns[:, :_PASSAGES], through, SECONDS_PER_HOUR * step_deg / spans_s[through])
+        columns = np.zeros((len(rate), 4 * _PASSAGES))
+        swept = _passages(rate, run, spans_s, pulse_deg)
+        for k, share_s in enumerate((swept.cosine_s, swept.sine_s)):
+            step_deg_h = SECONDS_PER_HOUR * math.sqrt(0.5) * self.lock_in_deg_s * share_s / spans_s[swept.rows]
+            _spread(columns[:, k * _PASSAGES : (k + 1) * _PASSAGES], swept.rows, step_deg_h, swept.passage)
         sizes, runs_on = np.abs(rate), (run[1:] != 0.0) & (run[:-1] != 0.0)
         between = np.where(runs_on, np.abs(0.5 * (rate[1:] + rate[:-1])), np.minimum(sizes[1:], sizes[:-1]))
         share = self.lock_in_deg_s / np.maximum(between, self.lock_in_deg_s)
         beating = (share < 1.0) | (np.diff(rate) != 0.0)  # at a standstill the phase is locked
+        beating[np.intersect1d(swept.rows, swept.rows - 1)] = False
         ends = np.flatnonzero(beating & (share > _BEATS))
         ahead_deg = pulse_deg * _UNIFORM * share[ends] / (1.0 + np.sqrt(1.0 - share[ends] ** 2))
-        _spread(columns[:, _PASSAGES : 2 * _PASSAGES], ends, SECONDS_PER_HOUR * ahead_deg / spans_s[ends])
-        _spread(columns[:, _PASSAGES : 2 * _PASSAGES], ends + 1, -SECONDS_PER_HOUR * ahead_deg / spans_s[ends + 1])
-        abrupt = _abrupt(rate)
-        _spread(columns[:, 2 * _PASSAGES :], abrupt, 0.5 * np.abs(_mean_error_deg_h(rate, self.lock_in_deg_s)[abrupt]))
+        _spread(columns[:, 2 * _PASSAGES : 3 * _PASSAGES], ends, SECONDS_PER_HOUR * ahead_deg / spans_s[ends])
+        _spread(columns[:, 2 * _PASSAGES : 3 * _PASSAGES], ends + 1, -SECONDS_PER_HOUR * ahead_deg / spans_s[ends + 1])
+        abrupt, error = _abrupt(rate), _mean_error_deg_h(rate, self.lock_in_deg_s, pulse_deg / spans_s)
+        _spread(columns[:, 3 * _PASSAGES :], abrupt, 0.5 * np.abs(error[abrupt]))
         return columns
 
     @classmethod
@@ -150,7 +165,8 @@ class LockIn(Mechanism):
         return dataclasses.replace(self, offset_deg_h=(*offsets, earth_rate_deg_h(recordings[0]))[0])
 
     def basis(self, recording: Recording) -> Array:
-        return _mean_error_deg_h(self._rate_deg_s(recording), self.lock_in_deg_s)[:, None]
+        rate, spans_s = self._rate_deg_s(recording), _spans_s(recording)
+        return _mean_error_deg_h(rate, self.lock_in_deg_s, _pulse_deg(recording) / spans_s)[:, None]
 
     def _rate_deg_s(self, recording: Recording) -> Array:
         """Of all that is known to turn the light."""
@@ -159,24 +175,67 @@ class LockIn(Mechanism):
         return stilled(recording, rate_deg_s(recording)) + self.offset_deg_h / SECONDS_PER_HOUR
 
 
-def _spread(columns: Array, rows: npt.NDArray[np.intp], sizes: Array) -> None:
-    """Disturbances of so many rows, a column each; beyond so many columns several share one, with signs in turn."""
-    turn, column = np.divmod(np.arange(len(rows)), columns.shape[1])
-    columns[rows, column] += (-1.0) ** turn * sizes
+class _Passages(NamedTuple):
+    """Samples about passages through zero, several of each, and what the phase makes of them."""
+
+    rows: npt.NDArray[np.intp]
+    passage: npt.NDArray[np.intp]  # of each, from nought on
+    cosine_s: Array  # integral over the sample of the cosine of what the phase has run since the rate was nothing
+    sine_s: Array
 
 
-def _mean_error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
-    """The error's mean over each sample: a sweep is through zero in a sample or two."""
+def _passages(rate: Array, run: Array, spans_s: Array, pulse_deg: float) -> _Passages:
+    r"""Of a rate that runs evenly through zero the phase is :math:`\psi_0 + \pi S \dot W t^2`: Fresnel's integrals."""
+    from scipy.special import fresnel
+
+    before, size = np.sign(run) * rate, np.abs(run)
+    through = np.flatnonzero((before > (_EDGE - 0.5) * size) & (before <= (_EDGE + 0.5) * size) & (size > 0.0))
+    slope = run[through] / spans_s[through]
+    unit_s = np.sqrt(0.5 * pulse_deg / np.abs(slope))  # Fresnel's argument is the time over this
+    beside = np.minimum(np.ceil(_CORE * unit_s / spans_s[through]), _REACH).astype(np.intp)
+    counts = 2 * beside + 1
+    passage = np.repeat(np.arange(len(through)), counts)
+    offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) - beside[passage]
+    rows = through[passage] + offset
+    inside = (rows >= 0) & (rows < len(rate))
+    rows, passage, offset = rows[inside], passage[inside], offset[inside]
+    middle_s = offset * spans_s[through[passage]] + (rate[through] / slope)[passage]
+    half_s = 0.5 * spans_s[through[passage]]
+    (sine_to, cosine_to), (sine_from, cosine_from) = (fresnel((middle_s + side * half_s) / unit_s[passage]) for side in (1.0, -1.0))
+    return _Passages(rows, passage, unit_s[passage] * (cosine_to - cosine_from), unit_s[passage] * (sine_to - sine_from))
+
+
+def _spread(columns: Array, rows: npt.NDArray[np.intp], sizes: Array, disturbance: npt.NDArray[np.intp] | None = None) -> None:
+    """Disturbances of so many rows, a column each; beyond so many columns several share one, with signs in turn.
+
+    Those of several rows say which disturbance each belongs to.
+    """
+    turn, column = np.divmod(np.arange(len(rows)) if disturbance is None else disturbance, columns.shape[1])
+    np.add.at(columns, (rows, column), (-1.0) ** turn * sizes)
+
+
+def _spans_s(recording: Recording) -> Array:
+    return np.diff(recording.time_s, prepend=recording.time_s[0] - recording.period_s)
+
+
+def _pulse_deg(recording: Recording) -> float:
+    return (recording.metadata.pulse_arcsec or _PULSE_ARCSEC) / ARCSEC_PER_DEG
+
+
+def _mean_error_deg_h(rate: Array, lock_in_deg_s: float, pulse_deg_s: Array) -> Array:
+    """The error's mean over each sample: a sweep is through zero in a sample or two. `pulse_deg_s` is a pulse in each of them."""
     run, mean = _run_of(rate), _error_deg_h(rate, lock_in_deg_s)
     fast = np.abs(run) > _RUNNING * np.maximum(np.abs(rate), _LOWEST_DEG_S)
-    mean[fast] = _error_between_deg_h(rate[fast] - 0.5 * run[fast], rate[fast] + 0.5 * run[fast], lock_in_deg_s)
+    zone = (lock_in_deg_s**4 + (_HASTE * run[fast] * pulse_deg_s[fast]) ** 2) ** 0.25
+    running = _error_between_deg_h(rate[fast] - 0.5 * run[fast], rate[fast] + 0.5 * run[fast], zone)
+    mean[fast] = (lock_in_deg_s / zone) ** 2 * running
     for rows, stood, reached, share in (_set_off(rate), _come_to_stand(rate)):
         running = _error_between_deg_h(stood, reached, lock_in_deg_s)
         mean[rows] = share * running + (1.0 - share) * _error_deg_h(stood, lock_in_deg_s)
     return mean
 
 
-def _error_between_deg_h(first: Array, last: Array, lock_in_deg_s: float) -> Array:
+def _error_between_deg_h(first: Array, last: Array, lock_in_deg_s: float | Array) -> Array:
     """The error's mean while the rate runs evenly from one value to another."""
     return np.asarray(SECONDS_PER_HOUR * (_integral(last, lock_in_deg_s) - _integral(first, lock_in_deg_s)) / (last - first))
 
@@ -231,7 +290,7 @@ def _error_deg_h(rate: Array, lock_in_deg_s: float) -> Array:
     return np.asarray(-SECONDS_PER_HOUR * np.sign(rate) * np.minimum(square, lock_in_deg_s**2) / np.maximum(both, 1e-300))
 
 
-def _integral(rate: Array, lock_in_deg_s: float) -> Array:
+def _integral(rate: Array, lock_in_deg_s: float | Array) -> Array:
     """The error's integral over the rate from zero, but for a constant, in (deg/s)²; it is even."""
     size = np.maximum(np.abs(rate), lock_in_deg_s)
     root = np.sqrt((size - lock_in_deg_s) * (size + lock_in_deg_s))
