@@ -15,6 +15,7 @@ from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.account import unexplained_of, what_to_run, whiteness
 from rlgcomp.diagnosis.answer import Answer, and_laws
+from rlgcomp.diagnosis.clocks import on_time, weighed
 from rlgcomp.diagnosis.conclusion import (
     beyond_noise,
     concluded,
@@ -52,7 +53,7 @@ from rlgcomp.diagnosis.remarks import (
     wrong_numbers_of,
 )
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
-from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, clock_remarks, scale_remarks
+from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, scale_remarks
 from rlgcomp.errors import InputError
 from rlgcomp.held import without_holds
 from rlgcomp.knocks import frozen_in, undisturbed
@@ -165,14 +166,15 @@ def _diagnosed(
     require_computable(mechanisms, [*train, *test])
     (train, knocks), (test, more) = _undisturbed(train, gyro), _undisturbed(test, gyro)
     base, predicted, own = _known(simulator, simulated, train, test, gyro)
-    if own is not None:
-        train, test = list(own.runs[: len(train)]), list(own.runs[len(train) :])
+    train, test = _as_simulated(own, train, test)
     base = base if noise is None else dataclasses.replace(base, noise=dataclasses.replace(noise, measured=True))
     train, test, moved = (train, test, []) if predicted is not None else _moving(train, test, gyro, mechanisms, window_s)
     asked = Asked(train, test if confirm else (), mechanisms, gyro, window_s, predicted)
     posed = Posed.of(asked, base)
     _require_noise(posed.windowed)
     told(0.05)
+    posed, own, clock = on_time(posed, base, own)
+    train, test = _as_simulated(own, train, test)
     before, mismatches = _calibrated(posed, [*train, *test])
     foretold = not any(one.each_run for one in base.mechanisms)  # else what it leaves of a run is known by a fit to that run alone
     box = learned(mismatches, len(train), executor) if black_box and test and foretold else None
@@ -212,7 +214,6 @@ def _diagnosed(
     told(0.98)
     rivals = rivals_of(explanations, conclusion.model)
     verdict, named = verdict_of(conclusion, rivals), [cause.mechanism for cause in after.causes]
-    denied = verdict != "none" and contradicted(proof.test, named)
     # a path of jumps, a line or a law is seen by the search alone: the null's own probability then bounds the p-value
     p_value = min(detection.p_value, nothing if verdict != "none" else 1.0, by_chance)
     differing = tuple(name for name in wrong if _differs(base, name, (before.baseline | after.baseline)[name]))
@@ -221,8 +222,8 @@ def _diagnosed(
     )
     model = noise_model(shape, after.white_deg_h, problem.windows[0])
     drivers = {column for mechanism in after.simulator.mechanisms for column in mechanism.driver_columns(train[0])} - {TIME}
-    return Diagnosis(
-        verdict="unknown" if steps or in_part or denied else verdict,
+    found = Diagnosis(
+        verdict="unknown" if steps or in_part or (verdict != "none" and contradicted(proof.test, named)) else verdict,
         p_value=p_value,
         where=_where(posed, locate(posed.windowed, posed.within, first.shape, rng), steps, in_part, after, p_value),
         causes=last.causes(rivals),
@@ -241,8 +242,7 @@ def _diagnosed(
         wrong=differing,
         alignment=() if own is None else own.alignment,
         remarks=(
-            *scale_remarks(windowed.windows, predicted, gyro),
-            *clock_remarks(windowed.windows, own, {one.mechanism: one.contribution_deg_h for one in after.causes}),
+            *scale_remarks(windowed.windows, posed.asked.predicted, gyro),
             *(() if own is None else own.remarks),
             *knocks,
             *more,
@@ -266,6 +266,7 @@ def _diagnosed(
         steps=steps,
         in_part=in_part,
     )
+    return weighed(found, clock)
 
 
 def _denied(found: Diagnosis) -> bool:
@@ -315,6 +316,13 @@ def _known(
             "give a simulator of their kind, or correct 'kind' in the recordings' metadata"
         )
     return base, predicted, None
+
+
+def _as_simulated(
+    own: SimulatedRuns | None, train: Sequence[Recording], test: Sequence[Recording]
+) -> tuple[Sequence[Recording], Sequence[Recording]]:
+    """Runs less the rows that their simulations do not show."""
+    return (train, test) if own is None else (own.runs[: len(train)], own.runs[len(train) :])
 
 
 def _name_of(function: Callable[[Recording], Any]) -> str:
