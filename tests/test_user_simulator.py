@@ -24,7 +24,6 @@ from rlgcomp.diagnosis.simulators.user_simulator import (
     PythonSimulator,
     SimulatedRuns,
     baseline_prediction,
-    clock_remarks,
     scale_remarks,
 )
 from rlgcomp.filters import lag
@@ -97,7 +96,7 @@ def test_a_gap_costs_no_more_than_what_it_lacks(run: rlg.Recording, simulated: r
 
 def test_rows_without_a_simulation_are_left_out(run: rlg.Recording, simulated: rlg.Recording) -> None:
     runs = SimulatedRuns.of([run], [simulated.replace(table=simulated.table.drop(index=range(1500, 2000)), truth=None)])
-    assert runs.remarks == ("warm: 500 rows at which its simulation has a gap are left out.",)
+    assert runs.remarks == ("warm: 500 rows that its simulation does not show are left out.",)
     assert len(runs.runs[0]) == len(run) - 500
     assert np.isfinite(runs.predict_deg_h(runs.runs[0])).all()
 
@@ -184,24 +183,15 @@ def test_a_wrong_sign_comes_first_among_the_remarks() -> None:
     assert "is its sign right?" in found.remarks[0]
 
 
-def test_other_causes_are_not_taken_for_a_clock() -> None:
-    """A gyro alone cannot tell a lag from a late clock, so the clock is left as it is."""
-    for name in ("thermal_lag", "thermal_hysteresis", "rate_asymmetry", "mode_hop", "magnetic_field", "readout_incoherence"):
-        run = BASE.with_mechanism(CATALOGUE[name]()).simulate("minor-loops", seed=3, step_s=5.0)
-        bare = BASE.predict(run)
-        rate, found = align(run, bare.replace(table=bare.table[GYRO_ALONE]))
-        assert not found.taken_out, name
-        assert rate == pytest.approx(bare.column("gyro_deg_h"), abs=1e-12)
-
-
 def test_without_monitors_a_sharp_signal_tells_the_time() -> None:
     rng = np.random.default_rng(5)
     time_s = np.arange(0.0, 7200.0, 2.0)
     steps = np.repeat(rng.normal(size=90), 40)
     simulation = rlg.Recording(pd.DataFrame({"time_s": time_s - 12.0, "gyro_deg_h": steps}), name="sim")
     run = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": 1.02 * steps + 0.1 * rng.normal(size=len(steps))}))
-    _, found = align(run, simulation)
-    assert found.taken_out
+    rate, found = align(run, simulation)
+    assert not found.taken_out  # slow physics might do it: that is asked of all runs together
+    assert rate == pytest.approx(np.interp(time_s, simulation.time_s, steps), abs=1e-12)
     assert found.offset_s == pytest.approx(12.0, abs=5.0 * found.offset_sd_s)
     assert found.offset_sd_s < 0.5
 
@@ -248,21 +238,6 @@ def test_what_led_up_to_the_rows_that_count_need_not_be_simulated(run: rlg.Recor
     own = own.replace(table=own.table.assign(time_s=own.time_s - own.time_s[0]))
     shown, _ = align(cut, own)
     np.testing.assert_allclose(shown[cut.scored], whole[cut.scored], atol=0.01 * np.ptp(whole))
-
-
-def test_causes_that_do_what_a_late_clock_does_are_doubted(run: rlg.Recording, simulated: rlg.Recording) -> None:
-    blind = simulated.replace(table=simulated.table[["time_s", "gyro_deg_h"]])
-    runs = SimulatedRuns.of([run], [blind])
-    windows = [Windows.of(run, 100.0)]
-    slope = np.gradient(windows[0].means(runs.rates_deg_h[0]), windows[0].middles_s)
-    rate, volts = rlg.CATALOGUE["temperature_rate"](), rlg.CATALOGUE["supply_voltage"]()
-    (said,) = clock_remarks(windows, runs, {rate: 50.0 * slope, volts: slope})
-    assert said.startswith("What temperature_rate adds is much what a simulation does whose clock is about 50 s off")
-    course = windows[0].means(run.column("temperature_block_degC"))
-    assert not clock_remarks(windows, runs, {rate: course - 20.0})  # goes as the temperature, not as its rate
-    assert not clock_remarks(windows, runs, {volts: 50.0 * slope})
-    assert not clock_remarks(windows, None, {rate: 50.0 * slope})
-    assert not clock_remarks(windows, SimulatedRuns.of([run], [simulated]), {rate: 50.0 * slope})  # its monitors tell the clock
 
 
 def test_one_simulation_a_run(run: rlg.Recording, simulated: rlg.Recording) -> None:

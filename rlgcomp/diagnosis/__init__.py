@@ -1,8 +1,8 @@
 """Diagnosis: detect the mismatch between a simulator and recordings, locate it, name what is missing, model it, prove it.
 
 One diagnosis from beginning to end is :func:`rlgcomp.diagnosis.diagnose.diagnose`. Beside it: runs that can be compared
-(`comparable`), what they are asked (`posed`), what may be apart in some of them (`bias_steps`, `partly`), what answers in the end
-(`answer`, `conclusion`), and what the reader is told (`account`, `remarks`).
+(`comparable`), what they are asked (`posed`), a simulation's clock that no monitor tells (`clocks`), what may be apart in some runs
+(`bias_steps`, `partly`), what answers in the end (`answer`, `conclusion`), and what the reader is told (`account`, `remarks`).
 
 Rooms, each importing only from those before it:
     result        what a diagnosis says: findings, fits, in words, as a page, in pictures

@@ -170,7 +170,7 @@ def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -
     if not (conclusion.laws and (conclusion.model.labels or alike)):
         return explanations, conclusion
     conclusion = dataclasses.replace(conclusion, laws=tuple(law for law in conclusion.laws if law not in alike))
-    explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained()
+    explanations = posed.beside_laws([law.mechanism for law in conclusion.laws]).explained
     return explanations, beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
 
 

@@ -38,8 +38,8 @@ class Comparable:
         What the user's own says of a run, in deg/h.
     own : SimulatedRuns, optional
         Where its output was given.
-    remarks : tuple of str
-        What was done to the runs.
+    mended : tuple of str
+        What was done to the runs, in sentences.
     """
 
     train: Sequence[Recording]
@@ -47,7 +47,7 @@ class Comparable:
     base: Simulator
     predicted: Callable[[Recording], Array] | None
     own: SimulatedRuns | None
-    remarks: tuple[str, ...]
+    mended: tuple[str, ...]
 
     @classmethod
     def of(
@@ -72,11 +72,23 @@ class Comparable:
         (train, knocks), (test, more) = _undisturbed(train, gyro), _undisturbed(test, gyro)
         base, predicted, own = _known(simulator, simulated, train, test, gyro)
         if own is not None:
-            return cls(own.runs[: len(train)], own.runs[len(train) :], base, predicted, own, (*own.remarks, *knocks, *more))
+            return cls(train, test, base, predicted, own, (*knocks, *more)).beside(own)
         if predicted is not None:
             return cls(train, test, base, predicted, None, (*knocks, *more))
         train, test, moved = _moving(train, test, gyro, mechanisms, window_s)
         return cls(train, test, base, None, None, (*knocks, *more, *moved))
+
+    def beside(self, own: SimulatedRuns | None) -> Self:
+        """The same less the rows that the user's simulations do not show, on their clock."""
+        if own is None:
+            return self
+        train, test = own.runs[: len(self.train)], own.runs[len(self.train) :]
+        return dataclasses.replace(self, train=train, test=test, predicted=own.predict_deg_h, own=own)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was done to the runs, and to the user's simulations."""
+        return (*(() if self.own is None else self.own.remarks), *self.mended)
 
 
 def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:

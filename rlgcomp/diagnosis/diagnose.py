@@ -15,6 +15,7 @@ from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.account import unexplained_of, what_to_run, whiteness
 from rlgcomp.diagnosis.answer import Answer, and_laws
+from rlgcomp.diagnosis.clocks import on_time, weighed
 from rlgcomp.diagnosis.comparable import Comparable
 from rlgcomp.diagnosis.conclusion import Conclusion, beyond_noise, concluded, healthy, least_p_value, rivals_of, verdict_of
 from rlgcomp.diagnosis.detection.detect import Detection, detect
@@ -43,7 +44,7 @@ from rlgcomp.diagnosis.remarks import (
     wrong_numbers_of,
 )
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
-from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator, clock_remarks, scale_remarks
+from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator, scale_remarks
 from rlgcomp.errors import InputError
 from rlgcomp.given import require_recordings, require_seed
 from rlgcomp.noise import NoiseModel, stream
@@ -157,7 +158,12 @@ def _diagnosed(
     runs = Comparable.of(simulator, simulated, train, test, mechanisms=mechanisms, gyro=gyro, window_s=window_s)
     base = runs.base if noise is None else dataclasses.replace(runs.base, noise=dataclasses.replace(noise, measured=True))
     asked = Asked(runs.train, runs.test if confirm else (), mechanisms, gyro, window_s, runs.predicted)
-    searched = _searched(runs, asked, base, told, executor, black_box=black_box, seed=seed)
+    posed = Posed.of(asked, base)
+    _require_noise(posed.windowed)
+    told(0.05)
+    posed, own, clock = on_time(posed, base, runs.own)
+    runs = runs.beside(own)
+    searched = _searched(runs, posed, base, told, executor, black_box=black_box, seed=seed)
     first = Answer.of(searched.posed, searched.explanations, searched.conclusion, searched.before)
     last = first.and_further() or first
     told(0.85)
@@ -172,7 +178,7 @@ def _diagnosed(
         seed=seed,
     )
     told(0.98)
-    return _told(runs, base, searched, first, last, proof, seed)
+    return weighed(_told(runs, base, searched, first, last, proof, seed), clock)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,7 +219,7 @@ class _Searched:
 
 def _searched(
     runs: Comparable,
-    asked: Asked,
+    posed: Posed,
     base: Simulator,
     told: Callable[[float], None],
     executor: Executor | None,
@@ -223,9 +229,6 @@ def _searched(
 ) -> _Searched:
     """Whether there is anything, and what it is."""
     every = [*runs.train, *runs.test]
-    posed = Posed.of(asked, base)
-    _require_noise(posed.windowed)
-    told(0.05)
     before, mismatches = _calibrated(posed, every)
     as_stated = mismatches
     foretold = not any(one.each_run for one in base.mechanisms)  # else what it leaves of a run is known by a fit to that run alone
@@ -288,7 +291,6 @@ def _told(
         alignment=() if runs.own is None else runs.own.alignment,
         remarks=(
             *scale_remarks(windowed.windows, runs.predicted, last.posed.asked.gyro),
-            *clock_remarks(windowed.windows, runs.own, {one.mechanism: one.contribution_deg_h for one in after.causes}),
             *runs.remarks,
             *untold,
             *remarks_of(last.explanations, conclusion, after, last.shape, in_noise, theirs=runs.predicted is not None),

@@ -8,6 +8,7 @@ known. None of these is missing physics, and all would pass for some.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Self
@@ -119,12 +120,12 @@ class Posed:
             own_biases = own_biases or posed.windowed.own_biases
             freed, steps, in_part = base.freed(tuple(wrong)), posed.windowed.steps, posed.windowed.partly
             posed = type(self).of(self.asked, freed, own_biases=own_biases, beside=causes, steps=steps, in_part=in_part)
-            explanations = posed.explained()
+            explanations = posed.explained
         return posed, explanations, tuple(wrong)
 
     def _stepping(self, base: Simulator) -> tuple[Self, Explanations]:
         """The same asked of runs in which the bias steps, or a cause acts in a part, where that is so; and the sets that answer."""
-        posed, explanations = self, self.explained()
+        posed, explanations = self, self.explained
         while base.kind == "chamber":
             steps, in_part = posed.windowed.steps, posed.windowed.partly
             step = bias_steps.sought(posed.windowed, explanations, posed.whole_windowed) if len(steps) < _STEPS else None
@@ -136,7 +137,7 @@ class Posed:
             else:
                 break
             posed = type(self).of(self.asked, base, steps=steps, in_part=in_part)
-            explanations = posed.explained()
+            explanations = posed.explained
         return posed, explanations
 
     def beside_laws(self, laws: Sequence[EmpiricalLaw]) -> Self:
@@ -166,6 +167,7 @@ class Posed:
         gained = 0.5 * len(self.problem.rows) * math.log(squares[0] / squares[1])
         return [one.mechanism for one in causes] if gained > _PULLED else []
 
+    @functools.cached_property
     def explained(self) -> Explanations:
         """Sets of causes, by the training runs and, where there are any, by held-out runs; none of them a path that is doubted."""
         explanations = explain(self.problem, self.asked.mechanisms, self.lines, self.among)

@@ -155,6 +155,8 @@ class Alignment:
         What was added to the simulation's time beforehand, because the two did not count from one epoch.
     taken_out : bool
         Offset and drift were taken out: they are significant, and nothing else explains them.
+    together : bool
+        The gyro of all runs together told the offset; one run's does not.
     """
 
     run: str
@@ -166,6 +168,7 @@ class Alignment:
     compared: str
     epoch_s: float = 0.0
     taken_out: bool = True
+    together: bool = False
 
     @property
     def offset(self) -> Estimate:

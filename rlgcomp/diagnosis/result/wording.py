@@ -363,9 +363,10 @@ def clock_text(shift: Alignment) -> str:
         return f"the simulation's clock cannot be judged by {shift.compared}; give its own monitors to compare"
     must = "must be" if shift.taken_out else "would have to be"
     apart = f", beside the {shift.epoch_s:.10g} s that put their starts together" if shift.epoch_s else ""
-    judged = f"judged by {shift.compared}; {p_text(shift.p_value)}"
+    judged = f"judged by {shift.compared}{' of all runs together' * shift.together}; {p_text(shift.p_value)}"
+    drift = "" if shift.together else f", and {shift.drift} of the time that passes,"
     return (
-        f"{shift.offset}, and {shift.drift} of the time that passes, {must} added to the simulation's time stamps{apart}"
+        f"{shift.offset}{drift} {must} added to the simulation's time stamps{apart}"
         f"\n  ({judged}): {'done' if shift.taken_out else 'left as they are'}"
     )
 

@@ -6,8 +6,8 @@ A column r(t) of the recording is compared with the simulation's s(t) in the mod
 
 e being first-order autoregressive; delta and epsilon follow from Gauss–Newton steps of generalised least squares at window means.
 Monitors tell best, because both files hold the same quantity. Where they share none the gyro must serve, and there slow physics
-that the simulation lacks (a rate term, a lag, hysteresis) looks like a late clock. So a late clock must beat each of these by far
-and leave nothing but white noise; otherwise they are nuisance columns, and only what they cannot explain counts as time. On a
+that the simulation lacks (a rate term, a lag, hysteresis) looks like a late clock: what one run says is known only as well as it is
+the same beside such nuisance columns, and nothing is taken out. All runs together may tell (:mod:`rlgcomp.diagnosis.clocks`). On a
 turning table no physics moves as the gyro does: it tells the time itself.
 
 References
@@ -28,7 +28,6 @@ import numpy.typing as npt
 from scipy import special
 
 from rlgcomp.diagnosis.noise.whitening import norms
-from rlgcomp.diagnosis.proof.before_after import whiteness_p_value
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.result.wording import listing
 from rlgcomp.diagnosis.simulators.resampling import DRIFT_SEEN, GAP, clear, gaps, means, on_rows, same_axis
@@ -49,11 +48,8 @@ _TURNS: Final = 0.99  # the same of a gyro that turns with its table
 _LEAST_OVERLAP: Final = 0.8
 _FARTHEST: Final = 0.1  # of the run, how far the clocks may be apart
 _WELL_TOLD: Final = 0.02  # of a period: a clock known so well needs no other column
-_DECISIVE: Final = 5.0  # log likelihood by which a late clock must beat every slow cause
-_CLOCK_DRIFT: Final = 300.0 * PPM  # usual between two clocks, at most
+CLOCK_DRIFT: Final = 300.0 * PPM  # usual between two clocks, at most
 _ANY_CLOCK_PPM: Final = 500.0  # no computer's or logger's clock is off by more (MAXFREQ in RFC 5905)
-_COARSE: Final = 5  # windows that are put together to see whether white noise is left
-_FEWEST: Final = 8  # of these: fewer cannot show it
 _LAGS_S: Final = (300.0, 1200.0, 4800.0)
 _RADII_OF_SPAN: Final = (0.02, 0.06, 0.2)
 
@@ -135,7 +131,7 @@ def no_clocks(found: Sequence[Alignment]) -> str | None:
 
 
 def _clock(recording: Recording, simulated: Recording, rate: Array, epoch_s: float, gyro: str | None) -> tuple[str, _Clock, bool]:
-    """The column that tells time well, what it tells, and whether nothing but another clock explains it."""
+    """The column that tells time well, what it tells, and whether nothing but another clock can explain it."""
     grid = _Grid.of(recording, simulated, epoch_s)
     shared = [column for column in recording.columns if column in simulated and column != TIME and not is_gyro(column)]
     told = []
@@ -152,9 +148,7 @@ def _clock(recording: Recording, simulated: Recording, rate: Array, epoch_s: flo
     if recording.metadata.kind == "turntable" and clock.explained > _TURNS and math.isfinite(clock.offset_sd_s):
         same_rows = epoch_s == 0.0 and np.array_equal(recording.time_s, simulated.time_s)  # made from this run, on its clock
         return recording.gyro_column(gyro), clock, not same_rows or abs(clock.offset_s) > recording.period_s
-    slow = _slow_physics(recording)
-    certain = clock.p_value < SIGNIFICANT and grid.settles(measured, rate, clock, slow)
-    return recording.gyro_column(gyro), clock if certain else _doubted(grid.compare(measured, rate, slow), clock), certain
+    return recording.gyro_column(gyro), _doubted(grid.compare(measured, rate, _slow_physics(recording)), clock), False
 
 
 def _doubted(clock: _Clock, plain: _Clock) -> _Clock:
@@ -199,28 +193,6 @@ class _Grid:
         searched = dataclasses.replace(there.clock, p_value=min(1.0, _TRIALS * there.clock.p_value))
         return searched if there.misfit < here.misfit and searched.p_value < SIGNIFICANT else here.clock
 
-    def settles(self, recorded: Array, simulated: Array, clock: _Clock, rivals: Sequence[Array]) -> bool:
-        """Whether a clock explains a column to its noise, and far better than any one of the rivals on the clock as it is."""
-        target = means(self.time_s, recorded, self.edges_s)
-        moved, _, inside = self._shifted(simulated, clock.offset_s, clock.drift)
-        still, _, there = self._shifted(simulated, 0.0, 0.0)
-        both = inside & there
-        ones = np.ones(len(target))
-
-        def log_likelihood(*columns: Array) -> float:
-            design = np.column_stack([ones, *columns])[both]
-            keep = _autocorrelation(target[both] - _projected(design, target[both]))
-            aim = _quasi_difference(target[both], keep)
-            left = aim - _projected(_quasi_difference(design, keep), aim)
-            return 0.5 * (math.log(1.0 - keep**2) - len(aim) * math.log(float(left @ left)))
-
-        left = target[both] - _projected(np.column_stack([ones, moved])[both], target[both])
-        coarse = left[: len(left) // _COARSE * _COARSE].reshape(-1, _COARSE).mean(axis=1)
-        if len(coarse) < _FEWEST or whiteness_p_value([coarse]) < SIGNIFICANT:
-            return False
-        best_rival = max((log_likelihood(still, means(self.time_s, rival, self.edges_s)) for rival in rivals), default=-math.inf)
-        return log_likelihood(moved) > best_rival + _DECISIVE
-
     def _misfit(self, target: Array, fixed: Array, simulated: Array, offset_s: float) -> float:
         shown, _, inside = self._shifted(simulated, offset_s, 0.0)
         design = np.column_stack([fixed, shown])[inside]
@@ -248,7 +220,7 @@ class _Grid:
             if gain == 0.0 or np.linalg.matrix_rank(white / norms(white)) < white.shape[1]:
                 return _UNSETTLED
             held = np.zeros(white.shape[1])
-            held[-1] = math.sqrt(variance) / (gain * _CLOCK_DRIFT)
+            held[-1] = math.sqrt(variance) / (gain * CLOCK_DRIFT)
             white, aim = np.vstack([white, held]), np.r_[aim, -drift * gain * held[-1]]
             change_s, change = _solved(white, aim)[-2:] / gain
             offset_s = float(np.clip(offset_s + change_s, -limit_s, limit_s))

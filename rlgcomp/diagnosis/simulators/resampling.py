@@ -32,7 +32,7 @@ def on_rows(recording: Recording, simulated: Recording, found: Alignment, *, gyr
     rate = simulated.rate_deg_h(same_axis(recording.gyro_column(gyro), simulated))
     offset_s = found.offset_s if found.taken_out else 0.0
     drift = found.drift_ppm * PPM if found.taken_out and abs(found.drift_ppm) > DRIFT_SEEN * found.drift_ppm_sd else 0.0
-    return _resampled(recording, simulated, rate, found.epoch_s + offset_s, drift)
+    return _resampled(recording, simulated, rate, found.epoch_s + offset_s, drift, whole=not found.together)
 
 
 def turning_evenly(recording: Recording, simulated: Recording, shown: Array, found: Alignment, *, gyro: str | None = None) -> Flags:
@@ -60,14 +60,15 @@ def same_axis(column: str, simulated: Recording) -> str | None:
     return same[0] if same else None
 
 
-def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s: float, drift: float) -> Array:
-    """The simulation at the recording's rows, means over a row's period where it is sampled faster; NaN where it has a gap."""
+def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s: float, drift: float, *, whole: bool) -> Array:
+    """The simulation at the recording's rows, means over a row's period where it is sampled faster; NaN where it has a gap, and
+    beyond its ends unless it must cover the whole run."""
     time_s = recording.time_s
     wanted_s = time_s - offset_s - drift * (time_s - time_s[0])
     margin_s = max(recording.period_s, simulated.period_s)
     inside = (wanted_s >= simulated.time_s[0] - margin_s) & (wanted_s <= simulated.time_s[-1] + margin_s)
     covered = np.mean(inside[recording.scored])  # what led up to the rows that count need not be simulated
-    if covered < _LEAST_COVERED:
+    if whole and covered < _LEAST_COVERED:
         begin_s = time_s[recording.scored][0]
         raise InputError(
             f"{simulated.name}: it covers {100 * covered:.0f} % of {recording.name} ({simulated.time_s[0]:g} to "
@@ -81,7 +82,7 @@ def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s
     else:
         shown = np.interp(wanted_s, simulated.time_s, rate)
     gaps_s = gaps(simulated.time_s, max(_LONG_GAP_S, GAP * max(simulated.period_s, recording.period_s)))
-    return np.where(clear(early_s, late_s, gaps_s), shown, np.nan)
+    return np.where(clear(early_s, late_s, gaps_s) & (inside | whole), shown, np.nan)
 
 
 def gaps(time_s: Array, longest_s: float) -> Array:

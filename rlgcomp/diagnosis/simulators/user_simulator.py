@@ -17,16 +17,14 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.diagnosis.question.windows import Windows
-from rlgcomp.diagnosis.result import Alignment
-from rlgcomp.diagnosis.result.wording import listing
-from rlgcomp.diagnosis.simulators.align import clock_of, no_clocks
+from rlgcomp.diagnosis.result import Alignment, Estimate
+from rlgcomp.diagnosis.simulators.align import CLOCK_DRIFT, clock_of, no_clocks
 from rlgcomp.diagnosis.simulators.resampling import on_rows, same_axis, turning_evenly
 from rlgcomp.errors import InputError
-from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.plugins import load_python, said_line
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.simulation.simulator import Simulator
-from rlgcomp.units import column_unit, convert
+from rlgcomp.units import PPM, column_unit, convert
 
 Array = npt.NDArray[np.float64]
 _PARTS: Final = 200  # in which the courses of two runs are compared
@@ -34,7 +32,6 @@ _FITS: Final = 0.9  # correlation of a simulation with its run
 _FITS_NOT: Final = 0.5
 _FOLLOWS: Final = 0.9  # correlation from which a gyro is a multiple of what its simulator says
 _LARGEST_SCALE: Final = 1.5  # ratio up to which a missing effect or a rough simulator explains it
-_LIKE_A_CLOCK: Final = 0.5  # squared correlation from which causes are much what a late clock does
 _PLAIN_NAMES: Final = ("gyro", "rate", "prediction", "predicted")
 
 
@@ -57,47 +54,6 @@ def baseline_prediction(simulator: Simulator | UserSimulator, recording: Recordi
     if isinstance(simulator, Simulator):
         return simulator.predict(recording).rate_deg_h()
     return simulator.predict_deg_h(recording)
-
-
-def clock_remarks(
-    windows: Sequence[Windows],
-    simulated: SimulatedRuns | None,
-    causes: Mapping[Mechanism, Array],
-) -> tuple[str, ...]:
-    """What to say where causes do together what a simulation's clock would that is off, and the gyro alone tells the clock.
-
-    Parameters
-    ----------
-    windows : sequence of Windows
-        Of the training runs.
-    simulated : SimulatedRuns, optional
-        What the user's simulator says, and how its clock stands.
-    causes : mapping of Mechanism to ndarray, shape (n,)
-        What each adds to the window means, and after them to a turntable's contrasts.
-    """
-    if simulated is None or any(not is_gyro(one.compared) or one.taken_out for one in simulated.alignment):
-        return ()
-    thermal = {
-        cause: added
-        for cause, added in causes.items()
-        if any(name.startswith("temperature_") for name in cause.driver_columns(windows[0].full))
-    }
-    if not thermal:
-        return ()
-    slope = _courses([np.gradient(part.means(simulated.predict_deg_h(part.full)), part.middles_s) for part in windows])
-    counts = np.cumsum([len(part.middles_s) for part in windows])
-    added = np.sum([one[: counts[-1]] for one in thermal.values()], axis=0)
-    together = _courses(np.split(added, counts[:-1]))
-    steep, size = float(slope @ slope), float(together @ together)
-    if not (steep > 0.0 and size > 0.0 and (slope @ together) ** 2 > _LIKE_A_CLOCK * steep * size):
-        return ()
-    names = listing(sorted(cause.name for cause in thermal))
-    late_s = float(f"{abs(slope @ together) / steep:.1g}")
-    adds = "adds" if len(thermal) == 1 else "add"
-    return (
-        f"What {names} {adds} is much what a simulation does whose clock is about {late_s:g} s off, and "
-        "it has no monitor that could tell: give it one, as temperature_block_degC, or make sure of its time stamps.",
-    )
 
 
 def scale_remarks(
@@ -142,12 +98,18 @@ class SimulatedRuns:
         How its clock stood, one entry a run.
     remarks : tuple of str
         What a careful reader should know of both.
+    given : tuple of tuple
+        Each run and its simulation, as they were.
+    gyro : str, optional
+        Gyro column of the runs, where they have several.
     """
 
     runs: tuple[Recording, ...]
     rates_deg_h: tuple[Array, ...]
     alignment: tuple[Alignment, ...]
     remarks: tuple[str, ...] = ()
+    given: tuple[tuple[Recording, Recording], ...] = ()
+    gyro: str | None = None
 
     @classmethod
     def of(cls, runs: Sequence[Recording], simulated: Sequence[Recording], *, gyro: str | None = None) -> Self:
@@ -169,12 +131,48 @@ class SimulatedRuns:
         doubted = no_clocks(clocks)
         if doubted is not None:
             clocks = [dataclasses.replace(clock, taken_out=False) for clock in clocks]
+        return cls._by(pairs, clocks, doubted, gyro)
+
+    @classmethod
+    def _by(
+        cls, pairs: Sequence[tuple[Recording, Recording]], clocks: Sequence[Alignment], doubted: str | None, gyro: str | None
+    ) -> Self:
+        """Runs and simulations that are aligned so; and what to say where clocks are doubted."""
         rates = [on_rows(*pair, clock, gyro=gyro) for pair, clock in zip(pairs, clocks, strict=True)]
         even = [turning_evenly(*pair, rate, clock, gyro=gyro) for pair, rate, clock in zip(pairs, rates, clocks, strict=True)]
         rates = [np.where(rows, rate, np.nan) for rows, rate in zip(even, rates, strict=True)]
-        kept, told = zip(*(_without_gaps(run, rate, rows) for run, rate, rows in zip(runs, rates, even, strict=True)), strict=True)
+        kept, told = zip(
+            *(_without_gaps(run, rate, rows) for (run, _), rate, rows in zip(pairs, rates, even, strict=True)), strict=True
+        )
         remarks = tuple(said for said in (doubted, *told) if said is not None)
-        return cls(kept, tuple(rate[np.isfinite(rate)] for rate in rates), tuple(clocks), remarks)
+        shown = tuple(rate[np.isfinite(rate)] for rate in rates)
+        return cls(kept, shown, tuple(clocks), remarks, tuple(pairs), gyro)
+
+    @property
+    def untold(self) -> frozenset[str]:
+        """Runs the clock of whose simulation no monitor tells, nor their gyro by itself."""
+        return frozenset(one.run for one in self.alignment if is_gyro(one.compared) and (one.together or not one.taken_out))
+
+    def moved(self, offsets: Mapping[str, Estimate]) -> Self:
+        """The same with simulations later by offsets in s, by run, which all runs together told."""
+
+        def with_offset(clock: Alignment) -> Alignment:
+            if clock.run not in offsets:
+                return clock
+            offset, before_s = offsets[clock.run], clock.offset_s if clock.together else 0.0
+            p_value = math.erfc(abs(offset.value) / (math.sqrt(2.0) * offset.sd))
+            return dataclasses.replace(
+                clock,
+                offset_s=before_s + offset.value,
+                offset_sd_s=offset.sd,
+                drift_ppm=0.0,
+                drift_ppm_sd=CLOCK_DRIFT / PPM,
+                p_value=min(p_value, clock.p_value) if clock.together else p_value,
+                taken_out=True,
+                together=True,
+            )
+
+        return self._by(self.given, [with_offset(clock) for clock in self.alignment], None, self.gyro)
 
     def predict_deg_h(self, recording: Recording) -> Array:
         """The simulated gyro at a run's rows; of a part of a run, or of means over its rows, at their times."""
@@ -195,7 +193,7 @@ def _without_gaps(run: Recording, simulated_deg_h: Array, even: npt.NDArray[np.b
     if shown.all():
         return run, None
     gaps = int(np.sum(~shown & even))
-    told = [f"{gaps} rows at which its simulation has a gap"] if gaps else []
+    told = [f"{gaps} rows that its simulation does not show"] if gaps else []
     if not even.all():
         told.append(
             f"{int(np.sum(~even))} rows in which its table speeds up or slows down by more than is known of its simulation's clock "
