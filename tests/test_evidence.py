@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.detection.detect import _of_each, _of_many, _own_p_values, detect, tail_probability
+from rlgcomp.diagnosis.detection.detect import _credited, _of_each, _of_many, _own_p_values, _prepivoted, detect, tail_probability
 from rlgcomp.diagnosis.fitting.fit import fit
 from rlgcomp.diagnosis.naming.candidates import Candidate, candidates
 from rlgcomp.diagnosis.naming.evidence import SIZES, Evidence, Member
@@ -386,13 +386,35 @@ def test_members_span_their_sums_and_nothing_else(small: Evidence) -> None:
 def test_a_replicate_is_ranked_among_those_of_the_noise_it_is_credited_with() -> None:
     rng = np.random.default_rng(3)
     found = rng.exponential(size=40)
-    alone = _own_p_values(found, np.zeros((1, 40)), np.zeros(1), np.ones(1))
+    alone = _own_p_values(found, _credited(np.zeros((1, 40)), np.zeros(1), np.ones(1)))
     np.testing.assert_allclose(np.sort(alone), np.arange(1, 41) / 40.0)
     quiet = np.arange(40) < 20  # each replicate shows plainly which of two noises it is of
     likelihood = np.where(np.array([quiet, ~quiet]), 0.0, -100.0)
-    apart = _own_p_values(np.where(quiet, found, 10.0 + found), likelihood, np.log([0.5, 0.5]), np.array([0.5, 0.5]))
+    weights = _credited(likelihood, np.log([0.5, 0.5]), np.array([0.5, 0.5]))
+    apart = _own_p_values(np.where(quiet, found, 10.0 + found), weights)
     for members in (quiet, ~quiet):
         np.testing.assert_allclose(np.sort(apart[members]), np.arange(1, 21) / 20.0)
+
+
+def test_prepivoting_in_rounds_takes_the_lean_off_p_values_of_the_quietest_noise() -> None:
+    scales, rng = np.array([1.0, 1.5, 2.25, 3.4]), np.random.default_rng(5)
+    prior = np.full(4, -math.log(4.0))
+
+    def log_likelihood(shown: np.ndarray) -> np.ndarray:
+        return -0.5 * (shown[None] ** 2).sum(axis=-1) / scales[:, None] ** 2 - shown.shape[-1] * np.log(scales)[:, None]
+
+    p_values = {rounds: [] for rounds in (0, 1, 5)}
+    for _ in range(600):  # the statistic is as large as the noise, of which four numbers tell
+        share = np.exp(log_likelihood(rng.normal(size=(1, 4)))[:, 0])
+        share /= share.sum()
+        drawn = scales[rng.choice(4, size=200, p=share)]
+        weights = _credited(log_likelihood(drawn[:, None] * rng.normal(size=(200, 4))), prior, share)
+        replicates = drawn * np.abs(rng.normal(size=200))
+        value = float(np.abs(rng.normal()))
+        for rounds, found in p_values.items():
+            found.append(_prepivoted(value, replicates, weights, rounds))
+    off = {rounds: stats.kstest(found, "uniform").statistic for rounds, found in p_values.items()}
+    assert off[5] < 0.9 * off[1] < 0.9 * 0.9 * off[0]
 
 
 def test_evidence_averaged_over_candidates_is_the_same_compiled(small: Evidence, monkeypatch: pytest.MonkeyPatch) -> None:
