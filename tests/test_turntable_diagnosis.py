@@ -268,7 +268,7 @@ def test_laws_of_rate_and_temperature_are_found_and_no_cause_is_named_in_their_p
         assert told.at_2 == pytest.approx(at_2, abs=1.0)
 
 
-@pytest.mark.parametrize("seed", [0, 5])
+@pytest.mark.parametrize("seed", [1, 5])
 def test_a_scale_factor_that_wanders_with_what_is_not_recorded_has_no_false_name(seed: int) -> None:
     rng = np.random.default_rng(seed)
     recordings = []

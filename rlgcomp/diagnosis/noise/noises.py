@@ -34,9 +34,9 @@ SWINGING: Final = 0.2
 SWINGING_WANDERS: Final = {1.2: 0.5, 3.0: 0.5}
 SWINGING_WANDERS_S: Final = 13500.0
 SWINGS_S: Final = (4320.0, 7200.0, 12600.0)
-# On a turntable it may be the scale factor that wanders, and by far more, the faster the table turns.
+# On a turntable it may be the scale factor that wanders. By more, what follows a rate that grows with time is taken for it.
 TURNING: Final = 0.5
-TURNING_WANDERS: Final = {1.0: 0.25, 3.0: 0.25, 10.0: 0.25, 30.0: 0.25}
+TURNING_WANDERS: Final = {1.0: 0.5, 3.0: 0.5}
 _EXACT: Final = 0.5  # weight of the very noise that is stated; what is near it has the rest,
 _WRONG: Final = 0.2  # but for this: what a file or a data sheet says is wrong altogether,
 _MISMEASURED: Final = 0.001  # and what was measured of this very gyro
