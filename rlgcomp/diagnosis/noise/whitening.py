@@ -243,7 +243,7 @@ def _within(rows: Rows, shape: NoiseShape) -> Array | None:
         return None
     covariance = np.eye(rows.contrasts)
     for time_constant, stationary, _, swing, at_deg_s in zip(*shape.processes(rows.window_s), strict=True):
-        for part in rows.runs if at_deg_s else ():
+        for part in rows.runs if at_deg_s and stationary else ():
             seen = rows.rate_within_deg_s[:, part] / at_deg_s
             lag_s = np.abs(np.subtract.outer(rows.time_s[part], rows.time_s[part]))
             covariance += stationary * seen @ (np.exp(-lag_s / time_constant) * np.cos(swing * lag_s)) @ seen.T

@@ -231,7 +231,7 @@ class Diagnosis(ShownAsTable):
         return wording.as_text(self)
 
     def heading(self) -> str:
-        return " ".join(part for part in (wording.headline(self), wording.gain_sentence(self)) if part)
+        return wording.verdict_sentence(self)
 
     # --- keeping it --------------------------------------------------------------------------------------------------------
 
