@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.allan.deviation import AllanDeviation, allan_deviation
+from rlgcomp.bootstrap import BLOCK_S, drawn_squares
 from rlgcomp.comparison import comparison_table, correlation_table
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.rows import Rows, rows
@@ -26,8 +27,6 @@ from rlgcomp.notebook import ShownAsTable
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
-BLOCK_S: Final = 3600.0  # of the block bootstrap: longer than the memory of chamber and noise
-DRAWS: Final = 2000
 OFTEN_OUT_OF_RANGE: Final = 0.01
 ROUNDED: Final = 0.01  # of the averaging time, and of how neighbouring averages differ: files of one run differ by less
 FEWEST_COMMON: Final = 3
@@ -384,16 +383,9 @@ def improvement(raw: Array, residual: Array, *, block: int, seed: int = 0) -> tu
     Returns
     -------
     factor, low, high : float
-
-    Reference
-    ---------
-    D. N. Politis, J. P. Romano, in *Exploring the Limits of Bootstrap*, Wiley, 1992 (circular block bootstrap).
     """
-    n = len(raw)
-    block = int(np.clip(block, 1, max(1, n // 5)))
-    starts = np.random.default_rng(seed).integers(0, n, size=(DRAWS, -(-n // block)))
-    drawn = ((starts[:, :, None] + np.arange(block)) % n).reshape(DRAWS, -1)[:, :n]
-    factors = raw[drawn].std(axis=1) / residual[drawn].std(axis=1)
+    _, (before, after) = drawn_squares([raw, residual], block=block, rng=np.random.default_rng(seed))
+    factors = np.sqrt(before / after)
     low, high = np.quantile(factors, [0.025, 0.975])
     return float(raw.std() / residual.std()), float(low), float(high)
 

@@ -7,7 +7,6 @@ mean.
 
 References
 ----------
-D. N. Politis, J. P. Romano, in *Exploring the Limits of Bootstrap*, Wiley, 1992 (circular block bootstrap).
 M. S. Bartlett, *An Introduction to Stochastic Processes*, Cambridge, 1955 (cumulative periodogram).
 M. A. Stephens, J. R. Stat. Soc. B 32, 115 (1970) (the Kolmogorov–Smirnov statistic of few values).
 """
@@ -17,13 +16,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy import special
 
+from rlgcomp.bootstrap import BLOCK_S, DRAWS, drawn_squares
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, whiten
 from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
 from rlgcomp.diagnosis.question.windows import Windows, turning_deg_s
@@ -34,8 +33,6 @@ from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 Prediction = Callable[[Recording], Array]
-BLOCK_S: Final = 3600.0
-DRAWS: Final = 2000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -218,17 +215,11 @@ def improvement_interval(
     of the rms, about the mean : tuple of (low, high)
     """
     rng = np.random.default_rng(seed)
-    squares = np.zeros((2, DRAWS))
-    about_mean = np.zeros((2, DRAWS))
+    squares, about_mean = np.zeros((2, DRAWS)), np.zeros((2, DRAWS))
     for pair in zip(before, after, strict=True):
-        n = len(pair[0])
-        length = int(np.clip(block, 1, max(1, n // 5)))
-        starts = rng.integers(0, n, size=(DRAWS, -(-n // length)))
-        drawn = length * starts.shape[1]
-        for k, values in enumerate(pair):
-            square = _block_sums(values**2, length)[starts].sum(axis=1)
-            squares[k] += square
-            about_mean[k] += square - _block_sums(values, length)[starts].sum(axis=1) ** 2 / drawn
+        of_run = drawn_squares(pair, block=block, rng=rng)
+        squares += of_run[0]
+        about_mean += of_run[1]
     return _interval(squares), _interval(about_mean)
 
 
@@ -315,11 +306,6 @@ def _rows(windows: Windows, simulator: Simulator, white_deg_h: float) -> Rows:
     time_s = windows.middles_s
     rate_deg_s = turning_deg_s(simulator.kind, [windows])
     return Rows(time_s, np.zeros(len(time_s), dtype=np.intp), white, windows.window_s, rate_deg_s=rate_deg_s)
-
-
-def _block_sums(values: Array, length: int) -> Array:
-    total = np.r_[0.0, np.cumsum(np.r_[values, values[: length - 1]])]
-    return np.asarray(total[length:] - total[:-length])
 
 
 def _interval(sums: Array) -> tuple[float, float]:
