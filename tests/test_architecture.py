@@ -22,7 +22,7 @@ ROWS = [
     ["errors"],
     ["units", "files", "notebook", "plugins", "compiled", "lapack"],
     ["beside"],
-    ["scan", "sampling", "robust"],
+    ["scan", "sampling", "robust", "bootstrap"],
     ["recording"],
     ["given"],
     ["repair"],
