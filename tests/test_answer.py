@@ -8,11 +8,12 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.answer import Answer
 from rlgcomp.diagnosis.conclusion import Conclusion
-from rlgcomp.diagnosis.fitting.fit import FittedCause, fit
+from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, fit
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.result import Estimate
+from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
 from tests.test_turntable_diagnosis import SIMULATOR, runs
 
@@ -86,3 +87,17 @@ def test_what_is_nothing() -> None:
     assert vanishes(lock_in, lock_in_deg_s=(7e-5, 0.15))
     assert not vanishes(lock_in, lock_in_deg_s=(0.02, 0.001))
     assert vanishes(lock_in, lock_in_deg_s=(0.02, 0.001), fraction=(-3.0, 1.0))  # it has the wrong sign
+
+
+def test_laws_that_all_but_cancel_are_no_two_laws() -> None:
+    late = np.sin(np.arange(300.0) / 30.0)
+
+    def cancels(other: np.ndarray, driver: str = "table_rate_deg_s") -> bool:
+        laws = [EmpiricalLaw(driver="table_rate_deg_s"), EmpiricalLaw(driver=driver)]
+        causes = [FittedCause(law, {}, part, known=False) for law, part in zip(laws, (20.0 * late, other), strict=True)]
+        return Fitted(SIMULATOR, {}, tuple(causes), 1.0, np.zeros(300)).cancels
+
+    assert cancels(-18.0 * late)
+    assert not cancels(18.0 * late)
+    assert not cancels(-2.0 * late)
+    assert not cancels(-18.0 * late, driver="temperature_block_degC")

@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 import rlgcomp as rlg
 from rlgcomp.diagnosis.conclusion import by_another_name
 from rlgcomp.diagnosis.fitting.fit import fit
-from rlgcomp.diagnosis.laws.dictionary import Dictionary, differences
+from rlgcomp.diagnosis.laws.dictionary import Dictionary, differences, recorded_drivers
 from rlgcomp.diagnosis.laws.discover import Discovery, discover, discover_laws
 from rlgcomp.diagnosis.laws.families import Axis, Family
 from rlgcomp.diagnosis.naming.background import Background
@@ -624,3 +624,10 @@ def ratio(law: EmpiricalLaw) -> float:
     """Of the law, for amplitude one, by its drivers' units."""
     scale = (0.5 * (law.high - law.low)) ** -law.exponent
     return scale / (0.5 * (law.high_2 - law.low_2)) if law.driver_2 else scale
+
+
+@pytest.mark.parametrize(("turned_deg", "offered"), [(300.0, ("table_angle_deg",)), (720.0, ())])
+def test_an_angle_that_runs_on_past_a_turn_is_a_clock_and_no_driver(turned_deg: float, offered: tuple[str, ...]) -> None:
+    time_s = np.arange(500.0)
+    table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.sin(time_s), "table_angle_deg": turned_deg * time_s / 499.0})
+    assert recorded_drivers([rlg.Recording(table, rlg.Metadata(kind="turntable"))]) == offered

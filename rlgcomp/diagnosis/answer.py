@@ -64,7 +64,8 @@ class Answer:
 
     @classmethod
     def of(cls, posed: Posed, explanations: Explanations, conclusion: Conclusion, before: Fitted) -> Self:
-        """The numbers of a conclusion; a cause whose size is nothing is given up, and the rest concluded anew.
+        """The numbers of a conclusion; a cause whose size is nothing is given up, and the rest concluded anew, as is the last
+        of laws that all but cancel.
 
         Parameters
         ----------
@@ -75,11 +76,13 @@ class Answer:
             The simulator with nothing added.
         """
         found = cls._fitted(posed, explanations, conclusion, before)
+        if found.after.cancels:
+            return cls.of(posed, explanations, dataclasses.replace(conclusion, laws=conclusion.laws[:-1]), before)
         doubted = {one.mechanism.name: "its size is nothing, within its error" for one in found.after.causes if one.vanishes}
         doubted |= dict.fromkeys(
             _denied_within_windows(posed.whole, found.after), "held-out runs do not show it within their windows"
         )
-        if not doubted:
+        if doubted.keys() <= explanations.doubted.keys():
             return found
         for name, why in doubted.items():
             explanations = explanations.without(name, why)

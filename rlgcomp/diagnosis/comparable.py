@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.question.coarser import coarser, said_of
 from rlgcomp.diagnosis.question.conventions import as_meant, conventions_of
+from rlgcomp.diagnosis.question.even_turning import evened
 from rlgcomp.diagnosis.question.held_out import require_held_out
 from rlgcomp.diagnosis.question.windows import default_window_s
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator
@@ -107,7 +108,7 @@ def _moving(
     window_s: float | None,
 ) -> tuple[Sequence[Recording], Sequence[Recording], list[str]]:
     """Runs whose table's rate is what the gyro's samples belong to, no faster than that changes; and what to say of it."""
-    runs = [*train, *test]
+    runs = evened([*train, *test])
     meant = [as_meant(run, gyro) for run in runs]
     known = [one.run for one in meant]
     asked = coarser(known, mechanisms.values(), window_s or default_window_s(known[: len(train)]))

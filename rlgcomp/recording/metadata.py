@@ -29,6 +29,8 @@ class Metadata:
         The first seconds only set the state of everything that remembers (filters, hysteresis): they are neither fitted nor scored.
     notes : mapping
         Anything else, kept as it came; from a file dates are ISO text, and free text stands under `notes`.
+    angle_step_deg : float, optional
+        In which the table's encoder moves; where it is not said, a diagnosis looks for it.
     """
 
     kind: Kind = "chamber"
@@ -37,6 +39,7 @@ class Metadata:
     pulse_arcsec: float | None = None
     lead_in_s: float = 0.0
     notes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    angle_step_deg: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
@@ -45,6 +48,8 @@ class Metadata:
             raise InputError(f"metadata: latitude_deg is {self.latitude_deg}; it must lie between -90 and 90")
         if self.pulse_arcsec is not None and not 0.0 < self.pulse_arcsec < math.inf:
             raise InputError(f"metadata: pulse_arcsec is {self.pulse_arcsec}; it must be positive")
+        if self.angle_step_deg is not None and not 0.0 < self.angle_step_deg < math.inf:
+            raise InputError(f"metadata: angle_step_deg is {self.angle_step_deg}; it must be positive")
         if not 0.0 <= self.lead_in_s < math.inf:
             raise InputError(f"metadata: lead_in_s is {self.lead_in_s}; it must be zero or positive")
 
@@ -58,7 +63,7 @@ class Metadata:
         for key, value in given.items():
             if value is None:
                 continue
-            if key in ("latitude_deg", "pulse_arcsec", "lead_in_s"):
+            if key in ("latitude_deg", "pulse_arcsec", "angle_step_deg", "lead_in_s"):
                 try:
                     known[key] = float(value)
                 except (TypeError, ValueError, OverflowError):

@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Collection, Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,7 @@ from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
+_CANCELLING: Final = 0.5  # of the rms of the smallest law
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,6 +95,15 @@ class Fitted:
     causes: tuple[FittedCause, ...]
     white_deg_h: float
     residual_deg_h: Array
+
+    @property
+    def cancels(self) -> bool:
+        """Whether laws in the same columns come to much less than each of them: small differences of large numbers are no law."""
+        laws = [one for one in self.causes if one.mechanism.open_set]
+        if len(laws) < 2 or len({frozenset(one.mechanism.driver_names()) for one in laws}) > 1:
+            return False
+        each = np.array([one.contribution_deg_h for one in laws])
+        return float(np.std(each.sum(axis=0))) < _CANCELLING * float(np.std(each, axis=1).min())
 
 
 def fit(

@@ -26,15 +26,17 @@ from rlgcomp.diagnosis.laws.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.hysteresis import STARTS
-from rlgcomp.motion import RATE
+from rlgcomp.motion import ANGLES, RATE
 from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, named, played, reading, remembered
 from rlgcomp.recording import TIME, Recording, is_gyro
+from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 ONE_DRIVER: Final = 0.75
 _DIFFERENCE: Final = 0.3  # weight of a difference of two columns, that of a column being one
 _AXES: Final = frozenset("xyz")  # of one vector, whose difference is nothing
+_ANGLES: Final = (*ANGLES, "angle_outer_deg")  # of tables
 MEMORY_CLASS: Final = {
     "static": "static",
     "lag": "dynamic",
@@ -354,7 +356,8 @@ def _at_and_width(shapes: dict[str, Array], low: float, high: float) -> tuple[Ar
 def recorded_drivers(runs: Sequence[Recording]) -> tuple[str, ...]:
     """Columns that every run has, that move in some run, and that are neither time nor an inertial sensor's output.
 
-    Gyros and accelerometers of one unit share what ails them: one is no cause of the other's error.
+    Gyros and accelerometers of one unit share what ails them: one is no cause of the other's error. Nor is an angle that runs on
+    past a turn, which is a clock of its table: what repeats with each turn is `rotation_harmonics`.
     """
     common = [column for column in runs[0].columns if all(column in run for run in runs)]
     return tuple(
@@ -364,6 +367,7 @@ def recorded_drivers(runs: Sequence[Recording]) -> tuple[str, ...]:
         and not is_gyro(column)
         and not column.startswith("acc")
         and any(np.ptp(run.column(column)) > 0.0 for run in runs)
+        and not (column in _ANGLES and any(np.ptp(run.column(column)) > DEG_PER_TURN for run in runs))
     )
 
 

@@ -17,6 +17,7 @@ from rlgcomp.diagnosis.question import averages
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.motion import rate_deg_s
 from rlgcomp.recording import Recording
+from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 _WITHIN: Final = 1e-6  # of a column: less than this within windows is rounding
@@ -113,7 +114,7 @@ def _covariance(
     seen = [part.within_calm(values) for part, values in zip(windows, noise, strict=True)]
     size = sum((block.T @ values for block, values in zip(spanning, seen, strict=True)), np.zeros(width))
     left = [values - block @ size for block, values in zip(spanning, seen, strict=True)]
-    calm = [values * ~part.rows_within(rows).any(axis=1) for values, part, rows in zip(left, windows, scatter, strict=True)]
+    calm = [values * part.rows_within(_calm(part, rows)) for values, part, rows in zip(left, windows, scatter, strict=True)]
     everywhere, level = _bands(left, windows)
     alike = _alike(calm, windows)
     kinds = np.unique(np.concatenate(alike))
@@ -130,8 +131,27 @@ def _covariance(
             covariance += _in_noise(block if rows.all() else block * rows[:, None], bands)
     for block, part, disturbances in zip(spanning, windows, scatter, strict=True):
         disturbed = _along(part.calmed(block), part.rows_within(disturbances))
-        covariance += disturbed @ disturbed.T / level if level > 0.0 else 0.0
+        rounded = _along_rounding(part, part.calmed(block))
+        covariance += (disturbed @ disturbed.T + rounded @ rounded.T) / level if level > 0.0 else 0.0
     return covariance, level
+
+
+def _calm(part: Windows, scatter: Array) -> Array:
+    """One in rows in which a run is not disturbed, and no rounding of an encoder's is; zero in the others."""
+    calm = np.where(np.any(scatter, axis=1), 0.0, 1.0)
+    calm[part.rounded_rows] = 0.0
+    return calm
+
+
+def _along_rounding(part: Windows, directions: Array) -> Array:
+    """Errors of one standard deviation of an encoder's rounded angles, each in the rates before and after it, along directions."""
+    rows, step_deg = part.rounded_rows, part.full.metadata.angle_step_deg
+    if step_deg is None or not len(rows):
+        return np.zeros((directions.shape[1], 0))
+    every = np.zeros((len(part.full), directions.shape[1]))
+    every[part.kept_rows] = directions
+    size_deg_h = SECONDS_PER_HOUR * step_deg / (math.sqrt(12.0) * part.full.period_s)
+    return np.asarray(size_deg_h * np.diff(every[rows], axis=0).T)
 
 
 def _along(directions: Array, columns: Array) -> Array:
@@ -173,7 +193,8 @@ def _bands(inside: Sequence[Array], windows: Sequence[Windows]) -> tuple[Array, 
     found, seen = _powers(inside, windows)
     if seen <= 0.0 or not found.any():
         return np.ones(_BANDS), 0.0
-    level = min(seen, _of_means(found, windows[0]))
+    full = windows[0].window_s / windows[0].full.period_s
+    level = min(seen, _of_means(found, windows[0]), full * windows[0].white_deg_h2)
     return np.maximum(np.maximum(found, level), level + _rounding(windows[0].full)) / level, level
 
 

@@ -17,6 +17,12 @@ over T, a run shows its white noise where v is well above what rounding makes of
 
 .. math:: v > 4 \, \frac{20}{6} \, \frac{q^2}{12 \, T^2}
 
+An encoder's angle, rounded to steps q, errs by q²/12 at each end of a window of length T over which its table does not turn evenly
+(where it does, :mod:`rlgcomp.diagnosis.question.even_turning` has taken the rounding off): by so much the means of such windows are
+louder,
+
+.. math:: v_q = \frac{q^2}{6 \, T^2}
+
 References
 ----------
 D. C. Hoaglin, F. Mosteller, J. W. Tukey, *Understanding Robust and Exploratory Data Analysis*, 1983, ch. 11 (trimmed scales).
@@ -35,6 +41,8 @@ from scipy import special
 
 from rlgcomp.diagnosis.noise.whitening import IntArray
 from rlgcomp.diagnosis.question.windows import Burst, Windows
+from rlgcomp.motion import RATE, rate_column
+from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 _PIECES: Final = 6  # of a window
@@ -200,6 +208,36 @@ def with_own_noise(windows: Sequence[Windows], values_deg_h: Sequence[Array]) ->
         dataclasses.replace(part, loudness=math.exp(level.log - middle.log)) if differing([level, middle]) < _SIGNIFICANT else part
         for part, level in zip(windows, levels, strict=True)
     )
+
+
+def with_rounding(windows: Sequence[Windows], values_deg_h: Sequence[Array]) -> tuple[Windows, ...]:
+    """Windows of runs on a table that know what an encoder's rounding adds to the white noise of the calmest.
+
+    Parameters
+    ----------
+    windows : sequence of Windows
+    values_deg_h : sequence of ndarray
+        Of each run at its full rate.
+    """
+    levels = [Level.of(part, values) for part, values in zip(windows, values_deg_h, strict=True)]
+    logs = [level.log for level in levels if math.isfinite(level.variance)]
+    if not logs:
+        return tuple(windows)
+    white = math.exp(min(logs)) / _PIECES
+    rounded = [_of_rounding(part) for part in windows]
+    if not any(rounded):
+        return tuple(windows)
+    return tuple(
+        dataclasses.replace(part, white_deg_h2=white, rounded=one / white) for part, one in zip(windows, rounded, strict=True)
+    )
+
+
+def _of_rounding(windows: Windows) -> float:
+    """Variance in (deg/h)² of a window's mean in which the rounding of an encoder's angle is."""
+    step_deg = windows.full.metadata.angle_step_deg
+    if step_deg is None or rate_column(windows.full) == RATE:
+        return 0.0
+    return (SECONDS_PER_HOUR * step_deg / windows.window_s) ** 2 / 6.0
 
 
 def beside(windows: Sequence[Windows], values_deg_h: Sequence[Array], more: Windows, values_of_more_deg_h: Array) -> Windows:

@@ -15,7 +15,7 @@ from rlgcomp.diagnosis.question.contrasts import Contrasts
 from rlgcomp.diagnosis.question.departures import departures_deg_h, not_comparable
 from rlgcomp.diagnosis.question.events import BiasStep, Partly
 from rlgcomp.diagnosis.question.free_part import free, stated, where_free
-from rlgcomp.diagnosis.question.own_noise import beside, with_own_noise
+from rlgcomp.diagnosis.question.own_noise import beside, with_own_noise, with_rounding
 from rlgcomp.diagnosis.question.pulses import step_of
 from rlgcomp.diagnosis.question.shapes import shifted
 from rlgcomp.diagnosis.question.windows import Windows, default_window_s, turning_deg_s, with_knee
@@ -124,6 +124,8 @@ class Problem:
         departures = departures_deg_h(simulator, windows, gyro, predicted)
         if simulator.kind == "chamber":
             windows = with_own_noise(with_knee(windows, departures), departures)
+        elif predicted is None:
+            windows = with_rounding(windows, departures)
         return cls._posed(simulator, windows, departures, runs[0].gyro_column(gyro)).with_free_part()
 
     @classmethod
@@ -168,9 +170,10 @@ class Problem:
         return dataclasses.replace(bare, held_out=len(runs), **known).with_free_part()
 
     def heard(self, windows: Windows, values_deg_h: Array) -> Windows:
-        """Windows of a further run that know how loud its white noise is beside that of these; on a turntable they do not ask."""
+        """Windows of a further run that know how loud its white noise is beside that of these; on a table, what rounding adds."""
         if self.simulator.kind != "chamber":
-            return windows
+            known = self.windows[0]
+            return dataclasses.replace(windows, white_deg_h2=known.white_deg_h2, rounded=known.rounded)
         return beside(self.windows, self.unexplained_deg_h, windows, values_deg_h)
 
     def with_own_biases(self) -> Self:

@@ -25,6 +25,8 @@ FEWEST_WINDOWS: Final = 20
 _FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _UNLIKE: Final = 300.0  # between the sample periods of runs
+_EVEN: Final = 1e-9  # of the highest rate: the same rate
+_MOSTLY: Final = 0.5  # of the rows
 _SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
 
 
@@ -80,6 +82,8 @@ class Windows:
     loudness: float = 1.0  # variance of this run's white noise over that of the runs' middle one
     bursts: tuple[Burst, ...] = ()  # where this run is louder than that; where they overlap they multiply
     step_deg_h: float = 0.0  # in which the gyro's rate moves, where it is read in whole pulses
+    white_deg_h2: float = math.inf  # of a full window's mean, where that is known,
+    rounded: float = 0.0  # and the variance over that of means in which an encoder's rounding is
 
     @classmethod
     def of(
@@ -222,7 +226,26 @@ class Windows:
             variance = (1.0 + 2.0 * knee) * share**2 - 2.0 * knee * joined * share * np.r_[share[1:], 0.0]
             whole = np.add.reduceat(variance, self._full_starts - self._full_starts[0])[self.kept]
             return np.asarray(self.louder[self.kept] * (whole * self.white_s / self.full.period_s))
-        return np.asarray(self.louder[self.kept] * (self.window_s / (self.counts[self.kept] * self.full.period_s)))
+        plain = self.louder[self.kept] * (self.window_s / (self.counts[self.kept] * self.full.period_s))
+        return np.asarray(plain + self.rounded * self.uneven[self.kept] if self.rounded else plain)
+
+    @functools.cached_property
+    def uneven(self) -> Flags:
+        """Windows in which the table's rate changes, shape (windows,): in the others an encoder's rounding has been taken off."""
+        rate, starts = rate_deg_s(self.full), self._full_starts
+        changes = np.maximum.reduceat(rate, starts) - np.minimum.reduceat(rate, starts)
+        return np.asarray(changes > _EVEN * float(np.abs(rate).max()))
+
+    @functools.cached_property
+    def rounded_rows(self) -> IntArray:
+        """Rows at whose beginning and end an encoder's rounding differs: all but those within an even turn. None where hardly any
+        are within one, and what is rounded makes the most part of the noise that the run shows."""
+        if not self.rounded:
+            return np.zeros(0, dtype=np.intp)
+        rate = rate_deg_s(self.full)
+        bends = np.abs(np.diff(rate)) > _EVEN * float(np.abs(rate).max())
+        rows = np.flatnonzero(np.r_[True, bends] & np.r_[bends, True])
+        return rows if len(rows) < _MOSTLY * len(rate) else rows[:0]
 
     @functools.cached_property
     def louder(self) -> Array:
