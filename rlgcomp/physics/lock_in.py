@@ -242,17 +242,29 @@ def _error_between_deg_h(first: Array, last: Array, lock_in_deg_s: float | Array
 def _run_of(rate: Array) -> Array:
     """How far a rate runs within each sample: as far as to a neighbour, if both lie on one way; else it stands.
 
-    Where a ramp begins or ends with the sample, one neighbour is half as far as the other.
+    Where a ramp begins or ends with the sample, one neighbour is half as far as the other. A recording that begins or ends in the
+    midst of an even ramp has begun or gone on so.
     """
-    step = np.diff(rate)
-    before, after = np.r_[0.0, step], np.r_[step, 0.0]
+    first, step, last = _steps(rate)
+    before, after = np.r_[first, step], np.r_[step, last]
     near, far = np.minimum(np.abs(before), np.abs(after)), np.maximum(np.abs(before), np.abs(after))
     return np.asarray(np.where(before * after > 0.0, np.sign(before) * np.minimum(2.0 * near, far), 0.0))
 
 
+def _steps(rate: Array) -> tuple[float, Array, float]:
+    """Steps of a rate from sample to sample, and those before the first and after the last: as these where the next is as well."""
+    step = np.diff(rate)
+    before, after = (
+        float(ends[0]) if len(ends) > 1 and abs(ends[1] - ends[0]) <= _EVEN * abs(ends[0]) else 0.0
+        for ends in (step[:2], step[:-3:-1])
+    )
+    return before, step, after
+
+
 def _abrupt(rate: Array) -> npt.NDArray[np.intp]:
     """Samples that hold rates near zero and in which a table begins or ends to speed up: its steps on both sides differ."""
-    step = np.r_[0.0, 0.0, np.diff(rate), 0.0, 0.0]
+    first, within, last = _steps(rate)
+    step = np.r_[first, first, within, last, last]
     earlier, before, after, later = np.abs(step[:-3]), np.abs(step[1:-2]), np.abs(step[2:-1]), np.abs(step[3:])
     size = np.maximum(before, after)
     alone = np.maximum(earlier, later) <= _STOOD * size
