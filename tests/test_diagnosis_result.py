@@ -181,6 +181,7 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     assert "no gain can be claimed" in unproven.sentence
     doubted = dataclasses.replace(diagnosis, alternatives=(Alternative((), 0.2),))
     assert ", unless nothing is missing (probability 0.20):" in doubted.sentence
+    assert "nothing is missing" not in dataclasses.replace(doubted, healthy=0.0).sentence  # something may wander
     assert dataclasses.replace(doubted, verdict="explained", probability=0.7).sentence.startswith("Probably the simulator lacks")
     lawful = dataclasses.replace(unknown, alternatives=(Alternative((), 0.3),))
     assert lawful.sentence.startswith("The simulator lacks something that no known mechanism explains; it follows light")
@@ -191,6 +192,17 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     assert "error falls" not in fleeting.sentence
     with pytest.raises(rlg.InputError, match="verdict is 'maybe'"):
         dataclasses.replace(diagnosis, verdict="maybe")
+
+
+def test_a_held_out_run_that_is_far_off_is_in_the_verdict(diagnosis: Diagnosis) -> None:
+    off = dataclasses.replace(diagnosis, test=fit(0.0280, 0.0270, 0.01, 0.06))
+    told = "warm is off by 15 times its noise: train on it too."
+    none = dataclasses.replace(off, verdict="none", causes=(), p_value=0.5)
+    assert none.heading() == f"The simulator lacks nothing that the training runs show (p = 0.5), but {told}"
+    assert f"these runs cannot tell which; even so {told}" in off.sentence
+    flips = dataclasses.replace(diagnosis.causes[0], mechanism=rlg.CATALOGUE["random_telegraph"](), indistinguishable_from=())
+    for silent in (diagnosis, dataclasses.replace(off, verdict="unknown"), dataclasses.replace(off, causes=(flips,))):
+        assert "train on" not in silent.sentence
 
 
 def test_offsets_are_said_where_they_count(diagnosis: Diagnosis) -> None:

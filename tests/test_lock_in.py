@@ -63,6 +63,33 @@ def test_a_ramp_that_begins_with_a_sample_runs_through_it(starts_within: float) 
     assert backwards == pytest.approx(expected[::-1], abs=0.5)
 
 
+def test_a_recording_that_begins_and_ends_in_a_sweep_is_none_the_worse() -> None:
+    law = LockIn(lock_in_deg_s=0.01, acts_on="table", offset_deg_h=3.0)
+    rate = sweep(0.05, 0.011)
+    whole, piece = law.basis(at_rates(rate)), law.basis(at_rates(rate[18:23]))
+    assert piece == pytest.approx(whole[18:23], rel=1e-9)
+    assert not law.scatter(at_rates(rate[18:23]))[:, 96:].any()  # nor is its course left open
+
+
+@pytest.mark.parametrize("rests", [0, 5])
+def test_what_the_light_feels_is_told_by_all_rows(rests: int) -> None:
+    """Of a slow swing no steady row is slow, and of a table that rests for five samples hardly one."""
+    time_s = np.arange(3000.0)
+    swing = 60.0 * np.sin(2.0 * np.pi * time_s / 900.0)
+    rate = np.r_[np.repeat([20.0, -40.0, 60.0, -7.0], 700), np.zeros(rests)] if rests else swing
+    run = at_rates(rate)
+    gyro = run.rate_deg_h() + 55.6 + LockIn(0.06, acts_on="table", offset_deg_h=55.6).basis(run)[:, 0]
+    shown = rlg.Recording(run.table.assign(gyro_deg_h=gyro), rlg.Metadata(kind="turntable"))
+    felt = {one.offset_deg_h for one in LockIn.grid((shown,)) if one.acts_on == "total"}
+    assert list(felt) == pytest.approx([55.6], abs=0.05)
+
+
+def test_where_the_rates_do_not_tell_what_the_light_feels_the_latitude_does() -> None:
+    run = at_rates(np.repeat([20.0, -20.0, 60.0], 50), latitude_deg=30.0)
+    felt = {one.offset_deg_h for one in LockIn.grid((run,)) if one.acts_on == "total"}
+    assert list(felt) == pytest.approx([7.52], abs=0.01)
+
+
 def test_where_the_rate_steps_it_is_the_error_at_the_rate() -> None:
     rate = np.repeat([0.02, -0.02, 5.0, 0.02], 6)
     found = LockIn(lock_in_deg_s=0.01, acts_on="table").basis(at_rates(rate))[:, 0]

@@ -12,7 +12,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, whiten
 from rlgcomp.diagnosis.programmes.feasible import LONGEST_S, chamber_programmes, table_programmes
-from rlgcomp.diagnosis.programmes.next_experiment import _distances, _expected, _expected_of, _Run, next_experiment
+from rlgcomp.diagnosis.programmes.next_experiment import _distances, _expected, _expected_of, _Run, next_experiment, told_apart
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.motion import angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism, amplitude
@@ -38,6 +38,11 @@ def run() -> rlg.Recording:
 @pytest.fixture(scope="module")
 def problem(run: rlg.Recording) -> Problem:
     return Problem.of(BASE, [run])
+
+
+def test_a_rival_that_names_nothing_is_said_to() -> None:
+    """Numbers of the simulator that are wrong are no missing physics."""
+    assert told_apart([(LAG,), (), (LAG, RATE)]) == ("thermal_lag", "nothing missing", "thermal_lag + temperature_rate")
 
 
 @pytest.mark.parametrize("shape", [NoiseShape(), NoiseShape(flicker=0.3, walk=0.2)])

@@ -18,7 +18,6 @@ from rlgcomp.units import ARCSEC_PER_DEG, SECONDS_PER_HOUR
 _RATIO: Final = 1.6  # between the lock-in rates that diagnosis tries
 _LOWEST_DEG_S: Final = 1e-4
 _SLOW: Final = 0.05  # of the highest rate: below, a table is near enough to rest for its gyro to lock
-_OFTEN: Final = 0.01  # of the rows
 _STEADY: Final = 0.01  # of the rate, from sample to sample: a table that turns steadily
 _MOSTLY: Final = 0.5  # of the rows
 _TOLD: Final = 1e-3  # of an error's size: what other laws of the rate must leave of it
@@ -127,7 +126,7 @@ class LockIn(Mechanism):
         shown = _shown(recordings)
         if shown is None:
             return tuple(cls(lock_in_deg_s=rate, acts_on="table") for rate in rates)
-        felt = (("table", 0.0), *(("total", offset) for offset in _locked_offset(*shown[:2], top)))
+        felt = (("table", 0.0), *(("total", offset) for offset in shown.offsets_deg_h))
         return tuple(
             cls(lock_in_deg_s=rate, acts_on=acts_on, offset_deg_h=offset)
             for acts_on, offset in felt
@@ -141,7 +140,7 @@ class LockIn(Mechanism):
         top = 0.0 if shown is None else float(np.abs(shown[0]).max())
         if shown is None or not 0.9 * top > _LOWEST_DEG_S or not shown.steady:
             return ()
-        tried = [(offset, _Sought(*shown[:2], offset)) for offset in (0.0, *_locked_offset(*shown[:2], top))]
+        tried = [(offset, _Sought(*shown[:2], offset)) for offset in (0.0, *shown.offsets_deg_h)]
         rates = np.geomspace(_LOWEST_DEG_S, min(0.9 * top, 10.0), _FEW)
         found = [(sought.left(best), best, offset, sought) for offset, sought in tried for best in (sought.best(rates),)]
         left, best, offset, sought = min(found, key=lambda one: one[0])
@@ -161,7 +160,7 @@ class LockIn(Mechanism):
         if self.acts_on == "table" or any(FELT_RATE_DEG_S in run for run in recordings):
             return self
         shown = _shown(recordings)
-        offsets = () if shown is None else _locked_offset(*shown[:2], float(np.abs(shown[0]).max()))
+        offsets = () if shown is None else shown.offsets_deg_h
         return dataclasses.replace(self, offset_deg_h=(*offsets, earth_rate_deg_h(recordings[0]))[0])
 
     def basis(self, recording: Recording) -> Array:
@@ -243,17 +242,29 @@ def _error_between_deg_h(first: Array, last: Array, lock_in_deg_s: float | Array
 def _run_of(rate: Array) -> Array:
     """How far a rate runs within each sample: as far as to a neighbour, if both lie on one way; else it stands.
 
-    Where a ramp begins or ends with the sample, one neighbour is half as far as the other.
+    Where a ramp begins or ends with the sample, one neighbour is half as far as the other. A recording that begins or ends in the
+    midst of an even ramp has begun or gone on so.
     """
-    step = np.diff(rate)
-    before, after = np.r_[0.0, step], np.r_[step, 0.0]
+    first, step, last = _steps(rate)
+    before, after = np.r_[first, step], np.r_[step, last]
     near, far = np.minimum(np.abs(before), np.abs(after)), np.maximum(np.abs(before), np.abs(after))
     return np.asarray(np.where(before * after > 0.0, np.sign(before) * np.minimum(2.0 * near, far), 0.0))
 
 
+def _steps(rate: Array) -> tuple[float, Array, float]:
+    """Steps of a rate from sample to sample, and those before the first and after the last: as these where the next is as well."""
+    step = np.diff(rate)
+    before, after = (
+        float(ends[0]) if len(ends) > 1 and abs(ends[1] - ends[0]) <= _EVEN * abs(ends[0]) else 0.0
+        for ends in (step[:2], step[:-3:-1])
+    )
+    return before, step, after
+
+
 def _abrupt(rate: Array) -> npt.NDArray[np.intp]:
     """Samples that hold rates near zero and in which a table begins or ends to speed up: its steps on both sides differ."""
-    step = np.r_[0.0, 0.0, np.diff(rate), 0.0, 0.0]
+    first, within, last = _steps(rate)
+    step = np.r_[first, first, within, last, last]
     earlier, before, after, later = np.abs(step[:-3]), np.abs(step[1:-2]), np.abs(step[2:-1]), np.abs(step[3:])
     size = np.maximum(before, after)
     alone = np.maximum(earlier, later) <= _STOOD * size
@@ -302,13 +313,15 @@ class _Shown(NamedTuple):
     rate: Array  # of the table, in deg/s
     beyond: Array  # what the gyros show beyond it, in deg/h
     steady: bool  # of steady rates alone
+    offsets_deg_h: tuple[float, ...]  # what the light may feel beside them
 
 
 def _shown(recordings: Sequence[Recording]) -> _Shown | None:
     """Rates, and what the gyros show beyond them; None where they cannot be read, or the table does not turn.
 
     Of a table that mostly stands or turns steadily, at rates enough to tell, those rows alone: a sample in which it speeds up holds
-    a rate of every size.
+    a rate of every size. Not so what the light feels beside the table, which such samples tell as well as others: of a table that
+    swings, or hardly rests, hardly a steady row is slow. Where the rates do not tell it, the recorded latitude does.
     """
     rates, beyond, steady = [], [], []
     for run in recordings:
@@ -321,21 +334,23 @@ def _shown(recordings: Sequence[Recording]) -> _Shown | None:
         change = np.abs(np.diff(rates[-1]))
         steady.append(np.maximum(np.r_[0.0, change], np.r_[change, 0.0]) <= _STEADY * np.abs(rates[-1]))
     rate, seen, kept = (np.concatenate(parts) for parts in (rates, beyond, steady))
+    offsets = _locked_offset(rate, seen) or tuple(filter(None, [earth_rate_deg_h(recordings[0])]))
     steadily = bool(np.mean(kept) > _MOSTLY) and _Sought(rate[kept], seen[kept], 0.0).told
     if steadily:
         rate, seen = rate[kept], seen[kept]
     every = max(1, len(rate) // _MOST_ROWS)
-    return None if np.ptp(rate) == 0.0 else _Shown(rate[::every], seen[::every], steadily)
+    return None if np.ptp(rate) == 0.0 else _Shown(rate[::every], seen[::every], steadily, offsets)
 
 
-def _locked_offset(rate: Array, beyond: Array, top: float) -> tuple[float, ...]:
-    """What the light feels beside the table: the bias shown while the table turns; none where it never rests.
+def _locked_offset(rate: Array, beyond: Array) -> tuple[float, ...]:
+    """What the light feels beside the table: the bias shown while the table turns; none where it is never slow.
 
     It is fitted together with a scale factor and with what lock-in takes from fast rotation, as 1/W: in one direction that looks
     like a bias.
     """
+    top = float(np.abs(rate).max())
     fast = np.abs(rate) > _SLOW * top
-    if np.mean(~fast) < _OFTEN or np.ptp(rate[fast]) == 0.0:
+    if fast.all() or not fast.any() or np.ptp(rate[fast]) == 0.0:
         return ()
     turning = rate[fast] / top
     design = np.column_stack([np.ones(len(turning)), turning, _SLOW / turning])

@@ -32,6 +32,7 @@ from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.shapes import neighbours
 from rlgcomp.diagnosis.question.windows import Windows, turning_deg_s
 from rlgcomp.diagnosis.result import NextExperiment
+from rlgcomp.diagnosis.result.wording import set_text
 from rlgcomp.errors import InputError
 from rlgcomp.motion import ANGLES, RATE, angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism
@@ -123,7 +124,7 @@ def next_experiment(
 
 def told_apart(rivals: Sequence[Members]) -> tuple[str, ...]:
     """What each rival is called among the others."""
-    return tuple(" + ".join(names) for names in _distinct(rivals))
+    return tuple(set_text(names) for names in _distinct(rivals))
 
 
 class _Run:

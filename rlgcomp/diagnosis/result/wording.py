@@ -24,6 +24,7 @@ DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all t
 SMALL: Final = 1e-6  # probability below which only that is said
 A_DATE_S: Final = 3e8  # time that is larger counts from 1970
 EVEN: Final = 0.5  # probability of a set up to which it is said to be the likeliest, and no more
+OFF: Final = 3.0  # times the noise that a held-out run is off about its own mean, from which the verdict says so
 ROUGH: Final = 0.05  # width of an interval of an improvement from which whole percents are said
 MOSTLY: Final = 0.5  # of an improvement: with less about each run's own mean, most of it is offsets
 DIGITS: Final = 3  # of the noise floor
@@ -54,7 +55,8 @@ def title(diagnosis: Diagnosis) -> str:
     """What the page of a diagnosis is headed."""
     if diagnosis.verdict != "none":
         return f"What {subject(diagnosis)} is missing"
-    return f"Nothing is missing that these runs {'could name' if diagnosis.p_value < DOUBTFUL else 'show'}"
+    which = "the training runs" if _off_held_out(diagnosis) else "these runs"
+    return f"Nothing is missing that {which} {'could name' if diagnosis.p_value < DOUBTFUL else 'show'}"
 
 
 def about(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -91,7 +93,26 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """The verdict and the causes with their probability."""
+    """The verdict and the causes with their probability; and which held-out runs are far off for all that."""
+    off = _off_held_out(diagnosis)
+    if not off:
+        return _verdict(diagnosis)
+    said = "; even so " if diagnosis.causes else ", but "
+    them = "it" if len(off) == 1 else "them"
+    return f"{_verdict(diagnosis).rstrip('.')}{said}{listing(off)}: train on {them} too."
+
+
+def _off_held_out(diagnosis: Diagnosis) -> list[str]:
+    """Held-out runs that are far off by more than a bias of their own, where that is not known to be something unknown, and what is
+    named says something of them."""
+    if diagnosis.verdict == "unknown" or diagnosis.test is None or not all(cause.mechanism.repeats() for cause in diagnosis.causes):
+        return []
+    times = {one.run: one.augmented_std / one.noise_floor_rms for one in diagnosis.test.per_run if one.noise_floor_rms > 0.0}
+    return [f"{run} is off by {many:.2g} times its noise" for run, many in times.items() if many > OFF]
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    """The verdict and the causes with their probability, by the training runs and what held-out runs bear out."""
     who = subject(diagnosis)
     who = who[:1].upper() + who[1:] if who == "the simulator" else who
     hardly = f"hardly noise alone ({p_text(diagnosis.p_value)})"
@@ -103,10 +124,14 @@ def headline(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "none" and diagnosis.p_value < DOUBTFUL:
         return f"{who} lacks nothing that these runs could name, though what it leaves is {hardly}."
+    if diagnosis.verdict == "none" and _off_held_out(diagnosis):
+        return f"{who} lacks nothing that the training runs show ({p_text(diagnosis.p_value)})."
     if diagnosis.verdict == "none":
         return f"{who} lacks nothing that these runs show: what it leaves is noise ({p_text(diagnosis.p_value)})."
     named = listing([_named(cause) for cause in diagnosis.causes])
-    healthy = sum(item.probability for item in diagnosis.alternatives if not item.mechanisms)
+    healthy = diagnosis.healthy  # without a cause of the catalogue, something may wander all the same
+    if healthy is None:
+        healthy = sum(item.probability for item in diagnosis.alternatives if not item.mechanisms)
     doubt = f", unless nothing is missing (probability {sure_text(healthy, 2)})" if healthy > DOUBTED else ""
     if _events_alone(diagnosis):
         start = f"{who} lacks {named}; beside that" if named else f"{who} lacks nothing that all these runs show, but"
