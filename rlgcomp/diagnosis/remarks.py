@@ -104,7 +104,7 @@ def remarks_of(
         )
         remarks += _unless_wrong(explanations, conclusion, after.white_deg_h)
     remarks += [f"What there is takes after {name} and {why}." for name, why in conclusion.misnamed.items()]
-    remarks += [f"There may be a {name}, but {why}: it is not reckoned with." for name, why in explanations.doubted.items()]
+    remarks += [f"{name} may be there, but {why}: it is not reckoned with." for name, why in explanations.doubted.items()]
     remarks += [
         f"What {cause.mechanism.name} does is drawn anew in every run: it cannot be predicted, and adds no gain on other runs."
         for cause in after.causes
