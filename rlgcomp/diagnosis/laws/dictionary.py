@@ -297,14 +297,14 @@ class Dictionary:
             weight = math.log((1.0 - ONE_DRIVER) * shares[one] * shares[two] / every)
             if one in self._sizes:
                 found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight, parity="even"))
-            elif two in self._sizes.values():  # a scale factor that is no straight line in what drives it
-                weight -= math.log(2.0)
-                found.append(Family(one, two, "static", "power", 2, ats, log_prior=weight))
+            elif two in self._sizes.values():  # a scale factor that is no straight line in what drives it, or is late
+                late = Axis("lag", lag.low, lag.high, 5, ratio=True)
+                members = [Family(one, two, "static", "power", 2, ats)]
+                members += [Family(one, two, "lag", "power", 1, (*ats, late))] if one.startswith("temperature_") else []
+                weight -= math.log(1.0 + len(members))
+                found += [dataclasses.replace(family, log_prior=weight) for family in members]
             if one in single and one < two:
                 found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight))
-            if one.startswith("temperature_") and two in _RATES:  # a scale factor that is late
-                late = Axis("lag", lag.low, lag.high, 5, ratio=True)
-                found.append(Family(one, two, "lag", "power", 1, (*ats, late), log_prior=weight))
             if one.startswith("temperature_"):
                 _, low, high = self._series(Held(one, "rate"))
                 zero = -low / (high - low)
