@@ -268,6 +268,56 @@ def test_laws_of_rate_and_temperature_are_found_and_no_cause_is_named_in_their_p
         assert told.at_2 == pytest.approx(at_2, abs=1.0)
 
 
+def test_by_an_encoder_alone_a_law_of_the_rate_is_found_and_no_asymmetry_in_its_place(tmp_path: Path) -> None:
+    recordings = []
+    for k, run in enumerate(runs(None)):
+        W, theta, T = motion(k)
+        added = np.abs(W) * (T - 24.5)
+        gyro = run.column("gyro_deg_s") + 0.02 * added / np.std(added) / 3600.0
+        table = run.table.drop(columns="table_rate_deg_s").assign(gyro_deg_s=gyro, table_angle_deg=theta)
+        recordings.append(run.replace(table=table))
+    assert "table_angle_deg" not in Dictionary(Problem.of(SIMULATOR, recordings)).drivers  # nothing counts its turns
+    found = rlg.diagnose(SIMULATOR, recordings, black_box=False)
+    assert (found.verdict, found.causes) == ("unknown", ())
+    assert found.unexplained.drivers == ("table_angle_deg", "temperature_block_degC")
+    assert "it follows the table's rate by table_angle_deg and temperature_block_degC" in found.sentence
+    (told,) = (mechanism for mechanism in found.augmented.mechanisms if isinstance(mechanism, EmpiricalLaw))
+    assert (told.driver, told.parity, told.driver_2) == ("table_rate", "even", "temperature_block_degC")
+    found.augmented.to_yaml(tmp_path / "augmented.yaml")
+    again = rlg.Simulator.from_yaml(tmp_path / "augmented.yaml")
+    np.testing.assert_allclose(again.predict(recordings[1]).rate_deg_h(), found.augmented.predict(recordings[1]).rate_deg_h())
+
+
+def test_a_scale_factor_that_follows_a_temperature_late_is_found() -> None:
+    recordings = []
+    for k, run in enumerate(runs(None)):
+        W, _, T = motion(k)
+        a = 1.0 / 1200.0
+        added = W * (lfilter([a], [1.0, a - 1.0], T, zi=[(1.0 - a) * T[0]])[0] - 22.0)
+        gyro = run.column("gyro_deg_s") + 0.04 * added / np.std(added) / 3600.0
+        recordings.append(run.replace(table=run.table.drop(columns="table_angle_deg").assign(gyro_deg_s=gyro)))
+    found = rlg.diagnose(SIMULATOR, recordings, black_box=False)
+    assert (found.verdict, found.causes, found.unexplained.memory) == ("unknown", (), "dynamic")
+    assert set(found.unexplained.drivers) == {"table_rate_deg_s", "temperature_block_degC"}
+    laws = (mechanism for mechanism in found.augmented.mechanisms if isinstance(mechanism, EmpiricalLaw))
+    (told,) = (one for one in laws if one.memory == "lag")
+    assert told.lag_s == pytest.approx(1200.0, rel=0.25)
+
+
+def test_causes_that_explain_windows_within_and_spoil_their_means_are_given_up() -> None:
+    """An error that goes with the square of the rate and the sine of the angle."""
+    recordings = []
+    for k, run in enumerate(runs(None)):
+        W, theta, _ = motion(k)
+        gyro = run.column("gyro_deg_s") + 2e-7 * W**2 * np.sin(np.radians(theta - 0.5 * W))
+        table = run.table.drop(columns="table_rate_deg_s").assign(gyro_deg_s=gyro, table_angle_deg=theta)
+        recordings.append(run.replace(table=table))
+    found = rlg.diagnose(SIMULATOR, recordings, black_box=False)
+    assert (found.verdict, found.causes) == ("unknown", ())
+    assert found.unexplained.drivers == ("table_angle_deg",)
+    assert found.train.augmented_rms <= 1.05 * found.train.baseline_rms
+
+
 @pytest.mark.parametrize("seed", [1, 5])
 def test_a_scale_factor_that_wanders_with_what_is_not_recorded_has_no_false_name(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -178,7 +178,9 @@ def unexplained_of(conclusion: Conclusion, after: Fitted, left: float, in_part: 
     if conclusion.unrecorded > UNRECORDED:
         law = conclusion.instead
         near = None if law is None else Nearest(law.equation, law.drivers, law.memory, conclusion.lawful)
-        return Unexplained(min(left, 1.0 - conclusion.unrecorded), probability=conclusion.wanders, nearest=near)
+        memory = "static" if conclusion.within else "none"
+        p_value = min(left, 1.0 - conclusion.unrecorded)
+        return Unexplained(p_value, conclusion.within, memory, probability=conclusion.wanders, nearest=near)
     if in_part:
         return Unexplained(left, tuple(dict.fromkeys(driver for one in in_part for driver in one.drivers)), "static")
     return Unexplained(left)

@@ -9,30 +9,36 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from rlgcomp.diagnosis.account import alternatives_of, and_hidden, causes_of, hidden_of, set_probability, whiteness
 from rlgcomp.diagnosis.conclusion import (
     UNRECORDED,
     Conclusion,
     beside_laws,
+    beyond_noise,
     by_another_name,
     concluded,
     likely_noises,
     rivals_of,
     verdict_of,
 )
-from rlgcomp.diagnosis.fitting.fit import Fitted, fit
+from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, fit
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Posed
 from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.diagnosis.result import Alternative, Cause
 
+Array = npt.NDArray[np.float64]
+WORSE: Final = 1.05  # times as far off, from which runs are worse by what is named
+_WITHIN_ALONE: Final = "what it explains within windows makes their means worse"
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _HALF: Final = 0.5  # of what training runs say of a cause within windows, that held-out runs must be able to show,
 _SURELY: Final = 3.0  # standard deviations counted for it
@@ -82,6 +88,7 @@ class Answer:
         doubted |= dict.fromkeys(
             _denied_within_windows(posed.whole, found.after), "held-out runs do not show it within their windows"
         )
+        doubted |= dict.fromkeys(_denied_between_windows(posed.problem, before, found.after), _WITHIN_ALONE)
         if doubted.keys() <= explanations.doubted.keys():
             return found
         for name, why in doubted.items():
@@ -90,7 +97,7 @@ class Answer:
             conclusion = beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
         else:
             explanations, conclusion = and_laws(posed, explanations, concluded(posed.windowed, explanations, posed.whole_windowed))
-        return cls.of(posed, explanations, conclusion, before)
+        return cls.of(posed, explanations, _with_what_acts_within(explanations, conclusion), before)
 
     @classmethod
     def _fitted(cls, posed: Posed, explanations: Explanations, conclusion: Conclusion, before: Fitted) -> Self:
@@ -177,34 +184,70 @@ def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -
     return explanations, beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
 
 
+def _with_what_acts_within(explanations: Explanations, conclusion: Conclusion) -> Conclusion:
+    """The same, but that something unknown is there where what acts within windows was taken for causes that it is not."""
+    names = [name for name, why in explanations.doubted.items() if why == _WITHIN_ALONE]
+    if not names:
+        return conclusion
+    evidence = explanations.evidence
+    run, tried = evidence.problem.runs[0], {one.name: one.mechanism for one in evidence.candidates}
+    columns = dict.fromkeys(column for name in names for column in tried[name].driver_columns(run))
+    return dataclasses.replace(beyond_noise(conclusion, 0.0, conclusion.model), within=tuple(columns))
+
+
 def _denied_within_windows(whole: Problem | None, after: Fitted) -> list[str]:
     """Causes that act mostly within windows and of which held-out runs, at their full rate, surely show less than half.
 
     Rounding of an encoder's angle stands in lines that training runs may take for harmonics; in another run these are other lines.
     """
-    fast = [
-        one for one in after.causes if one.mechanism.fast and one.mechanism.repeats() and not (one.known or one.mechanism.each_run)
-    ]
+    fast = _fast(after)
     if whole is None or not whole.held_out or not fast:
         return []
     parts = whole.windows[-whole.held_out :]
     own = [one for one in whole.simulator.mechanisms if one.fast]
-    rows, whole_rows = [], []
-    for part, values in zip(parts, whole.unexplained_deg_h[-whole.held_out :], strict=True):
-        said = [one.mechanism.contribution(part.full, np.random.default_rng(0)) for one in fast]
-        bases = [one.basis(part.full) for one in own]
-        rows.append(part.within(np.column_stack([*said, *bases, values])))
-        whole_rows.append(part.rows_within(np.column_stack(said)))
+    said = _contributions(parts, fast)
+    rows = [
+        part.within(np.column_stack([block, *(one.basis(part.full) for one in own), values]))
+        for part, block, values in zip(parts, said, whole.unexplained_deg_h[-whole.held_out :], strict=True)
+    ]
     table = np.vstack(rows)
-    everywhere = np.vstack(whole_rows)
-    mostly = (table[:, : len(fast)] ** 2).sum(axis=0) > _HALF * ((everywhere - everywhere.mean(axis=0)) ** 2).sum(axis=0)
     design = table[:, :-1] / norms(table[:, :-1])
     weights, *_ = np.linalg.lstsq(design, table[:, -1], rcond=1e-10)
     left = table[:, -1] - design @ weights
     sd = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * float(left @ left) / len(left))
     shown, sd = (values[: len(fast)] / norms(table[:, : len(fast)]) for values in (weights, sd))
-    denied = mostly & (shown + _SURELY * sd < _HALF)
+    denied = _mostly_within(parts, said) & (shown + _SURELY * sd < _HALF)
     return [one.mechanism.name for one, no in zip(fast, denied, strict=True) if no]
+
+
+def _denied_between_windows(problem: Problem, before: Fitted, after: Fitted) -> list[str]:
+    """Causes that act mostly within windows and with which the means of the training runs' windows are further off than without."""
+    fast, windows = _fast(after), len(problem.rows) - problem.rows.contrasts
+    left, at_first = (float(np.mean(one.residual_deg_h[:windows] ** 2)) for one in (after, before))
+    if not fast or left < WORSE**2 * at_first:
+        return []
+    within = _mostly_within(problem.windows, _contributions(problem.windows, fast))
+    return [one.mechanism.name for one, mostly in zip(fast, within, strict=True) if mostly]
+
+
+def _fast(after: Fitted) -> list[FittedCause]:
+    """Causes that may act within windows, and alike in all runs."""
+    return [
+        one for one in after.causes if one.mechanism.fast and one.mechanism.repeats() and not (one.known or one.mechanism.each_run)
+    ]
+
+
+def _contributions(parts: Sequence[Windows], causes: Sequence[FittedCause]) -> list[Array]:
+    """What causes do in each run, row by row, shape (rows, causes)."""
+    rng = np.random.default_rng(0)
+    return [np.column_stack([one.mechanism.contribution(part.full, rng) for one in causes]) for part in parts]
+
+
+def _mostly_within(parts: Sequence[Windows], said: Sequence[Array]) -> npt.NDArray[np.bool_]:
+    """Of what causes do in runs: whether more than half of it stays within windows."""
+    within = np.vstack([part.within(block) for part, block in zip(parts, said, strict=True)])
+    everywhere = np.vstack([part.rows_within(block) for part, block in zip(parts, said, strict=True)])
+    return np.asarray((within**2).sum(axis=0) > _HALF * ((everywhere - everywhere.mean(axis=0)) ** 2).sum(axis=0))
 
 
 def spoken_for(explanations: Explanations, conclusion: Conclusion) -> str | None:

@@ -45,7 +45,7 @@ class Conclusion:
     wanders, causes that take after it without being what they are named for, and whether the set was weighed beside the laws.
 
     Where a set without laws, or something that wanders, is likelier, but hardly, than a law instead of it: that law, as probable as
-    laws are.
+    laws are. And the columns that what acts within windows follows, where no cause accounts for it.
     """
 
     model: Model
@@ -55,6 +55,7 @@ class Conclusion:
     misnamed: Mapping[str, str] = dataclasses.field(default_factory=dict)
     reweighed: bool = False
     instead: Discovery | None = None
+    within: tuple[str, ...] = ()
 
     @property
     def wanders(self) -> float:

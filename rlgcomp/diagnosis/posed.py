@@ -142,8 +142,7 @@ class Posed:
 
     def beside_laws(self, laws: Sequence[EmpiricalLaw]) -> Self:
         """The same asked of a simulator that has laws as well; of training runs alone where held-out runs lack what a law reads."""
-        columns = {column for law in laws for column in law.driver_names()}
-        readable = all(column in run for run in self.asked.test for column in columns)
+        readable = all(law.readable_in(run) for run in self.asked.test for law in laws)
         asked = self.asked if readable else dataclasses.replace(self.asked, test=())
         known = self.windowed
         beside, own_biases, steps, in_part = known.beside, known.own_biases, known.steps, known.partly

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.account import alternatives_of, hidden_of, set_probability
-from rlgcomp.diagnosis.answer import Answer, spoken_for
+from rlgcomp.diagnosis.answer import WORSE, Answer, spoken_for
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, noise_model
 from rlgcomp.diagnosis.naming.background import Background
@@ -34,7 +34,6 @@ from rlgcomp.units import PPM, SECONDS_PER_HOUR, column_unit
 
 Array = npt.NDArray[np.float64]
 _SUSPECTED: Final = 0.5  # probability that something is missing, from which that is said though nothing is named
-_WORSE: Final = 1.05  # times as far off, from which it is said
 _MORE_OFTEN_THAN_NOT: Final = 0.5
 _HIDDEN: Final = 0.25  # share of a set's probability from which it is said what hides behind it
 _WORTH_SAYING: Final = 0.1  # probability of some of the causes alone
@@ -84,7 +83,7 @@ def remarks_of(
     remarks += _instead(conclusion)
     remarks += _turned(explanations, conclusion)
     remarks += _behind(explanations, conclusion)
-    if not conclusion.laws and conclusion.unrecorded > UNRECORDED:
+    if not (conclusion.laws or conclusion.within) and conclusion.unrecorded > UNRECORDED:
         swing = f", part of it to and fro in about {noise.swing_s:g} s," if math.isfinite(noise.swing_s) else ""
         problem = explanations.evidence.problem
         design = np.column_stack([problem.baseline, *(one.columns for one in explanations.candidates(conclusion.model))])
@@ -357,7 +356,7 @@ def denied_by_held_out(found: Diagnosis) -> str:
 def worse_in_training(train: Fit, causes: Sequence[Mechanism]) -> tuple[str, ...]:
     """What to say where all that is named makes the very runs worse that it was found in; it is not asked of causes that are drawn
     anew in every run."""
-    if not causes or not all(cause.repeats() for cause in causes) or train.augmented_rms < _WORSE * train.baseline_rms:
+    if not causes or not all(cause.repeats() for cause in causes) or train.augmented_rms < WORSE * train.baseline_rms:
         return ()
     return (
         f"With all that is named the training runs themselves are off by {train.augmented_rms:.2g} {train.unit} rms, without it by "

@@ -11,7 +11,8 @@ import numpy as np
 from rlgcomp.errors import InputError
 from rlgcomp.filters import lag, rate_per_min, running_mean
 from rlgcomp.hysteresis import STARTS, play_paths
-from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting, shape
+from rlgcomp.motion import rate_deg_s
+from rlgcomp.physics.mechanism import TABLE_RATE, TEMPERATURE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_MINUTE, column_unit
 
@@ -24,6 +25,7 @@ RATE_INDEPENDENT: Final = ("play", "plays")
 _SHARES: Final = -np.log1p(-(np.arange(8) + 0.5) / 8)  # radii at equal steps of an exponential distribution of mean one
 _FURTHER: Final = 0.2  # of the range of a driver: beyond it by more, a law is said to be extrapolated
 _LARGEST: Final = 1e9
+_UNITS: Final = {TEMPERATURE: "degC", TABLE_RATE: "deg/s"}
 _AS_THEY_ARE: Final = ("deg", "deg/s")
 
 
@@ -33,7 +35,8 @@ class EmpiricalLaw(Mechanism):
 
     .. math:: b = A \, f(m) \, \frac{u_2 - a_2}{h_2}, \qquad m = M[u + \tau_s \dot u]
 
-    u is a recorded column (`driver`), or the difference of two (`driver` less `less`), its mean over 20 s taken; of a sensor that
+    u is a recorded column (`driver`), or the difference of two (`driver` less `less`), its mean over 20 s taken; or "table_rate",
+    in deg/s, which an encoder's angle tells where no rate was recorded. Of a sensor that
     is late by :math:`\tau_s` (`lead_s`), what it will read. The memory M is "static" (m = u), "lag"
     (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the given radius: rate independent) or "plays"
     (the mean of play operators whose radii are distributed as exp(-r / radius): a Prandtl-Ishlinskii operator, and what relays
@@ -111,8 +114,13 @@ class EmpiricalLaw(Mechanism):
         pairs = (self.driver, self.less), (self.driver_2, self.less_2)
         return pairs if self.driver_2 else pairs[:1]
 
+    def _read_from(self, recording: Recording) -> list[str]:
+        """What it reads of a recording: columns, and the table's rate, whichever column tells that."""
+        columns = zip(self.driver_names(), self.driver_columns(recording), strict=True)
+        return [name if name == TABLE_RATE else column for name, column in columns]
+
     def basis(self, recording: Recording) -> Array:
-        columns = iter(self.driver_columns(recording))
+        columns = iter(self._read_from(recording))
         first, *second = (reading(recording, *(next(columns) for name in pair if name)) for pair in self._quantities())
         sign = np.sign(first) if self.parity == "odd" else 1.0
         first = ahead(np.abs(first) if self.parity != "none" else first, recording.time_s, self.lead_s)
@@ -123,7 +131,7 @@ class EmpiricalLaw(Mechanism):
         return np.asarray(sign * column)[:, None]
 
     def beyond(self, recording: Recording) -> str:
-        columns = iter(self.driver_columns(recording))
+        columns = iter(self._read_from(recording))
         quantities = [tuple(next(columns) for name in pair if name) for pair in self._quantities()]
         learnt = [] if self.memory == "rate" else [(quantities[0], self.low, self.high)]
         learnt += [(quantity, self.low_2, self.high_2) for quantity in quantities[1:]]
@@ -198,7 +206,7 @@ class EmpiricalLaw(Mechanism):
 
     @staticmethod
     def _unit(driver: str) -> str:
-        return "degC" if driver == TEMPERATURE else column_unit(driver) or ""
+        return _UNITS.get(driver) or column_unit(driver) or ""
 
 
 def named(column: str, less: str = "") -> str:
@@ -218,6 +226,8 @@ def reading(recording: Recording, column: str, less: str = "") -> Array:
 
 def smoothed(recording: Recording, column: str) -> Array:
     """A driver less the noise of its reading: its mean over 20 s; an angle, which wraps, and a rate, which jumps, as they are."""
+    if column == TABLE_RATE:
+        return rate_deg_s(recording)
     values = recording.column(column)
     return values if column_unit(column) in _AS_THEY_ARE else running_mean(values, recording.time_s, SMOOTHING_S)
 

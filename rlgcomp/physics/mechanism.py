@@ -352,6 +352,14 @@ class Mechanism(abc.ABC):
             )
         return columns
 
+    def readable_in(self, recording: Recording) -> bool:
+        """Whether a recording has all columns that it reads."""
+        try:
+            self.driver_columns(recording)
+        except InputError:
+            return False
+        return True
+
     def read(self, recording: Recording) -> tuple[Array, ...]:
         """The drivers as arrays, in the order of `drivers`.
 

@@ -26,14 +26,16 @@ from rlgcomp.diagnosis.laws.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.hysteresis import STARTS
-from rlgcomp.motion import ANGLES, RATE
+from rlgcomp.motion import ANGLES, RATE, rate_column, rate_deg_s
 from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, ahead, named, played, reading, remembered
+from rlgcomp.physics.mechanism import TABLE_RATE
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 ONE_DRIVER: Final = 0.75
+_RATES: Final = (RATE, TABLE_RATE)
 _DIFFERENCE: Final = 0.3  # weight of a difference of two columns, that of a column being one
 _AXES: Final = frozenset("xyz")  # of one vector, whose difference is nothing
 _ANGLES: Final = (*ANGLES, "angle_outer_deg")  # of tables
@@ -112,9 +114,10 @@ class Dictionary:
     def __init__(self, problem: Problem, drivers: Sequence[str] | None = None) -> None:
         self.problem = problem
         columns = recorded_drivers(problem.runs) if drivers is None else tuple(drivers)
-        quantities = [*((column,) for column in columns), *differences(columns, problem.runs)]
+        turning = () if drivers is not None or RATE in columns else rates(problem.runs)
+        quantities = [*((column,) for column in (*columns, *turning)), *differences(columns, problem.runs)]
         self._columns: dict[str, tuple[str, ...]] = {named(*which): which for which in quantities}
-        self._sizes = {f"|{column}|": column for column in columns if column == RATE and _either_way(column, problem.runs)}
+        self._sizes = {f"|{rate}|": rate for rate in (*columns, *turning) if rate in _RATES and _either_way(problem.runs)}
         self.drivers = (*self._columns, *self._sizes)
         self._pieces = [_Pieces.of(part) for part in problem.windows]
         self._values = {
@@ -205,11 +208,12 @@ class Dictionary:
 
     def read_by(self, family: Family) -> tuple[str, ...]:
         """The recorded columns that a family reads."""
-        return tuple(column for quantity in family.drivers for column in self._columns[quantity])
+        columns = (column for quantity in family.drivers for column in self._columns[quantity])
+        return tuple(dict.fromkeys(rate_column(self.problem.runs[0]) if one == TABLE_RATE else one for one in columns))
 
-    def spans(self, family: Family) -> list[tuple[float, float]]:
-        """Ranges of the two factors of a product."""
-        return [self._series(held)[1:] for held in (family.held(0.0), Held(family.driver_2))]
+    def spans(self, family: Family, place: Array) -> list[tuple[float, float]]:
+        """Ranges of the two factors of a product, at one place of its family."""
+        return [self._series(held)[1:] for held in (*_keys(family, place[None]), Held(family.driver_2))]
 
     def _half(self, driver: str) -> float:
         _, low, high = self._series(Held(driver))
@@ -279,10 +283,10 @@ class Dictionary:
                 together = 3 * sum(math.exp(family.log_prior) for family in members)
                 weight = math.log(ONE_DRIVER * shares[driver] / every / together)
                 found += [dataclasses.replace(family, log_prior=weight + family.log_prior) for family in members]
-        return (*found, *self._of_two(single, shares))
+        return (*found, *self._of_two(single, shares, lag))
 
-    def _of_two(self, single: Sequence[str], shares: Mapping[str, float]) -> list[Family]:
-        """The products of two drivers, and of a temperature and its own rate."""
+    def _of_two(self, single: Sequence[str], shares: Mapping[str, float], lag: Axis) -> list[Family]:
+        """The products of two drivers, of a temperature and its own rate, and of a rate and a temperature that lags."""
         found: list[Family] = []
         tried = [*itertools.permutations(single, 2), *itertools.product(self._sizes, single)]
         pairs = [(one, two) for one, two in tried if not set(self._columns[one]) & set(self._columns[two])]
@@ -293,9 +297,12 @@ class Dictionary:
             weight = math.log((1.0 - ONE_DRIVER) * shares[one] * shares[two] / every)
             if one in self._sizes:
                 found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight, parity="even"))
-            elif two in self._sizes.values():  # a scale factor that is no straight line in what drives it
-                weight -= math.log(2.0)
-                found.append(Family(one, two, "static", "power", 2, ats, log_prior=weight))
+            elif two in self._sizes.values():  # a scale factor that is no straight line in what drives it, or is late
+                late = Axis("lag", lag.low, lag.high, 5, ratio=True)
+                members = [Family(one, two, "static", "power", 2, ats)]
+                members += [Family(one, two, "lag", "power", 1, (*ats, late))] if one.startswith("temperature_") else []
+                weight -= math.log(1.0 + len(members))
+                found += [dataclasses.replace(family, log_prior=weight) for family in members]
             if one in single and one < two:
                 found.append(Family(one, two, "static", "power", 1, ats, log_prior=weight))
             if one.startswith("temperature_"):
@@ -371,9 +378,16 @@ def recorded_drivers(runs: Sequence[Recording]) -> tuple[str, ...]:
     )
 
 
-def _either_way(column: str, runs: Sequence[Recording]) -> bool:
-    """Whether a column goes to both sides of zero."""
-    return min(float(run.column(column).min()) for run in runs) < 0.0 < max(float(run.column(column).max()) for run in runs)
+def rates(runs: Sequence[Recording]) -> tuple[str, ...]:
+    """The rate of a table of which every run has an encoder or a rate, and not every run a rate."""
+    told = runs[0].metadata.kind == "turntable" and all(any(one in run for one in (RATE, *ANGLES)) for run in runs)
+    return (TABLE_RATE,) if told and any(np.ptp(rate_deg_s(run)) > 0.0 for run in runs) else ()
+
+
+def _either_way(runs: Sequence[Recording]) -> bool:
+    """Whether a table turns to both sides."""
+    found = [rate_deg_s(run) for run in runs]
+    return min(float(rate.min()) for rate in found) < 0.0 < max(float(rate.max()) for rate in found)
 
 
 def differences(columns: Sequence[str], runs: Sequence[Recording]) -> list[tuple[str, str]]:

@@ -111,7 +111,7 @@ def with_round_references(dictionary: Dictionary, background: Background, one: J
     place = one.place.copy()
     if not one.family.driver_2:
         return place
-    for axis, (low, high) in enumerate(dictionary.spans(one.family)):
+    for axis, (low, high) in enumerate(dictionary.spans(one.family, place)):
         value = low + (high - low) * place[axis]
         largest = math.floor(math.log10(high - low))
         steps = [digit * 10.0**power for power in range(largest, largest - 4, -1) for digit in (5.0, 2.0, 1.0)]

@@ -5,10 +5,13 @@ from __future__ import annotations
 import datetime
 import itertools
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from rlgcomp.motion import ANGLES
+from rlgcomp.physics.mechanism import TABLE_RATE
 from rlgcomp.units import SECONDS_PER_HOUR
 
 if TYPE_CHECKING:
@@ -142,7 +145,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unknown":
         left = diagnosis.unexplained
         memory = f" ({left.memory})" if left.drivers and left.memory != "none" else ""
-        driven = f"it follows {listing(list(left.drivers))}{memory}" if left.drivers else no_channel(diagnosis)
+        driven = f"it follows {listing(_followed(left))}{memory}" if left.drivers else no_channel(diagnosis)
         if left.probability is None and not (doubt or left.drivers) and left.p_value > DOUBTFUL:
             doubt = f", unless it is noise after all ({p_text(left.p_value)})"
         start = f"{who} lacks {named}, and something else" if named else f"{who} lacks something"
@@ -159,6 +162,12 @@ def _verdict(diagnosis: Diagnosis) -> str:
         whole = f"{named}, together with {share}" if len(diagnosis.causes) > 1 else f"{named}, and that alone with {share}"
         return f"Most likely {subject(diagnosis)} lacks {whole}{doubt}."
     return f"Probably {subject(diagnosis)} lacks {named}{doubt}." if doubt else f"{who} lacks {named}."
+
+
+def _followed(left: Unexplained) -> list[str]:
+    """The columns that what is unexplained follows; of an encoder by which a law has the table's rate, that."""
+    by_rate = re.search(rf"\b{TABLE_RATE}\b", left.equation or "")
+    return [f"the table's rate by {column}" if by_rate and column in ANGLES else column for column in left.drivers]
 
 
 def no_channel(diagnosis: Diagnosis) -> str:
@@ -251,7 +260,7 @@ def as_text(diagnosis: Diagnosis) -> str:
         sure = "" if left.probability is None else f"probability {sure_text(left.probability, 2)}, "
         parts.append(
             f"Unexplained ({sure}p-value of {'no law' if left.equation else 'noise'} {p_number(left.p_value)}): {law}; "
-            f"drivers {', '.join(left.drivers) or 'none of the recorded columns'}{memory_text(left)}"
+            f"drivers {', '.join(_followed(left)) or 'none of the recorded columns'}{memory_text(left)}"
             + "".join(f"\n  {name} = {value}" for law in left.laws for name, value in law.parameters.items())
         )
     rows = fit_rows("training", diagnosis.train) + ([] if diagnosis.test is None else fit_rows("held out", diagnosis.test))
