@@ -30,8 +30,8 @@ from scipy import special
 from rlgcomp.diagnosis.noise.whitening import norms
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.result.wording import listing
-from rlgcomp.diagnosis.simulators.between import means_in
-from rlgcomp.diagnosis.simulators.resampling import DRIFT_SEEN, GAP, MAD, UNKNOWN, clear, gaps, on_rows, same_axis
+from rlgcomp.diagnosis.simulators.between import means_in, values_at
+from rlgcomp.diagnosis.simulators.resampling import DRIFT_SEEN, GAP, MAD, UNKNOWN, clear, doubts, gaps, on_rows, same_axis
 from rlgcomp.filters import lag, rate_per_min
 from rlgcomp.hysteresis import Play
 from rlgcomp.recording import TIME, Recording, is_gyro
@@ -44,6 +44,7 @@ _WINDOWS: Final = 2000  # that a run is compared in, at most
 _TRIALS: Final = 81  # offsets that are tried before the steps
 _STEPS: Final = 20
 _PLAIN_STEPS: Final = 6
+_SETTLED: Final = 0.02  # standard deviations: a step so small is the last
 _LIKE: Final = 0.95  # share of a monitor's variance that the simulation's must explain to be the same quantity
 _TURNS: Final = 0.99  # the same of a gyro that turns with its table
 _LEAST_OVERLAP: Final = 0.8
@@ -183,37 +184,61 @@ class _Grid:
 
     def compare(self, recorded: Array, simulated: Array, nuisance: Sequence[Array] = ()) -> _Clock:
         """Offset and drift between a column of the recording and the simulation's."""
-        target, *others = (means_in(self.time_s, column, self.edges_s)[0] for column in (recorded, *nuisance))
-        fixed = np.column_stack([np.ones(len(target)), *others])
+        target, fixed = self.means(recorded, nuisance)
         if np.ptp(simulated) == 0.0 or np.ptp(target) == 0.0:
             return _UNTOLD
         span_s = self.edges_s[-1] - self.edges_s[0]
         trials_s = span_s * _FARTHEST * np.linspace(-1.0, 1.0, _TRIALS)
         misfits = [self._misfit(target, fixed, simulated, trial) for trial in trials_s]
-        here = self._settle(target, fixed, simulated, 0.0)
-        there = self._settle(target, fixed, simulated, float(trials_s[int(np.argmin(misfits))]))
+        here = self.settle(target, fixed, simulated, 0.0)
+        there = self.settle(target, fixed, simulated, float(trials_s[int(np.argmin(misfits))]))
         searched = dataclasses.replace(there.clock, p_value=min(1.0, _TRIALS * there.clock.p_value))
-        return searched if _clearly_better(there, here) and searched.p_value < SIGNIFICANT else here.clock
+        found = searched if _clearly_better(there, here) and searched.p_value < SIGNIFICANT else here.clock
+        calm = self._without_corners(target, fixed, simulated, found)
+        if calm is None:
+            return found
+        settled = calm.settle(*calm.means(recorded, nuisance), simulated, found.offset_s, found.drift).clock
+        return dataclasses.replace(settled, p_value=found.p_value) if math.isfinite(settled.offset_sd_s) else found
+
+    def means(self, recorded: Array, nuisance: Sequence[Array]) -> tuple[Array, Array]:
+        """Window means of a column, and of a constant and nuisance columns."""
+        target, *others = (means_in(self.time_s, column, self.edges_s)[0] for column in (recorded, *nuisance))
+        return target, np.column_stack([np.ones(len(target)), *others])
+
+    def _without_corners(self, target: Array, fixed: Array, simulated: Array, clock: _Clock) -> _Grid | None:
+        """The same, no window beginning or ending near a corner of a table's rate, where a simulation's samples do not tell how far
+        the table has turned; None where they tell everywhere, or hardly anywhere."""
+        if not math.isfinite(clock.offset_sd_s):
+            return None
+        shown, _, inside = self._shifted(simulated, clock.offset_s, clock.drift)
+        left = np.diff((target - _fit(np.column_stack([fixed, shown]), target, inside))[inside])
+        noise = float(np.median(np.abs(left))) / (MAD * math.sqrt(2.0))
+        edges_s = self._moved(clock.offset_s, clock.drift)
+        doubt = doubts(self.simulated_s, simulated, edges_s, edges_s) * float(np.median(np.diff(self.simulated_s)))
+        sure = doubt <= UNKNOWN * noise * float(np.median(np.diff(self.edges_s)))
+        if sure.all() or 2 * sure.sum() < len(sure):
+            return None
+        kept = np.flatnonzero(sure)
+        recorded = np.logical_and.reduceat(self.recorded[: kept[-1]], kept[:-1])
+        return dataclasses.replace(self, edges_s=self.edges_s[kept], recorded=recorded)
 
     def _misfit(self, target: Array, fixed: Array, simulated: Array, offset_s: float) -> float:
-        shown, _, _, inside = self._shifted(simulated, offset_s, 0.0)
+        shown, _, inside = self._shifted(simulated, offset_s, 0.0)
         design = np.column_stack([fixed, shown])[inside]
         if len(design) <= design.shape[1]:
             return math.inf
         left = target[inside] - _projected(design, target[inside])
         return float(left @ left) / max(1, int(inside.sum()))
 
-    def _settle(self, target: Array, fixed: Array, simulated: Array, offset_s: float) -> _Settled:
+    def settle(self, target: Array, fixed: Array, simulated: Array, offset_s: float, drift: float = 0.0) -> _Settled:
         """Gauss–Newton steps of generalised least squares; drifts beyond what clocks do are held back by a prior."""
-        drift, along_s = 0.0, 0.5 * (self.edges_s[1:] + self.edges_s[:-1]) - self.time_s[0]
+        along_s, weights = 0.5 * (self.edges_s[1:] + self.edges_s[:-1]) - self.time_s[0], self._weights
+        target, fixed = weights * target, weights[:, None] * fixed
         limit_s = _FARTHEST * along_s[-1]
         least = (1e-9 * float(np.std(target))) ** 2
         for step in range(_STEPS):
-            shown, slope, doubt, inside = self._shifted(simulated, offset_s, drift)
-            design = np.column_stack([fixed, shown, -slope, -slope * along_s])
-            if step >= _PLAIN_STEPS:
-                inside = _told(target - _fit(design[:, :-2], target, inside), doubt, inside)
-            design = design[inside]
+            shown, slope, inside = self._shifted(simulated, offset_s, drift)
+            design = np.column_stack([fixed, weights * shown, -weights * slope, -weights * slope * along_s])[inside]
             if len(design) <= design.shape[1]:
                 return _UNSETTLED
             rest = target[inside] - _projected(design[:, :-2], target[inside])
@@ -230,15 +255,15 @@ class _Grid:
             change_s, change = _solved(white, aim)[-2:] / gain
             offset_s = float(np.clip(offset_s + change_s, -limit_s, limit_s))
             drift += float(change)
-            if step > _PLAIN_STEPS and abs(change_s) < 1e-4 and abs(change) * along_s[-1] < 1e-4:
+            scale = norms(white)
+            inverse = np.linalg.inv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
+            sd = np.sqrt(variance * np.diag(inverse)[-2:]) / abs(gain)
+            if step > _PLAIN_STEPS and abs(change_s) < _SETTLED * sd[0] and abs(change) < _SETTLED * sd[1]:
                 break
         if abs(offset_s) >= limit_s:
             return _UNSETTLED
-        scale = norms(white)
-        inverse = np.linalg.inv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
-        sd = np.sqrt(variance * np.diag(inverse)[-2:]) / abs(gain)
-        still, _, _, there = self._shifted(simulated, 0.0, 0.0)
-        unmoved = _quasi_difference(np.column_stack([fixed, still])[inside & there], keep)
+        still, _, there = self._shifted(simulated, 0.0, 0.0)
+        unmoved = _quasi_difference(np.column_stack([fixed, weights * still])[inside & there], keep)
         its_aim = _quasi_difference(target[inside & there], keep)
         worse = float(np.sum((its_aim - _projected(unmoved, its_aim)) ** 2)) * (len(aim) - 1) / max(1, len(its_aim))
         f_statistic = max(0.0, 0.5 * (worse - freedom * variance) / variance)
@@ -249,16 +274,23 @@ class _Grid:
         left[inside] = (aim - _projected(white, aim))[:-1]
         return _Settled(_Clock(offset_s, float(sd[0]), drift, float(sd[1]), p_value, explained), left)
 
-    def _shifted(self, simulated: Array, offset_s: float, drift: float) -> tuple[Array, Array, Array, Flags]:
-        """Window means of the simulation at shifted times, their derivative, their doubt, and which windows both files cover.
+    @property
+    def _weights(self) -> Array:
+        """Of windows, for their white noise."""
+        widths_s = np.diff(self.edges_s)
+        return np.asarray(np.sqrt(widths_s / np.median(widths_s)))
 
-        The derivative asks the neighbours of a window: none of the three may lie in a gap.
-        """
-        edges = self.edges_s - offset_s - drift * (self.edges_s - self.time_s[0])
+    def _moved(self, offset_s: float, drift: float) -> Array:
+        """Where windows begin and end by the simulation's clock."""
+        return self.edges_s - offset_s - drift * (self.edges_s - self.time_s[0])
+
+    def _shifted(self, simulated: Array, offset_s: float, drift: float) -> tuple[Array, Array, Flags]:
+        """Window means of the simulation at shifted times, their derivative, and which windows both files cover."""
+        edges = self._moved(offset_s, drift)
         inside = (edges[:-1] >= self.simulated_s[0]) & (edges[1:] <= self.simulated_s[-1])
-        inside &= self.recorded & clear(np.r_[edges[0], edges[:-2]], np.r_[edges[2:], edges[-1]], self.gaps_s)
-        shown, doubt = means_in(self.simulated_s, simulated, edges)
-        return shown, np.gradient(shown, 0.5 * (edges[1:] + edges[:-1])), doubt, inside
+        inside &= self.recorded & clear(edges[:-1], edges[1:], self.gaps_s)
+        slope = np.diff(values_at(self.simulated_s, simulated, edges)[0]) / np.diff(edges)
+        return means_in(self.simulated_s, simulated, edges)[0], slope, inside
 
 
 def _clearly_better(there: _Settled, here: _Settled) -> bool:
@@ -269,13 +301,6 @@ def _clearly_better(there: _Settled, here: _Settled) -> bool:
     both = np.isfinite(there.left) & np.isfinite(here.left)
     far, near = (max(float(np.sum(one.left[both] ** 2)), np.finfo(float).tiny) for one in (there, here))
     return int(both.sum()) * math.log(near / far) > 2.0 * math.log(_TRIALS / SIGNIFICANT)
-
-
-def _told(left: Array, doubt: Array, inside: Flags) -> Flags:
-    """Windows in which a simulation is known to within their noise, if most are: not those with a corner of a table's rate."""
-    noise = float(np.median(np.abs(np.diff(left[inside])))) / (MAD * math.sqrt(2.0)) if inside.sum() > 1 else math.inf
-    sure = inside & (doubt <= UNKNOWN * noise)
-    return sure if 2 * sure.sum() > inside.sum() else inside
 
 
 def _slow_physics(recording: Recording) -> list[Array]:

@@ -100,11 +100,11 @@ def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s
     ends_s, slack_s = (cells(theirs_s) if finer else theirs_s)[[0, -1]], _ROUNDED * simulated.period_s
     inside = (early_s >= ends_s[0] - slack_s) & (late_s <= ends_s[1] + slack_s)
     inside &= clear(early_s, late_s, gaps(theirs_s, max(_LONG_GAP_S, GAP * max(simulated.period_s, recording.period_s))))
-    doubt = min(1.0, simulated.period_s / recording.period_s) * _doubt(theirs_s, rate, early_s, late_s)
+    doubt = min(1.0, simulated.period_s / recording.period_s) * doubts(theirs_s, rate, early_s, late_s)
     return Shown(np.where(inside, shown, np.nan), doubt)
 
 
-def _doubt(time_s: Array, rate: Array, starts_s: Array, stops_s: Array) -> Array:
+def doubts(time_s: Array, rate: Array, starts_s: Array, stops_s: Array) -> Array:
     """How little a simulation's samples tell what it does halfway between them, at worst from starts to stops."""
     from scipy.ndimage import maximum_filter1d
 
