@@ -30,7 +30,8 @@ from scipy import special
 from rlgcomp.diagnosis.noise.whitening import norms
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.result.wording import listing
-from rlgcomp.diagnosis.simulators.resampling import DRIFT_SEEN, GAP, clear, gaps, means, on_rows, same_axis
+from rlgcomp.diagnosis.simulators.between import means_in, values_at
+from rlgcomp.diagnosis.simulators.resampling import DRIFT_SEEN, GAP, MAD, UNKNOWN, clear, doubts, gaps, on_rows, same_axis
 from rlgcomp.filters import lag, rate_per_min
 from rlgcomp.hysteresis import Play
 from rlgcomp.recording import TIME, Recording, is_gyro
@@ -43,6 +44,7 @@ _WINDOWS: Final = 2000  # that a run is compared in, at most
 _TRIALS: Final = 81  # offsets that are tried before the steps
 _STEPS: Final = 20
 _PLAIN_STEPS: Final = 6
+_SETTLED: Final = 0.02  # standard deviations: a step so small is the last
 _LIKE: Final = 0.95  # share of a monitor's variance that the simulation's must explain to be the same quantity
 _TURNS: Final = 0.99  # the same of a gyro that turns with its table
 _LEAST_OVERLAP: Final = 0.8
@@ -67,11 +69,11 @@ class _Clock:
 @dataclasses.dataclass(frozen=True)
 class _Settled:
     clock: _Clock
-    misfit: float
+    left: Array  # white noise of the windows that told it; NaN of the others
 
 
 _UNTOLD: Final = _Clock(0.0, math.inf, 0.0, math.inf, 1.0, 0.0)
-_UNSETTLED: Final = _Settled(_UNTOLD, math.inf)
+_UNSETTLED: Final = _Settled(_UNTOLD, np.zeros(0))
 
 
 def align(recording: Recording, simulated: Recording, *, gyro: str | None = None) -> tuple[Array, Alignment]:
@@ -96,7 +98,7 @@ def align(recording: Recording, simulated: Recording, *, gyro: str | None = None
         The simulation does not cover the run, or its gyro cannot be told.
     """
     found = clock_of(recording, simulated, gyro=gyro)
-    return on_rows(recording, simulated, found, gyro=gyro), found
+    return on_rows(recording, simulated, found, gyro=gyro).rate_deg_h, found
 
 
 def clock_of(recording: Recording, simulated: Recording, *, gyro: str | None = None) -> Alignment:
@@ -173,25 +175,52 @@ class _Grid:
     @classmethod
     def of(cls, recording: Recording, simulated: Recording, epoch_s: float) -> _Grid:
         time_s, simulated_s = recording.time_s, simulated.time_s + epoch_s
-        window_s = max(recording.duration_s / _WINDOWS, 3.0 * recording.period_s, simulated.period_s)
+        rows = max(recording.duration_s / _WINDOWS, 3.0 * recording.period_s, simulated.period_s) / recording.period_s
+        window_s = recording.period_s * math.ceil(rows - 1e-6)  # of whole rows, whose means are the recording's own
         count = max(2, math.floor((time_s[-1] - time_s[0]) / window_s))
-        edges_s = time_s[0] + window_s * np.arange(count + 1)
+        edges_s = time_s[0] - 0.5 * recording.period_s + window_s * np.arange(count + 1)
         recorded = clear(edges_s[:-1], edges_s[1:], gaps(time_s, window_s))
         return cls(time_s, simulated_s, edges_s, recorded, gaps(simulated_s, max(window_s, GAP * simulated.period_s)))
 
     def compare(self, recorded: Array, simulated: Array, nuisance: Sequence[Array] = ()) -> _Clock:
         """Offset and drift between a column of the recording and the simulation's."""
-        target = means(self.time_s, recorded, self.edges_s)
-        fixed = np.column_stack([np.ones(len(target)), *(means(self.time_s, column, self.edges_s) for column in nuisance)])
+        target, fixed = self.means(recorded, nuisance)
         if np.ptp(simulated) == 0.0 or np.ptp(target) == 0.0:
             return _UNTOLD
         span_s = self.edges_s[-1] - self.edges_s[0]
         trials_s = span_s * _FARTHEST * np.linspace(-1.0, 1.0, _TRIALS)
         misfits = [self._misfit(target, fixed, simulated, trial) for trial in trials_s]
-        here = self._settle(target, fixed, simulated, 0.0)
-        there = self._settle(target, fixed, simulated, float(trials_s[int(np.argmin(misfits))]))
+        here = self.settle(target, fixed, simulated, 0.0)
+        there = self.settle(target, fixed, simulated, float(trials_s[int(np.argmin(misfits))]))
         searched = dataclasses.replace(there.clock, p_value=min(1.0, _TRIALS * there.clock.p_value))
-        return searched if there.misfit < here.misfit and searched.p_value < SIGNIFICANT else here.clock
+        found = searched if _clearly_better(there, here) and searched.p_value < SIGNIFICANT else here.clock
+        calm = self._without_corners(target, fixed, simulated, found)
+        if calm is None:
+            return found
+        settled = calm.settle(*calm.means(recorded, nuisance), simulated, found.offset_s, found.drift).clock
+        return dataclasses.replace(settled, p_value=found.p_value) if math.isfinite(settled.offset_sd_s) else found
+
+    def means(self, recorded: Array, nuisance: Sequence[Array]) -> tuple[Array, Array]:
+        """Window means of a column, and of a constant and nuisance columns."""
+        target, *others = (means_in(self.time_s, column, self.edges_s)[0] for column in (recorded, *nuisance))
+        return target, np.column_stack([np.ones(len(target)), *others])
+
+    def _without_corners(self, target: Array, fixed: Array, simulated: Array, clock: _Clock) -> _Grid | None:
+        """The same, no window beginning or ending near a corner of a table's rate, where a simulation's samples do not tell how far
+        the table has turned; None where they tell everywhere, or hardly anywhere."""
+        if not math.isfinite(clock.offset_sd_s):
+            return None
+        shown, _, inside = self._shifted(simulated, clock.offset_s, clock.drift)
+        left = np.diff((target - _fit(np.column_stack([fixed, shown]), target, inside))[inside])
+        noise = float(np.median(np.abs(left))) / (MAD * math.sqrt(2.0))
+        edges_s = self._moved(clock.offset_s, clock.drift)
+        doubt = doubts(self.simulated_s, simulated, edges_s, edges_s) * float(np.median(np.diff(self.simulated_s)))
+        sure = doubt <= UNKNOWN * noise * float(np.median(np.diff(self.edges_s)))
+        if sure.all() or 2 * sure.sum() < len(sure):
+            return None
+        kept = np.flatnonzero(sure)
+        recorded = np.logical_and.reduceat(self.recorded[: kept[-1]], kept[:-1])
+        return dataclasses.replace(self, edges_s=self.edges_s[kept], recorded=recorded)
 
     def _misfit(self, target: Array, fixed: Array, simulated: Array, offset_s: float) -> float:
         shown, _, inside = self._shifted(simulated, offset_s, 0.0)
@@ -201,14 +230,15 @@ class _Grid:
         left = target[inside] - _projected(design, target[inside])
         return float(left @ left) / max(1, int(inside.sum()))
 
-    def _settle(self, target: Array, fixed: Array, simulated: Array, offset_s: float) -> _Settled:
+    def settle(self, target: Array, fixed: Array, simulated: Array, offset_s: float, drift: float = 0.0) -> _Settled:
         """Gauss–Newton steps of generalised least squares; drifts beyond what clocks do are held back by a prior."""
-        drift, along_s = 0.0, 0.5 * (self.edges_s[1:] + self.edges_s[:-1]) - self.edges_s[0]
+        along_s, weights = 0.5 * (self.edges_s[1:] + self.edges_s[:-1]) - self.time_s[0], self._weights
+        target, fixed = weights * target, weights[:, None] * fixed
         limit_s = _FARTHEST * along_s[-1]
         least = (1e-9 * float(np.std(target))) ** 2
         for step in range(_STEPS):
             shown, slope, inside = self._shifted(simulated, offset_s, drift)
-            design = np.column_stack([fixed, shown, -slope, -slope * along_s])[inside]
+            design = np.column_stack([fixed, weights * shown, -weights * slope, -weights * slope * along_s])[inside]
             if len(design) <= design.shape[1]:
                 return _UNSETTLED
             rest = target[inside] - _projected(design[:, :-2], target[inside])
@@ -225,33 +255,52 @@ class _Grid:
             change_s, change = _solved(white, aim)[-2:] / gain
             offset_s = float(np.clip(offset_s + change_s, -limit_s, limit_s))
             drift += float(change)
-            if step > _PLAIN_STEPS and abs(change_s) < 1e-4 and abs(change) * along_s[-1] < 1e-4:
+            scale = norms(white)
+            inverse = np.linalg.inv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
+            sd = np.sqrt(variance * np.diag(inverse)[-2:]) / abs(gain)
+            if step > _PLAIN_STEPS and abs(change_s) < _SETTLED * sd[0] and abs(change) < _SETTLED * sd[1]:
                 break
         if abs(offset_s) >= limit_s:
             return _UNSETTLED
-        scale = norms(white)
-        inverse = np.linalg.inv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
-        sd = np.sqrt(variance * np.diag(inverse)[-2:]) / abs(gain)
         still, _, there = self._shifted(simulated, 0.0, 0.0)
-        unmoved = _quasi_difference(np.column_stack([fixed, still])[inside & there], keep)
+        unmoved = _quasi_difference(np.column_stack([fixed, weights * still])[inside & there], keep)
         its_aim = _quasi_difference(target[inside & there], keep)
         worse = float(np.sum((its_aim - _projected(unmoved, its_aim)) ** 2)) * (len(aim) - 1) / max(1, len(its_aim))
         f_statistic = max(0.0, 0.5 * (worse - freedom * variance) / variance)
         spread = target[inside] - _projected(fixed[inside], target[inside])
         explained = 1.0 - float(rest @ rest) / max(float(spread @ spread), least)
         p_value = float(special.fdtrc(2, freedom, f_statistic))
-        return _Settled(_Clock(offset_s, float(sd[0]), drift, float(sd[1]), p_value, explained), variance)
+        left = np.full(len(target), np.nan)
+        left[inside] = (aim - _projected(white, aim))[:-1]
+        return _Settled(_Clock(offset_s, float(sd[0]), drift, float(sd[1]), p_value, explained), left)
+
+    @property
+    def _weights(self) -> Array:
+        """Of windows, for their white noise."""
+        widths_s = np.diff(self.edges_s)
+        return np.asarray(np.sqrt(widths_s / np.median(widths_s)))
+
+    def _moved(self, offset_s: float, drift: float) -> Array:
+        """Where windows begin and end by the simulation's clock."""
+        return self.edges_s - offset_s - drift * (self.edges_s - self.time_s[0])
 
     def _shifted(self, simulated: Array, offset_s: float, drift: float) -> tuple[Array, Array, Flags]:
-        """Window means of the simulation at shifted times, their derivative, and which windows both files cover.
-
-        The derivative asks the neighbours of a window: none of the three may lie in a gap.
-        """
-        edges = self.edges_s - offset_s - drift * (self.edges_s - self.edges_s[0])
+        """Window means of the simulation at shifted times, their derivative, and which windows both files cover."""
+        edges = self._moved(offset_s, drift)
         inside = (edges[:-1] >= self.simulated_s[0]) & (edges[1:] <= self.simulated_s[-1])
-        inside &= self.recorded & clear(np.r_[edges[0], edges[:-2]], np.r_[edges[2:], edges[-1]], self.gaps_s)
-        shown = means(self.simulated_s, simulated, edges)
-        return shown, np.gradient(shown, 0.5 * (edges[1:] + edges[:-1])), inside
+        inside &= self.recorded & clear(edges[:-1], edges[1:], self.gaps_s)
+        slope = np.diff(values_at(self.simulated_s, simulated, edges)[0]) / np.diff(edges)
+        return means_in(self.simulated_s, simulated, edges)[0], slope, inside
+
+
+def _clearly_better(there: _Settled, here: _Settled) -> bool:
+    """Whether a clock that was searched for leaves less than one near by, by more than noise does in windows that tell of both: by
+    whole swings of a table clocks are alike."""
+    if not (len(there.left) and len(here.left)):
+        return len(there.left) > 0
+    both = np.isfinite(there.left) & np.isfinite(here.left)
+    far, near = (max(float(np.sum(one.left[both] ** 2)), np.finfo(float).tiny) for one in (there, here))
+    return int(both.sum()) * math.log(near / far) > 2.0 * math.log(_TRIALS / SIGNIFICANT)
 
 
 def _slow_physics(recording: Recording) -> list[Array]:
@@ -295,6 +344,10 @@ def _quasi_difference(rows: Array, keep: float) -> Array:
 def _solved(design: Array, target: Array) -> Array:
     scale = norms(design)
     return np.asarray(np.linalg.lstsq(design / scale, target, rcond=1e-10)[0] / scale)
+
+
+def _fit(design: Array, target: Array, rows: Flags) -> Array:
+    return np.asarray(design @ _solved(design[rows], target[rows]))
 
 
 def _projected(design: Array, target: Array) -> Array:

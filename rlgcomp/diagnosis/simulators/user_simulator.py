@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.result import Alignment, Estimate
 from rlgcomp.diagnosis.simulators.align import CLOCK_DRIFT, clock_of, no_clocks
 from rlgcomp.diagnosis.simulators.resampling import on_rows, same_axis, turning_evenly
 from rlgcomp.errors import InputError
+from rlgcomp.motion import ANGLES, RATE, angle_deg
 from rlgcomp.plugins import load_python, said_line
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.simulation.simulator import Simulator
@@ -32,6 +33,7 @@ _FITS: Final = 0.9  # correlation of a simulation with its run
 _FITS_NOT: Final = 0.5
 _FOLLOWS: Final = 0.9  # correlation from which a gyro is a multiple of what its simulator says
 _LARGEST_SCALE: Final = 1.5  # ratio up to which a missing effect or a rough simulator explains it
+_LEAST_TOLD: Final = 0.1  # of a run's rows
 _PLAIN_NAMES: Final = ("gyro", "rate", "prediction", "predicted")
 
 
@@ -138,15 +140,17 @@ class SimulatedRuns:
         cls, pairs: Sequence[tuple[Recording, Recording]], clocks: Sequence[Alignment], doubted: str | None, gyro: str | None
     ) -> Self:
         """Runs and simulations that are aligned so; and what to say where clocks are doubted."""
-        rates = [on_rows(*pair, clock, gyro=gyro) for pair, clock in zip(pairs, clocks, strict=True)]
-        even = [turning_evenly(*pair, rate, clock, gyro=gyro) for pair, rate, clock in zip(pairs, rates, clocks, strict=True)]
-        rates = [np.where(rows, rate, np.nan) for rows, rate in zip(even, rates, strict=True)]
+        shown = [on_rows(*pair, clock, gyro=gyro) for pair, clock in zip(pairs, clocks, strict=True)]
+        even = [turning_evenly(*pair, one, clock, gyro=gyro) for pair, one, clock in zip(pairs, shown, clocks, strict=True)]
+        for pair, rows in zip(pairs, even, strict=True):
+            _require_told(*pair, rows)
+        rates = [np.where(rows, one.rate_deg_h, np.nan) for rows, one in zip(even, shown, strict=True)]
         kept, told = zip(
             *(_without_gaps(run, rate, rows) for (run, _), rate, rows in zip(pairs, rates, even, strict=True)), strict=True
         )
         remarks = tuple(said for said in (doubted, *told) if said is not None)
-        shown = tuple(rate[np.isfinite(rate)] for rate in rates)
-        return cls(kept, shown, tuple(clocks), remarks, tuple(pairs), gyro)
+        rates = [rate[np.isfinite(rate)] for rate in rates]
+        return cls(kept, tuple(rates), tuple(clocks), remarks, tuple(pairs), gyro)
 
     @property
     def untold(self) -> frozenset[str]:
@@ -200,7 +204,21 @@ def _without_gaps(run: Recording, simulated_deg_h: Array, even: npt.NDArray[np.b
             "and rows"
         )
     said = f"{run.name}: {' and '.join(told)} are left out."
-    return run.replace(table=run.table[shown], truth=None if run.truth is None else run.truth[shown]), said
+    table = run.table
+    if RATE in run and not any(column in run for column in ANGLES):  # by how far it turns in rows that are left out, these tell
+        with contextlib.suppress(InputError):  # half a turn and more from row to row
+            table = table.assign(**{ANGLES[0]: angle_deg(run)})
+    return run.replace(table=table[shown], truth=None if run.truth is None else run.truth[shown]), said
+
+
+def _require_told(run: Recording, simulated: Recording, even: npt.NDArray[np.bool_]) -> None:
+    """Refuse a simulation that tells hardly a row of its run."""
+    if np.mean(even) < _LEAST_TOLD:
+        raise InputError(
+            f"{simulated.name}: its clock is not that of {run.name}, and with a row every {simulated.period_s:g} s it tells what its "
+            f"table does in {int(even.sum())} of {len(run)} rows only: in others the table speeds up or slows down by more than is "
+            "known; simulate it with more rows a second, or at the times of the recording's rows"
+        )
 
 
 def _require_order(runs: Sequence[Recording], simulated: Sequence[Recording], gyro: str | None) -> None:
