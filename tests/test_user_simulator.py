@@ -19,7 +19,7 @@ from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.result.wording import clock_text
 from rlgcomp.diagnosis.simulators.align import align, no_clocks
-from rlgcomp.diagnosis.simulators.resampling import turning_evenly
+from rlgcomp.diagnosis.simulators.resampling import on_rows, turning_evenly
 from rlgcomp.diagnosis.simulators.user_simulator import (
     PythonSimulator,
     SimulatedRuns,
@@ -191,7 +191,9 @@ def test_without_monitors_a_sharp_signal_tells_the_time() -> None:
     run = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": 1.02 * steps + 0.1 * rng.normal(size=len(steps))}))
     rate, found = align(run, simulation)
     assert not found.taken_out  # slow physics might do it: that is asked of all runs together
-    assert rate == pytest.approx(np.interp(time_s, simulation.time_s, steps), abs=1e-12)
+    told = time_s <= simulation.time_s[-1]  # what it does beyond its end it does not say
+    assert rate[told] == pytest.approx(np.interp(time_s, simulation.time_s, steps)[told], abs=1e-12)
+    assert np.isnan(rate[~told]).all() and (~told).sum() == 6
     assert found.offset_s == pytest.approx(12.0, abs=5.0 * found.offset_sd_s)
     assert found.offset_sd_s < 0.5
 
@@ -383,6 +385,32 @@ def test_the_clock_of_a_turning_table_is_told_by_its_gyro(offset_s: float, lock_
     assert all("speeds up" in remark for remark in found.remarks[:2])
 
 
+@pytest.mark.parametrize("offset_s", [0.3, -0.4])
+def test_a_swing_on_another_clock_keeps_its_rows_and_its_period(offset_s: float) -> None:
+    """A swing repeats, and one whole period off it looks alike; between its samples it is no straight line."""
+    rng = np.random.default_rng(3)
+    time_s = np.arange(1.0, 1801.0)
+
+    def means(at_s: np.ndarray) -> np.ndarray:  # of 40 deg/s with a period of 90 s, over the second before
+        angle = -40.0 * 90.0 / (2.0 * np.pi) * np.cos(2.0 * np.pi * np.array([at_s - 1.0, at_s]) / 90.0)
+        return angle[1] - angle[0]
+
+    noisy = 3600.0 * means(time_s) + 0.02 * rng.normal(size=len(time_s))
+    run = rlg.Recording(
+        pd.DataFrame({"time_s": time_s, "gyro_deg_h": noisy, "table_rate_deg_s": means(time_s)}),
+        rlg.Metadata(kind="turntable"),
+        name="swing",
+    )
+    simulated = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": 3600.0 * means(time_s + offset_s)}), name="sim")
+    _, found = align(run, simulated)
+    assert found.offset_s == pytest.approx(offset_s, abs=1e-3)
+    found = dataclasses.replace(found, taken_out=True)  # which is decided for all runs together
+    shown = on_rows(run, simulated, found)
+    even = turning_evenly(run, simulated, shown, found) & np.isfinite(shown.rate_deg_h)
+    assert even.mean() > 0.98
+    assert np.abs(shown.rate_deg_h - 3600.0 * means(time_s))[even].max() < 0.02
+
+
 def test_rows_stay_where_nothing_is_known_of_the_clock() -> None:
     """Of a table at rest the gyro tells no time."""
     gyro = rlg.Simulator.from_mapping(
@@ -394,6 +422,6 @@ def test_rows_stay_where_nothing_is_known_of_the_clock() -> None:
     )
     run = run.replace(table=still, truth=None)
     constant = run.replace(table=still.assign(gyro_deg_s=1e-3)[["time_s", "gyro_deg_s"]].iloc[::2], truth=None)
-    rate, found = align(run, constant)
+    _, found = align(run, constant)
     assert not math.isfinite(found.offset_sd_s)
-    assert turning_evenly(run, constant, rate, found).all()
+    assert turning_evenly(run, constant, on_rows(run, constant, found), found).all()

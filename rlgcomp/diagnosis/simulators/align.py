@@ -255,9 +255,7 @@ class _Grid:
             change_s, change = _solved(white, aim)[-2:] / gain
             offset_s = float(np.clip(offset_s + change_s, -limit_s, limit_s))
             drift += float(change)
-            scale = norms(white)
-            inverse = np.linalg.inv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
-            sd = np.sqrt(variance * np.diag(inverse)[-2:]) / abs(gain)
+            sd = _sds(white, aim - _projected(white, aim), variance)[-2:] / abs(gain)
             if step > _PLAIN_STEPS and abs(change_s) < _SETTLED * sd[0] and abs(change) < _SETTLED * sd[1]:
                 break
         if abs(offset_s) >= limit_s:
@@ -339,6 +337,14 @@ def _autocorrelation(left: Array) -> float:
 
 def _quasi_difference(rows: Array, keep: float) -> Array:
     return np.concatenate([math.sqrt(1.0 - keep**2) * rows[:1], rows[1:] - keep * rows[:-1]])
+
+
+def _sds(white: Array, left: Array, variance: float) -> Array:
+    """Standard deviations of weights, larger where the rows that tell most are left with more than their noise: missing physics."""
+    scale = norms(white)
+    inverse = np.linalg.inv((white / scale).T @ (white / scale))
+    of_rows = white / scale @ inverse * left[:, None]
+    return np.asarray(np.sqrt(np.maximum(variance * np.diag(inverse), np.sum(of_rows**2, axis=0))) / scale)
 
 
 def _solved(design: Array, target: Array) -> Array:
