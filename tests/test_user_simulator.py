@@ -193,7 +193,8 @@ def test_without_monitors_a_sharp_signal_tells_the_time() -> None:
     assert not found.taken_out  # slow physics might do it: that is asked of all runs together
     told = time_s <= simulation.time_s[-1]  # what it does beyond its end it does not say
     assert rate[told] == pytest.approx(np.interp(time_s, simulation.time_s, steps)[told], abs=1e-12)
-    assert np.isnan(rate[~told]).all() and (~told).sum() == 6
+    assert np.isnan(rate[~told]).all()
+    assert (~told).sum() == 6
     assert found.offset_s == pytest.approx(12.0, abs=5.0 * found.offset_sd_s)
     assert found.offset_sd_s < 0.5
 

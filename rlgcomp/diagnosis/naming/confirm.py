@@ -48,7 +48,9 @@ from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
-_BEHIND: Final = math.log(3000.0)  # of the likeliest set: held-out runs are not asked about a set that is less likely in training
+_BEHIND: Final = math.log(100.0)  # of the likeliest set: held-out runs are not asked about a set that is less likely in training,
+_FAR_BEHIND: Final = math.log(1000.0)  # nor than this, where training itself speaks for it and its prior alone against
+_JUMPS_BEHIND: Final = math.log(3000.0)  # nor, of a set with a path of jumps, than this: a few runs hardly tell it from slow noise
 _ASKED: Final = 40  # sets at most
 _SHOWN: Final = 2.0  # chi-square: with less a cause shows nothing of itself
 _FORESEEN: Final = 0.5  # of what a set can explain of the held-out runs
@@ -158,7 +160,13 @@ def _at_issue(explanations: Explanations) -> list[Model]:
     the best single cause, which says what further ones must exceed."""
     models = sorted(explanations.search.whatever_biases(explanations.models), key=lambda model: -model.log_posterior)
     best = models[0]
-    likely = [model for model in models[:_ASKED] if model.log_posterior > best.log_posterior - _BEHIND]
+
+    def behind(model: Model) -> float:
+        if explanations.search.without_jumps(model.labels) != model.labels:
+            return _JUMPS_BEHIND
+        return _FAR_BEHIND if model.log_evidence > best.log_evidence else _BEHIND
+
+    likely = [model for model in models[:_ASKED] if model.log_posterior > best.log_posterior - behind(model)]
     without_one = [model for model in models if _without_one(model, best)]
     strongest = [model for model in models if len(model.labels) == 1][:1]
     return list(dict.fromkeys([*likely, *without_one, *strongest, next(model for model in models if not model.labels)]))

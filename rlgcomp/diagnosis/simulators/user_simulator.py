@@ -215,9 +215,9 @@ def _require_told(run: Recording, simulated: Recording, even: npt.NDArray[np.boo
     """Refuse a simulation that tells hardly a row of its run."""
     if np.mean(even) < _LEAST_TOLD:
         raise InputError(
-            f"{simulated.name}: its clock is not that of {run.name}, and with a row every {simulated.period_s:g} s it tells what the "
-            f"table does in {int(even.sum())} of {len(run)} rows only: in others it speeds up or slows down by more than is known; "
-            "simulate it with more rows a second, or at the times of the recording's rows"
+            f"{simulated.name}: its clock is not that of {run.name}, and with a row every {simulated.period_s:g} s it tells what "
+            f"the table does in {int(even.sum())} of {len(run)} rows only: in others it speeds up or slows down by more than is "
+            "known; simulate it with more rows a second, or at the times of the recording's rows"
         )
 
 
