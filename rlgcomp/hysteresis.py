@@ -27,6 +27,9 @@ from rlgcomp.hysteresis_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, bou
 
 Array = npt.NDArray[np.float64]
 STARTS: Final = {"rested": 0.0, "from_below": 1.0, "from_above": -1.0}  # what `swept` is called
+BEGUN: Final = {
+    start: "" if start == "rested" else f"; T had come {start.replace('_', ' far ')}" for start in STARTS
+}  # said of each
 _TOGETHER: Final = 5  # radii from which one array a sample is faster than one number a sample and radius
 
 

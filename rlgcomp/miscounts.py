@@ -11,8 +11,9 @@ about if it did. Where these are fewer than two passages, of seven samples each,
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -55,8 +56,9 @@ def miscounts_in(run: Recording, gyro: str | None) -> tuple[Rows, Array, str]:
         return none
     did = _did(turning_deg_s)
     found = np.zeros(len(run), dtype=np.bool_)
+    compared = _Compared.of(np.abs(off_deg_h), did, far)
     for start, stop in stretches(far):
-        found[start:stop] = stop - start <= _LASTS and _like_no_other(np.abs(off_deg_h), did, slice(start, stop))
+        found[start:stop] = stop - start <= _LASTS and compared.like_no_other(slice(start, stop))
     count = int(found.sum())
     if not 0 < count <= _MOST:
         return none
@@ -102,10 +104,33 @@ def _did(turning_deg_s: Array) -> Array:
     return maximum_filter1d(np.column_stack([np.abs(turning_deg_s), sped_up, jerked, about]), _AROUND, axis=0, mode="nearest")
 
 
-def _like_no_other(far_off: Array, did: Array, samples: slice) -> bool:
-    """Whether samples are farther off than any others about which the table did as much."""
-    alike = (did >= _AS_MUCH * did[samples].max(axis=0)).all(axis=1)
-    alike[max(0, samples.start - _AROUND) : samples.stop + _AROUND] = False
-    if alike.sum() < _AROUND * _PASSAGES:
-        return False
-    return bool(far_off[samples].max() > _FARTHER * np.quantile(far_off[alike], _USUAL))
+@dataclasses.dataclass(frozen=True)
+class _Compared:
+    """How far off samples of a run are, and what the table did about each; of all, and of those that are far off."""
+
+    off: Array  # (n,)
+    did: Array  # (n, 4)
+    ordered: Array  # each column of it by itself
+    far_off: Array  # (m,)
+    far_did: Array  # (m, 4)
+
+    @classmethod
+    def of(cls, off: Array, did: Array, far: Rows) -> Self:
+        return cls(off, did, np.sort(did, axis=0), off[far], did[far])
+
+    def like_no_other(self, samples: slice) -> bool:
+        """Whether samples are farther off than any others about which the table did as much."""
+        least, far = _AS_MUCH * self.did[samples].max(axis=0), self.off[samples].max()
+        if self._surely_like_others(least, float(far)):
+            return False
+        alike = (self.did >= least).all(axis=1)
+        alike[max(0, samples.start - _AROUND) : samples.stop + _AROUND] = False
+        if alike.sum() < _AROUND * _PASSAGES:
+            return False
+        return bool(far > _FARTHER * np.quantile(self.off[alike], _USUAL))
+
+    def _surely_like_others(self, least: Array, far: float) -> bool:
+        """It takes no more than a look at what is far off to say so of most: there may be thousands of them."""
+        as_much = len(self.did) - max(int(np.searchsorted(column, one)) for column, one in zip(self.ordered.T, least, strict=True))
+        as_far = (self.far_off >= far / _FARTHER) & (self.far_did >= least).all(axis=1)
+        return bool(as_far.sum() > (1.0 - _USUAL) * as_much + 1.0 + _LASTS + 2 * _AROUND)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -32,3 +34,22 @@ def test_edges_and_parameters_are_the_same_thing() -> None:
     assert hop.with_edges((40.0, 15.0)) is None
     assert all(kind().edges() == () for name, kind in CATALOGUE.items() if name != "mode_hop")
     assert np.isfinite(hop.edges()).all()
+
+
+@pytest.mark.parametrize("start", ["from_below", "from_above"])
+def test_a_hop_that_began_in_either_mode_is_found(start: str) -> None:
+    """The runs stand within the dead band for hours at first, where a gyro that had rested would be in the other mode."""
+    name = "temperature_block_degC"
+    standing = [run.column(name)[np.maximum(np.arange(432) - 108, 0)] for run in runs(seed=5, hours=12.0)]
+    plain = [run.replace(table=run.table.assign(**{name: t})) for run, t in zip(runs(seed=5, hours=12.0), standing, strict=True)]
+    up_K = 2.0 if start == "from_below" else 5.0
+    hidden = CATALOGUE["mode_hop"](step_deg_h=0.004, threshold_degC=float(standing[0][0]) + up_K, dead_band_K=7.0, start=start)
+    rested = dataclasses.replace(hidden, start="rested")
+    problem = Problem.of(SIMULATOR, with_effect(plain, hidden), window_s=100.0)
+    assert (problem.columns(rested) != problem.columns(hidden)).mean() > 0.1
+    found = explain(problem, CATALOGUE)
+    best = found.models[0]
+    assert best.labels == {("mode_hop", False)}
+    mechanism = found.candidates(best)[0].mechanism
+    assert mechanism.start == start
+    assert (problem.columns(mechanism) != problem.columns(hidden)).mean() < 0.03

@@ -10,8 +10,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.question.even_turning import Evened, evened
-from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.question.even_turning import Evened, evened, step_deg
 from rlgcomp.motion import angle_deg, rate_deg_s
 
 SIMULATOR = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
@@ -57,18 +56,56 @@ def test_swings_noise_and_round_rates_keep_their_angles() -> None:
 
 
 def test_a_step_that_one_run_tells_is_told_of_all() -> None:
-    turning, swinging = turned(TURNS, 300), turned((0.0, 0.0, 0.0, 0.0), 300, swing_deg=20.0)
-    assert [run.metadata.angle_step_deg for run in evened([turning, swinging])] == pytest.approx([1e-3, 1e-3])
+    """No encoder that is known of has this step, so that a swing does not tell it."""
+    turning, swinging = turned(TURNS, 300, step_deg=7e-4), turned((0.0, 0.0, 0.0, 0.0), 300, step_deg=7e-4, swing_deg=20.0)
+    assert [run.metadata.angle_step_deg for run in evened([turning, swinging])] == pytest.approx([7e-4, 7e-4])
     assert evened([swinging]) == [swinging]
 
 
-def test_the_rounding_of_a_swing_is_noise_of_its_means() -> None:
-    runs = evened([turned(TURNS, 300), turned((0.0,) * 8, 300, seed=1, swing_deg=20.0)])
-    problem = Problem.of(SIMULATOR, runs, window_s=20.0)
-    evenly, swinging = (problem.rows.white[rows] for rows in problem.rows.runs)
-    assert np.median(evenly) == 1.0
-    white = 0.05**2 / 20.0
-    assert np.median(swinging) == pytest.approx(1.0 + (3.6 / 20.0) ** 2 / 6.0 / white, rel=0.5)
+def positioned(seed: int, step: float, rate_deg_s: float | None = None, unit: int = 0) -> rlg.Recording:
+    """A healthy gyro on a table that goes from position to position and stands at each."""
+    rng = np.random.default_rng([seed, unit])
+    rates: list[float] = []
+    for turn_deg in rng.choice([30.0, 45.0, 60.0, 90.0, -60.0, -30.0], 12):
+        rate = np.copysign(rate_deg_s or rng.uniform(7.0, 10.0), turn_deg)
+        rates += [*[0.0] * (20 * int(rng.integers(200, 500))), *[rate] * round(20.0 * turn_deg / rate)]
+    fine = np.array(rates[: len(rates) // 20 * 20]).reshape(-1, 20)
+    angle = (10.0 if rate_deg_s else rng.uniform(0.0, 360.0)) + np.cumsum(fine).reshape(-1, 20)[:, -1] / 20.0
+    gyro = 3600.0 * fine.mean(axis=1) * (1.0 + 2e-5) + 0.03 + 0.05 * rng.standard_normal(len(angle))
+    shown = step * np.rint(angle / step) if step else angle
+    table = pd.DataFrame({"time_s": np.arange(1.0, len(angle) + 1), "gyro_deg_h": gyro, "table_angle_deg": shown % 360.0})
+    return rlg.Recording(table, rlg.Metadata(kind="turntable"), name=f"run{seed}")
+
+
+@pytest.mark.parametrize("step", [5e-3, 1e-3, 2e-4, 1.0 / 3600.0, 360.0 / 2**20])
+@pytest.mark.parametrize("digits", [None, 7])
+def test_angles_that_are_whole_steps_tell_it(step: float, digits: int | None) -> None:
+    swinging = turned((0.0, 0.0, 0.0, 0.0), 300, step_deg=step, swing_deg=20.0)
+    for run in (positioned(1, step), swinging, turned(TURNS, 300, step_deg=step)):
+        angle = angle_deg(run)
+        assert step_deg(angle if digits is None else np.round(angle, digits)) == pytest.approx(step, rel=1e-3)
+
+
+def test_angles_that_are_exact_tell_none() -> None:
+    swing = 20.0 * np.sin(np.arange(3000.0) / 7.5)
+    for angle in (
+        swing,
+        swing.astype(np.float32).astype(float),
+        *(angle_deg(positioned(1, 0.0, rate)) for rate in (None, 10.0, 1.25)),
+    ):
+        assert step_deg(angle) == 0.0
+
+
+def test_healthy_gyros_on_a_table_that_stands_are_acquitted() -> None:
+    """Whose encoder shows hundreds of times what the gyro's noise is, in some seconds between two positions."""
+    found = []
+    for unit in range(6):
+        runs = [positioned(seed, 1e-3, unit=unit) for seed in range(4)]
+        found.append(diagnose(SIMULATOR, runs[:2], runs[2:], black_box=False))
+    assert sum(one.verdict != "none" for one in found) <= 1
+    assert min(one.p_value for one in found) > 0.002
+    assert np.median([one.p_value for one in found]) > 0.1
+    assert not [remark for one in found for remark in one.remarks if "wanders" in remark]
 
 
 @pytest.mark.parametrize(("rates", "hold_s"), [(CREEPS[:30], 300), (TURNS, 600)])

@@ -246,10 +246,10 @@ def test_wrong_numbers_are_not_missing_physics() -> None:
     stated = rlg.Simulator.from_mapping(
         {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}, {"supply_voltage": {"k_deg_h_V": 0.5}}]}
     )
-    recordings = with_effect(runs(seed=3, hours=8.0), CATALOGUE["supply_voltage"](k_deg_h_V=0.1))
+    recordings = with_effect(runs(seed=4, hours=8.0), CATALOGUE["supply_voltage"](k_deg_h_V=0.1))
     diagnosis = rlg.diagnose(stated, train=recordings, window_s=100.0, black_box=False)
     assert diagnosis.verdict == "none"
-    assert diagnosis.p_value == diagnosis.unexplained.p_value > 0.02  # that nothing is missing once they are right
+    assert diagnosis.p_value == diagnosis.unexplained.p_value > 0.05  # that nothing is missing once they are right
     assert diagnosis.wrong == ("supply_voltage",)
     assert "supply_voltage, said to be known, do not fit; with those of these runs what it leaves is noise" in str(diagnosis)
     assert sum("supply_voltage" in remark and "do not fit" in remark for remark in diagnosis.remarks) == 1

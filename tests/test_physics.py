@@ -191,6 +191,22 @@ def test_mode_hop_comes_back_later_on_the_way_down() -> None:
     assert temperature[edges + 1] == pytest.approx([30.0, 26.0], abs=0.2)
 
 
+@pytest.mark.parametrize(("start", "first"), [("rested", 0.0), ("from_below", 0.0), ("from_above", 1.0)])
+def test_mode_hop_begins_where_it_came_from(start: str, first: float) -> None:
+    """Within the dead band; outside it the temperature decides."""
+    temperature = np.r_[np.linspace(27, 24, 100), np.linspace(24, 40, 200)]
+    time_s = np.arange(300.0)
+    table = {"time_s": time_s, "gyro_deg_h": 0.0 * time_s, "temperature_block_degC": temperature}
+    hop = rlg.CATALOGUE["mode_hop"](threshold_degC=30.0, dead_band_K=4.0, start=start)
+    step = hop.basis(rlg.Recording(pd.DataFrame(table)))[:, 0]
+    assert step[0] == first
+    assert set(step[(time_s > 40) & (time_s < 170)]) == {0.0}
+    assert step[-1] == 1.0
+    assert ("from far above" in hop.stated()) == (start == "from_above")
+    outside = rlg.CATALOGUE["mode_hop"](threshold_degC=22.0, dead_band_K=4.0, start=start)
+    assert outside.basis(rlg.Recording(pd.DataFrame(table)))[0, 0] == 1.0
+
+
 def test_telegraph_has_its_covariance() -> None:
     telegraph = rlg.CATALOGUE["random_telegraph"](half_step_deg_h=0.004, dwell_s=500.0)
     run = rlg.Simulator(noise=rlg.NoiseModel()).simulate("start 20, hold 3000", step_s=10.0)

@@ -70,7 +70,7 @@ def remarks_of(
         remarks.append(
             f"Something may be missing all the same (probability {missing:.2f}"
             + (f", {names} before others" if names else "")
-            + "); better than even odds are asked for before anything is named. A longer run, or another programme, would tell."
+            + "), too little for anything to be named. A longer run, or another programme, would tell."
         )
     elif verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
         remarks.append(
@@ -88,7 +88,7 @@ def remarks_of(
         problem = explanations.evidence.problem
         design = np.column_stack([problem.baseline, *(one.columns for one in explanations.candidates(conclusion.model))])
         time = _about(*correlation_time_s(problem, design, noise))
-        noise_deg_h2 = after.white_deg_h**2 * float(problem.loudness.mean())
+        noise_deg_h2 = after.white_deg_h**2 * float(problem.rows.white.mean())
         near = any(one.probability > NEAREST for one in alternatives_of(explanations, conclusion))
         followed = "for which no law was found" if near or conclusion.instead else "that no recorded column follows"
         size = math.sqrt(max(float(np.var(after.residual_deg_h)) - noise_deg_h2, 0.0))
@@ -171,7 +171,7 @@ def _instead(conclusion: Conclusion) -> list[str]:
 
 def _as_noise(problem: Problem, after: Fitted, shape: NoiseShape) -> list[str]:
     """What to say where what is left passes for noise because slow noise does."""
-    times = float(np.std(after.residual_deg_h / np.sqrt(problem.loudness))) / after.white_deg_h
+    times = float(np.std(after.residual_deg_h / np.sqrt(problem.rows.white))) / after.white_deg_h
     found, stated = noise_model(shape, after.white_deg_h, problem.windows[0]), problem.simulator.noise
     nothing_stated = stated is None or Stated.of(stated, problem.windows[0].white_s) is None
     if times < (_SLOW if nothing_stated else _SLOWER):

@@ -8,7 +8,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
+from rlgcomp.hysteresis import BEGUN, STARTS
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
 _THRESHOLDS: Final = 36
@@ -20,7 +21,9 @@ class ModeHop(Mechanism):
 
     .. math:: b = \Delta b \; h(T), \qquad h = 1 \text{ once } T \ge T_h, \quad h = 0 \text{ once } T \le T_h - d
 
-    The step comes back at the same temperature, later by the dead band d on the way down.
+    The step comes back at the same temperature, later by the dead band d on the way down. A run that begins within the dead band
+    does not say which mode it begins in: `start` says that the gyro had come from below or from above to the first temperature, or
+    that it had rested, and the nearer of the two levels decides.
     """
 
     name = "mode_hop"
@@ -36,14 +39,20 @@ class ModeHop(Mechanism):
     step_deg_h: float = amplitude(0.01, "deg/h")
     threshold_degC: float = shape(30.0, "degC", -80.0, 120.0)
     dead_band_K: float = shape(2.0, "K", 0.0, 20.0)
+    start: str = setting("rested", choices=tuple(STARTS))
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        warmest = max(float(recording.column(recording.temperature_column).max()) for recording in recordings)
-        coldest = min(float(recording.column(recording.temperature_column).min()) for recording in recordings)
+        readings = [recording.column(recording.temperature_column) for recording in recordings]
+        coldest, warmest = min(float(r.min()) for r in readings), max(float(r.max()) for r in readings)
         bands = [band for band in (0.0, 2.0, 6.0) if band < 0.3 * (warmest - coldest)]
         thresholds = np.linspace(coldest, warmest, _THRESHOLDS + 2)[1:-1]
-        return tuple(cls(threshold_degC=float(t), dead_band_K=band) for t in thresholds for band in bands)
+        rested = [cls(threshold_degC=float(t), dead_band_K=band) for t in thresholds for band in bands]
+        within = [hop for hop in rested if any(hop.threshold_degC - hop.dead_band_K < r[0] < hop.threshold_degC for r in readings)]
+        return (*rested, *(dataclasses.replace(hop, start=start) for hop in within for start in list(STARTS)[1:]))
+
+    def stated(self) -> str:
+        return self.equation + BEGUN[self.start]
 
     def edges(self) -> tuple[float, ...]:
         """Of warming and of cooling."""
@@ -61,5 +70,6 @@ class ModeHop(Mechanism):
         up = temperature >= self.threshold_degC
         down = temperature <= self.threshold_degC - self.dead_band_K
         decided = np.maximum.accumulate(np.where(up | down, np.arange(len(temperature)), -1))  # the latest row that was
-        first = 1.0 if temperature[0] > self.threshold_degC - 0.5 * self.dead_band_K else 0.0
+        nearer = temperature[0] > self.threshold_degC - 0.5 * self.dead_band_K
+        first = {"from_below": False, "from_above": True}.get(self.start, nearer)
         return np.where(decided >= 0, up[decided], first)[:, None]

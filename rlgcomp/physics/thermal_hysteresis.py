@@ -8,7 +8,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.hysteresis import STARTS, BoucWen, Play, Preisach, play_paths
+from rlgcomp.hysteresis import BEGUN, STARTS, BoucWen, Play, Preisach, play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
@@ -23,7 +23,6 @@ _EQUATIONS: Final = {
     ),
     "bouc_wen": "b = k1_deg_h_K z, dz/dT = 1 - |z| / radius_K (0.2 + 0.8 sgn(z dT/dt))",
 }
-_BEGUN: Final = {start: "" if start == "rested" else f"; T had come {start.replace('_', ' far ')}" for start in STARTS}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +62,7 @@ class ThermalHysteresis(Mechanism):
         return super().amplitude_parameters()[: 3 if self.law == "play" else 1]
 
     def stated(self) -> str:
-        return _EQUATIONS[self.law] + _BEGUN[self.start]
+        return _EQUATIONS[self.law] + BEGUN[self.start]
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:

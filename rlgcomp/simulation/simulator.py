@@ -304,7 +304,7 @@ class Simulator:
         listed: list[Any] = []
         for mechanism in self.mechanisms:
             unknowns = self.free.get(mechanism.name, frozenset())
-            idle = _idle(mechanism) & unknowns
+            idle = _idle(mechanism)
             values = {
                 key: {"value": value, "free": True} if key in unknowns else value
                 for key, value in mechanism.to_mapping().items()

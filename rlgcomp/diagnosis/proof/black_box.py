@@ -85,8 +85,9 @@ class Mismatch:
         return cls(run, said, mismatch, Windows.of(run.replace(table=table), window_s, knee_s, left_out, step_of(run, column)))
 
     def as_loud(self, as_these: Windows) -> Mismatch:
-        """The same of a run whose white noise is as loud, and where it is, as that of these windows of it."""
-        loud = dataclasses.replace(self.windows, loudness=as_these.loudness, bursts=as_these.bursts)
+        """The same of a run whose white noise is as loud, and where it is, as that of these windows of it, rounding among it."""
+        known = {name: getattr(as_these, name) for name in ("loudness", "bursts", "white_deg_h2", "rounded")}
+        loud = dataclasses.replace(self.windows, **known)
         return dataclasses.replace(self, windows=loud)
 
 

@@ -29,6 +29,7 @@ _FEW: Final = 4  # columns that are not worth a look for empty rows
 _EMPTY: Final = 0.3  # of the rows
 _FEWEST_ALIKE: Final = 8  # samples of a window that tell how much they scatter
 _CLEAR: Final = 8.0  # standard deviations of that, where windows scatter alike, times the root of the samples
+_SHARED: Final = 0.1  # correlation with the noise of means, from which a contrast says what these have said
 _FEWEST_WINDOWS: Final = 5  # that have a spectrum of their own
 
 
@@ -61,6 +62,11 @@ class Contrasts:
         covariance, level = _covariance(windows, spanning, noise, scatter)
         sizes, turned = np.linalg.eigh(covariance)
         scaled = turned / np.sqrt(np.maximum(sizes, 1.0))
+        scaled = scaled @ _beside_means(
+            windows, [part.calmed(block) @ scaled for part, block in zip(windows, spanning, strict=True)], level
+        )
+        if not scaled.shape[1]:
+            return None
         directions = tuple(part.calmed(block) @ scaled for part, block in zip(windows, spanning, strict=True))
         return cls(windows, directions, level)
 
@@ -151,7 +157,28 @@ def _along_rounding(part: Windows, directions: Array) -> Array:
     every = np.zeros((len(part.full), directions.shape[1]))
     every[part.kept_rows] = directions
     size_deg_h = SECONDS_PER_HOUR * step_deg / (math.sqrt(12.0) * part.full.period_s)
-    return np.asarray(size_deg_h * np.diff(every[rows], axis=0).T)
+    nothing = np.zeros((1, directions.shape[1]))
+    return np.asarray(size_deg_h * np.diff(np.vstack([nothing, every[rows], nothing]), axis=0).T)
+
+
+def _beside_means(windows: Sequence[Windows], directions: Sequence[Array], level: float) -> Array:
+    """Orthonormal combinations of directions, each as noisy as white noise of variance `level` is, shape (count, kept): those whose
+    noise is that of no window's mean. An angle that is rounded errs in both."""
+    shared = []
+    for part, block in zip(windows, directions, strict=True):
+        if not len(part.rounded_rows) or level <= 0.0:
+            continue
+        counts = part.counts[part.kept]
+        of_means = np.repeat(np.eye(len(counts)) / counts, counts, axis=0)
+        errors, of_windows = _along_rounding(part, block), _along_rounding(part, of_means)
+        seen = of_windows.any(axis=1)
+        covariance = of_windows[seen] @ of_windows[seen].T + np.diag(level / counts[seen])
+        shared.append(errors @ np.linalg.solve(np.linalg.cholesky(covariance), of_windows[seen]).T / math.sqrt(level))
+    count = directions[0].shape[1]
+    if not shared:
+        return np.eye(count)
+    turned, correlations, _ = np.linalg.svd(np.column_stack(shared))
+    return turned[:, np.r_[correlations, np.zeros(count)][:count] < _SHARED]
 
 
 def _along(directions: Array, columns: Array) -> Array:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Self
 
@@ -30,6 +31,7 @@ import numpy.typing as npt
 
 from rlgcomp.motion import ANGLES, angle_deg
 from rlgcomp.recording import Recording
+from rlgcomp.units import ARCSEC_PER_DEG, DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -37,6 +39,21 @@ _LEAST_DEG: Final = 1e-7  # a step that matters
 _SAME: Final = 1e-3  # of a step: rounding of numbers, and of an encoder's bits that are written in decimals
 _BENT: Final = 2.0  # steps, beyond which two lines are no single one that an encoder's own errors break up
 _ALTERNATE: Final = 0.5  # of the changes of rate, at least, that follow from rounding
+_STEPS_DEG: Final = tuple(  # that encoders have, the largest first: decimals of a degree and of an arcsecond, and bits of a turn
+    sorted(
+        {
+            *(times * 10.0**-k / unit for times in (1.0, 2.0, 5.0) for k in range(-1, 8) for unit in (1.0, ARCSEC_PER_DEG)),
+            *(DEG_PER_TURN / 2.0**bits for bits in range(2, 31)),
+        },
+        reverse=True,
+    )
+)
+_COARSEST_DEG: Final = 0.1  # of an encoder; a table whose angles are whole multiples of more is one that turns by whole numbers
+_OFF: Final = 0.02  # of a step, by which angles written in decimals miss it
+_DISTINCT: Final = 12  # angles that must be there
+_LOOKED_AT: Final = 500  # of the angles, at first
+_SMALL: Final = 2.5  # steps, by which rounding may change the rate,
+_SHOWN: Final = 3  # times at least
 _FEWEST: Final = 50  # rows that a line passes by: of fewer, a table that swings turns evenly as well
 _BROKEN: Final = 0.2  # of where lines end, that an encoder's errors may break up: a table may bend by as little now and then
 _NEXT: Final = 5  # rows after one from which no line begins
@@ -101,17 +118,35 @@ def evened(runs: Sequence[Recording]) -> list[Recording]:
 
 
 def step_deg(angle: Array) -> float:
-    """The step in which an encoder's angle moves where the table turns evenly; 0 where it does not tell.
+    """The step in which an encoder's angle moves; 0 where it does not tell.
 
-    There the angle gains n or n + 1 steps from row to row: its second differences are of one size, with alternate signs.
+    All angles are whole multiples of a step that encoders have, and of no larger one; a table that always turns by whole multiples
+    of that step from row to row shows no rounding. Of any other step a table tells that turns evenly: its angle gains n or n + 1
+    steps from row to row, so that its second differences are of one size, with alternate signs.
     """
     changes = np.diff(angle, 2)
-    changes = changes[np.abs(changes) > _LEAST_DEG]
-    if len(changes) < _FEWEST:
+    some = changes[np.abs(changes) > _LEAST_DEG]
+    if len(some) < _FEWEST:
         return 0.0
-    step = float(np.median(np.abs(changes)))
-    alternate = (np.abs(changes[1:] + changes[:-1]) < _SAME * step) & (np.abs(np.abs(changes[1:]) - step) < _SAME * step)
+    step = next((one for one in _STEPS_DEG if _in_steps(angle, one)), math.inf)
+    turning = np.abs(np.diff(angle[1:])) > _LEAST_DEG
+    unlike = np.abs(changes[turning]) > _LEAST_DEG
+    small = unlike & (np.abs(changes[turning]) < _SMALL * step)
+    if step <= _COARSEST_DEG and (small.sum() >= _SHOWN or unlike.all()):
+        return step
+    step = float(np.median(np.abs(some)))
+    alternate = (np.abs(some[1:] + some[:-1]) < _SAME * step) & (np.abs(np.abs(some[1:]) - step) < _SAME * step)
     return step if np.mean(alternate) > _ALTERNATE else 0.0
+
+
+def _in_steps(angle: Array, step: float) -> bool:
+    """Whether all angles are whole steps apart, and some of them one that is no multiple of few."""
+    some = np.unique(angle[:: max(1, len(angle) // _LOOKED_AT)])
+    for rows in (some, angle):
+        steps = (rows - angle[0]) / step
+        if np.abs(steps - np.rint(steps)).max() > _OFF:
+            return False
+    return len(some) >= _DISTINCT
 
 
 def _sections(angle: Array, time_s: Array, step: float) -> list[tuple[int, int]]:

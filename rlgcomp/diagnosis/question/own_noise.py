@@ -18,10 +18,10 @@ over T, a run shows its white noise where v is well above what rounding makes of
 .. math:: v > 4 \, \frac{20}{6} \, \frac{q^2}{12 \, T^2}
 
 An encoder's angle, rounded to steps q, errs by q²/12 at each end of a window of length T over which its table does not turn evenly
-(where it does, :mod:`rlgcomp.diagnosis.question.even_turning` has taken the rounding off): by so much the means of such windows are
-louder,
+(where it does, :mod:`rlgcomp.diagnosis.question.even_turning` has taken the rounding off). What one such mean is too large by, the
+next is too small by; independent errors that are nowhere less certain than these have
 
-.. math:: v_q = \frac{q^2}{6 \, T^2}
+.. math:: v_q = 2 \, \frac{q^2}{6 \, T^2}
 
 References
 ----------
@@ -56,6 +56,7 @@ _OF_NORMAL: Final = 0.43777  # their mean, of unit normal values
 _LOG_OF_NORMAL: Final = -1.27036  # mean of the logarithm of the square of one
 _VARIANCE: Final = 3.18  # of the logarithm of that mean, times their number
 _FEWEST: Final = 20  # of them
+_HARDLY: Final = 0.01  # of the white noise's variance: rounding that matters to nobody
 _ROUNDED: Final = 20.0 / 6.0 / 12.0  # variance of d where the angles between its means are rounded to whole pulses of one
 _CLEAR: Final = 4.0  # times that: it is not rounding that d shows
 _SIGNIFICANT: Final = 1e-4  # p-value below which runs differ,
@@ -225,7 +226,7 @@ def with_rounding(windows: Sequence[Windows], values_deg_h: Sequence[Array]) -> 
         return tuple(windows)
     white = math.exp(min(logs)) / _PIECES
     rounded = [_of_rounding(part) for part in windows]
-    if not any(rounded):
+    if max(rounded) < _HARDLY * white:
         return tuple(windows)
     return tuple(
         dataclasses.replace(part, white_deg_h2=white, rounded=one / white) for part, one in zip(windows, rounded, strict=True)
@@ -237,7 +238,7 @@ def _of_rounding(windows: Windows) -> float:
     step_deg = windows.full.metadata.angle_step_deg
     if step_deg is None or rate_column(windows.full) == RATE:
         return 0.0
-    return (SECONDS_PER_HOUR * step_deg / windows.window_s) ** 2 / 6.0
+    return (SECONDS_PER_HOUR * step_deg / windows.window_s) ** 2 / 3.0
 
 
 def beside(windows: Sequence[Windows], values_deg_h: Sequence[Array], more: Windows, values_of_more_deg_h: Array) -> Windows:

@@ -323,12 +323,6 @@ class Problem:
         return np.concatenate([part.means(part.full.column(column)) for part in self.windows])
 
     @property
-    def loudness(self) -> Array:
-        """Variance of each row's white noise over that of the same row in the runs' middle one, shape (n,)."""
-        of_runs = (part.louder[part.kept] for part in self.windows)
-        return np.concatenate([*of_runs, np.ones(self.rows.contrasts)])  # contrasts belong to no run
-
-    @property
     def runs(self) -> tuple[Recording, ...]:
         return tuple(part.full for part in self.windows)
 

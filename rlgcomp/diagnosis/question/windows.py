@@ -26,6 +26,8 @@ _FINE_S: Final = 20.0  # slow causes are computed on means over this time
 _WINDOWS: Final = 200  # of the longest run, at least, where the window is not given
 _UNLIKE: Final = 300.0  # between the sample periods of runs
 _EVEN: Final = 1e-9  # of the highest rate: the same rate
+_EVEN_ROWS: Final = 25  # of the same rate, at least, in which rounding has been taken off,
+_STANDS: Final = 5  # and of none, in which there is none
 _MOSTLY: Final = 0.5  # of the rows
 _SHORTEST: Final = 0.9  # sample periods in a window: those of runs differ a little
 
@@ -243,8 +245,12 @@ class Windows:
         if not self.rounded:
             return np.zeros(0, dtype=np.intp)
         rate = rate_deg_s(self.full)
-        bends = np.abs(np.diff(rate)) > _EVEN * float(np.abs(rate).max())
-        rows = np.flatnonzero(np.r_[True, bends] & np.r_[bends, True])
+        highest = float(np.abs(rate).max())
+        edges = np.flatnonzero(np.r_[True, np.abs(np.diff(rate)) > _EVEN * highest, True])
+        stands = np.abs(rate[edges[:-1]]) <= _EVEN * highest
+        lengths = np.diff(edges)
+        even = lengths >= np.where(stands, _STANDS, _EVEN_ROWS)  # a few rows turn by the same digits now and then
+        rows = np.flatnonzero(np.repeat(~even, lengths))
         return rows if len(rows) < _MOSTLY * len(rate) else rows[:0]
 
     @functools.cached_property
