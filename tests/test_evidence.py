@@ -190,7 +190,7 @@ def test_below_a_limit_slow_noise_is_as_likely_as_it_usually_is() -> None:
     """Of a walk of which a measurement saw nothing: an upper limit says neither that there is none nor that it is there."""
     measured = NoiseModel(3e-4, 6e-4, at_most=(0.0, 3e-4), measured=True)  # of white noise of 100 s: 1/3, and 1/6 in an hour
     stated = Stated.of(measured, 100.0)
-    assert stated == Stated(NoiseShape(pytest.approx(1.0 / 3.0), 0.0), 0.0, pytest.approx(1.0 / 6.0), 1e-3)
+    assert stated == Stated(NoiseShape(pytest.approx(1.0 / 3.0), 0.0), 0.0, pytest.approx(1.0 / 6.0), 1e-3, 0.35)
     noises = ordinary_noise(stated)
     prior = dict(zip(noises, np.exp(log_prior(noises, stated)), strict=True))
     assert sum(prior.values()) == pytest.approx(1.0)

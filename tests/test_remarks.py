@@ -29,6 +29,7 @@ from rlgcomp.diagnosis.remarks import (
     _together,
     correlation_time_s,
     extrapolations_of,
+    is_worse_in_training,
     off_held_out,
     own_biases_of,
     worse_in_training,
@@ -180,8 +181,20 @@ def test_one_held_out_run_that_is_off_is_spoken_of(std: float, p_value: float, s
 @pytest.mark.parametrize(("after", "said"), [(0.0049, 0), (0.0052, 0), (0.0060, 1)])
 def test_what_makes_the_training_runs_worse_is_not_to_be_used(after: float, said: int) -> None:
     train = Fit(0.005, after, 0.001, "deg/h", 100.0, 0.0, (0.0, 0.0), baseline_std=0.005, augmented_std=after)
-    assert len(worse_in_training(train, [CATALOGUE["temperature_rate"]()])) == said
-    assert not worse_in_training(train, [])
+    rate = [CATALOGUE["temperature_rate"]()]
+    better, no_better = (Fit(0.005, left, 0.001, "deg/h", 100.0, 0.0, (0.0, 0.0)) for left in (0.004, 0.006))
+    for kind, test, what in (
+        ("turntable", better, "Do not use augmented.yaml"),
+        ("chamber", better, "What is gained"),
+        ("chamber", no_better, "no gain is proved"),
+        ("chamber", None, "no gain is proved"),
+    ):
+        found = worse_in_training(kind, train, test, rate)
+        assert len(found) == said
+        assert all(what in one for one in found)
+    assert is_worse_in_training(train, rate) == bool(said)
+    assert not is_worse_in_training(train, [])
+    assert not worse_in_training("chamber", train, better, [])
 
 
 @pytest.mark.parametrize(("apart", "said"), [(1.0, "they agree"), (5.0, "have a bias each")])

@@ -34,6 +34,7 @@ from rlgcomp.diagnosis.remarks import (
     denied_by_held_out,
     extrapolations_of,
     found_behind,
+    is_worse_in_training,
     not_tried,
     off_held_out,
     own_biases_of,
@@ -300,7 +301,7 @@ def _told(
             *own_biases_of(after.baseline),
             *weighed_means(model, windowed.rows.window_s),
             *own_noises_of(searched.mismatches, after.white_deg_h),
-            *(() if steps else worse_in_training(proof.train, named)),
+            *(() if steps else worse_in_training(windowed.simulator.kind, proof.train, proof.test, named)),
             *off_held_out(verdict, proof.test, named),
             *(said for said in (unreadable(after.simulator, one.run) for one in searched.mismatches) if said is not None),
             *extrapolations_of(proof.traces, _drivers(after.simulator, runs.train[0])),
@@ -324,7 +325,7 @@ def _denied(found: Diagnosis) -> bool:
     if contradicted(found.test, named):
         return True
     worse = found.test is not None and found.test.augmented_rms > found.test.baseline_rms
-    return worse and not found.steps and bool(worse_in_training(found.train, named))
+    return worse and not found.steps and is_worse_in_training(found.train, named)
 
 
 def _leaves_less(one: Diagnosis, other: Diagnosis) -> bool:

@@ -50,7 +50,8 @@ _APART: Final = 2.0  # standard deviations from which biases differ
 _SIZES_APART: Final = 4.0  # from the likeliest, at most
 _ONE_SIDE: Final = 0.05  # of a posterior, beyond either bound
 _ONE_COURSE: Final = 0.95  # correlation from which a law and a cause are hard to part
-_BEYOND: Final = 0.05  # of the range of a driver in training: a run that leaves it by more is extrapolated
+_MOST: Final = 0.3  # of the probability that something is missing, with which one thing is spoken of
+_BEYOND: Final = 0.15  # of the range of a driver in training: a run that leaves it by more is extrapolated
 
 
 def remarks_of(
@@ -65,12 +66,9 @@ def remarks_of(
             remarks.append(f"If your simulator has {usual} of its own, its numbers may be wrong by this, and no physics missing.")
     missing = 1.0 - healthy(explanations)
     if verdict_of(conclusion, {}) == "none" and missing > _SUSPECTED:
-        first = next((model.labels for model in explanations.models if any(not known for _, known in model.labels)), ())
-        names = listing(sorted(name for name, known in first if not known))
         remarks.append(
-            f"Something may be missing all the same (probability {missing:.2f}"
-            + (f", {names} before others" if names else "")
-            + "), too little for anything to be named. A longer run, or another programme, would tell."
+            f"Something may be missing all the same (probability {missing:.2f}{_suspected(explanations, missing)}), too little for "
+            "anything to be named. A longer run, or another programme, would tell."
         )
     elif verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
         remarks.append(
@@ -113,10 +111,24 @@ def remarks_of(
     remarks += [said for cause in after.causes for said in _at_the_end(cause)]
     remarks += _beside_a_law(after.causes)
     if explanations.left_out:
-        reasons = ((name, reason.split("; ")[0]) for name, reason in explanations.left_out.items())
+        reasons = ((name, reason.split("; ")[0].split(", which ")[0]) for name, reason in explanations.left_out.items())
         wanting = "; ".join(reason if name in reason else f"{name}: {reason}" for name, reason in reasons)
         remarks.append(f"Not tried, because a column is not recorded in every run ({wanting}).")
     return tuple(remarks)
+
+
+def _suspected(explanations: Explanations, missing: float) -> str:
+    """What has most of the probability that something is missing; "" where nothing has much of it."""
+    shares = zip(explanations.models, explanations.probabilities, strict=True)
+    sets = {
+        listing(sorted(name for name, known in model.labels if not known)): float(share) * (1.0 - explanations.unrecorded(model))
+        for model, share in shares
+        if not all(known for _, known in model.labels)
+    }
+    wanders = "something that no recorded column follows"
+    found = sets | {wanders: missing - sum(sets.values())}
+    first = max(found, key=found.__getitem__)
+    return f"; {first} has {found[first]:.2f} of it" if found[first] > _MOST * missing else ""
 
 
 def not_tried(explanations: Explanations, mechanisms: Mapping[str, type[Mechanism]]) -> tuple[str, ...]:
@@ -353,15 +365,29 @@ def denied_by_held_out(found: Diagnosis) -> str:
     )
 
 
-def worse_in_training(train: Fit, causes: Sequence[Mechanism]) -> tuple[str, ...]:
-    """What to say where all that is named makes the very runs worse that it was found in; it is not asked of causes that are drawn
-    anew in every run."""
-    if not causes or not all(cause.repeats() for cause in causes) or train.augmented_rms < WORSE * train.baseline_rms:
+def is_worse_in_training(train: Fit, causes: Sequence[Mechanism]) -> bool:
+    """Whether all that is named makes the very runs worse that it was found in; it is not asked of causes that are drawn anew in
+    every run."""
+    return bool(causes) and all(cause.repeats() for cause in causes) and train.augmented_rms >= WORSE * train.baseline_rms
+
+
+def worse_in_training(kind: str, train: Fit, test: Fit | None, causes: Sequence[Mechanism]) -> tuple[str, ...]:
+    """What to say where it does: on a table it is wrong. In a chamber the simulator by itself follows what slow noise does to the
+    training runs, which held-out runs tell."""
+    if not is_worse_in_training(train, causes):
         return ()
+    off = f"{train.augmented_rms:.2g} {train.unit} rms, without it by {train.baseline_rms:.2g}"
+    said = f"With all that is named the training runs themselves are off by {off}"
+    if kind == "turntable":
+        return (
+            f"{said}: what was found within windows does not hold between them. Do not use augmented.yaml; see first whether "
+            "times, angles and rates are what they are taken for.",
+        )
+    if test is None or test.augmented_rms >= test.baseline_rms:
+        return (f"{said}: no gain is proved. Hold out a run, or another one, before you use augmented.yaml.",)
     return (
-        f"With all that is named the training runs themselves are off by {train.augmented_rms:.2g} {train.unit} rms, without it by "
-        f"{train.baseline_rms:.2g}: what was found within windows does not hold between them. Do not use augmented.yaml; see first "
-        "whether times, angles and rates are what they are taken for.",
+        f"{said}: calibrated without it the simulator follows what slow noise does to these very runs. What is gained, held-out "
+        "runs tell.",
     )
 
 

@@ -40,7 +40,8 @@ TURNING_WANDERS: Final = {1.0: 0.5, 3.0: 0.5}
 _EXACT: Final = 0.5  # weight of the very noise that is stated; what is near it has the rest,
 _WRONG: Final = 0.2  # but for this: what a file or a data sheet says is wrong altogether,
 _MISMEASURED: Final = 0.001  # and what was measured of this very gyro
-_DOUBT: Final = 0.7  # standard deviation of the logarithm of a stated strength
+_DOUBT: Final = 0.7  # standard deviation of the logarithm of a stated strength,
+_ERROR: Final = 0.35  # and of a measured one
 _SMALL: Final = 0.02  # a strength below this, relative to white noise, is as good as none
 
 
@@ -56,12 +57,15 @@ class Stated:
         Upper limits; zero where there is none.
     wrong : float
         Probability that it is wrong altogether.
+    doubt : float
+        Standard deviation of the logarithm of a strength, where it is not.
     """
 
     shape: NoiseShape
     flicker_at_most: float = 0.0
     walk_at_most: float = 0.0
     wrong: float = _WRONG
+    doubt: float = _DOUBT
 
     @classmethod
     def of(cls, noise: NoiseModel | None, white_s: float) -> Self | None:
@@ -77,7 +81,8 @@ class Stated:
         white = arw_rate_sd_deg_h(noise.angle_random_walk_deg_sqrt_h, white_s)
         flicker, walk = (0.0 if limit else value / white for value, limit in zip(slow, noise.at_most, strict=True))
         of_flicker, of_walk = (limit / white for limit in noise.at_most)
-        return cls(NoiseShape(flicker, walk), of_flicker, of_walk, _MISMEASURED if noise.measured else _WRONG)
+        wrong, doubt = (_MISMEASURED, _ERROR) if noise.measured else (_WRONG, _DOUBT)
+        return cls(NoiseShape(flicker, walk), of_flicker, of_walk, wrong, doubt)
 
     def nearness(self, noise: NoiseShape) -> float:
         """Of a noise to what is stated; below a limit strengths are as likely as they usually are."""
@@ -87,7 +92,7 @@ class Stated:
             (noise.walk, self.shape.walk, self.walk_at_most, WALKS | STEEP_WALKS),
         ):
             away = _log_ratio(max(found, limit), limit) if limit else _log_ratio(found, value)
-            near *= math.exp(-0.5 * (away / _DOUBT) ** 2) * (usual.get(found, 0.0) if limit else 1.0)
+            near *= math.exp(-0.5 * (away / self.doubt) ** 2) * (usual.get(found, 0.0) if limit else 1.0)
         return near
 
 

@@ -59,7 +59,8 @@ def title(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict != "none":
         return f"What {subject(diagnosis)} is missing"
     which = "the training runs" if _off_held_out(diagnosis) else "these runs"
-    return f"Nothing is missing that {which} {'could name' if diagnosis.p_value < DOUBTFUL else 'show'}"
+    doubtful = diagnosis.p_value < DOUBTFUL or _as_likely_as_not(diagnosis)
+    return f"Nothing is missing that {which} {'could name' if doubtful else 'show'}"
 
 
 def about(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -105,6 +106,11 @@ def headline(diagnosis: Diagnosis) -> str:
     return f"{_verdict(diagnosis).rstrip('.')}{said}{listing(off)}: train on {them} too."
 
 
+def _as_likely_as_not(diagnosis: Diagnosis) -> bool:
+    """Whether nothing is named, though something is missing as likely as not."""
+    return diagnosis.verdict == "none" and diagnosis.healthy is not None and diagnosis.healthy < EVEN
+
+
 def _off_held_out(diagnosis: Diagnosis) -> list[str]:
     """Held-out runs that are far off by more than a bias of their own, where that is not known to be something unknown, and what is
     named says something of them."""
@@ -127,6 +133,9 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "none" and diagnosis.p_value < DOUBTFUL:
         return f"{who} lacks nothing that these runs could name, though what it leaves is {hardly}."
+    if _as_likely_as_not(diagnosis):
+        missing = 1.0 - (diagnosis.healthy or 0.0)
+        return f"{who} lacks nothing that these runs could name, though something may be missing (probability {missing:.2f})."
     if diagnosis.verdict == "none" and _off_held_out(diagnosis):
         return f"{who} lacks nothing that the training runs show ({p_text(diagnosis.p_value)})."
     if diagnosis.verdict == "none":
