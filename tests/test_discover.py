@@ -191,6 +191,20 @@ def test_held_out_runs_say_which_of_the_laws_it_is_that_training_hardly_tells_ap
     assert same.mechanism == plain.mechanism
 
 
+def test_held_out_runs_make_sure_of_a_law_that_training_speaks_for() -> None:
+    """A product at a third of the noise: training alone is not a hundred to one for it, and held-out runs without it deny it."""
+    product, drivers, memory = LAWS["product"]
+    problem, size = problem_of(product, 0.35)
+    assert discover(problem, problem.baseline, NOISES) is None
+    training = runs(TRAIN, product, size)
+    alone = rlg.diagnose(SIMULATOR, train=training, black_box=False)
+    borne_out = rlg.diagnose(SIMULATOR, train=training, test=runs(TEST, product, size), black_box=False)
+    denied = rlg.diagnose(SIMULATOR, train=training, test=runs(TEST, product, 0.0), black_box=False)
+    assert (alone.verdict, borne_out.verdict, denied.verdict) == ("none", "unknown", "none")
+    assert set(borne_out.unexplained.drivers) == drivers
+    assert borne_out.unexplained.memory == memory
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_found_with_its_drivers_and_its_memory(name: str) -> None:
     discovery, _, _ = found(name)

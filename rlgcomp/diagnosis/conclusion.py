@@ -30,6 +30,7 @@ AMBIGUOUS: Final = 0.8  # a set that holds less of what it and its swaps hold to
 MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a rival
 UNRECORDED: Final = 0.5
 NEAR: Final = math.log(10.0)  # log Bayes factor from which a law is spoken of where no law is found and something wanders
+_NOT_DENIED: Final = 0.0  # log Bayes factor in training of a law that held-out runs may make sure of
 _NO_NOISE: Final = 1e-6  # p-value below which something is there, though the likeliest noise passes for it
 _ACQUITTED: Final = 0.3  # probability of a healthy gyro from which nothing is claimed: seven to three is asked of who accuses
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
@@ -86,24 +87,29 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     for model in tried:
         foreseen = None if whole is None else foresight(explanations.candidates(model), windowed, whole, noises, prior)
         design = _design(windowed, explanations, model)
-        law = discover(windowed, design, noises, prior, dictionary=dictionary, least=NEAR, foreseen=foreseen)
-        instead = innocent if model is best else best
-        if law is None or (law.log_bayes_factor < SURE and not (model is best is innocent and unrecorded > UNRECORDED)):
+        least = NEAR if foreseen is None else _NOT_DENIED
+        law = discover(windowed, design, noises, prior, dictionary=dictionary, least=least, foreseen=foreseen)
+        if law is None:
             continue
-        if model is best:
-            tried += _less_what_reads(explanations, best, law)
-        column = explanations.evidence.problem.columns(law.mechanism)
-        spanned = explanations.evidence.spans(instead.members, column) > _SAME
-        explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
-        asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
-        score = model.log_posterior + law.log_bayes_factor + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
+        borne_out = 0.0
         if whole is not None and foreseen is not None:
             of_biases = explanations.of_biases.get(model.labels, 0.0)
             borne_out = foreseen(law.mechanism) - of_biases  # a law is sought where runs have one bias,
             if of_biases > 0.0:  # and asked for what it explains beside biases of their own
                 beside = foresight(explanations.candidates(model), windowed, whole.with_own_biases(), noises, prior)
                 borne_out = max(borne_out, math.log(-math.expm1(-of_biases)) + beside(law.mechanism))
-            score += borne_out
+        sure = law.log_bayes_factor + max(0.0, borne_out) >= SURE
+        near = law.log_bayes_factor >= NEAR and model is best is innocent and unrecorded > UNRECORDED
+        if not (sure or near):
+            continue
+        instead = innocent if model is best else best
+        if model is best:
+            tried += _less_what_reads(explanations, best, law)
+        column = explanations.evidence.problem.columns(law.mechanism)
+        spanned = explanations.evidence.spans(instead.members, column) > _SAME
+        explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
+        asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
+        score = model.log_posterior + law.log_bayes_factor + borne_out + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
         if model.members and score - model.log_posterior < _BEYOND:
             continue
         if explanations.evidence.resembles(column) > _SAME or (spanned and 1 <= len(instead.members) <= _FEW):
@@ -112,7 +118,7 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             score -= inadequacy(max(rival, 2.0 * law.log_bayes_factor))
         elif not model.members:
             runner_up, lawful = law, _share(score, lawless)
-        if score > highest and law.log_bayes_factor >= SURE:
+        if score > highest and sure:
             chosen, first, highest = model, law, score
     if chosen is None:
         misnamed_alone = {name: why for (name, _), why in false.items()}
