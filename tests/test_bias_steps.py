@@ -71,3 +71,19 @@ def test_a_step_is_told_beside_a_cause_and_is_no_part_of_the_simulator() -> None
     assert place.p_value < 1e-6
     assert found.to_mapping()["steps"][0]["run"] == "run1"
     assert np.isclose(found.p_value, 0.0, atol=1e-6)
+
+
+def test_a_step_on_a_table_is_told() -> None:
+    table = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
+    noisy = rlg.Simulator.from_mapping({"kind": "turntable", "noise": {"angle_random_walk_deg_sqrt_h": 3e-3}})
+    rates = ("rest 600, rate 10 900, rate -10 900, rate 40 900, rate -40 900", "rate 20 900, rate -20 900, rest 600, rate 5 900")
+    plain = [noisy.simulate(text, seed=seed, step_s=1.0, name=f"run{seed}") for seed, text in enumerate(rates)]
+    assert diagnose(table, plain, black_box=False).verdict == "none"
+    first, second = plain
+    size = 0.1 * (second.time_s >= 1500.0)  # ten times the noise of 100 s
+    found = diagnose(
+        table, [first, second.replace(table=second.table.assign(gyro_deg_s=second.rate_deg_h() / 3600.0 + size / 3600.0))]
+    )
+    assert found.verdict == "unknown"
+    (step,) = found.steps
+    assert (step.run, step.size.value) == ("run1", pytest.approx(0.1, abs=4.0 * step.size.sd))

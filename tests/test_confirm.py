@@ -14,7 +14,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.naming.candidates import Candidate
-from rlgcomp.diagnosis.naming.confirm import _at_issue, _beyond_training, _foreseen, _misled
+from rlgcomp.diagnosis.naming.confirm import _at_issue, _beyond_training, _foreseen, _misled, _with_fewer
 from rlgcomp.diagnosis.naming.evidence import Evidence
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.naming.search import Model, Search
@@ -216,6 +216,18 @@ def test_held_out_runs_are_asked_about_far_sets_only_where_training_speaks_for_t
     assert _at_issue(explained(models)) == [best, near, spoken_for, nothing]
     jumping, too_far = model("aj", -1.0, -9.0), model("bj", -1.0, -11.0)  # a few runs hardly tell a path from slow noise
     assert _at_issue(explained([*models, jumping, too_far])) == [best, near, spoken_for, jumping, nothing]
+
+
+def test_what_fewer_causes_give_up_more_of_them_do_not_keep() -> None:
+    """Unless all runs prefer these: a cause beside one that was hardly foreseen makes it none the better foreseen."""
+
+    def model(causes: str, log_posterior: float) -> Model:
+        return Model((), frozenset((cause, False) for cause in causes), log_posterior, 0.0, np.zeros(1))
+
+    nothing, one, behind, ahead = model("", 0.0), model("a", 14.0), model("ab", 12.0), model("ac", 15.0)
+    judged, docked = {each.labels: each for each in (nothing, one, behind, ahead)}, {nothing.labels: 0.0, one.labels: 8.0}
+    assert _with_fewer(behind, judged, docked) == 8.0
+    assert _with_fewer(ahead, judged, docked) == _with_fewer(one, judged, docked) == 0.0
 
 
 def test_a_cause_that_training_is_sure_of_can_be_denied() -> None:

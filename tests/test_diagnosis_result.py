@@ -25,7 +25,7 @@ from rlgcomp.diagnosis.result import (
     Unexplained,
 )
 from rlgcomp.diagnosis.result.page import render
-from rlgcomp.diagnosis.result.wording import memory_text, place_text
+from rlgcomp.diagnosis.result.wording import memory_text, next_notes, place_text
 
 
 def fit(baseline: float, augmented: float, low: float, high: float) -> Fit:
@@ -97,6 +97,9 @@ def test_its_mapping_is_the_contract(diagnosis: Diagnosis) -> None:
         "profile": "start 20, hold 60, ramp 50 0.5",
         "expected_probability_after": 0.99,
         "if_true": [0.985, 0.995],
+        "duration_s": None,
+        "shows_s": None,
+        "probability_of_these": 1.0,
     }
 
 
@@ -162,6 +165,18 @@ def test_an_experiment_that_would_hardly_tell_is_said_to(diagnosis: Diagnosis) -
     assert "would separate thermal_lag and thermal_gradient well (expected probability 0.60);" in str(dull)
     assert "The best found: start 20, hold 60" in str(dull)
     assert "to tell between" not in str(dull)
+
+
+def test_an_experiment_says_how_long_it_is_and_where_to_look(diagnosis: Diagnosis) -> None:
+    rivals = ("thermal_lag", "thermal_gradient")
+    following = NextExperiment(rivals, "start 20, hold 60", 0.9, (), 34_200.0, (7_200.0, 10_800.0), 0.62)
+    said = str(dataclasses.replace(diagnosis, next_experiment=following))
+    assert "9.5 h; °C, ramps in °C/min, holds in minutes; then diagnose again, with this run in --train as well" in said
+    assert "half of what tells thermal_lag and thermal_gradient apart would show from 2.0 to 3.0 h after its start" in said
+    assert "afterwards: 0.900, if it is one of these, which has probability 0.62" in said
+    on_table = next_notes(dataclasses.replace(following, probability_of_these=1.0), "turntable")
+    assert "rates in deg/s" in on_table[0]
+    assert "one of these" not in on_table[-1]
 
 
 def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:

@@ -96,6 +96,21 @@ def test_angles_that_are_exact_tell_none() -> None:
         assert step_deg(angle) == 0.0
 
 
+@pytest.mark.parametrize("rates", [(5.0, -5.0, 10.0, -10.0, 20.0, -20.0, 40.0, -40.0), (12.0, -24.0, 36.0, -3.0)])
+@pytest.mark.parametrize("samples_a_second", [5, 10])
+def test_round_rates_are_no_encoder_of_large_steps(rates: tuple[float, ...], samples_a_second: int) -> None:
+    """Whose angles lie near whole tenths of a degree, as a table turns: what they are off by is written, and so no rounding."""
+    speed, course = 0.0, []
+    for rate in rates:
+        ramp = round(abs(rate - speed) / 10.0 * samples_a_second)
+        course += [*np.linspace(speed, rate, ramp, endpoint=False), *[rate] * (300 * samples_a_second)]
+        speed = rate
+    angle = np.cumsum(course) / samples_a_second + 3e-6 * np.random.default_rng(0).standard_normal(len(course))
+    assert step_deg(np.round(angle, 6)) <= 2e-6
+    coarse = 5e-3 * np.rint((angle + 0.3 * np.arange(len(angle)) / len(angle)) / 5e-3)
+    assert step_deg(np.round(coarse, 6)) == pytest.approx(5e-3)
+
+
 def test_healthy_gyros_on_a_table_that_stands_are_acquitted() -> None:
     """Whose encoder shows hundreds of times what the gyro's noise is, in some seconds between two positions."""
     found = []

@@ -125,3 +125,21 @@ def test_what_follows_the_clock_or_a_rate_does_so_again(runs: list[rlg.Recording
     for rivals, apart in (*((pair, False) for pair in alike), ((ageing, field), True), ((rate, magnitude), True)):
         promised = next_experiment(problem, [(one,) for one in rivals], shape=NoiseShape(), white_deg_h=WHITE_DEG_H)
         assert (promised is not None) == apart
+
+
+def test_what_wanders_is_foreseen_no_farther_than_it_ever_went() -> None:
+    """At rest for hours a random walk looks like temperature, its square, its lags and the clock, and follows none of them."""
+    beyond, hours = [], "start 20, hold 300"
+    for seed in range(6):
+        run = recorded(hours, seed)
+        rng = np.random.default_rng([seed, 1])
+        warming = 5.0 * -np.expm1(-run.time_s / 3000.0)
+        walks = {name: np.cumsum(rng.standard_normal(len(run))) for name in ("magnetic_field_uT", "light_intensity_V")}
+        names = [name for name in run.columns if name.startswith("temperature_")]
+        temperatures = {name: run.column(name) + warming for name in names}
+        run = run.replace(table=run.table.assign(**walks, **temperatures))
+        programme = Programme.parse("start 20, hold 30, ramp 25 0.05, hold 60, ramp 22 0.05, hold 60")
+        foreseen = Laboratory.of([run]).foreseen(programme, ThermalPlant(), 20.0)
+        beyond += [float(np.ptp(foreseen.column(name)) / np.ptp(walk)) for name, walk in walks.items()]
+    assert np.median(beyond) < 1.2
+    assert max(beyond) < 2.5

@@ -123,6 +123,16 @@ def test_a_harmonic_of_the_angle_is_found(order: int, by_rate: bool) -> None:
     found = places(TABLE, on_table(6, error), 50.0)
     assert found[0].angle_harmonic == order
     assert {place.angle_harmonic for place in found} == {order}
+    by_encoder = [run.replace(table=run.table.drop(columns="table_rate_deg_s")) for run in on_table(6, error)]
+    assert places(TABLE, by_encoder, 50.0)[0].angle_harmonic == order
+
+
+def test_a_harmonic_that_the_simulator_has_hides_no_place() -> None:
+    """Nothing of it is left, of the data or of noise: rounding is no measure of either."""
+    wobbling = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor", "misalignment"]})
+    found = places(wobbling, on_table(7, lambda rate, angle: 0.004 * (np.abs(rate) < 0.1)), 50.0)
+    assert found[0].regime is not None
+    assert found[0].p_value < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, whiten
-from rlgcomp.diagnosis.programmes.feasible import LONGEST_S, chamber_programmes, table_programmes
+from rlgcomp.diagnosis.programmes.feasible import LONGEST_S, ChamberRange, chamber_programmes, table_programmes
 from rlgcomp.diagnosis.programmes.next_experiment import _distances, _expected, _expected_of, _Run, next_experiment, told_apart
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.motion import angle_deg, rate_deg_s
@@ -277,6 +277,38 @@ def test_a_table_in_another_temperature_is_proposed_where_one_was_recorded() -> 
     assert found is not None
     assert found.profile.startswith("room 45, ")
     assert found.expected_probability_after > 0.99
+
+
+def test_what_a_chamber_can_do_may_be_told(problem: Problem) -> None:
+    wider = chamber_programmes(problem.runs, ChamberRange.of((-40, 70, 2)))
+    ends = [temperature for programme in wider for temperature in programme.corners[1]]
+    assert (min(ends), max(ends)) == (-40.0, 70.0)
+    assert max(step.rate_degC_min for one in wider for step in one.steps if isinstance(step, Ramp)) == 2.0
+    narrow = chamber_programmes(problem.runs, ChamberRange.of((25, 40, 0.5)))
+    assert all(25.0 - 2.0 <= one.corners[1].min() and one.corners[1].max() <= 40.0 + 2.0 for one in narrow)
+    for wrong in ((70, -40, 2), (-40, 70, 0), (-40, np.inf, 2), (-40, 70)):
+        with pytest.raises(rlg.InputError, match="as -40 70 2"):
+            ChamberRange.of(wrong)
+    with pytest.raises(rlg.InputError, match="the chamber's range is 70 -40 2"):
+        diagnose(BASE, problem.runs, chamber=(70, -40, 2))
+
+
+def test_it_is_said_where_rivals_differ(problem: Problem) -> None:
+    """A warming and a lag, for half a day at one temperature: in the first hours. A lag and a rate: all along."""
+    rest, ramps = (
+        Programme.parse("start 20, hold 720"),
+        Programme.parse("start 20, hold 90, ramp 50 1, hold 60, ramp 20 1, hold 30"),
+    )
+    warming = CATALOGUE["warm_up"](initial_deg_h=0.02, time_constant_s=2000.0)
+    given = {"shape": NoiseShape(), "white_deg_h": WHITE_DEG_H}
+    found = next_experiment(problem, [(warming,), (LAG,)], programmes=[rest], **given)
+    assert found is not None
+    assert found.duration_s == rest.duration_s
+    assert found.shows_s is not None
+    assert 0.0 <= found.shows_s[0] < found.shows_s[1] < 2.0 * 3600.0
+    found = next_experiment(problem, [(LAG,), (RATE,)], programmes=[ramps], **given)
+    assert found is not None
+    assert found.shows_s is None
 
 
 def test_there_is_none_where_nothing_can_be_commanded(problem: Problem) -> None:

@@ -112,7 +112,14 @@ def means(values: Array) -> Array:
 
 
 def make_case(
-    kind: Kind, effects: Sequence[str], strength: float, seed: int, independent: bool, *, whole_noise: bool = False
+    kind: Kind,
+    effects: Sequence[str],
+    strength: float,
+    seed: int,
+    independent: bool,
+    *,
+    whole_noise: bool = False,
+    programmes: Mapping[str, str] | None = None,
 ) -> Case:
     """Make a case.
 
@@ -131,6 +138,8 @@ def make_case(
     whole_noise : bool
         Whether strengths are relative to all noise of the 100 s means of a run about its mean, and not to its white part alone; on
         a turntable they never are.
+    programmes : mapping of str to str, optional
+        Of the chamber, by run; random ones unless given.
     """
     if kind == "table":
         return _on_a_table(effects, strength, seed)
@@ -138,7 +147,7 @@ def make_case(
     noise = Noise.draw(stream(seed, "noise"))
     baseline = _baseline(stream(seed, "baseline"), effects)
     runs = (*TRAINING, *HELD_OUT)
-    chambers = [unit.run(stream(seed, f"chamber:{run}")) for run in runs]
+    chambers = [unit.run(stream(seed, f"chamber:{run}"), (programmes or {}).get(run)) for run in runs]
     plain = _design(_known(baseline, chambers))
     hidden = [_acting(name, seed, independent, chambers, plain) for name in effects]
     for effect in hidden:

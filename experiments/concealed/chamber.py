@@ -23,6 +23,7 @@ from scipy import interpolate, linalg, signal, special
 from experiments.concealed.operators import first_order
 from experiments.concealed.programmes import random_programme
 from rlgcomp.recording import Metadata, Recording
+from rlgcomp.simulation.programme import Programme
 
 Array = npt.NDArray[np.float64]
 PLANT_STEP_S = 5.0
@@ -107,9 +108,9 @@ class Unit:
             mount_thermometer=bool(rng.random() < 0.3),
         )
 
-    def run(self, rng: np.random.Generator) -> Chamber:
-        """One run on a random programme."""
-        corners_s, corners_degC = random_programme(rng)
+    def run(self, rng: np.random.Generator, programme: str | None = None) -> Chamber:
+        """One run, on a random programme unless one is given."""
+        corners_s, corners_degC = random_programme(rng) if programme is None else Programme.parse(programme).corners
         time_s: Array = np.arange(0.0, math.floor(corners_s[-1]), 1.0)
         coarse_s = np.arange(0.0, time_s[-1] + PLANT_STEP_S, PLANT_STEP_S)
         shell_W = self.heat_W[0] * (1.0 + self.heat_wander * wander(coarse_s, 5400.0, rng))

@@ -89,6 +89,14 @@ def diagnose(
             help="The gyro's noise at rest: coefficients.json of `rlgcomp allan --out`, or a .yaml of strengths.",
         ),
     ] = None,
+    chamber: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="LOWEST HIGHEST FASTEST",
+            help="What the chamber can do, in degC and degC/min (-40 70 2), for the next experiment; as recorded unless given.",
+            show_default=False,
+        ),
+    ] = None,
     confirm: Annotated[
         bool, typer.Option("--confirm/--no-confirm", help="Ask the held-out runs whether they bear out what training runs propose.")
     ] = True,
@@ -136,6 +144,7 @@ def diagnose(
                 gyro=calibrated_name(gyro, calibration),
                 window_s=averaging_s,
                 noise=measured,
+                chamber=chamber,
                 confirm=confirm,
                 seed=seed,
                 progress=lambda fraction: advance(round(100 * fraction), 100),

@@ -15,16 +15,19 @@ from rlgcomp.diagnosis.fitting.fit import Fitted, fit
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.naming.search import Model
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms, whiten
-from rlgcomp.diagnosis.programmes.next_experiment import next_experiment, told_apart
+from rlgcomp.diagnosis.programmes.feasible import ANOTHER_K, ChamberRange
+from rlgcomp.diagnosis.programmes.next_experiment import foretells, next_experiment, told_apart
 from rlgcomp.diagnosis.proof.before_after import whiteness_p_value
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Alternative, Cause, InPart, Law, Nearest, NextExperiment, Unexplained
 from rlgcomp.diagnosis.result.wording import listing
+from rlgcomp.errors import InputError
 from rlgcomp.physics.empirical_law import EmpiricalLaw
+from rlgcomp.simulation.programme import Programme
 
 Array = npt.NDArray[np.float64]
 _ALTERNATIVES: Final = 8
-_RIVALS: Final = 4  # told apart by the next experiment
+_RIVALS: Final = 6  # told apart by the next experiment
 _EXACT: Final = 0.5  # probability that equations which are named leave nothing of themselves
 _CERTAIN: Final = 50.0  # log odds
 
@@ -130,7 +133,14 @@ def _rightly(model: Model, conclusion: Conclusion) -> tuple[str, ...]:
 
 
 def what_to_run(
-    problem: Problem, explanations: Explanations, best: Model, noise: NoiseShape, after: Fitted, seed: int
+    problem: Problem,
+    explanations: Explanations,
+    best: Model,
+    noise: NoiseShape,
+    after: Fitted,
+    *,
+    chamber: ChamberRange | None = None,
+    seed: int = 0,
 ) -> tuple[NextExperiment | None, tuple[str, ...]]:
     """The programme that would tell the chosen set from those that differ in one mechanism; what to say where none would."""
     swaps = [
@@ -140,15 +150,31 @@ def what_to_run(
     ]
     swaps = [(model, p) for model, p in swaps if p > MENTIONED * swaps[0][1]][:_RIVALS]
     fits = [fit(problem, explanations.candidates(model), noise) for model, _ in swaps]
-    rivals = [tuple(cause.mechanism for cause in found.causes if not cause.known) for found in fits]
-    found = next_experiment(
-        problem, rivals, shape=noise, white_deg_h=after.white_deg_h, probabilities=[p for _, p in swaps], seed=seed
-    )
+    every = [tuple(cause.mechanism for cause in found.causes if not cause.known) for found in fits]
+    kept = [k for k, one in enumerate(every) if foretells(one)]
+    rivals, shares = [every[k] for k in kept], [swaps[k][1] for k in kept]
+    flipping = [name for one, name in zip(every, told_apart(every), strict=True) if not foretells(one)] if len(every) > 1 else []
+    if flipping and len(rivals) < 2:
+        return None, (
+            f"No programme was sought that would tell {listing(flipping)} from what else it may be: none brings it about.",
+        )
+    passed = [f"What to run next was chosen without {listing(flipping)}, which no programme brings about."] if flipping else []
+    try:
+        found = next_experiment(
+            problem, rivals, shape=noise, white_deg_h=after.white_deg_h, probabilities=shares, chamber=chamber, seed=seed
+        )
+    except InputError as error:
+        return None, (f"What to run next could not be judged: {error}.",)
+    untold = chamber is None and problem.simulator.kind == "chamber"
+    further = " If the chamber does more than it did in these runs, say so with --chamber." * untold
     if found is not None:
-        return found, ()
+        if untold and np.ptp(Programme.parse(found.profile).corners[1]) < ANOTHER_K:
+            passed.append(f"The chamber hardly moved in these runs, and hardly moves in what is proposed.{further}")
+        return dataclasses.replace(found, probability_of_these=min(1.0, sum(shares))), tuple(passed)
     names = listing(told_apart(rivals)) if len(rivals) > 1 else "what was found and what else it may be"
+    ranges = "the recorded ranges" if chamber is None else "the chamber's range"
     might = "A wider range might, or one more monitor, or a run in which what drives one of them is changed by itself."
-    return None, (f"No programme within the recorded ranges would tell between {names}. {might}",)
+    return None, (f"No programme within {ranges} would tell between {names}. {might}{further}", *passed)
 
 
 def whiteness(problem: Problem, after: Fitted, noise: NoiseShape) -> float:

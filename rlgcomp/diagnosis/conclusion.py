@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -31,7 +32,7 @@ MENTIONED: Final = 0.05  # of that: a mechanism with less is not named as a riva
 UNRECORDED: Final = 0.5
 NEAR: Final = math.log(10.0)  # log Bayes factor from which a law is spoken of where no law is found and something wanders
 _NOT_DENIED: Final = 0.0  # log Bayes factor in training of a law that held-out runs may make sure of
-_NO_NOISE: Final = 1e-6  # p-value below which something is there, though the likeliest noise passes for it
+_NO_NOISE: Final = 1e-4  # p-value below which something is there, though the likeliest noise passes for it
 _ACQUITTED: Final = 0.3  # probability of a healthy gyro from which nothing is claimed: seven to three is asked of who accuses
 _BEYOND: Final = math.log(10.0)  # odds from which a law is needed beside causes that are named
 _BESIDE: Final = math.log(100.0)  # odds from which a cause is named beside something that wanders unrecorded
@@ -261,13 +262,15 @@ def least_p_value(nothing: float) -> float:
         B = \frac{1 - p}{p} \frac{\pi}{1 - \pi}
 
     (Markov's inequality: under the null the expectation of B is one), with p after and :math:`\pi` before the data are seen.
+    It ends where numbers do.
 
     References
     ----------
     V. Vovk, R. Wang, "E-values: calibration, combination and applications", Ann. Stat. 49, 1736 (2021).
     """
     before = MISSING[0] * (1.0 - UNTRIED) * (1.0 - LAW)
-    return min(1.0, nothing / max(1.0 - nothing, 1e-300) * (1.0 - before) / before)
+    bound = nothing / max(1.0 - nothing, 1e-300) * (1.0 - before) / before
+    return min(1.0, max(bound, sys.float_info.min))
 
 
 def acquitted(explanations: Explanations) -> bool:

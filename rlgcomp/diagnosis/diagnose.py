@@ -27,6 +27,7 @@ from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.explain import Explanations, considered
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Asked, Posed
+from rlgcomp.diagnosis.programmes.feasible import ChamberRange
 from rlgcomp.diagnosis.proof.before_after import Proof, proved, unreadable
 from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
 from rlgcomp.diagnosis.question.problem import Problem
@@ -71,6 +72,7 @@ def diagnose(
     gyro: str | None = None,
     window_s: float | None = None,
     noise: NoiseModel | None = None,
+    chamber: Sequence[float] | None = None,
     seed: int = 0,
     black_box: bool = True,
     confirm: bool = True,
@@ -98,6 +100,9 @@ def diagnose(
         Averaging time; 100 s, or a two hundredth of the longest run where that is less.
     noise : NoiseModel, optional
         Of the gyro at rest, instead of what the simulator says. Where it is known, weaker effects are told from it.
+    chamber : (float, float, float), optional
+        Lowest and highest temperature in degC and fastest ramp in degC/min of the chamber in which the next experiment would be
+        run; by default what the runs show of it.
     seed : int
         Of the replicates of noise.
     black_box : bool
@@ -113,7 +118,7 @@ def diagnose(
     ------
     InputError
         A run is given twice, or both to train and to test; runs are too short, lack a monitor, belong to another kind than the
-        simulator, or are beyond what it can be off by; a mechanism of the user's fails on them.
+        simulator, or are beyond what it can be off by; a mechanism of the user's fails on them; the chamber's range is none.
     """
     train, test, seed = require_recordings(train, "train"), require_recordings(test, "test"), require_seed(seed)
     ask = functools.partial(
@@ -126,6 +131,7 @@ def diagnose(
         gyro=gyro,
         window_s=window_s,
         noise=noise,
+        chamber=None if chamber is None else ChamberRange.of(chamber),
         seed=seed,
         black_box=black_box,
         executor=executor,
@@ -147,6 +153,7 @@ def _diagnosed(
     gyro: str | None,
     window_s: float | None,
     noise: NoiseModel | None,
+    chamber: ChamberRange | None,
     seed: int,
     black_box: bool,
     confirm: bool,
@@ -158,7 +165,7 @@ def _diagnosed(
     require_computable(mechanisms, [*train, *test])
     runs = Comparable.of(simulator, simulated, train, test, mechanisms=mechanisms, gyro=gyro, window_s=window_s)
     base = runs.base if noise is None else dataclasses.replace(runs.base, noise=dataclasses.replace(noise, measured=True))
-    asked = Asked(runs.train, runs.test if confirm else (), mechanisms, gyro, window_s, runs.predicted)
+    asked = Asked(runs.train, runs.test if confirm else (), mechanisms, gyro, window_s, runs.predicted, chamber)
     posed = Posed.of(asked, base)
     _require_noise(posed.windowed)
     told(0.05)
@@ -266,8 +273,8 @@ def _told(
     # a path of jumps or a law is seen by the search alone, whose Bayes factor bounds the p-value
     p_value = min(in_noise, by_chance, 1.0 if verdict == "none" else least_p_value(searched.nothing))
     places = locate(searched.posed.windowed, searched.posed.within, first.shape, stream(seed, "places"))
-    asked = windowed, last.explanations, conclusion.model, last.shape, after, seed
-    next_up, untold = what_to_run(*asked) if verdict == "ambiguous" else (None, ())
+    asked = functools.partial(what_to_run, windowed, last.explanations, conclusion.model, last.shape, after)
+    next_up, untold = asked(chamber=last.posed.asked.chamber, seed=seed) if verdict == "ambiguous" else (None, ())
     numbers, before = searched.before.baseline | after.baseline, searched.before
     differing = {name: numbers[name] for name in searched.wrong if _differs(base, name, numbers[name])}
     model = noise_model(last.shape, after.white_deg_h, last.posed.problem.windows[0])

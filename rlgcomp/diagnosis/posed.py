@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.naming.confirm import confirmed
 from rlgcomp.diagnosis.naming.explain import Explanations, explain
 from rlgcomp.diagnosis.naming.lines import Within, mechanisms_at_lines
 from rlgcomp.diagnosis.naming.signatures import undoubted
+from rlgcomp.diagnosis.programmes.feasible import ChamberRange
 from rlgcomp.diagnosis.question.events import BiasStep, Partly
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics.empirical_law import EmpiricalLaw
@@ -47,6 +48,8 @@ class Asked:
     mechanisms : mapping of str to type
     gyro, window_s, predicted
         As in :meth:`rlgcomp.diagnosis.question.problem.Problem.of`.
+    chamber : ChamberRange, optional
+        What the chamber can do.
     """
 
     train: Sequence[Recording]
@@ -55,6 +58,7 @@ class Asked:
     gyro: str | None = None
     window_s: float | None = None
     predicted: Callable[[Recording], Array] | None = None
+    chamber: ChamberRange | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,10 +130,11 @@ class Posed:
     def _stepping(self, base: Simulator) -> tuple[Self, Explanations]:
         """The same asked of runs in which the bias steps, or a cause acts in a part, where that is so; and the sets that answer."""
         posed, explanations = self, self.explained
-        while base.kind == "chamber":
+        in_a_chamber = base.kind == "chamber"
+        while True:
             steps, in_part = posed.windowed.steps, posed.windowed.partly
             step = bias_steps.sought(posed.windowed, explanations, posed.whole_windowed) if len(steps) < _STEPS else None
-            found = None if in_part else partly.sought(posed.windowed, explanations)
+            found = partly.sought(posed.windowed, explanations) if in_a_chamber and not in_part else None
             if step is not None and (found is None or step.log_odds > found.log_odds):
                 steps = (*steps, step)
             elif found is not None:

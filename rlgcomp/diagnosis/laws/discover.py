@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
@@ -151,7 +152,7 @@ def discover(
     return Discovery(
         mechanism=dataclasses.replace(law, amplitude_deg_h=value),
         log_bayes_factor=log_bayes_factor,
-        p_value=math.exp(-max(0.0, log_bayes_factor)),
+        p_value=max(math.exp(-max(0.0, log_bayes_factor)), sys.float_info.min),
         drivers=dictionary.read_by(chosen.family),
         driver_probabilities=dict(sorted(by_drivers.items(), key=lambda item: -item[1])[:6]),
         memory=memory,

@@ -8,8 +8,9 @@ well they were foreseen,
 
 so that a weak cause which returns is believed, and one which does not is given up. What held-out runs show is evidence for a set
 only where training foresaw it: with the amplitudes of the training runs, in the shapes of training or those that all runs prefer,
-the set must explain at least half of what it would with their own; and where training prefers fewer causes, these, fitted to the
-training runs, must not leave less of the held-out runs. No set is found in a held-out run and no number comes from one; but
+the set must explain at least half of what it would with their own, or loses of that evidence what it lacks of half; and so must
+fewer causes that all runs prefer to it; and where training prefers fewer causes, these, fitted to the training runs, must not leave
+less of the held-out runs. No set is found in a held-out run and no number comes from one; but
 whether every run has a line's phase, or each its own, all runs say together.
 
 All this takes the noise for the same in all runs. Where no set accounts for all runs but in noise that training rules out, what is
@@ -30,7 +31,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -83,6 +84,7 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
     if _beyond_training(explanations, judged.values()):
         return dataclasses.replace(explanations, unaccounted=True)
     found: dict[frozenset[Label], Model] = {}
+    docked: dict[frozenset[Label], float] = {}
     for model in sorted(at_issue, key=lambda model: len(model.labels)):
         members = model.members
         if model.labels in judged:
@@ -94,8 +96,9 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
             gained = by_all.log_posterior - judged[frozenset()].log_posterior - (model.log_posterior - nothing.log_posterior)
             if gained > 0.0:
                 shares = [_foreseen(causes, by_whole, windowed, noise, gained) for causes in (by_training, by_whole)]
-                if max(shares) < _FORESEEN:
-                    by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - gained)
+                unforeseen = gained * min(1.0, max(0.0, 1.0 - max(shares) / _FORESEEN))
+                docked[model.labels] = max(unforeseen, _with_fewer(model, judged, docked))
+                by_all = dataclasses.replace(by_all, log_evidence=by_all.log_evidence - docked[model.labels])
             less = max((other for other in at_issue if other.labels < model.labels), key=_log_posterior, default=model)
             if less.log_posterior > model.log_posterior:
                 raised = by_all.log_posterior - found[less.labels].log_posterior - (model.log_posterior - less.log_posterior)
@@ -142,6 +145,13 @@ def foresight(
         return float(gained)
 
     return log_foreseen
+
+
+def _with_fewer(model: Model, judged: Mapping[frozenset[Label], Model], docked: Mapping[frozenset[Label], float]) -> float:
+    """What a set gives up with the fewer causes that all runs prefer to it: one more makes nothing of these foreseen."""
+    own = judged[model.labels].log_posterior
+    fewer = [less for less in docked if less < model.labels and judged[less].log_posterior > own]
+    return max((docked[less] for less in fewer), default=0.0)
 
 
 def _log_posterior(model: Model) -> float:

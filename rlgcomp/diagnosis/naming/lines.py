@@ -80,7 +80,7 @@ class Within:
     @classmethod
     def of(cls, problem: Problem) -> Self | None:
         """None where windows hold too few rows."""
-        if min(int(part.counts.min()) for part in problem.windows) < _FEWEST:
+        if min(int(part.counts[part.kept].min()) for part in problem.windows) < _FEWEST:
             return None
         used = {name for name, _ in problem.baseline_names}
         free = [mechanism for mechanism in problem.simulator.mechanisms if mechanism.name in used]

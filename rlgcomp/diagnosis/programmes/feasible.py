@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 
@@ -26,17 +26,47 @@ _GRIDS_K: Final = (1.0, 0.1)  # temperatures are multiples of the first that lea
 _STEPS_IN_RANGE: Final = 20
 _SURE_K: Final = 0.05  # a range that was recorded to within this of a number reaches it
 _SURE: Final = 0.005  # the same of a rate, relative
-_ANOTHER_K: Final = 5.0  # from the usual temperature: less is a room that drifts and a gyro that warms itself
+ANOTHER_K: Final = 5.0  # from the usual temperature: less is a room that drifts and a gyro that warms itself
 _SAME_K: Final = 0.5  # thermometers and chambers are no surer of where they are
 
 
-def chamber_programmes(runs: Sequence[Recording]) -> list[Programme]:
-    """Presets and variants of them that stay within what was recorded, none longer than 14 h, in numbers that can be set.
+class ChamberRange(NamedTuple):
+    """What a chamber can do: set points in degC, and the fastest ramp in degC/min."""
+
+    coldest_degC: float
+    hottest_degC: float
+    fastest_degC_min: float
+
+    @classmethod
+    def of(cls, given: Sequence[float]) -> Self:
+        """From three numbers.
+
+        Raises
+        ------
+        InputError
+            They are no range.
+        """
+        found = cls(*map(float, given)) if len(given) == len(cls._fields) else None
+        if found is None or not (math.isfinite(sum(found)) and found[0] < found[1] and found[2] > 0.0):
+            told = " ".join(f"{number:g}" for number in given)
+            raise InputError(
+                f"the chamber's range is {told}; give its lowest and highest temperature in degC and its fastest ramp "
+                "in degC/min, as -40 70 2"
+            )
+        return found
+
+
+def chamber_programmes(runs: Sequence[Recording], within: ChamberRange | None = None) -> list[Programme]:
+    """Presets and variants of them that stay within what was recorded, or what the chamber can do where that is told; none longer
+    than 14 h, in numbers that can be set.
 
     Full cycles at the usual and at half the rate, up and down once, long dwells, reversals at mid range, minor loops, stairs, two
     rates in one run. What takes too long at the rates there are goes less far from the middle.
     """
     cold, hot, start, rate = _chamber_limits(runs)
+    if within is not None:
+        cold, hot, rate = within.coldest_degC, within.hottest_degC, min(within.fastest_degC_min, chamber.FASTEST_DEG_C_MIN)
+        start = min(max(start, cold), hot)
     variants = [_variants(cold, hot, start, rate, share) for share in _SHARES]
     made = [next((one for one in same if one.duration_s <= LONGEST_S), None) for same in zip(*variants, strict=True)]
     presets = [Programme.parse(name) for name in chamber.PRESETS]
@@ -109,7 +139,7 @@ def _room_temperatures(runs: Sequence[Recording]) -> tuple[float | None, list[fl
         return None, []
     recorded = np.concatenate([run.column(run.temperature_column) for run in with_thermometer])
     usual, *ends = float(np.median(recorded)), math.ceil(recorded.min() - _SURE_K), math.floor(recorded.max() + _SURE_K)
-    return round(usual, 1), [float(end) for end in ends if abs(end - usual) >= _ANOTHER_K]
+    return round(usual, 1), [float(end) for end in ends if abs(end - usual) >= ANOTHER_K]
 
 
 def _chamber_limits(runs: Sequence[Recording]) -> tuple[float, float, float, float]:

@@ -6,18 +6,27 @@ leads all others is taken to follow the chamber; the others answer it as a sum o
 
 .. math:: T_j = c_j + \sum_k w_{jk} \, L_{\tau_k} T_1, \qquad w_{jk} \ge 0, \qquad \tau_k \dot{(L T)} = T - L T,
 
-with self-heating since the start of the run added. Every other monitor is a function of that temperature, its lags, the rates of
-all temperatures and the clock, and keeps what these leave of it in the longest run: what wandered together there wanders together
-again.
+with self-heating since the start of the run added. Every other monitor is a function of a few of: that temperature, its lags, the
+rates of all temperatures, the clock, and the monitors before it; of its means over ten minutes,
+
+.. math:: x = c_{run} + Z_S b + e, \qquad b \sim N(0, \lambda \sigma^2 I), \qquad e \sim \text{white noise of variance } \sigma^2
+    \text{ and a random walk},
+
+Z being scaled to one. The weights b are averaged over all small sets S, over :math:`\lambda` and over walks, by their evidence:
+what walks at random looks for one run like much that moves as slowly, and would be foreseen far from where it was ever recorded.
+What these leave of a monitor in the longest run is kept: what wandered together there wanders together again.
 
 References
 ----------
+J. A. Hoeting et al., "Bayesian model averaging: a tutorial", Statist. Sci. 14, 382 (1999).
 L. Ljung, *System Identification: Theory for the User*, 2nd ed., Prentice Hall, 1999, ch. 10 (linear regression on filtered inputs).
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Final, Self
@@ -27,6 +36,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import linalg, optimize
 
+from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, norms, whiten
 from rlgcomp.errors import InputError
 from rlgcomp.filters import lag, rate_per_min
 from rlgcomp.physics.ageing import Ageing
@@ -40,6 +50,11 @@ _LAGS_S: Final = np.geomspace(50.0, 15_000.0, 16)
 _WARM_K: Final = 30.0
 _WARMING_S: Final = (900.0, 3600.0)  # self-heating since the start of a run
 _MONITOR_LAGS_S: Final = (1800.0, 7200.0)
+_MEAN_S: Final = 600.0  # of monitors, when it is asked what they follow
+_WALKS: Final = tuple(NoiseShape(walk=walk) for walk in (0.0, *np.geomspace(0.1, 1000.0, 9)))
+_LARGEST: Final = 4  # quantities that a monitor follows at once
+_VARIANCES: Final = np.geomspace(1e-2, 1e8, 6)  # of a weight, over that of the white noise of a mean
+_EXACTLY: Final = 1e-12  # of a square: rounding
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +69,8 @@ class Laboratory:
         Weights of each other temperature's answer.
     others : mapping of str to (ndarray, ndarray)
         Of each other monitor, weights of what it follows and what these leave of it in the longest run, row by row.
+    since_s : ndarray
+        Times of these rows, from the first on.
     clock : Ageing
         Says whether time is counted from each start or runs on from one run to the next.
     begins_s : float
@@ -63,6 +80,7 @@ class Laboratory:
     lead: str
     followers: Mapping[str, Array]
     others: Mapping[str, tuple[Array, Array]]
+    since_s: Array
     clock: Ageing
     begins_s: float
 
@@ -84,15 +102,18 @@ class Laboratory:
         clock = Ageing.grid(runs)[-1]
         ends_s = max(float(run.time_s[-1]) + run.period_s for run in runs)
         followers = {name: weights for name, (weights, _) in answers[lead].items()}
-        found = cls(lead, followers, {}, clock, ends_s if clock.since == "clock" else 0.0)
-        learnt = np.concatenate([found._followed(run) for run in runs])
         longest = max(runs, key=len)
-        own = found._followed(longest)
+        since_s = longest.time_s - longest.time_s[0]
+        found = cls(lead, followers, {}, since_s, clock, ends_s if clock.since == "clock" else 0.0)
+        learnt, own = np.concatenate([found._followed(run) for run in runs]), found._followed(longest)
+        starts, means = _coarse(runs)
         others = {}
         for name in shared:
             if name not in (TIME, *temperatures, *runs[0].gyro_columns):
-                weights = np.linalg.lstsq(learnt, np.concatenate([run.column(name) for run in runs]), rcond=1e-9)[0]
-                others[name] = weights, longest.column(name) - own @ weights
+                target, its_own = np.concatenate([run.column(name) for run in runs]), longest.column(name)
+                weights = _weights(learnt, target, starts, means)
+                others[name] = weights, its_own - own @ weights
+                learnt, own = np.column_stack([learnt, target]), np.column_stack([own, its_own])
         return dataclasses.replace(found, others=others)
 
     def foreseen(self, programme: Programme, plant: ThermalPlant, step_s: float) -> Recording:
@@ -112,14 +133,13 @@ class Laboratory:
         table = {TIME: time_s, "gyro_deg_h": np.zeros(len(time_s)), self.lead: leading} | self._following(leading, time_s)
         run = Recording(pd.DataFrame(table), Metadata(kind="chamber"), name="next")
         followed = self._followed(run)
-        return run.replace(
-            table=run.table.assign(
-                **{
-                    name: followed @ weights + np.pad(left, (0, len(time_s)), mode="symmetric")[: len(time_s)]
-                    for name, (weights, left) in self.others.items()
-                }
-            )
-        )
+        whole_s = float(self.since_s[-1])
+        as_then_s = whole_s - np.abs(whole_s - since_s % (2.0 * whole_s))  # there and back
+        monitors = {}
+        for name, (weights, left) in self.others.items():
+            monitors[name] = followed @ weights + np.interp(as_then_s, self.since_s, left)
+            followed = np.column_stack([followed, monitors[name]])
+        return run.replace(table=run.table.assign(**monitors))
 
     def _following(self, temperature_degC: Array, time_s: Array) -> dict[str, Array]:
         """The other temperatures, from the one that leads."""
@@ -127,8 +147,8 @@ class Laboratory:
         return {name: answering @ weights for name, weights in self.followers.items()}
 
     def _followed(self, run: Recording) -> Array:
-        """What a monitor that is no thermometer may follow: the temperature that leads, its square, its lags; rates, with
-        their sign and without; the clock."""
+        """What a monitor that is no thermometer may follow: a constant, the temperature that leads, its square, its lags; rates,
+        with their sign and without; the clock."""
         leading, time_s = run.column(self.lead), run.time_s
         warm = (leading - NOMINAL_DEG_C) / _WARM_K
         lags = [lag(warm, time_s, lag_s) for lag_s in _MONITOR_LAGS_S]
@@ -148,6 +168,63 @@ def _answer(runs: Sequence[Recording], lead: str, name: str) -> tuple[Array, flo
     weights, missed = optimize.nnls(factor[:, :-1], factor[:, -1])
     starting = np.linalg.lstsq(own, np.concatenate(target) - lagged @ weights, rcond=1e-9)[0].reshape(len(runs), -1).mean(axis=0)
     return np.r_[weights, starting], float(missed**2 / max(wanted @ wanted, np.finfo(float).tiny))
+
+
+def _coarse(runs: Sequence[Recording]) -> tuple[npt.NDArray[np.intp], Rows]:
+    """The rows with which means over some minutes begin, and these means as rows."""
+    first, starts, run, times_s = 0, [], [], []
+    for k, one in enumerate(runs):
+        length = max(1, round(_MEAN_S / one.period_s))
+        begins = np.arange(0, max(1, len(one) - length // 2), length)
+        starts.append(first + begins)
+        times_s.append(one.time_s[begins])
+        run.append(np.full(len(begins), k))
+        first += len(one)
+    count = sum(len(begins) for begins in starts)
+    return np.concatenate(starts), Rows(np.concatenate(times_s), np.concatenate(run), np.ones(count), _MEAN_S)
+
+
+def _weights(learnt: Array, target: Array, starts: npt.NDArray[np.intp], rows: Rows) -> Array:
+    """Weights of what a monitor follows, the first of a constant: the mean of those that runs have of their own."""
+    counts = np.diff(np.r_[starts, len(target)])
+    means = np.add.reduceat(np.column_stack([learnt[:, 1:], target]), starts) / counts[:, None]
+    means -= means.mean(axis=0)
+    sizes = norms(means) / math.sqrt(len(means))
+    level = (rows.run[:, None] == np.unique(rows.run)).astype(np.float64)
+    tables, log_determinants = whiten(rows, np.column_stack([level, means / sizes]), _WALKS)
+    evidence, which, found = [], [], []
+    for table, log_determinant in zip(tables, log_determinants, strict=True):
+        own, factor = np.linalg.qr(table[:, : level.shape[1]])
+        free = table[:, level.shape[1] :] - own @ (own.T @ table[:, level.shape[1] :])
+        gram = free.T @ free
+        constant = -0.5 * log_determinant - np.log(np.abs(np.diag(factor))).sum()
+        for sets in _small_sets(len(sizes) - 1):
+            shown, among = gram[sets, -1], gram[sets[:, :, None], sets[:, None, :]]
+            for variance in _VARIANCES:
+                scaled = np.eye(sets.shape[1]) + variance * among
+                weights = variance * np.linalg.solve(scaled, shown[:, :, None])[:, :, 0]
+                missed = np.maximum(gram[-1, -1] - (weights * shown).sum(axis=1), _EXACTLY * gram[-1, -1])
+                log_missed = 0.5 * (len(means) - level.shape[1]) * np.log(missed)
+                evidence.append(constant - math.log(len(sets)) - 0.5 * np.linalg.slogdet(scaled)[1] - log_missed)
+                which.append(sets)
+                found.append(weights)
+    shares = np.exp(np.concatenate(evidence) - max(each.max() for each in evidence))
+    shares /= shares.sum()
+    mean, place = np.zeros(len(sizes) - 1), 0
+    for sets, weights in zip(which, found, strict=True):
+        np.add.at(mean, sets, shares[place : place + len(sets), None] * weights)
+        place += len(sets)
+    mean *= sizes[-1] / sizes[:-1]
+    return np.r_[float(np.mean(target - learnt[:, 1:] @ mean)), mean]
+
+
+@functools.lru_cache(maxsize=32)
+def _small_sets(count: int) -> tuple[npt.NDArray[np.intp], ...]:
+    """All sets of so many quantities, none, one, two, … of them, shape (sets, members)."""
+    return tuple(
+        np.array([*itertools.combinations(range(count), members)], dtype=np.intp).reshape(math.comb(count, members), members)
+        for members in range(min(_LARGEST, count) + 1)
+    )
 
 
 def _lagged(temperature_degC: Array, time_s: Array) -> Array:

@@ -26,14 +26,13 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.naming.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, Whitener
-from rlgcomp.diagnosis.programmes.feasible import chamber_programmes, table_programmes
+from rlgcomp.diagnosis.programmes.feasible import ChamberRange, chamber_programmes, table_programmes
 from rlgcomp.diagnosis.programmes.laboratory import Laboratory
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.shapes import neighbours
 from rlgcomp.diagnosis.question.windows import Windows, turning_deg_s
 from rlgcomp.diagnosis.result import NextExperiment
 from rlgcomp.diagnosis.result.wording import set_text
-from rlgcomp.errors import InputError
 from rlgcomp.motion import ANGLES, RATE, angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
@@ -47,6 +46,7 @@ ENOUGH: Final = 0.99  # probability from which a shorter programme is preferred 
 _STEPS_A_WINDOW: Final = 5
 _OF_A_TURN: Final = 0.4  # between two samples of an encoder, at most
 _GAINED: Final = 0.1  # of the expected probability, and of what it lacks to 1: an experiment that gains less tells nothing
+_SHORT: Final = 1.0 / 3.0  # of a run, up to which a part is worth to be pointed at
 _REFINED: Final = 2  # programmes whose rivals' shapes are refined
 _RELATIVE_STEPS: Final = (0.3, 0.1, 0.03)
 _GRID: Final = 12  # shapes of a mechanism that are tried, at most
@@ -61,6 +61,7 @@ def next_experiment(
     white_deg_h: float,
     probabilities: Sequence[float] | None = None,
     programmes: Sequence[Programme | TableProgramme] | None = None,
+    chamber: ChamberRange | None = None,
     seed: int = 0,
 ) -> NextExperiment | None:
     """The programme that would tell rival explanations apart.
@@ -78,48 +79,62 @@ def next_experiment(
         Of the rivals, given the runs there are; even unless given.
     programmes : sequence, optional
         Those to choose from; by default what the recorded ranges of temperature and rate allow.
+    chamber : ChamberRange, optional
+        What the chamber can do, instead of what was recorded.
     seed : int
         Of the simulated monitors.
 
     Returns
     -------
     NextExperiment, or None
-        None where a rival is driven by what no programme commands (an unsimulated column), or predicts nothing, and where no
-        programme would tell more than is known.
+        None where a rival predicts nothing, and where no programme would tell more than is known.
+
+    Raises
+    ------
+    InputError
+        A run in a chamber has no thermometer; or a rival is driven by what no programme commands (an unsimulated column).
     """
-    if len(rivals) < 2 or any(not mechanism.amplitude_parameters() for members in rivals for mechanism in members):
+    if len(rivals) < 2 or not all(map(foretells, rivals)):
         return None
-    if not all(any(column.startswith("temperature_") for column in run.columns) for run in problem.runs):
-        return None
+    in_chamber = problem.simulator.kind == "chamber"
     if programmes is None:
-        feasible = chamber_programmes if problem.simulator.kind == "chamber" else table_programmes
-        programmes = feasible(problem.runs)
+        programmes = chamber_programmes(problem.runs, chamber) if in_chamber else table_programmes(problem.runs)
     prior = np.full(len(rivals), 1.0 / len(rivals)) if probabilities is None else np.array(probabilities) / np.sum(probabilities)
     past = _Run(problem.rows, problem.baseline, problem.columns, shape, white_deg_h)
-    try:
-        laboratory = Laboratory.of([windows.fine for windows in problem.windows]) if problem.simulator.kind == "chamber" else None
-        futures = [_simulated(problem, laboratory, programme, shape, white_deg_h, seed) for programme in programmes]
-        known = _distances(rivals, [past])
-        scored = [
-            (_expected(prior, _distances(rivals, [past, future]) - known, _unsure(rivals, future)), programme, future)
-            for programme, future in zip(programmes, futures, strict=True)
-        ]
-    except InputError:
-        return None
+    laboratory = Laboratory.of([windows.fine for windows in problem.windows]) if in_chamber else None
+    futures = [_simulated(problem, laboratory, programme, shape, white_deg_h, seed) for programme in programmes]
+    known = _distances(rivals, [past])
+    scored = [
+        (_expected(prior, _distances(rivals, [past, future]) - known, _unsure(rivals, future)), programme, future)
+        for programme, future in zip(programmes, futures, strict=True)
+    ]
     scored.sort(key=lambda item: _preference(float(prior @ item[0]), item[1]))
     known = _distances(rivals, [past], refine=True)
     refined = [
-        (_expected(prior, _distances(rivals, [past, future], refine=True) - known, _unsure(rivals, future)), programme)
+        (_expected(prior, _distances(rivals, [past, future], refine=True) - known, _unsure(rivals, future)), programme, future)
         for _, programme, future in scored[:_REFINED]
     ]
     if not refined:
         return None
-    if_true, programme = min(refined, key=lambda item: _preference(float(prior @ item[0]), item[1]))
+    if_true, programme, future = min(refined, key=lambda item: _preference(float(prior @ item[0]), item[1]))
     expected, nothing_learnt = float(prior @ if_true), float(prior @ prior)
     worth = nothing_learnt + _GAINED * min(nothing_learnt, 1.0 - nothing_learnt)
     if expected < max(worth, float(prior.max())):  # nobody runs a programme after which less is expected than is known
         return None
-    return NextExperiment(told_apart(rivals), str(programme), expected, tuple(if_true.tolist()))
+    truth, rival = (rivals[k] for k in np.argsort(-prior, kind="stable")[:2])
+    return NextExperiment(
+        separates=told_apart(rivals),
+        profile=str(programme),
+        expected_probability_after=expected,
+        if_true=tuple(if_true.tolist()),
+        duration_s=programme.duration_s,
+        shows_s=_shows_s(truth, rival, past, future),
+    )
+
+
+def foretells(members: Members) -> bool:
+    """Whether an explanation says what a run will show: no path of jumps does."""
+    return all(mechanism.amplitude_parameters() for mechanism in members)
 
 
 def told_apart(rivals: Sequence[Members]) -> tuple[str, ...]:
@@ -137,6 +152,7 @@ class _Run:
         self._white_deg_h = white_deg_h
         self._columns = columns
         self._known: dict[Mechanism, Array] = {}
+        self.time_s = rows.time_s
         self.baseline = self._whitened(baseline)
 
     def learn(self, mechanisms: Sequence[Mechanism]) -> None:
@@ -223,13 +239,33 @@ def _distances(rivals: Sequence[Members], runs: Sequence[_Run], *, refine: bool 
     """D² of each rival (column) from each truth (row)."""
     found = np.zeros((len(rivals), len(rivals)))
     for k, truth in enumerate(rivals):
-        target = np.concatenate(
-            [sum((_contribution(run.of(one), one) for one in truth), np.zeros(len(run.baseline))) for run in runs]
-        )
+        target = _predicted(truth, runs)
         for j, rival in enumerate(rivals):
             if k != j:
-                found[k, j] = _distance(target, rival, runs, refine=refine)
+                found[k, j] = _square(_left(target, _closest(target, rival, runs, refine=refine), runs))
     return found
+
+
+def _predicted(members: Members, runs: Sequence[_Run]) -> Array:
+    """What an explanation says of runs, one after the other."""
+    return np.concatenate([sum((_contribution(run.of(one), one) for one in members), np.zeros(len(run.baseline))) for run in runs])
+
+
+def _shows_s(truth: Members, rival: Members, past: _Run, future: _Run) -> tuple[float, float] | None:
+    """The shortest part of a run in which half of what tells a rival from the truth is, from when to when after its start; None
+    where that is everywhere."""
+    runs = [past, future]
+    target = _predicted(truth, runs)
+    left = _left(target, _closest(target, rival, runs, refine=True), runs)[len(past.time_s) :]
+    told = np.r_[0.0, np.cumsum(left**2)]
+    first = np.flatnonzero(told <= 0.5 * told[-1])
+    last = np.minimum(np.searchsorted(told, told[first] + 0.5 * told[-1]), len(left))
+    k = int(np.argmin(last - first))
+    if last[k] - first[k] > _SHORT * len(left):
+        return None
+    window_s = float(np.median(np.diff(future.time_s)))
+    since_s = future.time_s - future.time_s[0]
+    return float(since_s[first[k]]), float(since_s[last[k] - 1] + window_s)
 
 
 def _unsure(rivals: Sequence[Members], future: _Run) -> Array:
@@ -246,9 +282,9 @@ def _contribution(columns: Array, mechanism: Mechanism) -> Array:
     return np.asarray(columns @ np.resize(_amplitudes(mechanism), columns.shape[1]))
 
 
-def _distance(target: Array, rival: Members, runs: Sequence[_Run], *, refine: bool) -> float:
-    """Squared distance left after the rival is fitted: its amplitudes in closed form, its shapes by coordinate search."""
-    best, lowest = rival, _left(target, rival, runs)
+def _closest(target: Array, rival: Members, runs: Sequence[_Run], *, refine: bool) -> Members:
+    """The rival in the shapes in which it comes closest, by coordinate search."""
+    best, lowest = rival, _square(_left(target, rival, runs))
 
     def improve(k: int, trials: Sequence[Mechanism]) -> None:
         nonlocal best, lowest
@@ -256,7 +292,7 @@ def _distance(target: Array, rival: Members, runs: Sequence[_Run], *, refine: bo
             run.learn(trials)
         for trial in trials:
             moved = (*best[:k], trial, *best[k + 1 :])
-            left = _left(target, moved, runs)
+            left = _square(_left(target, moved, runs))
             if left < lowest:
                 best, lowest = moved, left
 
@@ -267,10 +303,15 @@ def _distance(target: Array, rival: Members, runs: Sequence[_Run], *, refine: bo
             for parameter in member.parameters():
                 if parameter.role == "shape":
                     improve(k, neighbours(best[k], parameter.name, step))
-    return lowest
+    return best
 
 
-def _left(target: Array, members: Members, runs: Sequence[_Run]) -> float:
+def _square(left: Array) -> float:
+    return float(left @ left)
+
+
+def _left(target: Array, members: Members, runs: Sequence[_Run]) -> Array:
+    """What is left of a prediction, whitened, once its rival's amplitudes are fitted to it."""
     blocks = []
     for member in members:
         parts = [run.of(member) for run in runs]
@@ -278,8 +319,7 @@ def _left(target: Array, members: Members, runs: Sequence[_Run]) -> float:
     design = np.column_stack([np.concatenate([run.baseline for run in runs]), *blocks])
     norms = np.sqrt((design**2).sum(axis=0))
     scaled = design / np.where(norms > 0.0, norms, 1.0)
-    left = target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-9)[0]
-    return float(left @ left)
+    return np.asarray(target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-9)[0])
 
 
 def _grid(member: Mechanism) -> list[Mechanism]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -194,7 +195,8 @@ def whiteness_p_value(series: Sequence[Array]) -> float:
     cumulative = np.cumsum(ordered)[:-1] / ordered.sum()
     n = len(cumulative)
     apart = max(float(np.max(np.arange(1, n + 1) / n - cumulative)), float(np.max(cumulative - np.arange(n) / n)))
-    return float(special.kolmogorov((math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n)) * apart))
+    p_value = float(special.kolmogorov((math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n)) * apart))
+    return max(p_value, sys.float_info.min)
 
 
 def improvement_interval(

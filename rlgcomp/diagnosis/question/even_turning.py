@@ -49,7 +49,9 @@ _STEPS_DEG: Final = tuple(  # that encoders have, the largest first: decimals of
     )
 )
 _COARSEST_DEG: Final = 0.1  # of an encoder; a table whose angles are whole multiples of more is one that turns by whole numbers
-_OFF: Final = 0.02  # of a step, by which angles written in decimals miss it
+_OFF: Final = 0.2  # of a step, by which angles miss it at most, where decimals write no more
+_DECIMALS: Final = 7  # that are looked for
+_EXACT_DEG: Final = 1e-9  # rounding of numbers
 _DISTINCT: Final = 12  # angles that must be there
 _LOOKED_AT: Final = 500  # of the angles, at first
 _SMALL: Final = 2.5  # steps, by which rounding may change the rate,
@@ -128,7 +130,8 @@ def step_deg(angle: Array) -> float:
     some = changes[np.abs(changes) > _LEAST_DEG]
     if len(some) < _FEWEST:
         return 0.0
-    step = next((one for one in _STEPS_DEG if _in_steps(angle, one)), math.inf)
+    off_deg = _written_deg(angle) + _EXACT_DEG
+    step = next((one for one in _STEPS_DEG if _in_steps(angle, one, off_deg)), math.inf)
     turning = np.abs(np.diff(angle[1:])) > _LEAST_DEG
     unlike = np.abs(changes[turning]) > _LEAST_DEG
     small = unlike & (np.abs(changes[turning]) < _SMALL * step)
@@ -139,12 +142,19 @@ def step_deg(angle: Array) -> float:
     return step if np.mean(alternate) > _ALTERNATE else 0.0
 
 
-def _in_steps(angle: Array, step: float) -> bool:
-    """Whether all angles are whole steps apart, and some of them one that is no multiple of few."""
+def _written_deg(angle: Array) -> float:
+    """The last decimal in which angles are written; 0 where decimals do not end."""
+    decimals = (10.0**-k for k in range(_DECIMALS + 1))
+    return next((one for one in decimals if np.abs(angle - one * np.rint(angle / one)).max() < _EXACT_DEG), 0.0)
+
+
+def _in_steps(angle: Array, step: float, off_deg: float) -> bool:
+    """Whether all angles are whole steps apart, to within so much, and some of them one that is no multiple of few."""
     some = np.unique(angle[:: max(1, len(angle) // _LOOKED_AT)])
+    off = min(_OFF, off_deg / step)
     for rows in (some, angle):
         steps = (rows - angle[0]) / step
-        if np.abs(steps - np.rint(steps)).max() > _OFF:
+        if np.abs(steps - np.rint(steps)).max() > off:
             return False
     return len(some) >= _DISTINCT
 

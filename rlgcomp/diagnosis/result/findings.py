@@ -317,12 +317,20 @@ class NextExperiment:
         Of whichever explanation is true, once that programme was run.
     if_true : tuple of float
         The same of each of those it separates, were it the true one.
+    duration_s : float, optional
+    shows_s : (float, float), optional
+        The shortest part of it, from its start, that holds half of what tells the two likeliest apart.
+    probability_of_these : float
+        That the true one is among those it separates.
     """
 
     separates: tuple[str, ...]
     profile: str
     expected_probability_after: float
     if_true: tuple[float, ...] = ()
+    duration_s: float | None = None
+    shows_s: tuple[float, float] | None = None
+    probability_of_these: float = 1.0
 
     @property
     def by_truth(self) -> str:

@@ -67,7 +67,7 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         "p_value": wording.p_number(diagnosis.p_value),
         **_left(diagnosis),
         "steps": wording.events_text(diagnosis),
-        **_next(diagnosis.next_experiment),
+        **_next(diagnosis.next_experiment, diagnosis.augmented.kind),
         "places": _places(diagnosis),
         "causes": _causes(diagnosis),
         "several": len(diagnosis.causes) + bool(diagnosis.unexplained.equation) > 1,
@@ -100,13 +100,11 @@ def _left(diagnosis: Diagnosis) -> dict[str, str]:
     }
 
 
-def _next(following: NextExperiment | None) -> dict[str, str]:
+def _next(following: NextExperiment | None, kind: str) -> dict[str, str]:
     if following is None:
         return {}
-    return {
-        "next_aim": wording.next_aim(following),
-        "next_expected": wording.sure_text(following.expected_probability_after),
-    }
+    notes = wording.next_notes(following, kind)
+    return {"next_aim": wording.next_aim(following), "next_notes": " ".join(f"{note[0].upper()}{note[1:]}." for note in notes)}
 
 
 def _places(diagnosis: Diagnosis) -> pd.DataFrame:

@@ -21,6 +21,7 @@ FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "impro
 PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
 OFFSETS_COUNT: Final = 0.03  # difference between the improvements with and without offsets from which both are said
 DECIDES: Final = 0.8  # expected probability of the true explanation from which an experiment is said to tell
+ALMOST_ALL: Final = 0.95  # probability of what the next experiment tells apart, below which it is said
 DOUBTED: Final = 0.1  # probability that nothing is missing from which it is said beside what is named
 NEAREST: Final = 0.2  # of what comes near to explaining what wanders, from which that is said
 DOUBTFUL: Final = 0.05  # p-value below which it is not said that noise is all that is left
@@ -285,12 +286,7 @@ def as_text(diagnosis: Diagnosis) -> str:
     parts += [f"{shift.run}: {clock_text(shift)}" for shift in diagnosis.alignment]
     if diagnosis.next_experiment is not None:
         following = diagnosis.next_experiment
-        parts.append(
-            f"{next_aim(following)}: {following.profile}\n"
-            f"  expected probability of the true one afterwards: {sure_text(following.expected_probability_after)}"
-            + f" ({following.by_truth}, were it the true one)"
-            * bool(following.if_true)
-        )
+        parts.append("\n  ".join([f"{next_aim(following)}: {following.profile}", *next_notes(following, diagnosis.augmented.kind)]))
     parts += [f"- {remark}" for remark in diagnosis.remarks]
     return "\n\n".join(parts)
 
@@ -313,6 +309,22 @@ def next_aim(following: NextExperiment) -> str:
         f"No programme in the recorded ranges would separate {rivals} well (expected probability "
         f"{following.expected_probability_after:.2f}); a wider or longer one, or one more thermometer, might. The best found"
     )
+
+
+def next_notes(following: NextExperiment, kind: str) -> list[str]:
+    """How to run the next experiment, what it will show, and how sure one will be."""
+    units = "°C, ramps in °C/min, holds in minutes" if kind == "chamber" else "rates in deg/s, each for so many seconds"
+    long = "" if following.duration_s is None else f"{following.duration_s / SECONDS_PER_HOUR:.1f} h; "
+    notes = [f"{long}{units}; then diagnose again, with this run in --train as well"]
+    if following.shows_s is not None:
+        begins_h, ends_h = (at_s / SECONDS_PER_HOUR for at_s in following.shows_s)
+        two = listing(list(following.separates[:2]))
+        notes.append(f"half of what tells {two} apart would show from {begins_h:.1f} to {ends_h:.1f} h after its start")
+    sure = f"expected probability of the true one afterwards: {sure_text(following.expected_probability_after)}"
+    sure += f" ({following.by_truth}, were it the true one)" * bool(following.if_true)
+    if following.probability_of_these < ALMOST_ALL:
+        sure += f", if it is one of these, which has probability {sure_text(following.probability_of_these, 2)}"
+    return [*notes, sure]
 
 
 def probability_text(probability: float) -> str:

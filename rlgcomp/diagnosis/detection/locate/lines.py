@@ -63,7 +63,8 @@ def of_angle(residual: Residual, within: Within, turned: list[Harmonic], rng: np
     for k, (target, gram) in enumerate(zip(targets, grams, strict=True)):
         columns = free[:, 2 * k : 2 * k + 2]
         inverse = np.linalg.pinv(columns.T @ columns + gram / variance)
-        noise = np.linalg.cholesky(gram / variance + 1e-12 * np.eye(2)) @ rng.standard_normal((2, residual.left.shape[1] - 1))
+        tiny = max(1e-12 * float(np.trace(gram)), np.finfo(np.float64).tiny) * np.eye(2)  # the simulator may have the harmonic
+        noise = np.linalg.cholesky((gram + tiny) / variance) @ rng.standard_normal((2, residual.left.shape[1] - 1))
         along = columns.T @ residual.left + np.column_stack([target / variance, noise])
         gains[k] = np.einsum("ij,ik,kj->j", along, inverse, along)
     scores = score_of(gains, 2)
