@@ -321,8 +321,9 @@ class TestReveal:
         ],
     )
     def test_what_no_diagnosis_can_say_is_refused(self, folder: Path, said: Mapping[str, Any], refused: str) -> None:
-        with pytest.raises(rlg.InputError, match=refused):
+        with pytest.raises(rlg.InputError, match=refused) as told:
             reveal(folder, self.write(folder, said))
+        assert "Error" not in str(told.value)
 
     def test_a_truth_kept_elsewhere(self, folder: Path) -> None:
         kept = folder.parent / "kept.json"

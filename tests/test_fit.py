@@ -157,3 +157,18 @@ def test_the_size_of_what_each_run_has_of_its_own_scatters_as_stated() -> None:
     scatter = np.std([one.value for one in found])
     assert scatter == pytest.approx(np.sqrt(np.mean([one.sd**2 for one in found])), rel=0.15)
     assert np.mean([one.value for one in found]) == pytest.approx(np.sqrt(np.mean(true**2)), abs=0.2 * scatter)
+
+
+def test_an_amplitude_at_its_limit_leaves_the_others_what_they_are_best_beside_it() -> None:
+    """A gyro at rest that warms by two kelvin: its cubic was cut to the limit, all else left, and it was degrees an hour off."""
+    time_s = np.arange(0.0, 18_000.0, 10.0)
+    warm = 25.0 - 1.7 * np.expm1(-time_s / 3000.0)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(time_s))
+    table = {"time_s": time_s, "temperature_block_degC": warm, "gyro_deg_h": 0.02 + 0.05 * (warm - 25.8) ** 3 + noise}
+    rest = rlg.Recording(pd.DataFrame(table), rlg.Metadata(kind="chamber"), name="rest")
+    base = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    problem = Problem.of(base, [rest])
+    fitted = fit(problem, [], NoiseShape())
+    assert fitted.baseline["thermal_polynomial"]["c3_deg_h_K3"].value == 0.02  # 0.05 were it allowed
+    assert np.sqrt(np.mean(fitted.residual_deg_h**2)) < 1.2 * fitted.white_deg_h < 0.006
+    assert_says_what_was_fitted(problem, fitted)

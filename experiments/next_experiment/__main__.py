@@ -44,7 +44,7 @@ PROGRAMMES: Final = {
     "heats and cools": "start 20, hold 30, ramp 50 0.7, hold 60, ramp 20 0.7, hold 60",
 }
 NEEDS: Final = {"thermal_hysteresis": "heats and cools"}  # a programme, to show anything
-STRENGTHS: Final = (0.35, 0.7)
+STRENGTHS: Final = (0.2, 0.4)
 MONITORS: Final = frozenset({"light_intensity", "discharge_imbalance", "supply_voltage", "magnetic_field", "readout_incoherence"})
 
 
@@ -86,7 +86,7 @@ def of_truth(shares: dict[str, float], truth: str, rivals: Collection[str]) -> f
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line of the experiment."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=2, help="gyros for each effect, programme and strength (default 2)")
+    parser.add_argument("--seeds", type=int, default=4, help="gyros for each effect, programme and strength (default 4)")
     Work.add_options(parser, "next_experiment")
     options = parser.parse_args(argv)
     gyros = [

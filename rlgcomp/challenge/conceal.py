@@ -243,14 +243,14 @@ def _moved(simulator: Simulator, rng: np.random.Generator) -> Simulator:
 
 def _sized(known: Mechanism | None, form: type[Mechanism], bench: _Bench, strength: float) -> Mechanism:
     """A mechanism of the wanted strength: as the simulator has it, or of random shape."""
-    why = ""
+    why, wanted_deg_h = "", strength * bench.white_deg_h
     for _ in range(1 if known else _DRAWS):
         mechanism = known or drawn(form, bench.problem.runs, bench.rng, bench.problem.rows.window_s)
         try:
             for _ in range(_PASSES):
                 left = max(float(np.std(bench.left(mechanism))), np.finfo(float).tiny)
-                mechanism = scaled(mechanism, strength * bench.white_deg_h / left)
-                if abs(strength * bench.white_deg_h / left - 1.0) < _NEAR:
+                mechanism = scaled(mechanism, wanted_deg_h / left)
+                if abs(wanted_deg_h / left - 1.0) < _NEAR:
                     break
         except InputError as error:
             why = str(error)

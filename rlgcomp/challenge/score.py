@@ -100,6 +100,8 @@ class Score:
                 for name, (value, sd) in estimates.items()
                 if isinstance(value, int | float)
             }
+        except InputError:
+            raise
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"this is no diagnosis: {type(error).__name__} {error}; give the diagnosis.json that `rlgcomp diagnose` wrote"

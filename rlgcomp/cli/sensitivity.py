@@ -39,7 +39,7 @@ def sensitivity(
     runs: Runs,
     mechanism: Annotated[str, typer.Option("--mechanism", "-m", metavar="NAME", help="What to inject and seek.")],
     strengths: Annotated[
-        str, typer.Option(help="Strengths to try: what the simulator cannot absorb over the white noise of 100 s.")
+        str, typer.Option(help="Strengths to try: what the simulator cannot absorb over the white noise of (100 s) means.")
     ] = "0.1,0.2,0.4,0.8,1.6",
     draws: Annotated[int, typer.Option(min=1, help="Trials a strength, each of other shapes and signs; like ones count once.")] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
@@ -96,7 +96,8 @@ def sensitivity(
         show_json(found.to_mapping())
         return
     show_table(
-        f"{mechanism} in {len(recordings)} run{'s' if len(recordings) > 1 else ''}: share found",
+        f"{mechanism} in {len(recordings)} run{'s' if len(recordings) > 1 else ''}: share found, "
+        f"by strength over the white noise of {found.averaging_s:g} s",
         [
             {
                 "strength": row["strength"],

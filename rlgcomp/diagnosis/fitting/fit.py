@@ -136,8 +136,7 @@ def fit(
     weights = solve(problem, at.with_slopes, noise)[0]
     own = problem.baseline.shape[1]
     held = np.r_[problem.held(), np.ones(plain.shape[1] - own, dtype=np.bool_)]
-    final = np.zeros(plain.shape[1])
-    final[held], covariance, square = solve(problem, plain[:, held], noise)  # the simulator's own shapes are at their best
+    final, covariance, square = _within_limits(problem, plain, held, noise)  # the simulator's own shapes are at their best
     freedom = len(problem.rows) - at.with_slopes.shape[1]
     sd = at.standard_deviations(weights, final, square, noise, likely)
     baseline, simulator = _baseline(problem, final[:own], sd)
@@ -173,6 +172,34 @@ def _without(problem: Problem, names: Collection[str]) -> Problem:
     return dataclasses.replace(
         problem, baseline=problem.baseline[:, kept], baseline_names=tuple(problem.baseline_names[k] for k in kept)
     )
+
+
+def _within_limits(problem: Problem, design: Array, held: npt.NDArray[np.bool_], noise: NoiseShape) -> tuple[Array, Array, float]:
+    """Weights of the columns that are held, the others nothing; covariance and square as :func:`solve` gives them.
+
+    An amplitude of the simulator that would be beyond its limits is at its limit, and all else what it is best beside that.
+    """
+    weights, free = np.zeros(design.shape[1]), held.copy()
+    low, high = _limits(problem, design.shape[1])
+    while True:
+        stays = held & ~free
+        beside = dataclasses.replace(problem, target_deg_h=problem.target_deg_h - design[:, stays] @ weights[stays])
+        weights[free], covariance, square = solve(beside, design[:, free], noise)
+        beyond = free & ((weights < low) | (weights > high))
+        if not beyond.any():
+            return weights, covariance, square
+        weights, free = np.clip(weights, low, high), free & ~beyond
+
+
+def _limits(problem: Problem, count: int) -> tuple[Array, Array]:
+    """Limits of the weights of so many columns, of which those of the baseline that are amplitudes have some."""
+    low, high = np.full(count, -math.inf), np.full(count, math.inf)
+    amplitudes_of = {one.name: {p.name: p for p in one.amplitude_parameters()} for one in problem.simulator.mechanisms}
+    for k, (name, parameter) in enumerate(problem.baseline_names):
+        described = amplitudes_of.get(name, {}).get(parameter)
+        if described is not None and problem.baseline_names.count((name, parameter)) == 1:
+            low[k], high[k] = described.low, described.high
+    return low, high
 
 
 def _baseline(problem: Problem, weights: Array, sd: Array) -> tuple[dict[str, dict[str, Estimate]], Simulator]:
