@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from experiments.next_experiment.__main__ import of_truth, proposed_and_run
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, whiten
 from rlgcomp.diagnosis.programmes.feasible import LONGEST_S, ChamberRange, chamber_programmes, table_programmes
@@ -247,11 +248,15 @@ def test_one_physics_written_twice_is_not_told_apart(encoder_alone: bool) -> Non
     assert found is not None
 
 
-def test_rivals_on_a_table_get_a_table_programme() -> None:
+@pytest.mark.parametrize("thermometers", [True, False])
+def test_rivals_on_a_table_get_a_table_programme(thermometers: bool) -> None:
     table = rlg.Simulator(
         (CATALOGUE["scale_factor"](),), free={"scale_factor": frozenset({"k_ppm", "bias_deg_h"})}, kind="turntable"
     )
-    problem = Problem.of(table, [table.simulate("rest 300, rate 30 600, rate -30 600, rate 60 600, rate -60 600, rest 300")])
+    run = table.simulate("rest 300, rate 30 600, rate -30 600, rate 60 600, rate -60 600, rest 300")
+    if not thermometers:
+        run = run.replace(table=run.table.drop(columns=[name for name in run.columns if name.startswith("temperature_")]))
+    problem = Problem.of(table, [run])
     rivals = [(CATALOGUE["lock_in"](),), (CATALOGUE["scale_factor_nonlinearity"](),)]
     found = next_experiment(problem, rivals, shape=NoiseShape(), white_deg_h=0.01)
     assert found is not None
@@ -315,6 +320,16 @@ def test_there_is_none_where_nothing_can_be_commanded(problem: Problem) -> None:
     telegraph = CATALOGUE["random_telegraph"]()
     assert next_experiment(problem, [(telegraph,), (LAG,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H) is None
     assert next_experiment(problem, [(LAG,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H) is None
+
+
+def test_the_experiment_on_experiments_runs_what_is_proposed() -> None:
+    """One gyro at rest that warms up, of another implementation: told from a lag by the run that is proposed."""
+    row = proposed_and_run("warm_up", "rests", 0.4, 910_175)
+    assert row["verdict"] == "ambiguous"
+    shares = [of_truth(row[key], "warm_up", row["rivals"]) for key in ("shares", "after")]
+    assert shares[1] > max(0.9, shares[0])
+    assert of_truth({"ageing": 0.2, "warm_up": 0.2, "": 0.6}, "ageing", ("warm_up",)) == pytest.approx(0.5)
+    assert of_truth({}, "ageing", ("warm_up",)) == 0.0
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])

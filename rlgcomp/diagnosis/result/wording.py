@@ -313,7 +313,11 @@ def next_aim(following: NextExperiment) -> str:
 
 def next_notes(following: NextExperiment, kind: str) -> list[str]:
     """How to run the next experiment, what it will show, and how sure one will be."""
-    units = "°C, ramps in °C/min, holds in minutes" if kind == "chamber" else "rates in deg/s, each for so many seconds"
+    units = (
+        "°C, ramps in °C/min, holds in minutes"
+        if kind == "chamber"
+        else "rates in deg/s, each for so many seconds, accelerations in deg/s²"
+    )
     long = "" if following.duration_s is None else f"{following.duration_s / SECONDS_PER_HOUR:.1f} h; "
     notes = [f"{long}{units}; then diagnose again, with this run in --train as well"]
     if following.shows_s is not None:
