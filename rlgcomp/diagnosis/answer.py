@@ -212,9 +212,10 @@ def _denied_within_windows(whole: Problem | None, after: Fitted) -> list[str]:
     ]
     table = np.vstack(rows)
     design = table[:, :-1] / norms(table[:, :-1])
-    weights, *_ = np.linalg.lstsq(design, table[:, -1], rcond=1e-10)
+    inverse = np.linalg.pinv(design, rcond=1e-10)
+    weights = inverse @ table[:, -1]
     left = table[:, -1] - design @ weights
-    sd = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * float(left @ left) / len(left))
+    sd = np.sqrt((inverse**2).sum(axis=1) * float(left @ left) / len(left))
     shown, sd = (values[: len(fast)] / norms(table[:, : len(fast)]) for values in (weights, sd))
     denied = _mostly_within(parts, said) & (shown + _SURELY * sd < _HALF)
     return [one.mechanism.name for one, no in zip(fast, denied, strict=True) if no]
