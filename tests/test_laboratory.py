@@ -143,3 +143,10 @@ def test_what_wanders_is_foreseen_no_farther_than_it_ever_went() -> None:
         beyond += [float(np.ptp(foreseen.column(name)) / np.ptp(walk)) for name, walk in walks.items()]
     assert np.median(beyond) < 1.2
     assert max(beyond) < 2.5
+
+
+def test_a_monitor_that_never_moves_is_foreseen_to_stay(runs: list[rlg.Recording]) -> None:
+    still = [run.replace(table=run.table.assign(supply_voltage_V=15.0, magnetic_field_uT=0.0)) for run in runs]
+    foreseen = Laboratory.of(still).foreseen(Programme.parse("short"), ThermalPlant(), 20.0)
+    assert foreseen.column("supply_voltage_V") == pytest.approx(15.0)
+    assert foreseen.column("magnetic_field_uT") == pytest.approx(0.0, abs=1e-12)

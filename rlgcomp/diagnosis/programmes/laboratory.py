@@ -197,13 +197,14 @@ def _weights(learnt: Array, target: Array, starts: npt.NDArray[np.intp], rows: R
         own, factor = np.linalg.qr(table[:, : level.shape[1]])
         free = table[:, level.shape[1] :] - own @ (own.T @ table[:, level.shape[1] :])
         gram = free.T @ free
+        least = max(_EXACTLY * float(gram[-1, -1]), np.finfo(np.float64).tiny)  # a monitor may never move
         constant = -0.5 * log_determinant - np.log(np.abs(np.diag(factor))).sum()
         for sets in _small_sets(len(sizes) - 1):
             shown, among = gram[sets, -1], gram[sets[:, :, None], sets[:, None, :]]
             for variance in _VARIANCES:
                 scaled = np.eye(sets.shape[1]) + variance * among
                 weights = variance * np.linalg.solve(scaled, shown[:, :, None])[:, :, 0]
-                missed = np.maximum(gram[-1, -1] - (weights * shown).sum(axis=1), _EXACTLY * gram[-1, -1])
+                missed = np.maximum(gram[-1, -1] - (weights * shown).sum(axis=1), least)
                 log_missed = 0.5 * (len(means) - level.shape[1]) * np.log(missed)
                 evidence.append(constant - math.log(len(sets)) - 0.5 * np.linalg.slogdet(scaled)[1] - log_missed)
                 which.append(sets)
