@@ -191,6 +191,31 @@ def test_held_out_runs_say_which_of_the_laws_it_is_that_training_hardly_tells_ap
     assert same.mechanism == plain.mechanism
 
 
+def test_a_mechanism_by_another_name_has_its_own_prior() -> None:
+    """Where held-out runs prefer a curve by chance, that makes no law of what the catalogue has; a lag that is there stays one."""
+    problem, _ = problem_of(lambda table: (table["magnetic_field_uT"].to_numpy() - 48.0) / 3.0, 0.3)
+    lines = {name: problem.columns(EmpiricalLaw(driver=name))[:, 0] for name in ("magnetic_field_uT", "supply_voltage_V")}
+
+    def more_usual(column: np.ndarray) -> float:
+        alike = max(abs(np.corrcoef(column, line)[0, 1]) for line in lines.values())
+        return 0.8 if alike > 0.98 else -math.inf
+
+    def by_chance(law: Mechanism) -> float:
+        return 4.0 if isinstance(law, EmpiricalLaw) and law.exponent == 2 else 0.0
+
+    plain = discover(problem, problem.baseline, NOISES, foreseen=by_chance)
+    usual = discover(problem, problem.baseline, NOISES, foreseen=by_chance, more_usual=more_usual)
+    assert plain is not None
+    assert usual is not None
+    assert (plain.mechanism.exponent, usual.mechanism.exponent) == (2, 1)
+    assert usual.log_bayes_factor == plain.log_bayes_factor
+    late, problem, _ = found("lag")
+    again = discover(problem, problem.baseline, NOISES, more_usual=more_usual)
+    assert late is not None
+    assert again is not None
+    assert again.mechanism == late.mechanism
+
+
 def test_held_out_runs_make_sure_of_a_law_that_training_speaks_for() -> None:
     """A product at a third of the noise: training alone is not a hundred to one for it, and held-out runs without it deny it."""
     product, drivers, memory = LAWS["product"]

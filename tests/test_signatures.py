@@ -123,3 +123,10 @@ def test_what_only_takes_after_it_is_not_named(
     if why is not None:
         assert any(f"What there is takes after {why}" in remark for remark in diagnosis.remarks)
         assert not any(why.split()[0] in item.mechanisms for item in diagnosis.alternatives)
+
+
+@pytest.mark.parametrize("seed", [1, 4, 9, 10])
+def test_a_weak_line_that_is_slow_is_one_where_noise_alone_is_beside_it(seed: int) -> None:
+    diagnosis = diagnosed(lambda time_s, rng: 0.15 * steady(0.5 * time_s, rng), seed)
+    assert not any("What there is takes after" in remark for remark in diagnosis.remarks)
+    assert {cause.name for cause in diagnosis.causes} <= {"periodic_interference"}

@@ -148,12 +148,13 @@ def make_case(
     baseline = _baseline(stream(seed, "baseline"), effects)
     runs = (*TRAINING, *HELD_OUT)
     chambers = [unit.run(stream(seed, f"chamber:{run}"), (programmes or {}).get(run)) for run in runs]
-    plain = _design(_known(baseline, chambers))
+    plain = _design(_absorbing(_known(baseline, chambers)))
     hidden = [_acting(name, seed, independent, chambers, plain) for name in effects]
     for effect in hidden:
         if effect.glitch is not None:
             chambers = [effect.glitch(chamber) for chamber in chambers]
     known = _known(baseline, chambers)
+    absorbing = _absorbing(known)
     units = {
         effect.name: [
             effect.law(chamber, stream(seed, f"{effect.name}:{run}")) for chamber, run in zip(chambers, runs, strict=True)
@@ -161,7 +162,7 @@ def make_case(
         for effect in hidden
     }
     scale = {}
-    design = _design(known)
+    design = _design(absorbing)
     windows = len(design) // len(TRAINING)
     noise_deg_h = noise.std_100_s_deg_h(windows) if whole_noise else noise.white_100_s_deg_h
     for effect in hidden:
@@ -180,7 +181,7 @@ def make_case(
         recordings.append(unit.record(chamber, noisy, stream(seed, f"sensors:{run}"), without=missing, name=run))
     fitted = [
         np.column_stack([columns, *(units[effect.name][k] for effect in hidden if effect.repeats)])
-        for k, columns in enumerate(known)
+        for k, columns in enumerate(absorbing)
     ]
     return Case(
         name=f"{kind}-{'+'.join(effects) or 'healthy'}-{strength:g}-{seed}{'' if independent else '-own'}",
@@ -205,7 +206,7 @@ def make_case(
         white_100_s_deg_h=noise.white_100_s_deg_h,
         noise=noise.to_mapping(),
         repeats=all(effect.repeats for effect in hidden),
-        information_nats=_information(noise, known, [[scale[name] * values for values in units[name]] for name in units]),
+        information_nats=_information(noise, absorbing, [[scale[name] * values for values in units[name]] for name in units]),
     )
 
 
@@ -371,6 +372,11 @@ def _acting(name: str, seed: int, independent: bool, chambers: Sequence[Chamber]
 def _known(baseline: Sequence[Part], chambers: Sequence[Chamber]) -> list[Array]:
     """Columns of what the simulator has, run by run."""
     return [np.column_stack([part.columns(chamber) for part in baseline]) for chamber in chambers]
+
+
+def _absorbing(known: Sequence[Array]) -> list[Array]:
+    """The same and a bias: every gyro has one, whatever its simulator lacks."""
+    return [np.column_stack([columns, np.ones(len(columns))]) for columns in known]
 
 
 def _design(known: Sequence[Array]) -> Array:

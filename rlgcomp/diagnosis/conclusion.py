@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -89,7 +90,16 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
         foreseen = None if whole is None else foresight(explanations.candidates(model), windowed, whole, noises, prior)
         design = _design(windowed, explanations, model)
         least = NEAR if foreseen is None else _NOT_DENIED
-        law = discover(windowed, design, noises, prior, dictionary=dictionary, least=least, foreseen=foreseen)
+        law = discover(
+            windowed,
+            design,
+            noises,
+            prior,
+            dictionary=dictionary,
+            least=least,
+            foreseen=foreseen,
+            more_usual=functools.partial(_more_usual, explanations),
+        )
         if law is None:
             continue
         borne_out = 0.0
@@ -128,6 +138,16 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
         return Conclusion(best, (), lawful, unrecorded, misnamed_alone, instead=runner_up)
     laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary, first=first)
     return Conclusion(chosen, laws, _share(highest, lawless), 0.0)
+
+
+def _more_usual(explanations: Explanations, column: Array) -> float:
+    """Log of how much more probable than a law a mechanism of the catalogue is before the data are seen, where the column is its;
+    -inf where it is none's."""
+    candidate, correlation = explanations.evidence.nearest(column)
+    if candidate is None or correlation <= _SAME:
+        return -math.inf
+    alone, nothing = frozenset({(candidate.name, candidate.known)}), frozenset[Label]()
+    return explanations.search.log_prior(alone) - explanations.search.log_prior(nothing) - math.log(LAW / (1.0 - LAW))
 
 
 def _less_what_reads(explanations: Explanations, best: Model, law: Discovery) -> list[Model]:
@@ -187,7 +207,7 @@ def _set_of(explanations: Explanations) -> tuple[Model, float, Mapping[Label, st
     if acquitted(explanations):
         best = innocent
     false = misnamed(explanations, best)  # no noise either
-    unrecorded = 1.0 if false else explanations.unrecorded(best)
+    unrecorded = 1.0 - healthy(explanations) if false else explanations.unrecorded(best)
     if unrecorded > UNRECORDED:  # jumps beside a wander are one thing that is nobody's
         labels = explanations.search.without_jumps(best.labels) - false.keys()
         best = next((model for model in explanations.models if model.labels == labels), innocent)

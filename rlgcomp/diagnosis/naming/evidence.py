@@ -341,11 +341,17 @@ class Evidence:
 
     def resembles(self, column: Array) -> float:
         """Largest correlation of a column with a candidate of one column, both less what the baseline absorbs."""
+        return self.nearest(column)[1]
+
+    def nearest(self, column: Array) -> tuple[Candidate | None, float]:
+        """The candidate of one column that correlates best with a column, both less what the baseline absorbs, and how much."""
         prepared = self._prepared(column.reshape(-1, 1))
-        single = [part.start for part in self._slices if part.stop - part.start == 1]
+        single = [k for k, part in enumerate(self._slices) if part.stop - part.start == 1]
         if not prepared.shape[1] or not single:
-            return 0.0
-        return float(np.abs(prepared[:, 0] @ self._table[:, single]).max() / len(prepared))
+            return None, 0.0
+        correlations = np.abs(prepared[:, 0] @ self._table[:, [self._slices[k].start for k in single]]) / len(prepared)
+        best = int(np.argmax(correlations))
+        return self.candidates[single[best]], float(correlations[best])
 
     def likeness(self, which: Sequence[int] | IntArray, columns: Array) -> float:
         """Largest squared correlation of candidates with any of other columns, all less what the baseline absorbs."""

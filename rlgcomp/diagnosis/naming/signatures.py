@@ -19,11 +19,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import chi2
 
 from rlgcomp.diagnosis.naming.evidence import Member, log_sum_exp
 from rlgcomp.diagnosis.naming.explain import Explanations
@@ -44,8 +45,9 @@ _FEWEST_STAYS: Final = 6
 _UNSEEN: Final = 5.0  # windows: shorter stays are missed
 _DRAWS: Final = 20_000
 _RARELY: Final = 5e-4
-_NEAR: Final = 5  # neighbours of a line on each side, in steps of 1 / duration
-_AROUND: Final = range(9, 21)  # those that show the noise there
+_NEAR: Final = tuple(k for k in range(-5, 6) if k)  # neighbours of a line, in steps of 1 / duration
+_BROAD: Final = 0.01  # p-value of what the neighbours hold: with more, noise alone does
+_AROUND: Final = tuple(k for k in range(-20, 21) if abs(k) > 8)  # those that show the noise there
 
 
 def undoubted(explanations: Explanations) -> Explanations:
@@ -178,19 +180,31 @@ def _is_a_line(explanations: Explanations, model: Model, line: Member, frequency
     if rows.contrasts or frequency_hz > 0.5 / rows.window_s:
         return True
     wave, left = _alone(explanations, model, line)
-    steps = [*(-k for k in reversed(_AROUND)), *(k for k in range(-_NEAR, _NEAR + 1) if k), *_AROUND]
-    held = np.zeros(len(steps))
-    for part in rows.runs:
-        time_s = rows.time_s[part]
-        for j, step in enumerate(steps):
-            other_hz = frequency_hz + step / float(np.ptp(time_s))
-            if 1.0 / float(np.ptp(time_s)) < other_hz < 0.5 / rows.window_s:
-                turns = 2.0 * math.pi * other_hz * time_s
-                waves = np.linalg.qr(np.column_stack([np.ones(len(turns)), np.cos(turns), np.sin(turns)]))[0][:, 1:]
-                held[j] += float(np.sum((waves.T @ left[part]) ** 2))
-    near = np.abs(steps) <= _NEAR
-    noise = float(np.median(held[~near]))
-    return float(wave @ wave) > float(np.maximum(held[near] - noise, 0.0).sum())
+    near, around = (_held_beside(rows, left, frequency_hz, steps) for steps in (_NEAR, _AROUND))
+    powers = 2 * len(rows.runs)  # squares in each of these
+    noise = float(np.median(around)) / float(chi2.median(powers)) if len(around) else 0.0
+    beyond = float(near.sum()) - noise * powers * len(near)
+    chance = noise > 0.0 and float(chi2.sf(near.sum() / noise, powers * len(near))) > _BROAD
+    return chance or float(wave @ wave) > beyond
+
+
+def _held_beside(rows: Rows, left: Array, frequency_hz: float, steps: Sequence[int]) -> Array:
+    """What the runs hold together of each frequency so many steps of 1 / duration away, where windows show it in all of them."""
+    found = []
+    for step in steps:
+        held = 0.0
+        for part in rows.runs:
+            time_s = rows.time_s[part]
+            duration_s = float(np.ptp(time_s))
+            other_hz = frequency_hz + step / duration_s
+            if not 1.0 / duration_s < other_hz < 0.5 / rows.window_s:
+                break
+            turns = 2.0 * math.pi * other_hz * time_s
+            waves = np.linalg.qr(np.column_stack([np.ones(len(turns)), np.cos(turns), np.sin(turns)]))[0][:, 1:]
+            held += float(np.sum((waves.T @ left[part]) ** 2))
+        else:
+            found.append(held)
+    return np.array(found)
 
 
 def _alone(explanations: Explanations, model: Model, member: Member) -> tuple[Array, Array]:
