@@ -193,6 +193,13 @@ class TestCases:
         assert strong.information_nats == pytest.approx(4.0 * weak.information_nats)
         assert make_case("null", (), 0.0, 2, True).information_nats == 0.0
 
+    @pytest.mark.parametrize("seed", [150_048, 150_150, 150_252])
+    def test_a_bias_is_no_part_of_an_effect(self, seed: int) -> None:
+        """A polynomial has a mean, which every gyro's bias absorbs: in white noise a strength tells no more than this."""
+        case = make_case("single", ("thermal_polynomial",), 0.25, seed, True)
+        windows = sum(len(run) // 100 for run in case.train)
+        assert case.information_nats <= 0.5 * 0.25**2 * windows * (1.0 + 1e-9)
+
     def test_strengths_may_be_relative_to_all_noise(self) -> None:
         noise = Noise(5e-4, 8e-4, 4e-4)
         rng = np.random.default_rng(5)

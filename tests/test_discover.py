@@ -193,10 +193,11 @@ def test_held_out_runs_say_which_of_the_laws_it_is_that_training_hardly_tells_ap
 
 def test_a_mechanism_by_another_name_has_its_own_prior() -> None:
     """Where held-out runs prefer a curve by chance, that makes no law of what the catalogue has; a lag that is there stays one."""
-    problem, _ = problem_of(lambda table: (table["magnetic_field_uT"].to_numpy() - 48.0) / 3.0, 0.3)
+    problem = problem_of(lambda table: (table["magnetic_field_uT"].to_numpy() - 48.0) / 3.0, 0.3)[0]
     lines = {name: problem.columns(EmpiricalLaw(driver=name))[:, 0] for name in ("magnetic_field_uT", "supply_voltage_V")}
 
-    def more_usual(column: np.ndarray) -> float:
+    def more_usual(law: Mechanism) -> float:
+        column = problem.columns(law)[:, 0]
         alike = max(abs(np.corrcoef(column, line)[0, 1]) for line in lines.values())
         return 0.8 if alike > 0.98 else -math.inf
 
@@ -209,8 +210,8 @@ def test_a_mechanism_by_another_name_has_its_own_prior() -> None:
     assert usual is not None
     assert (plain.mechanism.exponent, usual.mechanism.exponent) == (2, 1)
     assert usual.log_bayes_factor == plain.log_bayes_factor
-    late, problem, _ = found("lag")
-    again = discover(problem, problem.baseline, NOISES, more_usual=more_usual)
+    late, slower, _ = found("lag")
+    again = discover(slower, slower.baseline, NOISES, more_usual=more_usual)
     assert late is not None
     assert again is not None
     assert again.mechanism == late.mechanism

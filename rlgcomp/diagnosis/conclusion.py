@@ -25,6 +25,7 @@ from rlgcomp.diagnosis.noise.noises import WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Verdict
+from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 LAW: Final = 0.04  # before the data are seen: that a law outside the catalogue acts
@@ -140,10 +141,10 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
     return Conclusion(chosen, laws, _share(highest, lawless), 0.0)
 
 
-def _more_usual(explanations: Explanations, column: Array) -> float:
-    """Log of how much more probable than a law a mechanism of the catalogue is before the data are seen, where the column is its;
-    -inf where it is none's."""
-    candidate, correlation = explanations.evidence.nearest(column)
+def _more_usual(explanations: Explanations, law: Mechanism) -> float:
+    """Log of how much more probable than a law a mechanism of the catalogue is before the data are seen, where the law is one by
+    another name; -inf where it is none."""
+    candidate, correlation = explanations.evidence.nearest(explanations.evidence.problem.columns(law))
     if candidate is None or correlation <= _SAME:
         return -math.inf
     alone, nothing = frozenset({(candidate.name, candidate.known)}), frozenset[Label]()

@@ -97,7 +97,7 @@ def discover(
     dictionary: Dictionary | None = None,
     least: float = SURE,
     foreseen: Callable[[Mechanism], float] | None = None,
-    more_usual: Callable[[Array], float] | None = None,
+    more_usual: Callable[[Mechanism], float] | None = None,
 ) -> Discovery | None:
     """The law that best explains what a design leaves, or None where the data do not ask for one.
 
@@ -119,8 +119,8 @@ def discover(
         What held-out runs add to a law's log Bayes factor. Which of the laws that training hardly tells apart it is, these say;
         whether there is one, training.
     more_usual : callable, optional
-        Of a law's column, shape (n,): the log of how much more probable than some law it is before the data are seen, where it is a
-        mechanism of the catalogue by another name; -inf of any other. Which law it is, this says as well.
+        Of a law: the log of how much more probable than some law it is before the data are seen, where it is a mechanism of the
+        catalogue by another name; -inf of any other. Which law it is, this says as well.
 
     Returns
     -------
@@ -236,11 +236,11 @@ def _borne_out(dictionary: Dictionary, judged: Sequence[Judged], foreseen: Calla
     return sorted(found, key=lambda one: -one.log_evidence)
 
 
-def _as_usual(dictionary: Dictionary, judged: Sequence[Judged], more_usual: Callable[[Array], float]) -> list[Judged]:
+def _as_usual(dictionary: Dictionary, judged: Sequence[Judged], more_usual: Callable[[Mechanism], float]) -> list[Judged]:
     """Laws, the likeliest of those that are a mechanism of the catalogue as probable as that is before the data are seen."""
     for k, one in enumerate(judged):
         if one.refined and one.log_evidence > judged[0].log_evidence - _HARDLY:
-            more = more_usual(dictionary.columns(one.family, one.place[None])[:, 0]) - one.family.log_prior
+            more = more_usual(dictionary.law(one.family, one.place)) - one.family.log_prior
             if more > 0.0:
                 usual = dataclasses.replace(one, log_evidence=one.log_evidence + more)
                 return sorted([*judged[:k], usual, *judged[k + 1 :]], key=lambda other: -other.log_evidence)
