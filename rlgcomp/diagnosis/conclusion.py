@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -105,11 +105,7 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
             continue
         borne_out = 0.0
         if whole is not None and foreseen is not None:
-            of_biases = explanations.of_biases.get(model.labels, 0.0)
-            borne_out = foreseen(law.mechanism) - of_biases  # a law is sought where runs have one bias,
-            if of_biases > 0.0:  # and asked for what it explains beside biases of their own
-                beside = foresight(explanations.candidates(model), windowed, whole.with_own_biases(), noises, prior)
-                borne_out = max(borne_out, math.log(-math.expm1(-of_biases)) + beside(law.mechanism))
+            borne_out = _borne_out(explanations, model, law, foreseen, windowed, whole, noises, prior)
         sure = law.log_bayes_factor + max(0.0, borne_out) >= SURE
         near = law.log_bayes_factor >= NEAR and model is best is innocent and unrecorded > UNRECORDED
         if not (sure or near):
@@ -122,6 +118,8 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
         explained = explanations.evidence.explained(model.members, int(np.argmax(model.noise_log)))
         asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
         score = model.log_posterior + law.log_bayes_factor + borne_out + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
+        if model is not best:  # what is held against a set within windows, where a law is not judged, is held against the law
+            score -= _held_within(explanations, best, windowed if whole is None else whole, noises, prior)
         if model.members and score - model.log_posterior < _BEYOND:
             continue
         if explanations.evidence.resembles(column) > _SAME or (spanned and 1 <= len(instead.members) <= _FEW):
@@ -139,6 +137,44 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
         return Conclusion(best, (), lawful, unrecorded, misnamed_alone, instead=runner_up)
     laws = discover_laws(windowed, _design(windowed, explanations, chosen), noises, prior, dictionary=dictionary, first=first)
     return Conclusion(chosen, laws, _share(highest, lawless), 0.0)
+
+
+def _borne_out(
+    explanations: Explanations,
+    model: Model,
+    law: Discovery,
+    foreseen: Callable[[Mechanism], float],
+    windowed: Problem,
+    whole: Problem,
+    noises: Sequence[NoiseShape],
+    noise_log_prior: Array,
+) -> float:
+    """What held-out runs add to the log Bayes factor of a law beside a set: it is sought where runs have one bias, and asked for
+    what it explains beside biases of their own."""
+    of_biases = explanations.of_biases.get(model.labels, 0.0)
+    borne_out = foreseen(law.mechanism) - of_biases
+    if of_biases > 0.0:
+        beside = foresight(explanations.candidates(model), windowed, whole.with_own_biases(), noises, noise_log_prior)
+        borne_out = max(borne_out, math.log(-math.expm1(-of_biases)) + beside(law.mechanism))
+    return borne_out
+
+
+def _held_within(
+    explanations: Explanations, model: Model, problem: Problem, noises: Sequence[NoiseShape], noise_log_prior: Array
+) -> float:
+    """By how much window means alone speak more for a set than all that it was judged by, against the likeliest innocent one.
+
+    Noise that windows have and their insides lack is none that a cause or a law explains.
+    """
+    candidates, innocent = explanations.candidates(model), explanations.innocent
+    if not explanations.evidence.problem.rows.contrasts or any(one.mechanism.jumps() for one in candidates):
+        return 0.0
+    design, gained = problem.baseline, model.log_prior - innocent.log_prior
+    for column in np.column_stack([problem.columns(one.mechanism) for one in candidates]).T:
+        more = float(Background(problem, design, noises, noise_log_prior).log_bayes_factors(column[:, None])[0])
+        if math.isfinite(more):
+            design, gained = np.column_stack([design, column]), gained + more
+    return max(0.0, gained - (model.log_posterior - innocent.log_posterior))
 
 
 def _more_usual(explanations: Explanations, law: Mechanism) -> float:
