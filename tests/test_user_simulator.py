@@ -258,9 +258,24 @@ def test_simulations_in_another_order_than_the_runs_are_refused() -> None:
     unit = rlg.simulated_unit(3)
     runs = [unit.simulate(programme, seed=5, name=programme) for programme in ("paper", "reversed", "slow")]
     own = [unit.predict(run).replace(name=f"sim-{run.name}") for run in runs]
-    assert len(SimulatedRuns.of(runs, own).runs) == 3
+    alone = [one.replace(table=one.table[GYRO_ALONE]) for one in own]
+    for right in (own, alone):
+        assert len(SimulatedRuns.of(runs, right).runs) == 3
     with pytest.raises(rlg.InputError, match="sim-slow fits slow"):
-        SimulatedRuns.of(runs, [own[0], own[2], own[1]])
+        SimulatedRuns.of(runs, [alone[0], alone[2], alone[1]])
+
+
+@pytest.mark.parametrize("order", [(1, 2, 0), (0, 0, 0), (0, 2, 1)])
+def test_simulations_of_other_runs_are_refused_by_their_thermometers(order: tuple[int, ...]) -> None:
+    """Whatever the gyro does; and not where a thermometer hardly moves."""
+    unit = rlg.simulated_unit(3)
+    runs = [unit.simulate(programme, seed=5, name=programme) for programme in ("paper", "reversed", "start 20, ramp 50 0.1")]
+    own = [unit.predict(run).replace(name=f"sim-{run.name}") for run in runs]
+    silent = [one.replace(table=one.table.assign(gyro_deg_h=0.01)) for one in own]
+    with pytest.raises(rlg.InputError, match=r"its temperature_block_degC goes another way .* in the order of the runs"):
+        SimulatedRuns.of(runs, [silent[k] for k in order])
+    rest = [unit.simulate("start 20, hold 90", seed=seed, name=f"rest-{seed}") for seed in (1, 2)]
+    assert len(SimulatedRuns.of(rest, [unit.predict(run) for run in reversed(rest)]).runs) == 2
 
 
 def test_units_and_axes_of_the_simulation(run: rlg.Recording, simulated: rlg.Recording) -> None:

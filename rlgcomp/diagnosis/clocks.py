@@ -27,7 +27,7 @@ from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.naming.evidence import log_sum_exp
 from rlgcomp.diagnosis.naming.explain import Explanations
-from rlgcomp.diagnosis.naming.inadequacy import BY_CHANCE, inadequacy
+from rlgcomp.diagnosis.naming.inadequacy import BY_CHANCE, follows_anything, inadequacy
 from rlgcomp.diagnosis.naming.search import Label, Model
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Posed
@@ -44,7 +44,7 @@ Array = npt.NDArray[np.float64]
 Group = tuple[int, ...]  # runs
 CLOCK: Final = 0.1  # before the data are seen: that a clock is off which no monitor tells
 OTHERS: Final = 0.5  # the same where another file's is
-SURE: Final = 0.95  # probability from which it is taken out
+SURE: Final = AMBIGUOUS  # probability from which it is taken out, as a cause is named from there
 DOUBTED: Final = 0.01  # and from which it is said, where something is named;
 SUSPECTED: Final = 0.5  # where nothing is
 CLOCK_OFFSET: Final = "clock_offset"  # its name among what a cause cannot be told from
@@ -301,8 +301,8 @@ def _toll(explanations: Explanations, model: Model) -> float:
     run, explained = evidence.problem.runs[0], evidence.explained_by_each(model.members, int(np.argmax(model.noise_log)))
 
     def alike(cause: Mechanism) -> float:
-        drivers = cause.driver_columns(run)
-        return BY_CHANCE if drivers and not any(name.startswith("temperature_") for name in drivers) else 1.0
+        thermal = any(name.startswith("temperature_") for name in cause.driver_columns(run))
+        return 1.0 if thermal or follows_anything(cause) else BY_CHANCE
 
     causes = [one.mechanism for one in explanations.candidates(model)]
     each = zip(causes, explained, strict=True)

@@ -72,7 +72,7 @@ def _bends(evidence: Evidence, other: Member, relay: Mechanism) -> bool:
 
 def _about(evidence: Evidence, start: Mechanism, others: tuple[Member, ...], noise: int) -> list[tuple[Mechanism, float]]:
     """The best levels and those beside them, with the logarithm of each one's share of all levels."""
-    driver = evidence.problem.driver(start.driver_columns(evidence.problem.runs[0])[0])
+    driver = evidence.problem.drivers(start)[:, 0]
     low, high = float(driver.min()), float(driver.max())
     left = evidence.residual(others, noise)
     best, explained = start, _explained(evidence, [start], others, noise, left)[0]

@@ -67,9 +67,8 @@ def is_loop(mechanism: Mechanism, run: Recording) -> bool:
 def leftovers(problem: Problem, mechanism: Mechanism) -> Array:
     """What an effect may leave, as columns, shape (n, k): its drivers' powers, rates and lags; of one that runs by time, time's."""
     columns, runs = [], problem.rows.runs[: len(problem.windows)]
-    for name in mechanism.driver_columns(problem.runs[0]) or (TIME,):
-        driver = problem.driver(name)
-        driver = (driver - driver.mean()) / (driver.std() or 1.0)
+    for values in problem.drivers(mechanism).T:
+        driver = (values - values.mean()) / (values.std() or 1.0)
         columns += [driver, driver**2, driver**3]
         columns += [np.concatenate(parts) for parts in zip(*(_remembered(problem, driver, run) for run in runs), strict=True)]
     found = np.column_stack(columns)

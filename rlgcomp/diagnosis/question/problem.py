@@ -23,7 +23,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.recording import Recording
+from rlgcomp.recording import TIME, Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
@@ -321,6 +321,11 @@ class Problem:
     def driver(self, column: str) -> Array:
         """Window means of a recorded column, shape (n,)."""
         return np.concatenate([part.means(part.full.column(column)) for part in self.windows])
+
+    def drivers(self, mechanism: Mechanism) -> Array:
+        """Window means of what a mechanism reads, or of the time, shape (n, drivers); a run may have another thermometer of it."""
+        read = ((part, mechanism.driver_columns(part.full) or (TIME,)) for part in self.windows)
+        return np.vstack([np.column_stack([part.means(part.full.column(name)) for name in names]) for part, names in read])
 
     @property
     def runs(self) -> tuple[Recording, ...]:

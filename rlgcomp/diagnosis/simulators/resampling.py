@@ -27,7 +27,7 @@ _LONG_GAP_S: Final = DEFAULT_AVERAGING_S  # over less than a window a simulation
 UNKNOWN: Final = 0.3  # of a row's noise, that the simulation may be off by where the table speeds up
 _FINER: Final = 0.75  # of the recording's period: a simulation so fine has its means taken
 _ROUNDED: Final = 1e-6  # of a period, by which times are rounded
-_LEAST_COVERED: Final = 0.98
+_LEAST_COVERED: Final = 0.9  # rows that it does not show are left out
 MAD: Final = 0.6745  # of a normal deviate, the median of its size
 
 
@@ -89,9 +89,9 @@ def _resampled(recording: Recording, simulated: Recording, rate: Array, offset_s
     if whole and share < _LEAST_COVERED:
         begin_s = time_s[recording.scored][0]
         raise InputError(
-            f"{simulated.name}: it covers {100 * share:.0f} % of {recording.name} ({theirs_s[0]:g} to "
-            f"{theirs_s[-1]:g} s of its own time, {begin_s:g} to {time_s[-1]:g} s of the run's); simulate the whole run, "
-            "or cut the run with RUN@START:STOP"
+            f"{simulated.name}: it covers {100 * share:.3g} % of {recording.name} ({theirs_s[0]:g} to "
+            f"{theirs_s[-1]:g} s of its own time, {begin_s:g} to {time_s[-1]:g} s of the run's), and should cover "
+            f"{100 * _LEAST_COVERED:g} %; simulate the whole run, or cut the run with RUN@START:STOP"
         )
     finer = simulated.period_s <= _FINER * recording.period_s
     half_s = 0.5 * recording.period_s if finer else 0.0

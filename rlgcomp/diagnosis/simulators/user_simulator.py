@@ -31,6 +31,7 @@ Array = npt.NDArray[np.float64]
 _PARTS: Final = 200  # in which the courses of two runs are compared
 _FITS: Final = 0.9  # correlation of a simulation with its run
 _FITS_NOT: Final = 0.5
+_MOVES_K: Final = 2.0  # a temperature, from which its course tells runs apart
 _FOLLOWS: Final = 0.9  # correlation from which a gyro is a multiple of what its simulator says
 _LARGEST_SCALE: Final = 1.5  # ratio up to which a missing effect or a rough simulator explains it
 _LEAST_TOLD: Final = 0.1  # of a run's rows
@@ -222,9 +223,10 @@ def _require_told(run: Recording, simulated: Recording, even: npt.NDArray[np.boo
 
 
 def _require_order(runs: Sequence[Recording], simulated: Sequence[Recording], gyro: str | None) -> None:
-    """Refuse simulations that fit the runs in another order only."""
+    """Refuse simulations of other runs, as their thermometers tell, and those that fit the runs in another order only."""
     from scipy import optimize
 
+    _require_same_course(runs, simulated)
     ours = np.array([_course(run, run.rate_deg_h(gyro)) for run in runs])
     theirs = np.array([_course(run, run.rate_deg_h(same_axis(runs[0].gyro_column(gyro), run))) for run in simulated])
     alike = ours @ theirs.T
@@ -238,9 +240,26 @@ def _require_order(runs: Sequence[Recording], simulated: Sequence[Recording], gy
         )
 
 
-def _course(run: Recording, rate_deg_h: Array) -> Array:
-    """How the gyro went from start to end, of unit norm and no mean."""
-    parts = np.array([float(np.mean(part)) for part in np.array_split(rate_deg_h, min(_PARTS, len(run)))])
+def _require_same_course(runs: Sequence[Recording], simulated: Sequence[Recording]) -> None:
+    """Refuse a simulation whose thermometer goes another way than the same one of its run, where both move."""
+    for column in (name for name in runs[0].columns if name.startswith("temperature_")):
+        if not all(column in run and np.ptp(run.column(column)) > _MOVES_K for run in (*runs, *simulated)):
+            continue
+        ours, theirs = (np.array([_course(run, run.column(column)) for run in some]) for some in (runs, simulated))
+        alike = ours @ theirs.T
+        for k, (run, simulation) in enumerate(zip(runs, simulated, strict=True)):
+            if alike[k, k] < _FITS_NOT:
+                best = int(np.argmax(alike[:, k]))
+                fits = f"; it goes as that of {runs[best].name}" if alike[best, k] > _FITS else ""
+                raise InputError(
+                    f"{simulation.name} is no simulation of {run.name}: its {column} goes another way (correlation "
+                    f"{alike[k, k]:.2f}){fits}; give one simulation of every run, in the order of the runs, those of --train first"
+                )
+
+
+def _course(run: Recording, values: Array) -> Array:
+    """How a column went from start to end, of unit norm and no mean."""
+    parts = np.array([float(np.mean(part)) for part in np.array_split(values, min(_PARTS, len(run)))])
     course = np.interp(np.linspace(0.0, 1.0, _PARTS), np.linspace(0.0, 1.0, len(parts)), parts - parts.mean())
     return course / (np.linalg.norm(course) or 1.0)
 
