@@ -332,3 +332,30 @@ def test_a_scale_factor_that_wanders_with_what_is_not_recorded_has_no_false_name
     (told,) = (remark for remark in found.remarks if "scale factor wanders with something" in remark)
     size_ppm = float(re.search(r"standard deviation ([0-9.e-]+) ppm", told)[1])
     assert 0.05 < size_ppm < 1.0
+
+
+def stairs(seed: int, targets: tuple[int, ...], encoder_deg: float) -> rlg.Recording:
+    """Stairs of rates with an asymmetry, read with an encoder alone: its rounding is noise of means that their insides lack."""
+    rng = np.random.default_rng(seed)
+    rate, pieces = 0.0, []
+    for target in targets:
+        pieces += [np.linspace(rate, target, int(abs(target - rate) / 2.0), endpoint=False), np.full(550, float(target))]
+        rate = target
+    smooth = np.concatenate(pieces)
+    theta = 0.2 * np.cumsum(smooth) + 5.0 * encoder_deg * lfilter([0.02], [1.0, -0.98], rng.standard_normal(len(smooth)))
+    W = np.diff(theta, prepend=theta[0]) / 0.2
+    gyro = W * (1.0 + 25e-6) + (BIAS_DEG_H + 8e-4 * np.abs(W) + 0.095 * rng.standard_normal(len(W))) / 3600.0
+    table = {
+        "time_s": 0.2 * np.arange(len(W)),
+        "gyro_deg_s": gyro,
+        "table_angle_deg": np.round(theta / encoder_deg) * encoder_deg % 360.0,
+    }
+    return rlg.Recording(pd.DataFrame(table), rlg.Metadata(kind="turntable"), name=f"stairs-{seed}")
+
+
+def test_what_an_encoder_rounds_is_not_held_against_a_cause_alone() -> None:
+    """An asymmetry that no law is preferred to, which is judged where that rounding is all there is."""
+    targets = ((10, -10, 30, -30, 60, -60, 100, -100) * 2, (25, -45, 75, -15, -80, 50, 90, 5) * 2, (-20, 45, -80, 90, 5, -60) * 2)
+    first, second, held_out = (stairs(k, rates, 1e-4) for k, rates in enumerate(targets))
+    diagnosis = rlg.diagnose(SIMULATOR, [first, second], [held_out], black_box=False)
+    assert (diagnosis.verdict, [cause.name for cause in diagnosis.causes]) == ("explained", ["scale_factor_asymmetry"])

@@ -441,3 +441,14 @@ def test_rows_stay_where_nothing_is_known_of_the_clock() -> None:
     _, found = align(run, constant)
     assert not math.isfinite(found.offset_sd_s)
     assert turning_evenly(run, constant, on_rows(run, constant, found), found).all()
+
+
+def test_a_held_out_run_may_lack_the_thermometer_that_training_runs_have() -> None:
+    truth = LACKING.with_mechanism(CATALOGUE["thermal_hysteresis"]())
+    runs = [truth.simulate("short", seed=seed, step_s=5.0, name=f"run{seed}") for seed in (1, 2, 3)]
+    simulations = [BASE.predict(run).replace(name=f"sim{k}") for k, run in enumerate(runs)]
+    assert "temperature_shell_degC" in runs[2]
+    runs[2] = runs[2].replace(table=runs[2].table.drop(columns="temperature_block_degC"))
+    diagnosis = rlg.diagnose(None, runs[:2], runs[2:], simulated=simulations, black_box=False)
+    assert diagnosis.test is not None
+    assert diagnosis.p_value < 0.01
