@@ -25,6 +25,7 @@ from rlgcomp.diagnosis.noise.noises import WANDERS_AGAINST_LAWS
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Verdict
+from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
@@ -166,11 +167,16 @@ def _held_within(
 
     Noise that windows have and their insides lack is none that a cause or a law explains.
     """
-    candidates, innocent = explanations.candidates(model), explanations.innocent
-    if not explanations.evidence.problem.rows.contrasts or any(one.mechanism.jumps() for one in candidates):
+    innocent = explanations.innocent
+    missing = [one for one in explanations.candidates(model) if (one.name, one.known) not in innocent.labels]
+    if not explanations.evidence.problem.rows.contrasts or not missing or any(one.mechanism.jumps() for one in missing):
         return 0.0
-    design, gained = problem.baseline, model.log_prior - innocent.log_prior
-    for column in np.column_stack([problem.columns(one.mechanism) for one in candidates]).T:
+    try:
+        wrong, columns = ([problem.columns(one.mechanism) for one in some] for some in (explanations.candidates(innocent), missing))
+    except InputError:  # a held-out run lacks what a cause reads
+        return 0.0
+    design, gained = np.column_stack([problem.baseline, *wrong]), model.log_prior - innocent.log_prior
+    for column in np.column_stack(columns).T:
         more = float(Background(problem, design, noises, noise_log_prior).log_bayes_factors(column[:, None])[0])
         if math.isfinite(more):
             design, gained = np.column_stack([design, column]), gained + more
