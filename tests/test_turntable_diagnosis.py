@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.fitting.fit import fit
 from rlgcomp.diagnosis.laws.dictionary import Dictionary
 from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.question.even_turning import evened
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 
@@ -334,7 +336,7 @@ def test_a_scale_factor_that_wanders_with_what_is_not_recorded_has_no_false_name
     assert 0.05 < size_ppm < 1.0
 
 
-def stairs(seed: int, targets: tuple[int, ...], encoder_deg: float) -> rlg.Recording:
+def stairs(seed: int, targets: tuple[int, ...], encoder_deg: float, wobble_deg: float, keep: float) -> rlg.Recording:
     """Stairs of rates with an asymmetry, read with an encoder alone: its rounding is noise of means that their insides lack."""
     rng = np.random.default_rng(seed)
     rate, pieces = 0.0, []
@@ -342,7 +344,9 @@ def stairs(seed: int, targets: tuple[int, ...], encoder_deg: float) -> rlg.Recor
         pieces += [np.linspace(rate, target, int(abs(target - rate) / 2.0), endpoint=False), np.full(550, float(target))]
         rate = target
     smooth = np.concatenate(pieces)
-    theta = 0.2 * np.cumsum(smooth) + 5.0 * encoder_deg * lfilter([0.02], [1.0, -0.98], rng.standard_normal(len(smooth)))
+    theta = 0.2 * np.cumsum(smooth) + wobble_deg * lfilter(
+        [math.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(len(smooth))
+    )
     W = np.diff(theta, prepend=theta[0]) / 0.2
     gyro = W * (1.0 + 25e-6) + (BIAS_DEG_H + 8e-4 * np.abs(W) + 0.095 * rng.standard_normal(len(W))) / 3600.0
     table = {
@@ -353,9 +357,20 @@ def stairs(seed: int, targets: tuple[int, ...], encoder_deg: float) -> rlg.Recor
     return rlg.Recording(pd.DataFrame(table), rlg.Metadata(kind="turntable"), name=f"stairs-{seed}")
 
 
+@pytest.mark.parametrize(("encoder_deg", "error"), [(5e-5, 0.1), (1e-4, 0.35), (2e-4, 1.0)])
+def test_the_gyros_white_noise_is_told_without_what_an_encoder_rounds(encoder_deg: float, error: float) -> None:
+    """0.095 deg/h a sample, the less well the more of what is seen is rounding: that of 2e-4 deg looked like 0.43."""
+    recordings = evened([stairs(k, (10, -10, 30, -30, 60, -60, 100, -100), encoder_deg, 3e-4, 0.9) for k in (0, 1)])
+    assert [run.metadata.angle_step_deg for run in recordings] == pytest.approx([encoder_deg, encoder_deg])
+    part = Problem.of(SIMULATOR, recordings, window_s=20.0).windows[0]
+    found = math.sqrt(part.white_deg_h2 * part.window_s / part.full.period_s)
+    assert found == pytest.approx(0.095, rel=error)
+    assert part.rounded * part.white_deg_h2 == pytest.approx((3600.0 * encoder_deg / part.window_s) ** 2 / 3.0)
+
+
 def test_what_an_encoder_rounds_is_not_held_against_a_cause_alone() -> None:
     """An asymmetry that no law is preferred to, which is judged where that rounding is all there is."""
     targets = ((10, -10, 30, -30, 60, -60, 100, -100) * 2, (25, -45, 75, -15, -80, 50, 90, 5) * 2, (-20, 45, -80, 90, 5, -60) * 2)
-    first, second, held_out = (stairs(k, rates, 1e-4) for k, rates in enumerate(targets))
+    first, second, held_out = (stairs(k, rates, 1e-4, 5e-5, 0.98) for k, rates in enumerate(targets))
     diagnosis = rlg.diagnose(SIMULATOR, [first, second], [held_out], black_box=False)
     assert (diagnosis.verdict, [cause.name for cause in diagnosis.causes]) == ("explained", ["scale_factor_asymmetry"])

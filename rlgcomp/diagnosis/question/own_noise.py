@@ -23,6 +23,8 @@ next is too small by; independent errors that are nowhere less certain than thes
 
 .. math:: v_q = 2 \, \frac{q^2}{6 \, T^2}
 
+and of the white noise that d shows of such a run, what rounding makes of d is taken off.
+
 References
 ----------
 D. C. Hoaglin, F. Mosteller, J. W. Tukey, *Understanding Robust and Exploratory Data Analysis*, 1983, ch. 11 (trimmed scales).
@@ -58,6 +60,8 @@ _VARIANCE: Final = 3.18  # of the logarithm of that mean, times their number
 _FEWEST: Final = 20  # of them
 _HARDLY: Final = 0.01  # of the white noise's variance: rounding that matters to nobody
 _ROUNDED: Final = 20.0 / 6.0 / 12.0  # variance of d where the angles between its means are rounded to whole pulses of one
+_FLATTER: Final = 1.1  # times that, by the calmest of d, which are no normal values
+_LEFT: Final = 0.1  # of what d shows, that is white noise at least
 _CLEAR: Final = 4.0  # times that: it is not rounding that d shows
 _SIGNIFICANT: Final = 1e-4  # p-value below which runs differ,
 _NOTABLE: Final = 2.0 * math.log(1.2)  # if they do by so much, in logarithms of a variance
@@ -221,10 +225,10 @@ def with_rounding(windows: Sequence[Windows], values_deg_h: Sequence[Array]) -> 
         Of each run at its full rate.
     """
     levels = [Level.of(part, values) for part, values in zip(windows, values_deg_h, strict=True)]
-    logs = [level.log for level in levels if math.isfinite(level.variance)]
-    if not logs:
+    known = [(level, part) for level, part in zip(levels, windows, strict=True) if math.isfinite(level.variance)]
+    if not known:
         return tuple(windows)
-    white = math.exp(min(logs)) / _PIECES
+    white = min(_less_rounding(math.exp(level.log), part) for level, part in known) / _PIECES
     rounded = [_of_rounding(part) for part in windows]
     if max(rounded) < _HARDLY * white:
         return tuple(windows)
@@ -233,12 +237,26 @@ def with_rounding(windows: Sequence[Windows], values_deg_h: Sequence[Array]) -> 
     )
 
 
+def _less_rounding(variance: float, windows: Windows) -> float:
+    """White noise of a sixth of a window, of which d shows so much with an encoder's rounding in it: in its calmest parts as far as
+    these turn unevenly as well."""
+    step_deg = _step_deg(windows)
+    if not step_deg:
+        return variance
+    length_s = _samples(windows, _PIECES) * windows.full.period_s
+    share = max(0.0, float(windows.uneven.mean()) - (1.0 - _COUNTED)) / _COUNTED
+    return max(variance - share * _FLATTER * _ROUNDED * (SECONDS_PER_HOUR * step_deg / length_s) ** 2, _LEFT * variance)
+
+
+def _step_deg(windows: Windows) -> float:
+    """Of the encoder that tells a table's rate; 0 where it is not rounded, or a recorded rate tells it."""
+    step_deg = windows.full.metadata.angle_step_deg
+    return 0.0 if step_deg is None or rate_column(windows.full) == RATE else step_deg
+
+
 def _of_rounding(windows: Windows) -> float:
     """Variance in (deg/h)² of a window's mean in which the rounding of an encoder's angle is."""
-    step_deg = windows.full.metadata.angle_step_deg
-    if step_deg is None or rate_column(windows.full) == RATE:
-        return 0.0
-    return (SECONDS_PER_HOUR * step_deg / windows.window_s) ** 2 / 3.0
+    return (SECONDS_PER_HOUR * _step_deg(windows) / windows.window_s) ** 2 / 3.0
 
 
 def beside(windows: Sequence[Windows], values_deg_h: Sequence[Array], more: Windows, values_of_more_deg_h: Array) -> Windows:
