@@ -359,7 +359,7 @@ def stairs(seed: int, targets: tuple[int, ...], encoder_deg: float, wobble_deg: 
 
 @pytest.mark.parametrize(("encoder_deg", "error"), [(5e-5, 0.1), (1e-4, 0.35), (2e-4, 1.0)])
 def test_the_gyros_white_noise_is_told_without_what_an_encoder_rounds(encoder_deg: float, error: float) -> None:
-    """0.095 deg/h a sample, the less well the more of what is seen is rounding: that of 2e-4 deg looked like 0.43."""
+    """0.095 deg/h a sample, the less well the more of what is seen is rounding."""
     recordings = evened([stairs(k, (10, -10, 30, -30, 60, -60, 100, -100), encoder_deg, 3e-4, 0.9) for k in (0, 1)])
     assert [run.metadata.angle_step_deg for run in recordings] == pytest.approx([encoder_deg, encoder_deg])
     part = Problem.of(SIMULATOR, recordings, window_s=20.0).windows[0]

@@ -120,7 +120,7 @@ def concluded(windowed: Problem, explanations: Explanations, whole: Problem | No
         asked = explained * (1.0 if whole is None else len(whole.rows) / len(windowed.rows))
         score = model.log_posterior + law.log_bayes_factor + borne_out + math.log(LAW / (1.0 - LAW)) - inadequacy(asked)
         if model is not best:  # what is held against a set within windows, where a law is not judged, is held against the law
-            score -= _held_within(explanations, best, windowed if whole is None else whole, noises, prior)
+            score -= _held_within(explanations, best, model, windowed if whole is None else whole, noises, prior)
         if model.members and score - model.log_posterior < _BEYOND:
             continue
         if explanations.evidence.resembles(column) > _SAME or (spanned and 1 <= len(instead.members) <= _FEW):
@@ -161,26 +161,25 @@ def _borne_out(
 
 
 def _held_within(
-    explanations: Explanations, model: Model, problem: Problem, noises: Sequence[NoiseShape], noise_log_prior: Array
+    explanations: Explanations, model: Model, fewer: Model, problem: Problem, noises: Sequence[NoiseShape], noise_log_prior: Array
 ) -> float:
-    """By how much window means alone speak more for a set than all that it was judged by, against the likeliest innocent one.
+    """By how much window means alone speak more for a set than all that it was judged by, against one of fewer causes.
 
     Noise that windows have and their insides lack is none that a cause or a law explains.
     """
-    innocent = explanations.innocent
-    missing = [one for one in explanations.candidates(model) if (one.name, one.known) not in innocent.labels]
+    missing = [one for one in explanations.candidates(model) if (one.name, one.known) not in fewer.labels]
     if not explanations.evidence.problem.rows.contrasts or not missing or any(one.mechanism.jumps() for one in missing):
         return 0.0
     try:
-        wrong, columns = ([problem.columns(one.mechanism) for one in some] for some in (explanations.candidates(innocent), missing))
+        known, columns = ([problem.columns(one.mechanism) for one in some] for some in (explanations.candidates(fewer), missing))
     except InputError:  # a held-out run lacks what a cause reads
         return 0.0
-    design, gained = np.column_stack([problem.baseline, *wrong]), model.log_prior - innocent.log_prior
+    design, gained = np.column_stack([problem.baseline, *known]), model.log_prior - fewer.log_prior
     for column in np.column_stack(columns).T:
         more = float(Background(problem, design, noises, noise_log_prior).log_bayes_factors(column[:, None])[0])
         if math.isfinite(more):
             design, gained = np.column_stack([design, column]), gained + more
-    return max(0.0, gained - (model.log_posterior - innocent.log_posterior))
+    return max(0.0, gained - (model.log_posterior - fewer.log_posterior))
 
 
 def _more_usual(explanations: Explanations, law: Mechanism) -> float:

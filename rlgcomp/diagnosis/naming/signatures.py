@@ -24,7 +24,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy import special
 
 from rlgcomp.diagnosis.naming.evidence import Member, log_sum_exp
 from rlgcomp.diagnosis.naming.explain import Explanations
@@ -182,9 +182,9 @@ def _is_a_line(explanations: Explanations, model: Model, line: Member, frequency
     wave, left = _alone(explanations, model, line)
     near, around = (_held_beside(rows, left, frequency_hz, steps) for steps in (_NEAR, _AROUND))
     powers = 2 * len(rows.runs)  # squares in each of these
-    noise = float(np.median(around)) / float(chi2.median(powers)) if len(around) else 0.0
+    noise = float(np.median(around)) / float(special.chdtri(powers, 0.5)) if len(around) else 0.0
     beyond = float(near.sum()) - noise * powers * len(near)
-    chance = noise > 0.0 and float(chi2.sf(near.sum() / noise, powers * len(near))) > _BROAD
+    chance = noise > 0.0 and float(special.chdtrc(powers * len(near), near.sum() / noise)) > _BROAD
     return chance or float(wave @ wave) > beyond
 
 
