@@ -12,7 +12,7 @@ import pytest
 from scipy import integrate, stats
 
 from rlgcomp.diagnosis.naming import telegraph, two_levels
-from rlgcomp.diagnosis.naming.two_levels import Models, likeliest_signs, log_likelihood, smoothed
+from rlgcomp.diagnosis.naming.two_levels import Models, drawn_signs, likeliest_signs, log_likelihood, smoothed
 from rlgcomp.diagnosis.noise.whitening import Rows
 
 Array = npt.NDArray[np.float64]
@@ -42,9 +42,9 @@ def smear(value: float, power: int = 0) -> float:
 
 
 def all_ways(middles_s: Array, values: Array) -> tuple[float, Array, Array]:
-    """Log likelihood, expected x and its square, from every way that signs can take."""
+    """Log likelihood, expected x and expected products of two, from every way that signs can take."""
     never, odd = math.exp(-WINDOW_S / DWELL_S), 0.5 * -math.expm1(-2.0 * WINDOW_S / DWELL_S)
-    total, first, second = 0.0, np.zeros(len(values)), np.zeros(len(values))
+    total, first, second = 0.0, np.zeros(len(values)), np.zeros((len(values), len(values)))
     between = [[smear(float(value), power) for power in (0, 1, 2)] for value in values]
     for ways in itertools.product(itertools.product((1.0, -1.0), ("flat", "again", "change")), repeat=len(values)):
         likely, x, square, last = 1.0, [], [], None
@@ -62,7 +62,9 @@ def all_ways(middles_s: Array, values: Array) -> tuple[float, Array, Array]:
                 square.append(between[k][2] / between[k][0])
         total += likely
         first += likely * np.array(x)
-        second += likely * np.array(square)
+        products = np.outer(x, x)
+        np.fill_diagonal(products, square)
+        second += likely * products
     return math.log(total), first / total, second / total
 
 
@@ -77,7 +79,22 @@ def test_forward_and_backward_are_the_sum_over_all_ways(middles_s: Array, compil
     log_total, first, second = all_ways(middles_s, values)
     assert found[0] == pytest.approx(log_total, abs=1e-9)
     np.testing.assert_allclose(mean[:, 0], first, atol=1e-9)
-    np.testing.assert_allclose(square[:, 0], second, atol=1e-9)
+    np.testing.assert_allclose(square[:, 0], np.diag(second), atol=1e-9)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_drawn_signs_are_as_usual_as_all_ways_say(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if compiled and not two_levels.available():
+        pytest.skip("numba is not installed")
+    if not compiled:
+        monkeypatch.setattr(two_levels, "draw_back", two_levels.draw_back.plain)
+    middles_s, values, many = np.array([50.0, 150.0, 700.0, 800.0, 900.0]), np.array([0.9, 0.2, -0.3, 0.1, -1.1]), 20_000
+    model = Models(np.array([STEP]), np.array([NOISE]), np.array([DWELL_S]))
+    drawn = drawn_signs(rows_of(middles_s), values[:, None] * np.ones(many), model.times(many), np.random.default_rng(3))
+    _, first, second = all_ways(middles_s, values)
+    np.testing.assert_allclose(drawn.mean(axis=1), first, atol=5.0 / math.sqrt(many))
+    np.testing.assert_allclose(drawn @ drawn.T / many, second, atol=5.0 / math.sqrt(many))
+    assert (np.abs(drawn) <= 1.0).all()
 
 
 def test_numbers_far_from_both_levels_are_no_trouble() -> None:

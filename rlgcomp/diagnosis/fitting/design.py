@@ -11,6 +11,7 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.fitting.drawn_paths import DrawnPaths
 from rlgcomp.diagnosis.fitting.linearised import late, moved, slopes, solve, wider
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
@@ -93,6 +94,11 @@ class Design:
         if solve(self.problem, np.column_stack([self.problem.baseline, *columns]), noise)[2] >= self.square:
             return None
         return self.of(self.problem, self.chosen, shifted, columns, noise)
+
+    def drawn_paths(self, k: int, noise: NoiseShape) -> DrawnPaths:
+        """Of a cause that jumps, beside all else."""
+        place = self.problem.baseline.shape[1] + sum(block.shape[1] for block in self.columns[:k])
+        return DrawnPaths.of(self.problem, np.delete(self.with_slopes, place, axis=1), noise)
 
     def with_laws(self) -> Self:
         """The same with derivatives by the shapes of laws, which are uncertain all the same."""

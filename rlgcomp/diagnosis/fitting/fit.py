@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.fitting.design import Design, steady_columns
+from rlgcomp.diagnosis.fitting.drawn_paths import DrawnPaths
 from rlgcomp.diagnosis.fitting.linearised import STEPS, amplitudes, moved, slopes, solve, whole
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.naming.telegraph import likeliest_dwell_s
@@ -123,14 +124,13 @@ def fit(
     if any(candidate.mechanism.constant for candidate in chosen):
         problem = _without(problem, {""})
     problem = _without(problem, {candidate.name for candidate in chosen if not candidate.known})  # longer, it has these columns too
-    mechanisms = [candidate.mechanism for candidate in chosen]
-    columns = [problem.columns(candidate.mechanism) if steady_columns(candidate) else candidate.columns for candidate in chosen]
-    at = Design.of(problem, chosen, mechanisms, columns, noise)
-    for _ in range(STEPS):
-        further = at.moved(noise)
-        if further is None:
-            break
-        at = further
+    at = _settled_down(problem, chosen, [candidate.mechanism for candidate in chosen], noise)
+    jumps = [k for k, candidate in enumerate(chosen) if not steady_columns(candidate)]
+    drawn = at.drawn_paths(jumps[0], noise) if len(jumps) == 1 else None
+    if drawn is not None:  # then they are known
+        chosen = [dataclasses.replace(one, columns=one.columns[:, :0]) if k in jumps else one for k, one in enumerate(chosen)]
+        problem = dataclasses.replace(at.problem, target_deg_h=at.problem.target_deg_h - drawn.mean_deg_h)
+        at = _settled_down(problem, chosen, at.mechanisms, noise)
     at = at.with_laws()
     problem, plain = at.problem, at.plain
     weights = solve(problem, at.with_slopes, noise)[0]
@@ -139,16 +139,34 @@ def fit(
     final, covariance, square = _within_limits(problem, plain, held, noise)  # the simulator's own shapes are at their best
     freedom = len(problem.rows) - at.with_slopes.shape[1]
     sd = at.standard_deviations(weights, final, square, noise, likely)
+    if drawn is not None:
+        apart, loose = drawn.apart(problem, at.with_slopes, noise)
+        sd, square = np.hypot(sd, apart), square + loose
     baseline, simulator = _baseline(problem, final[:own], sd)
     beside = [*at.columns, *(column[:, None] for found in at.derived for _, column in found)]
     baseline, simulator = _own_settled(problem, baseline, simulator, beside, noise)
     left = problem.target_deg_h - plain @ final
-    causes = _causes(problem, chosen, at.mechanisms, at.columns, at.derived, final, sd, covariance * square / freedom, left)
+    causes = _causes(problem, chosen, at.mechanisms, at.columns, at.derived, final, sd, covariance * square / freedom, left, drawn)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
         causes = _settled(problem, chosen, causes, at.columns, noise)
     for cause in causes:
         simulator = _joined(simulator, cause)
     return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), left)
+
+
+def _settled_down(problem: Problem, chosen: Sequence[Candidate], mechanisms: Sequence[Mechanism], noise: NoiseShape) -> Design:
+    """Baseline and causes linearised where Gauss–Newton ends."""
+    columns = [
+        problem.columns(one) if steady_columns(candidate) else candidate.columns
+        for candidate, one in zip(chosen, mechanisms, strict=True)
+    ]
+    at = Design.of(problem, chosen, mechanisms, columns, noise)
+    for _ in range(STEPS):
+        further = at.moved(noise)
+        if further is None:
+            break
+        at = further
+    return at
 
 
 def noise_model(noise: NoiseShape, white_deg_h: float, windows: Windows) -> NoiseModel:
@@ -239,13 +257,18 @@ def _causes(
     sd: Array,
     covariance: Array,
     left: Array,
+    drawn: DrawnPaths | None,
 ) -> list[FittedCause]:
-    """The causes with their numbers; the covariance is that of all amplitudes, shapes held, the causes' last; `left` by all."""
+    """The causes with their numbers; the covariance is that of all amplitudes, shapes held, the causes' last; `left` by all. Of the
+    cause whose paths are drawn there is no column."""
     causes = []
     held = len(covariance) - len(weights)  # the simulator's own shapes are not among them
     place = problem.baseline.shape[1]
     slope_place = place + sum(block.shape[1] for block in columns)
     for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, derived, strict=True):
+        if drawn is not None and not block.shape[1]:
+            causes.append(_jumping(problem.rows, mechanism, drawn, left))
+            continue
         part = slice(place, place + block.shape[1])
         place = part.stop
         there = slice(part.start + held, part.stop + held)
@@ -260,11 +283,8 @@ def _causes(
             unit = next(p.unit for p in mechanism.parameters() if p.name == name)
             estimates[name] = Estimate(float(getattr(mechanism, name)), float(sd[slope_place]), unit)
             slope_place += 1
-        values = {name: estimate.value for name, estimate in estimates.items()}
-        limits = {p.name: (p.low, p.high) for p in mechanism.parameters()}
-        filled = dataclasses.replace(mechanism, **{k: float(np.clip(v, *limits[k])) for k, v in values.items()})  # type: ignore[type-var]
         chi_square = float(weights[part] @ np.linalg.pinv(covariance[there, there], hermitian=True) @ weights[part])
-        causes.append(FittedCause(filled, estimates, block @ weights[part], candidate.known, chi_square))
+        causes.append(FittedCause(_filled(mechanism, estimates), estimates, block @ weights[part], candidate.known, chi_square))
     return causes
 
 
@@ -368,11 +388,28 @@ def _free(problem: Problem, candidate: Candidate) -> frozenset[str]:
     return problem.simulator.free.get(candidate.name, frozenset())
 
 
-def _of_jumps(rows: Rows, mechanism: Mechanism, jumps: Array, left: Array, half_step: Estimate) -> dict[str, Estimate]:
-    """Of a path: its size as fitted, and the mean time between flips that is likeliest of jumps beside what is left."""
+def _jumping(rows: Rows, mechanism: Mechanism, drawn: DrawnPaths, left: Array) -> FittedCause:
+    """A cause that jumps, on all its paths."""
+    jumps, half_step = drawn.mean_deg_h, drawn.half_step
+    estimates = _of_jumps(rows, mechanism, jumps, left, half_step, drawn.jumps_deg_h.var(axis=1))
+    chi_square = (half_step.value / half_step.sd) ** 2
+    return FittedCause(_filled(mechanism, estimates), estimates, jumps, known=False, chi_square=chi_square)
+
+
+def _filled(mechanism: Mechanism, estimates: Mapping[str, Estimate]) -> Mechanism:
+    """A mechanism with numbers as they were estimated, within its limits."""
+    limits = {p.name: (p.low, p.high) for p in mechanism.parameters()}
+    return dataclasses.replace(mechanism, **{k: float(np.clip(one.value, *limits[k])) for k, one in estimates.items()})  # type: ignore[type-var]
+
+
+def _of_jumps(
+    rows: Rows, mechanism: Mechanism, jumps: Array, left: Array, half_step: Estimate, unsure: Array | float = 0.0
+) -> dict[str, Estimate]:
+    """Of paths: their size as fitted, and the mean time between flips that is likeliest of jumps beside what is left; `unsure` is
+    the jumps' variance."""
     size = dataclasses.replace(half_step, value=abs(half_step.value))
     windows = slice(len(rows) - rows.contrasts)
-    noise_deg_h = float(np.std(left[windows] / np.sqrt(rows.white[windows])))
+    noise_deg_h = math.sqrt(float(np.mean(((left**2 + unsure) / rows.white)[windows])))
     dwell_s, sd_s = likeliest_dwell_s(rows, jumps + left, size.value, noise_deg_h)
     renewed = type(mechanism).jumping(size.value, dwell_s)
     step_name, dwell_name = (p.name for p in (renewed or mechanism).parameters()[:2])

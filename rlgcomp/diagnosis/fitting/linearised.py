@@ -36,12 +36,18 @@ def solve(problem: Problem, design: Array, noise: NoiseShape) -> tuple[Array, Ar
     scale = np.sqrt((design**2).mean(axis=0))
     scale = np.where(scale > 0.0, scale, 1.0)
     whitened = whiten(problem.rows, np.column_stack([design / scale, problem.target_deg_h]), (noise,))[0][0]
-    u, w, vt = np.linalg.svd(whitened[:, :-1], full_matrices=False)
-    inverse = np.where(w > _DEPENDENT * w[0], 1.0 / np.maximum(w, 1e-300), 0.0)
-    weights = vt.T @ (inverse * (u.T @ whitened[:, -1]))
-    left = whitened[:, -1] - whitened[:, :-1] @ weights
-    covariance = (vt.T * inverse**2) @ vt
-    return weights / scale, covariance / np.outer(scale, scale), float(left @ left)
+    left, back = decomposed(whitened[:, :-1])
+    weights = back @ (left.T @ whitened[:, -1])
+    remaining = whitened[:, -1] - whitened[:, :-1] @ weights
+    return weights / scale, back @ back.T / np.outer(scale, scale), float(remaining @ remaining)
+
+
+def decomposed(whitened: Array) -> tuple[Array, Array]:
+    """Orthonormal directions u of whitened columns, and the matrix B that makes weights of products with them: those of a target y
+    are :math:`B u^T y`, and their covariance for unit noise is :math:`B B^T`. Of columns that depend on each other, the least."""
+    u, w, vt = np.linalg.svd(whitened, full_matrices=False)
+    inverse = np.where(w > _DEPENDENT * w[0], 1.0 / np.maximum(w, 1e-300), 0.0) if len(w) else w
+    return u, vt.T * inverse
 
 
 def amplitudes(mechanism: Mechanism) -> Array:

@@ -17,6 +17,8 @@ References
 ----------
 A. P. Dempster, N. M. Laird and D. B. Rubin, "Maximum likelihood from incomplete data via the EM algorithm", J. R. Stat. Soc. B 39,
 1 (1977).
+C. J. F. ter Braak, "A Markov chain Monte Carlo version of the genetic algorithm differential evolution", Stat. Comput. 16, 239
+(2006).
 T. A. Louis, "Finding the observed information matrix when using the EM algorithm", J. R. Stat. Soc. B 44, 226 (1982).
 """
 
@@ -30,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
-from rlgcomp.diagnosis.naming.two_levels import DWELLS_S, Models, likeliest_signs, log_likelihood, smoothed
+from rlgcomp.diagnosis.naming.two_levels import DWELLS_S, Models, drawn_signs, likeliest_signs, log_likelihood, smoothed
 from rlgcomp.diagnosis.noise.whitening import Rows
 
 Array = npt.NDArray[np.float64]
@@ -38,6 +40,13 @@ _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the resi
 _ITERATIONS: Final = 12
 _NUDGE: Final = 0.02  # of the noise, of a logarithm: to find the curvature
 _LEAST: Final = 0.01  # of a known path's information, that is left of it
+_CHAINS: Final = 32
+_METROPOLIS: Final = 200  # steps of each,
+_FORGOTTEN: Final = 100  # of which the first do not count
+_WIDE: Final = 4.0  # standard deviations at a top, over which chains begin: another top may be as high
+_APART: Final = 8  # between paths that are drawn
+_ALONG: Final = 2.38  # of a difference between chains, over the root of twice their dimension,
+_LEAPS: Final = 10  # or all of it, from one top to another
 _FINE: Final = 25  # mean times between flips, from which the likeliest is read
 
 
@@ -84,6 +93,38 @@ def best_path(rows: Rows, target: Array, orthonormal: Array) -> Path:
         likeliest_dwell_s(rows, values[:, 0], half_step, noise)[0],
         flips,
     )
+
+
+def drawn_paths(rows: Rows, target: Array, orthonormal: Array, rng: np.random.Generator) -> Array:
+    """Window means of signs on paths drawn from what a target says in white noise, shape (n, draws), as :func:`best_path` takes it.
+
+    Smooth part and half step are drawn with all paths summed, since beside a path they hardly move: about the likelihood's top, as
+    widely as it bends there and more, and on by Metropolis steps along the differences of two other chains.
+    """
+    recording = _Target.of(rows, target, orthonormal)
+    smooth, models = _expected(recording)
+    k = int(np.argmax(smoothed(rows, recording.without(smooth), models)[2]))
+    at = np.r_[smooth[:, k], math.log(models.half_step[k])]
+    model = models.one(k).times(_CHAINS)
+
+    def told(points: Array) -> tuple[Array, Models]:
+        return recording.without(points[:-1]), dataclasses.replace(model, half_step=np.exp(points[-1]))
+
+    def height(points: Array) -> Array:
+        return smoothed(rows, *told(points))[2] + points[-1]  # half steps are alike likely
+
+    points = at[:, None] + _WIDE * _spread(recording, smooth[:, k], models.one(k)) @ rng.standard_normal((len(at), _CHAINS))
+    heights, signs = height(points), []
+    for step in range(1, _METROPOLIS + 1):
+        one, other = ((np.arange(_CHAINS) + 1 + rng.integers(_CHAINS - 1)) % _CHAINS for _ in range(2))
+        along = 1.0 if step % _LEAPS == 0 else _ALONG / math.sqrt(2.0 * len(at))
+        further = points + along * (points[:, one] - points[:, other])
+        reached = height(further)
+        better = np.log(rng.random(_CHAINS)) < reached - heights
+        points, heights = np.where(better, further, points), np.where(better, reached, heights)
+        if step > _FORGOTTEN and step % _APART == 0:
+            signs.append(drawn_signs(rows, *told(points), rng))
+    return np.vstack([np.hstack(signs), np.zeros((rows.contrasts, _CHAINS * len(signs)))])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,12 +190,25 @@ def _expected(target: _Target) -> tuple[Array, Models]:
     return smooth, models
 
 
-def _log_breadth(target: _Target, smooth: Array, model: Models, signs: Array) -> float:
-    """How much freer smooth part, half step and noise are than a known path would leave them."""
+def _spread(target: _Target, smooth: Array, model: Models) -> Array:
+    """Of smooth part and logarithm of the half step, a square root of the covariance that the curvature says, the noise held."""
+    signs = smoothed(target.rows, target.without(smooth[:, None]), model)[0]
+    known = _information(target, model, np.r_[signs[:, 0], np.zeros(target.rows.contrasts)])[:-1, :-1]
+    shares, ways = linalg.eigh(_curvature(target, smooth, model)[:-1, :-1], known)
+    return np.asarray(ways / np.sqrt(np.maximum(shares, _LEAST)))
+
+
+def _information(target: _Target, model: Models, signs: Array) -> Array:
+    """What a path that is known says of smooth part and logarithms of half step and noise, shape (p + 2, p + 2)."""
     half_step, noise = float(model.half_step[0]), float(model.noise[0])
     design = np.column_stack([target.columns, half_step * signs]) / (noise * np.sqrt(target.rows.white)[:, None])
     known = linalg.block_diag(design.T @ design, 2.0 * target.windows.stop)
-    known += 1e-9 * np.diag(np.diag(known))  # of a path without a flip
+    return np.asarray(known + 1e-9 * np.diag(np.diag(known)))  # of a path without a flip
+
+
+def _log_breadth(target: _Target, smooth: Array, model: Models, signs: Array) -> float:
+    """How much freer smooth part, half step and noise are than a known path would leave them."""
+    known = _information(target, model, signs)
     return -0.5 * float(np.log(np.maximum(linalg.eigvalsh(_curvature(target, smooth, model), known), _LEAST)).sum())
 
 

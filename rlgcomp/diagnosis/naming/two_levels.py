@@ -10,6 +10,7 @@ smeared from -a to a; and so is taken that of more flips, which are rare.
 References
 ----------
 L. R. Rabiner, "A tutorial on hidden Markov models", Proc. IEEE 77, 257 (1989).
+C. K. Carter and R. Kohn, "On Gibbs sampling for state space models", Biometrika 81, 541 (1994) (paths drawn backwards).
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from rlgcomp.compiled import available
-from rlgcomp.diagnosis.noise.loops import forward_backward
+from rlgcomp.diagnosis.noise.loops import draw_back, forward_backward
 from rlgcomp.diagnosis.noise.whitening import Rows
 
 Array = npt.NDArray[np.float64]
@@ -42,6 +43,10 @@ class Models:
     def one(self, k: int) -> Models:
         """The k-th alone."""
         return Models(self.half_step[k : k + 1], self.noise[k : k + 1], self.dwell_s[k : k + 1])
+
+    def times(self, many: int) -> Models:
+        """One model, so many times."""
+        return Models(*(np.repeat(values, many) for values in (self.half_step, self.noise, self.dwell_s)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,6 +152,18 @@ def _forward_backward(seen: _Windows, stays_up: Array, stays_down: Array, log_li
         back_up, back_down = high + seen.gap[k] * (low - high), low + seen.gap[k] * (high - low)
         largest = np.maximum(back_up, back_down)
         back_up, back_down = back_up / largest, back_down / largest
+
+
+def drawn_signs(rows: Rows, values: Array, models: Models, rng: np.random.Generator) -> Array:
+    """Each window's mean on a path drawn from what all windows say, one of each model: values of shape (n, models)."""
+    seen, (ways, flips, within) = _of_windows(rows, values, models), rng.random((3, *values.shape))
+    begins, ends = np.empty(values.shape), np.empty(values.shape)
+    draw_back(seen.gap, seen.up, seen.down, seen.change, ways, begins, ends)
+    step, noise = models.half_step, models.noise * np.sqrt(rows.white[: len(values), None])
+    low, high = ndtr((-step - values) / noise), ndtr((step - values) / noise)
+    between = np.clip(values + noise * ndtri(np.clip(low + within * (high - low), 1e-300, 1.0 - 1e-16)), -step, step) / step
+    flat = (begins == ends) & (flips < np.where(begins > 0.0, seen.flat_up, seen.flat_down))
+    return np.where(flat, begins, between)
 
 
 def likeliest_signs(rows: Rows, values: Array, model: Models) -> tuple[Array, int]:

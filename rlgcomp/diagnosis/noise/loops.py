@@ -177,6 +177,40 @@ def forward_backward(
 
 
 @compiled()
+def draw_back(gap: Array, up: Array, down: Array, change: Array, chance: Array, begins: Array, ends: Array) -> None:
+    """Signs of a two-state hidden Markov model drawn from what all rows say: a filter forwards, and draws backwards.
+
+    Parameters
+    ----------
+    gap, up, down, change : ndarray, shape (n, models)
+        As :func:`forward_backward` takes them.
+    chance : ndarray, shape (n, models)
+        Random numbers between nought and one.
+    begins, ends : ndarray, shape (n, models)
+        To be filled: the sign with which each row begins and ends.
+    """
+    rows, models = up.shape
+    for j in range(models):
+        before = 0.5
+        for k in range(rows):
+            first = before + gap[k, j] * (1.0 - 2.0 * before)
+            begins[k, j] = first  # probability of high, until the row is drawn
+            high = first * up[k, j] + (1.0 - first) * change[k, j]
+            low = (1.0 - first) * down[k, j] + first * change[k, j]
+            before = high / (high + low)
+        if_high = if_low = 1.0  # what the next row's sign says of a row that ends high, and low
+        for k in range(rows - 1, -1, -1):
+            first = begins[k, j]
+            stays_high, falls = first * up[k, j] * if_high, first * change[k, j] * if_low
+            rises, stays_low = (1.0 - first) * change[k, j] * if_high, (1.0 - first) * down[k, j] * if_low
+            drawn = chance[k, j] * (stays_high + falls + rises + stays_low)
+            begins[k, j] = 1.0 if drawn < stays_high + falls else -1.0
+            ends[k, j] = 1.0 if drawn < stays_high or stays_high + falls <= drawn < stays_high + falls + rises else -1.0
+            crossed = gap[k, j]
+            if_high, if_low = (1.0 - crossed, crossed) if begins[k, j] > 0.0 else (crossed, 1.0 - crossed)
+
+
+@compiled()
 def log_sums(values: Array, squares: Array, left: Array, log_weights: Array, precisions: Array, freedom: int, sums: Array) -> None:
     """Add to the log of a sum of evidences, for many targets, what sets of columns add at each precision of their prior.
 
