@@ -21,6 +21,8 @@ from rlgcomp.units import SECONDS_PER_MINUTE
 Array = npt.NDArray[np.float64]
 _RATE_WINDOWS_S: Final = (120.0, 1200.0)  # shortest and longest over which a slope is taken
 _RATE_ERROR: Final = 0.1  # standard deviation of a rate that its window may leave, of the rate's rms
+_CALMER: Final = 0.9  # of second differences, by which read noise is told,
+_NORMAL: Final = 1.6449  # and the size below which so many of unit normal values are
 _BLOCK: Final = 512  # samples, at least, over which sums for slopes are carried on
 _MANY: Final = 20_000  # samples from which compiling pays: a recording is passed through a dozen filters
 
@@ -152,6 +154,15 @@ def _slopes(values: Array, time_s: Array, half: int, start: int, stop: int) -> A
     covariance = window_sum(t * x) / count - mean_t * mean_x
     variance = window_sum(t * t) / count - mean_t**2
     return np.asarray(SECONDS_PER_MINUTE * covariance / variance)
+
+
+def read_noise(values: Array) -> float:
+    r"""Standard deviation of what a monitor's readings are off by, each by its own: of nine tenths of their second differences, in
+    which corners of a programme do not count; with the toggling of the last digit in it.
+
+    .. math:: \sigma = \frac{q_{0.9}(|x_{k-1} - 2 x_k + x_{k+1}|)}{1.645 \sqrt 6}
+    """
+    return float(np.quantile(np.abs(np.diff(values, 2)), _CALMER)) / _NORMAL / math.sqrt(6.0) if len(values) > 2 else 0.0
 
 
 def rate_window_s(values: Array, time_s: Array) -> float:

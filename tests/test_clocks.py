@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ from rlgcomp.diagnosis.clocks import CLOCK_OFFSET, Clock, sought, weighed
 from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.result.wording import clock_text
+from rlgcomp.diagnosis.simulators import align
 from rlgcomp.diagnosis.simulators.user_simulator import SimulatedRuns
 
 CATALOGUE = rlg.CATALOGUE
@@ -156,3 +158,11 @@ def test_a_clock_that_is_unlikely_changes_nothing() -> None:
     found = rlg.diagnose(None, pairs[0], simulated=pairs[1], black_box=False)
     unlikely = Clock({PROGRAMMES[0]: Estimate(9.0, 5.0, "s")}, False, frozenset(), -9.0)
     assert weighed(found, unlikely) == weighed(found, None) == found
+
+
+def test_an_offset_within_what_slow_physics_changes_of_it_is_by_chance() -> None:
+    clock, plain = (align._Clock(offset_s, 30.0, 0.0, 1e-6, 1e-12, 0.9) for offset_s in (1300.0, 100.0))
+    doubted = align._doubted(clock, plain)
+    assert doubted.offset_sd_s == pytest.approx(math.hypot(30.0, 1200.0))
+    assert doubted.p_value > 0.2
+    assert align._doubted(clock, clock) == clock

@@ -7,7 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from rlgcomp.diagnosis.fitting.fit import fit
 from rlgcomp.diagnosis.naming.explain import explain
+from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 from tests.test_evidence import SIMULATOR, runs, with_effect
@@ -26,12 +28,45 @@ def test_both_levels_of_a_mode_hop_are_found(warming_degC: float, dead_band_K: f
     assert differs.mean() < 0.03
 
 
+@pytest.mark.parametrize("hops", [2, 3])
+def test_hops_a_wavelength_apart_are_one_cause(hops: int) -> None:
+    hidden = CATALOGUE["mode_hop"](step_deg_h=0.004, threshold_degC=4.0, dead_band_K=2.5, spacing_K=11.0, hops=hops)
+    problem = Problem.of(SIMULATOR, with_effect(runs(seed=5, hours=12.0), hidden), window_s=100.0)
+    found = explain(problem, CATALOGUE)
+    best = found.models[0]
+    assert best.labels == {("mode_hop", False)}
+    mechanism = found.candidates(best)[0].mechanism
+    assert mechanism.hops == hops
+    assert (np.round(problem.columns(mechanism)) != np.round(problem.columns(hidden))).mean() < 0.03
+
+
+def test_a_warm_up_of_two_terms_is_one_cause() -> None:
+    hidden = CATALOGUE["warm_up"](
+        initial_deg_h=0.02, slower_deg_h=0.012, time_constant_s=600.0, slower_time_constant_s=7000.0, terms="two"
+    )
+    problem = Problem.of(SIMULATOR, with_effect(runs(seed=5, hours=12.0), hidden), window_s=100.0)
+    found = explain(problem, CATALOGUE)
+    best = found.models[0]
+    assert best.labels == {("warm_up", False)}
+    (candidate,) = found.candidates(best)
+    assert candidate.mechanism.terms == "two"
+    (cause,) = fit(problem, [candidate], NoiseShape()).causes
+    for name, estimate in cause.estimates.items():
+        assert abs(estimate.value - getattr(hidden, name)) < 4.0 * estimate.sd
+
+
 def test_edges_and_parameters_are_the_same_thing() -> None:
     hop = CATALOGUE["mode_hop"](threshold_degC=20.0, dead_band_K=3.0)
     assert hop.edges() == (20.0, 17.0)
     assert hop.with_edges((25.0, 15.0)) == CATALOGUE["mode_hop"](threshold_degC=25.0, dead_band_K=10.0)
     assert hop.with_edges((15.0, 25.0)) is None
     assert hop.with_edges((40.0, 15.0)) is None
+    several = dataclasses.replace(hop, hops=3, spacing_K=12.0)
+    assert several.edges() == (20.0, 17.0, 32.0)
+    assert several.with_edges((25.0, 15.0, 40.0)) == dataclasses.replace(
+        several, threshold_degC=25.0, dead_band_K=10.0, spacing_K=15.0
+    )
+    assert several.with_edges((25.0, 15.0, 20.0)) is None
     assert all(kind().edges() == () for name, kind in CATALOGUE.items() if name != "mode_hop")
     assert np.isfinite(hop.edges()).all()
 

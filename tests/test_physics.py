@@ -170,7 +170,7 @@ def test_settings_are_finite_and_whole_where_they_count(mechanism: type[Mechanis
         for value in (float("inf"), float("-inf"), float("nan"), *([max(parameter.typical, 2) + 0.5] if parameter.whole else [])):
             with pytest.raises(rlg.InputError, match=rf"{parameter.name} is {value}; it must be a (finite|whole) number"):
                 mechanism.from_mapping({parameter.name: value})
-        assert parameter.whole == (parameter.name.startswith(("degree", "order", "exponent")))
+        assert parameter.whole == (parameter.name.startswith(("degree", "order", "exponent", "hops")))
         assert mechanism.from_mapping({parameter.name: float(parameter.typical)}) == mechanism()
 
 
@@ -189,6 +189,46 @@ def test_mode_hop_comes_back_later_on_the_way_down() -> None:
     step = rlg.CATALOGUE["mode_hop"](threshold_degC=30.0, dead_band_K=4.0).basis(rlg.Recording(pd.DataFrame(table)))[:, 0]
     edges = np.flatnonzero(np.diff(step))
     assert temperature[edges + 1] == pytest.approx([30.0, 26.0], abs=0.2)
+
+
+def recorded(temperature: np.ndarray) -> rlg.Recording:
+    """A second a row."""
+    time_s = np.arange(float(len(temperature)))
+    return rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": 0.0 * time_s, "temperature_block_degC": temperature}))
+
+
+def test_several_hops_are_one_step_each() -> None:
+    temperature = np.r_[np.linspace(0.0, 50.0, 501), np.linspace(50.0, 0.0, 501)]
+    several = rlg.CATALOGUE["mode_hop"](threshold_degC=10.0, dead_band_K=3.0, spacing_K=15.0, hops=3)
+    alone = [rlg.CATALOGUE["mode_hop"](threshold_degC=level, dead_band_K=3.0) for level in (10.0, 25.0, 40.0)]
+    recording = recorded(temperature)
+    np.testing.assert_array_equal(several.basis(recording), sum(one.basis(recording) for one in alone))
+    assert all(one.hops > 1 and one != several for one in alone[0].extensions())
+    assert several.extensions() == ()
+
+
+def test_warming_up_may_take_two_terms(run: rlg.Recording) -> None:
+    one = rlg.CATALOGUE["warm_up"](initial_deg_h=0.02, time_constant_s=900.0)
+    two = rlg.CATALOGUE["warm_up"](
+        initial_deg_h=0.02, slower_deg_h=-0.01, time_constant_s=900.0, slower_time_constant_s=5000.0, terms="two"
+    )
+    since_s, rng = run.time_s - run.time_s[0], np.random.default_rng(0)
+    left = two.contribution(run, rng) - one.contribution(run, rng)
+    np.testing.assert_allclose(left, -0.01 * np.exp(-since_s / 5000.0), atol=1e-15)
+    assert all(
+        other.terms == "two" and 900.0 in (other.time_constant_s, other.slower_time_constant_s) for other in one.extensions()
+    )
+    assert two.extensions() == ()
+
+
+def test_bouc_wen_does_not_forget_by_read_noise() -> None:
+    rng = np.random.default_rng(2)
+    course = np.interp(np.arange(20_000), [0, 4000, 9000, 13_000, 20_000], [0.0, 40.0, 40.0, -20.0, -20.0])
+    hysteresis = rlg.CATALOGUE["thermal_hysteresis"](law="bouc_wen", radius_K=10.0)
+    plain = hysteresis.basis(recorded(course))
+    for noise_K, step_K in ((0.008, 1e-6), (0.02, 0.01)):
+        read = np.round((course + noise_K * rng.standard_normal(len(course))) / step_K) * step_K
+        np.testing.assert_allclose(hysteresis.basis(recorded(read)), plain, atol=0.3)
 
 
 @pytest.mark.parametrize(("start", "first"), [("rested", 0.0), ("from_below", 0.0), ("from_above", 1.0)])

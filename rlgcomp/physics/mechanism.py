@@ -241,7 +241,7 @@ class Mechanism(abc.ABC):
         return cls.jumping(1.0, 3600.0) is not None
 
     def extensions(self) -> tuple[Self, ...]:
-        """Richer forms of the same cause, to be tried where the simulator has it in this form."""
+        """Richer forms of the same cause, to be tried where the simulator has it in this form, or where it is likely."""
         return ()
 
     def covariance(self, lag_s: Array) -> Array | None:

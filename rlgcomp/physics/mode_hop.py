@@ -15,20 +15,27 @@ from rlgcomp.recording import Recording
 _THRESHOLDS: Final = 36
 
 
+_HOPS: Final = (2, 3, 4)  # that are tried
+_SPACINGS_K: Final = (6.0, 10.0, 16.0, 24.0, 36.0)
+_ONE: Final = "b = step_deg_h * relay(T; up at threshold_degC, down at dead_band_K below)"
+_SEVERAL: Final = "b = step_deg_h * sum over k < hops of relay(T; up at threshold_degC + k spacing_K, down at dead_band_K below)"
+
+
 @dataclasses.dataclass(frozen=True)
 class ModeHop(Mechanism):
     r"""At the end of its travel the piezo of the path-length control is reset by one wavelength; the bias steps.
 
     .. math:: b = \Delta b \; h(T), \qquad h = 1 \text{ once } T \ge T_h, \quad h = 0 \text{ once } T \le T_h - d
 
-    The step comes back at the same temperature, later by the dead band d on the way down. A run that begins within the dead band
-    does not say which mode it begins in: `start` says that the gyro had come from below or from above to the first temperature, or
-    that it had rested, and the nearer of the two levels decides.
+    The step comes back at the same temperature, later by the dead band d on the way down. Of several `hops` each is as far from the
+    one before as warming moves the mirrors by a wavelength, and as large. A run that begins within the dead band does not say which
+    mode it begins in: `start` says that the gyro had come from below or from above to the first temperature, or that it had rested,
+    and the nearer of the two levels decides.
     """
 
     name = "mode_hop"
     kind = "chamber"
-    equation = "b = step_deg_h * relay(T; up at threshold_degC, down at dead_band_K below)"
+    equation = _ONE
     reference = (
         "A. D. V. Di Virgilio et al., Eur. Phys. J. C 80, 163 (2020) (mode jumps of a ring laser); F. "
         "Aronowitz, W. L. Lim, Opt. Eng. 18, 184376 (1979) (bias against detuning)."
@@ -39,6 +46,8 @@ class ModeHop(Mechanism):
     step_deg_h: float = amplitude(0.01, "deg/h")
     threshold_degC: float = shape(30.0, "degC", -80.0, 120.0)
     dead_band_K: float = shape(2.0, "K", 0.0, 20.0)
+    spacing_K: float = shape(20.0, "K", 1.0, 200.0)
+    hops: int = setting(1, low=1, high=20)
     start: str = setting("rested", choices=tuple(STARTS))
 
     @classmethod
@@ -51,25 +60,45 @@ class ModeHop(Mechanism):
         within = [hop for hop in rested if any(hop.threshold_degC - hop.dead_band_K < r[0] < hop.threshold_degC for r in readings)]
         return (*rested, *(dataclasses.replace(hop, start=start) for hop in within for start in list(STARTS)[1:]))
 
+    def extensions(self) -> tuple[Self, ...]:
+        """Of several hops, of which this is one."""
+        if self.hops > 1:
+            return ()
+        ladders = [(hops, below, spacing) for hops in _HOPS for below in range(hops) for spacing in _SPACINGS_K]
+        lowest = next(parameter.low for parameter in self.parameters() if parameter.name == "threshold_degC")
+        return tuple(
+            dataclasses.replace(self, threshold_degC=self.threshold_degC - below * spacing, spacing_K=spacing, hops=hops)
+            for hops, below, spacing in ladders
+            if self.threshold_degC - below * spacing >= lowest
+        )
+
     def stated(self) -> str:
-        return self.equation + BEGUN[self.start]
+        return (_ONE if self.hops == 1 else _SEVERAL) + BEGUN[self.start]
 
     def edges(self) -> tuple[float, ...]:
-        """Of warming and of cooling."""
-        return self.threshold_degC, self.threshold_degC - self.dead_band_K
+        """Of warming and of cooling; of several hops, of warming at the next."""
+        own = self.threshold_degC, self.threshold_degC - self.dead_band_K
+        return own if self.hops == 1 else (*own, self.threshold_degC + self.spacing_K)
 
     def with_edges(self, edges: Sequence[float]) -> Self | None:
-        warming, cooling = edges
-        widest = next(parameter.high for parameter in self.parameters() if parameter.name == "dead_band_K")
-        if not 0.0 <= warming - cooling <= widest:
+        warming, cooling, *following = edges
+        limits = {parameter.name: (parameter.low, parameter.high) for parameter in self.parameters()}
+        spacing = following[0] - warming if following else self.spacing_K
+        moved = {"threshold_degC": warming, "dead_band_K": warming - cooling, "spacing_K": spacing}
+        if any(not limits[name][0] <= value <= limits[name][1] for name, value in moved.items()):
             return None
-        return dataclasses.replace(self, threshold_degC=warming, dead_band_K=warming - cooling)
+        return dataclasses.replace(self, **moved)  # type: ignore[arg-type]
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
-        up = temperature >= self.threshold_degC
-        down = temperature <= self.threshold_degC - self.dead_band_K
+        relays = [self._relay(temperature, self.threshold_degC + k * self.spacing_K) for k in range(int(self.hops))]
+        return np.column_stack(relays).sum(axis=1, keepdims=True)
+
+    def _relay(self, temperature: Array, threshold_degC: float) -> Array:
+        """1 where the gyro has hopped at a temperature, 0 elsewhere."""
+        up = temperature >= threshold_degC
+        down = temperature <= threshold_degC - self.dead_band_K
         decided = np.maximum.accumulate(np.where(up | down, np.arange(len(temperature)), -1))  # the latest row that was
-        nearer = temperature[0] > self.threshold_degC - 0.5 * self.dead_band_K
+        nearer = temperature[0] > threshold_degC - 0.5 * self.dead_band_K
         first = {"from_below": False, "from_above": True}.get(self.start, nearer)
-        return np.where(decided >= 0, up[decided], first)[:, None]
+        return np.where(decided >= 0, up[decided], first).astype(np.float64)

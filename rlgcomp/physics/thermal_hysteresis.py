@@ -8,11 +8,13 @@ from typing import Final, Self
 
 import numpy as np
 
+from rlgcomp.filters import read_noise
 from rlgcomp.hysteresis import BEGUN, STARTS, BoucWen, Play, Preisach, play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
 _RADII: Final = 12  # of the law "plays"
+_NOISE: Final = 4.0  # standard deviations of read noise, that hardly a reading is off by
 _CONCENTRATION: Final = 4.0  # of relays about narrow loops
 _EQUATIONS: Final = {
     "play": "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)",
@@ -93,6 +95,13 @@ class ThermalHysteresis(Mechanism):
             relays = Preisach(self.centre_degC - half, self.centre_degC + half, concentration=_CONCENTRATION)
             output, _ = relays.run(relays.init(temperature[0], swept), temperature)
             return np.asarray(self.radius_K * output[:, None])
-        bouc_wen = BoucWen(slope=1.0, saturation=self.radius_K)
+        bouc_wen, temperature = BoucWen(slope=1.0, saturation=self.radius_K), _stilled(temperature)
         output, _ = bouc_wen.run(bouc_wen.init(temperature[0], swept), temperature)
         return output[:, None]
+
+
+def _stilled(temperature: Array) -> Array:
+    """A temperature less its read noise, as a wider play makes it: by noise a law that any movement wears down would forget."""
+    width = _NOISE * read_noise(temperature)
+    play = Play((width,))
+    return play.run(play.init(temperature[0]), temperature)[0][:, 0] if width > 0.0 else temperature

@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, shape
+from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
+
+_RATIOS: Final = (4.0, 10.0, 25.0)  # between two time constants that are tried
+_EQUATIONS: Final = {
+    "one": "b = initial_deg_h * exp(-t / time_constant_s)",
+    "two": "b = initial_deg_h * exp(-t / time_constant_s) + slower_deg_h * exp(-t / slower_time_constant_s)",
+}
 
 
 @dataclasses.dataclass(frozen=True)
 class WarmUp(Mechanism):
     r"""The discharge heats the bore; until the gas and the mirrors settle, the bias drifts, whatever the chamber does.
 
-    .. math:: b = A \, e^{-t/\tau}
+    .. math:: b = \sum_i A_i \, e^{-t/\tau_i}
 
-    with t counted from the beginning of the recording.
+    with t counted from the beginning of the recording; of one term, or of two where the bore settles first and the block later.
     """
 
     name = "warm_up"
     kind = "chamber"
-    equation = "b = initial_deg_h * exp(-t / time_constant_s)"
+    equation = _EQUATIONS["one"]
     reference = (
         "G. Y. Wu, Q. T. Gu, Thermal characteristics and thermal compensation of four frequency ring laser "
         "gyro, IEEE PLANS 2002, 271-276."
@@ -31,13 +37,36 @@ class WarmUp(Mechanism):
     drivers = ()
 
     initial_deg_h: float = amplitude(0.01, "deg/h")
+    slower_deg_h: float = amplitude(0.005, "deg/h")
     time_constant_s: float = shape(1800.0, "s", 60.0, 21600.0)
+    slower_time_constant_s: float = shape(10800.0, "s", 60.0, 86400.0)
+    terms: str = setting("one", choices=tuple(_EQUATIONS))
+
+    def amplitude_parameters(self) -> tuple[Parameter, ...]:
+        return super().amplitude_parameters()[: 1 if self.terms == "one" else 2]
+
+    def stated(self) -> str:
+        return _EQUATIONS[self.terms]
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         longest = min(21600.0, max(120.0, 0.4 * max(recording.duration_s for recording in recordings)))
         return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(max(60.0, 0.01 * longest), longest, 10))
 
+    def extensions(self) -> tuple[Self, ...]:
+        """Of two terms, of which this is one."""
+        if self.terms != "one":
+            return ()
+        own = self.time_constant_s
+        pairs = [(own / ratio, own) for ratio in _RATIOS] + [(own, own * ratio) for ratio in _RATIOS]
+        low, high = (next(p for p in self.parameters() if p.name == name) for name in ("time_constant_s", "slower_time_constant_s"))
+        return tuple(
+            dataclasses.replace(self, time_constant_s=quick, slower_time_constant_s=slow, terms="two")
+            for quick, slow in pairs
+            if quick >= low.low and slow <= high.high
+        )
+
     def basis(self, recording: Recording) -> Array:
-        time_s = recording.time_s
-        return np.exp(-(time_s - time_s[0]) / self.time_constant_s)[:, None]
+        since_s = recording.time_s - recording.time_s[0]
+        constants_s = (self.time_constant_s, self.slower_time_constant_s)[: 1 if self.terms == "one" else 2]
+        return np.column_stack([np.exp(-since_s / constant_s) for constant_s in constants_s])

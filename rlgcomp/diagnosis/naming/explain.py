@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.naming.candidates import Candidate, candidates
+from rlgcomp.diagnosis.naming.candidates import RICHER, Candidate, candidates
 from rlgcomp.diagnosis.naming.edges import sharpened
 from rlgcomp.diagnosis.naming.evidence import Evidence, log_sum_exp
 from rlgcomp.diagnosis.naming.inadequacy import inadequacy
@@ -220,7 +220,7 @@ def explain(
     search, models, likely = _searched(evidence, noise_log_prior)
     for _ in range(_ZOOMS):
         finer = [*_proposed(search, likely, kinds), *_zoomed(search, likely), *jumping(search, likely, kinds)]
-        finer += sharpened(evidence, likely)
+        finer += [*richer(evidence, likely), *sharpened(evidence, likely)]
         if not finer:
             break
         evidence.add(finer)
@@ -296,6 +296,21 @@ def _zoomed(search: Search, models: Sequence[Model]) -> list[Candidate]:
                 known.add((mechanism, False))
                 weight = best.log_weight + sum(share for _, share in point)
                 found.append(Candidate(mechanism, evidence.problem.columns(mechanism), weight))
+    return found
+
+
+def richer(evidence: Evidence, models: Sequence[Model]) -> list[Candidate]:
+    """Candidates of richer form than members of these models, together half as usual as each of these."""
+    known = {candidate.mechanism for candidate in evidence.candidates}
+    found: list[Candidate] = []
+    for k in dict.fromkeys(member.candidate for model in models for member in model.members):
+        best = evidence.candidates[k]
+        extensions = () if best.known else best.mechanism.extensions()
+        for mechanism in (one for one in extensions if one not in known):
+            known.add(mechanism)
+            columns, weight = evidence.problem.columns(mechanism), best.log_weight + RICHER - math.log(len(extensions))
+            if columns.shape != best.columns.shape or np.ptp(columns - best.columns, axis=0).any():
+                found.append(Candidate(mechanism, columns, weight))
     return found
 
 

@@ -23,7 +23,9 @@ WALKS: Final = {0.0: 0.36, 0.07: 0.24, 0.18: 0.20, 0.4: 0.13, 0.9: 0.04, 1.3: 0.
 # So steep that flicker beside them hardly matters: of gyros whose white noise is very low, or whose bias walks far. Without them
 # what such a gyro does by itself passed for ageing. Steeper ones would take what an imperfect equation leaves of a strong cause for
 # noise, and the cause's numbers with it (`python -m experiments.mems_thermal_chamber`).
-STEEP_WALKS: Final = {3.0: 0.004, 5.0: 0.002}
+STEEP_WALKS: Final = {3.0: 0.012, 5.0: 0.005}
+# (flicker, walk) of gyros whose white noise is so low that flicker stands far above it.
+LOUD: Final = {(2.2, 0.0): 0.006, (2.2, 0.9): 0.006, (2.2, 3.0): 0.003, (1.4, 3.0): 0.003, (3.5, 0.0): 0.002, (3.5, 2.0): 0.002}
 # Of what wanders unrecorded: a weaker one cannot be told from flicker, and would be said of every healthy gyro that is a little so.
 WANDERS: Final = {0.5: 0.25, 1.2: 0.35, 3.0: 0.4}
 # A law made up after the data were seen must hold against stronger ones too: what is left at the grid's edge passes for a law.
@@ -100,6 +102,7 @@ def ordinary_noise(stated: Stated | None = None) -> tuple[NoiseShape, ...]:
     """Noise that gyros have: white, flicker and random walk; and the noise that is stated."""
     usual = [NoiseShape(flicker, walk) for flicker, walk in itertools.product(FLICKERS, WALKS)]
     usual += [NoiseShape(0.0, walk) for walk in STEEP_WALKS]
+    usual += [NoiseShape(*slow) for slow in LOUD]
     return tuple(usual if stated is None or stated.shape in usual else [*usual, stated.shape])
 
 
@@ -148,7 +151,14 @@ def log_prior(noises: tuple[NoiseShape, ...], stated: Stated | None = None) -> A
         Of :func:`ordinary_noise`, for the same statement.
     stated : Stated, optional
     """
-    usual = np.array([FLICKERS.get(n.flicker, 0.0) * WALKS.get(n.walk, 0.0) or STEEP_WALKS.get(n.walk, 0.0) for n in noises])
+    usual = np.array(
+        [
+            FLICKERS.get(n.flicker, 0.0) * WALKS.get(n.walk, 0.0)
+            or LOUD.get((n.flicker, n.walk), 0.0)
+            or STEEP_WALKS.get(n.walk, 0.0)
+            for n in noises
+        ]
+    )
     usual /= usual.sum()
     if stated is None:
         return np.asarray(np.log(usual))

@@ -154,12 +154,12 @@ def _clock(recording: Recording, simulated: Recording, rate: Array, epoch_s: flo
 
 
 def _doubted(clock: _Clock, plain: _Clock) -> _Clock:
-    """A clock whose standard deviations hold what slow physics changes of it, for it may be there or not."""
-    return dataclasses.replace(
-        clock,
-        offset_sd_s=math.hypot(clock.offset_sd_s, clock.offset_s - plain.offset_s),
-        drift_sd=math.hypot(clock.drift_sd, clock.drift - plain.drift),
-    )
+    """A clock whose standard deviations and p-value hold what slow physics changes of it, for it may be there or not."""
+    offset_sd_s = math.hypot(clock.offset_sd_s, clock.offset_s - plain.offset_s)
+    drift_sd = math.hypot(clock.drift_sd, clock.drift - plain.drift)
+    furthest = max(abs(clock.offset_s) / offset_sd_s, abs(clock.drift) / drift_sd) if offset_sd_s > 0.0 < drift_sd else math.inf
+    either = min(1.0, 2.0 * math.erfc(furthest / math.sqrt(2.0)))
+    return dataclasses.replace(clock, offset_sd_s=offset_sd_s, drift_sd=drift_sd, p_value=max(clock.p_value, either))
 
 
 @dataclasses.dataclass(frozen=True)
