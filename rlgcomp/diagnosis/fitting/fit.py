@@ -37,6 +37,7 @@ from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
+_FURTHER: Final = 10  # steps of Gauss–Newton while each leaves less, of a tenth of a shape at most
 _CANCELLING: Final = 0.5  # of the rms of the smallest law
 
 
@@ -161,7 +162,7 @@ def _settled_down(problem: Problem, chosen: Sequence[Candidate], mechanisms: Seq
         for candidate, one in zip(chosen, mechanisms, strict=True)
     ]
     at = Design.of(problem, chosen, mechanisms, columns, noise)
-    for _ in range(STEPS):
+    for _ in range(_FURTHER):
         further = at.moved(noise)
         if further is None:
             break
