@@ -57,6 +57,9 @@ def test_stays_of_chance_are_not_too_alike_and_those_of_a_clock_are(mean: float)
     assert sum(alike) <= 2  # of eight hundred, at five in ten thousand
     kept = [_keeps_time(stays_to_path(mean * rng.uniform(0.9, 1.1, 400), 432), rows) for _ in range(50)]
     assert np.mean(kept) > 0.9
+    unequal = np.tile([0.6 * mean, 1.4 * mean], 200)
+    kept = [_keeps_time(stays_to_path(unequal * rng.uniform(0.9, 1.1, 400), 432), rows) for _ in range(50)]
+    assert np.mean(kept) > 0.95
     assert not _keeps_time(stays_to_path(np.full(9, 100.0), 432), rows)  # three stays tell nothing
 
 

@@ -7,8 +7,8 @@ all times since the last jump, r,
 .. math:: p(y_{1:k}, r_k) = \sum_{r_{k-1}} p(y_{1:k-1}, r_{k-1}) \, p(r_k \mid r_{k-1}) \, p(y_k \mid r_k, y_{1:k-1})
 
 against the same sum over paths between two values, less what slow noise beside these explains. A line is one where its frequency
-holds more than those next to it. Stays of a random telegraph are exponential; those of a switch that keeps time are alike. And
-a telegraph that is not certain must be twenty times likelier than slow normal noise of its spectrum.
+holds more than those next to it. Stays of a random telegraph are exponential; those of a switch that keeps time are alike, or those
+at each value. And a telegraph that is not certain must be twenty times likelier than slow normal noise of its spectrum.
 
 References
 ----------
@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -116,15 +116,27 @@ def _size(jumps: Array) -> float:
 
 
 def _keeps_time(path: Array, rows: Rows) -> bool:
-    """Whether stays between two flips are more alike than chance makes them, short ones unseen."""
-    stays = [
-        stay for part in rows.runs for stay in np.diff(rows.time_s[part][1:][np.diff(np.sign(path[part])) != 0.0]) / rows.window_s
-    ]
+    """Whether stays at one value, or at each, are more alike than chance makes them, short ones unseen."""
+    stays, high = [], []
+    for part in rows.runs:
+        flips = np.flatnonzero(np.diff(np.sign(path[part])) != 0.0) + 1
+        stays += list(np.diff(rows.time_s[part][flips]) / rows.window_s)
+        high += list(path[part][flips[:-1]] > 0.0)
     if len(stays) < _FEWEST_STAYS or np.mean(stays) < 2.0 * _UNSEEN:
         return False
-    spread = float(np.std(stays) / np.mean(stays))
     chance = np.random.default_rng(0).exponential(np.mean(stays) - _UNSEEN, (_DRAWS, len(stays))) + _UNSEEN
-    return bool(np.mean(chance.std(axis=1) / chance.mean(axis=1) <= spread) < _RARELY)
+    return any(_alike(np.array(stays), chance, groups) for groups in (np.zeros(len(stays)), np.array(high)))
+
+
+def _alike(stays: Array, chance: Array, groups: npt.NDArray[Any]) -> bool:
+    """Whether stays are nearer the mean of their group, of shape (n,), than chance makes them, shape (draws, n)."""
+
+    def spread(values: Array) -> Array:
+        parts = [values[..., groups == group] for group in np.unique(groups)]
+        apart = np.concatenate([part / part.mean(axis=-1, keepdims=True) - 1.0 for part in parts], axis=-1)
+        return np.asarray(np.sqrt((apart**2).mean(axis=-1)))
+
+    return bool(np.mean(spread(chance) <= spread(stays)) < _RARELY)
 
 
 def _any_level(rows: Rows, jumps: Array, left: Array) -> float:
