@@ -42,7 +42,7 @@ def test_hops_a_wavelength_apart_are_one_cause(hops: int) -> None:
 
 def test_a_warm_up_of_two_terms_is_one_cause() -> None:
     hidden = CATALOGUE["warm_up"](
-        initial_deg_h=0.02, slower_deg_h=0.012, time_constant_s=600.0, slower_time_constant_s=7000.0, terms="two"
+        initial_deg_h=0.032, slower_share=0.375, time_constant_s=600.0, slower_time_constant_s=7000.0, terms="two"
     )
     problem = Problem.of(SIMULATOR, with_effect(runs(seed=5, hours=12.0), hidden), window_s=100.0)
     found = explain(problem, CATALOGUE)

@@ -210,11 +210,11 @@ def test_several_hops_are_one_step_each() -> None:
 def test_warming_up_may_take_two_terms(run: rlg.Recording) -> None:
     one = rlg.CATALOGUE["warm_up"](initial_deg_h=0.02, time_constant_s=900.0)
     two = rlg.CATALOGUE["warm_up"](
-        initial_deg_h=0.02, slower_deg_h=-0.01, time_constant_s=900.0, slower_time_constant_s=5000.0, terms="two"
+        initial_deg_h=0.02, slower_share=0.25, time_constant_s=900.0, slower_time_constant_s=5000.0, terms="two"
     )
     since_s, rng = run.time_s - run.time_s[0], np.random.default_rng(0)
-    left = two.contribution(run, rng) - one.contribution(run, rng)
-    np.testing.assert_allclose(left, -0.01 * np.exp(-since_s / 5000.0), atol=1e-15)
+    left = two.contribution(run, rng) - 0.75 * one.contribution(run, rng)
+    np.testing.assert_allclose(left, 0.005 * np.exp(-since_s / 5000.0), atol=1e-15)
     assert all(
         other.terms == "two" and 900.0 in (other.time_constant_s, other.slower_time_constant_s) for other in one.extensions()
     )

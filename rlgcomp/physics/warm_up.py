@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, setting, shape
+from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
 _RATIOS: Final = (4.0, 10.0, 25.0)  # between two time constants that are tried
+_SHARES: Final = (0.25, 0.5, 0.75)
 _EQUATIONS: Final = {
     "one": "b = initial_deg_h * exp(-t / time_constant_s)",
-    "two": "b = initial_deg_h * exp(-t / time_constant_s) + slower_deg_h * exp(-t / slower_time_constant_s)",
+    "two": (
+        "b = initial_deg_h * ((1 - slower_share) * exp(-t / time_constant_s) + slower_share * exp(-t / slower_time_constant_s))"
+    ),
 }
 
 
@@ -22,9 +26,10 @@ _EQUATIONS: Final = {
 class WarmUp(Mechanism):
     r"""The discharge heats the bore; until the gas and the mirrors settle, the bias drifts, whatever the chamber does.
 
-    .. math:: b = \sum_i A_i \, e^{-t/\tau_i}
+    .. math:: b = A \sum_i s_i \, e^{-t/\tau_i}, \qquad \sum_i s_i = 1, \quad s_i \ge 0
 
     with t counted from the beginning of the recording; of one term, or of two where the bore settles first and the block later.
+    Terms of opposite signs would take the place of whatever is slow.
     """
 
     name = "warm_up"
@@ -37,13 +42,10 @@ class WarmUp(Mechanism):
     drivers = ()
 
     initial_deg_h: float = amplitude(0.01, "deg/h")
-    slower_deg_h: float = amplitude(0.005, "deg/h")
     time_constant_s: float = shape(1800.0, "s", 60.0, 21600.0)
-    slower_time_constant_s: float = shape(10800.0, "s", 60.0, 86400.0)
+    slower_time_constant_s: float = shape(10800.0, "s", 60.0, 21600.0)
+    slower_share: float = shape(0.3, "1", 0.0, 1.0)
     terms: str = setting("one", choices=tuple(_EQUATIONS))
-
-    def amplitude_parameters(self) -> tuple[Parameter, ...]:
-        return super().amplitude_parameters()[: 1 if self.terms == "one" else 2]
 
     def stated(self) -> str:
         return _EQUATIONS[self.terms]
@@ -61,12 +63,14 @@ class WarmUp(Mechanism):
         pairs = [(own / ratio, own) for ratio in _RATIOS] + [(own, own * ratio) for ratio in _RATIOS]
         low, high = (next(p for p in self.parameters() if p.name == name) for name in ("time_constant_s", "slower_time_constant_s"))
         return tuple(
-            dataclasses.replace(self, time_constant_s=quick, slower_time_constant_s=slow, terms="two")
-            for quick, slow in pairs
+            dataclasses.replace(self, time_constant_s=quick, slower_time_constant_s=slow, slower_share=share, terms="two")
+            for (quick, slow), share in itertools.product(pairs, _SHARES)
             if quick >= low.low and slow <= high.high
         )
 
     def basis(self, recording: Recording) -> Array:
         since_s = recording.time_s - recording.time_s[0]
-        constants_s = (self.time_constant_s, self.slower_time_constant_s)[: 1 if self.terms == "one" else 2]
-        return np.column_stack([np.exp(-since_s / constant_s) for constant_s in constants_s])
+        basis = np.exp(-since_s / self.time_constant_s)
+        if self.terms == "two":
+            basis = (1.0 - self.slower_share) * basis + self.slower_share * np.exp(-since_s / self.slower_time_constant_s)
+        return basis[:, None]

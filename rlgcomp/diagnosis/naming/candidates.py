@@ -15,7 +15,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
-RICHER: Final = math.log(0.5)  # a simulator that has a mechanism has it in a form too simple less often than it lacks another
+_RICHER: Final = math.log(0.5)  # a simulator that has a mechanism has it in a form too simple less often than it lacks another
 _RESTATED: Final = math.log(0.25)  # a shape that is stated is wrong less often than an amplitude
 
 
@@ -84,7 +84,7 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
         ]
         for mechanism, block in shown:
             known = mechanism in stated
-            rarer = 0.0 if own is None or mechanism == own else _RESTATED if known else RICHER
+            rarer = 0.0 if own is None or mechanism == own else _RESTATED if known else _RICHER
             found.append(Candidate(mechanism, block, rarer - math.log(len(shown)), known))
     return found, left_out
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.naming.candidates import RICHER, Candidate, candidates
+from rlgcomp.diagnosis.naming.candidates import Candidate, candidates
 from rlgcomp.diagnosis.naming.edges import sharpened
 from rlgcomp.diagnosis.naming.evidence import Evidence, log_sum_exp
 from rlgcomp.diagnosis.naming.inadequacy import inadequacy
@@ -29,6 +29,7 @@ UNRECORDED: Final = 0.15  # before the data are seen: that something wanders whi
 UNTRIED: Final = 0.20  # the same, where a mechanism of the catalogue cannot be tried for want of a column: it may be that one
 WRONG: Final = 0.5  # probability from which numbers that are said to be known are found anew
 OWN_BIASES: Final = 0.5  # probability of runs that have a bias each from which they are given one
+_RICHER: Final = math.log(0.05)
 _ZOOMS: Final = 3
 _ZOOM: Final = 3  # a spacing becomes so many
 _LIKELY: Final = 0.02  # models less probable are not refined
@@ -300,7 +301,7 @@ def _zoomed(search: Search, models: Sequence[Model]) -> list[Candidate]:
 
 
 def richer(evidence: Evidence, models: Sequence[Model]) -> list[Candidate]:
-    """Candidates of richer form than members of these models, together half as usual as each of these."""
+    """Candidates of richer form than members of these models, together as much rarer than each of these as a further cause is."""
     known = {candidate.mechanism for candidate in evidence.candidates}
     found: list[Candidate] = []
     for k in dict.fromkeys(member.candidate for model in models for member in model.members):
@@ -308,7 +309,7 @@ def richer(evidence: Evidence, models: Sequence[Model]) -> list[Candidate]:
         extensions = () if best.known else best.mechanism.extensions()
         for mechanism in (one for one in extensions if one not in known):
             known.add(mechanism)
-            columns, weight = evidence.problem.columns(mechanism), best.log_weight + RICHER - math.log(len(extensions))
+            columns, weight = evidence.problem.columns(mechanism), best.log_weight + _RICHER - math.log(len(extensions))
             if columns.shape != best.columns.shape or np.ptp(columns - best.columns, axis=0).any():
                 found.append(Candidate(mechanism, columns, weight))
     return found
