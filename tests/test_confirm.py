@@ -22,6 +22,8 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
+from tests.test_evidence import runs as small_runs
+from tests.test_evidence import with_effect
 
 STEP_S = 10.0
 WEAK = 0.9e-4  # deg/h/uT: with the seed below, training runs leave it at even odds
@@ -347,3 +349,34 @@ def test_held_out_runs_that_err_as_no_set_does_unteach_nothing() -> None:
     found = diagnosed([*plain[:2], *strange])
     assert [cause.name for cause in found.causes] == ["magnetic_field"]
     assert any("these alone decided what is named" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize("less", [0.5, 2.0])
+def test_training_runs_decide_where_held_out_runs_deny_what_they_decided(less: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If that leaves less of the held-out runs."""
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    recordings = with_effect(small_runs(seed=4, hours=6.0), CATALOGUE["supply_voltage"](k_deg_h_V=0.1))
+    plain = rlg.diagnose(simulator, recordings[:1], recordings[1:], window_s=100.0, black_box=False)
+    assert plain.test is not None
+    before = plain.test.baseline_rms
+
+    def left(rms: float) -> rlg.Diagnosis:
+        test = dataclasses.replace(plain.test, augmented_rms=rms, improvement_ci95=(-9.0, -0.5), improvement_std_ci95=(-9.0, -0.5))
+        return dataclasses.replace(plain, test=test)
+
+    worse = left(3.0 * before)
+    alone = dataclasses.replace(left(3.0 * less * before), causes=())
+    asked: list[bool] = []
+
+    def diagnosed(*_: object, confirm: bool, **__: object) -> rlg.Diagnosis:
+        asked.append(confirm)
+        return worse if confirm else alone
+
+    monkeypatch.setattr("rlgcomp.diagnosis.diagnose._diagnosed", diagnosed)
+    found = rlg.diagnose(simulator, recordings[:1], recordings[1:], window_s=100.0)
+    assert asked == [True, False]
+    if less > 1.0:
+        assert found == worse
+    else:
+        assert found.causes == alone.causes
+        assert "the training runs alone decided" in found.remarks[0]

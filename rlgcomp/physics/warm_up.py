@@ -12,7 +12,7 @@ import numpy as np
 from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
-_RATIOS: Final = (4.0, 10.0, 25.0)  # between two time constants that are tried
+_RATIOS: Final = (1.0, 4.0, 10.0, 25.0)  # of time constants that are tried to that of one term
 _SHARES: Final = (0.25, 0.5, 0.75)
 _EQUATIONS: Final = {
     "one": "b = initial_deg_h * exp(-t / time_constant_s)",
@@ -59,8 +59,8 @@ class WarmUp(Mechanism):
         """Of two terms, of which this is one."""
         if self.terms != "one":
             return ()
-        own = self.time_constant_s
-        pairs = [(own / ratio, own) for ratio in _RATIOS] + [(own, own * ratio) for ratio in _RATIOS]
+        quicker, slower = ([self.time_constant_s * ratio**sign for ratio in _RATIOS] for sign in (-1.0, 1.0))
+        pairs = [pair for pair in itertools.product(quicker, slower) if pair[0] < pair[1]]
         low, high = (next(p for p in self.parameters() if p.name == name) for name in ("time_constant_s", "slower_time_constant_s"))
         return tuple(
             dataclasses.replace(self, time_constant_s=quick, slower_time_constant_s=slow, slower_share=share, terms="two")

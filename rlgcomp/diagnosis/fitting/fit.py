@@ -37,7 +37,6 @@ from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
-_FURTHER: Final = 10  # steps of Gauss–Newton while each leaves less, of a tenth of a shape at most
 _CANCELLING: Final = 0.5  # of the rms of the smallest law
 
 
@@ -162,7 +161,7 @@ def _settled_down(problem: Problem, chosen: Sequence[Candidate], mechanisms: Seq
         for candidate, one in zip(chosen, mechanisms, strict=True)
     ]
     at = Design.of(problem, chosen, mechanisms, columns, noise)
-    for _ in range(_FURTHER):
+    for _ in range(STEPS):
         further = at.moved(noise)
         if further is None:
             break

@@ -47,9 +47,10 @@ class Place:
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A number with its standard deviation and unit; printed, both have two digits of the latter and one power of ten.
+    """A number with its standard deviation and unit, "1" of a plain number; printed, both have two digits of the latter and one
+    power of ten.
 
-    >>> str(Estimate(0.0123456, 0.00056, "deg/h/K")), str(Estimate(1834.2, 41.0, "s")), str(Estimate(3.0, 0.0))
+    >>> str(Estimate(0.0123456, 0.00056, "deg/h/K")), str(Estimate(1834.2, 41.0, "s")), str(Estimate(3.0, 0.0, "1"))
     ('0.01235 ± 0.00056 deg/h/K', '1834 ± 41 s', '3')
     >>> str(Estimate(-8.51e-7, 1.23e-7, "deg/h/K^2")), str(Estimate(3.1e7, 1.9e4, "s"))
     ('(-8.5 ± 1.2)·10⁻⁷ deg/h/K^2', '(3.1000 ± 0.0019)·10⁷ s')
@@ -60,16 +61,17 @@ class Estimate:
     unit: str = ""
 
     def __str__(self) -> str:
+        unit = "" if self.unit == "1" else self.unit
         if not (math.isfinite(self.sd) and self.sd > 0.0):
-            return f"{self.value:.6g} {self.unit}".rstrip()
+            return f"{self.value:.6g} {unit}".rstrip()
         of_sd = math.floor(math.log10(self.sd))
         power = max(of_sd, math.floor(math.log10(abs(self.value)))) if self.value else of_sd
         power = power if power < _SMALLEST or power > _LARGEST else 0
         digits = max(0, 1 - of_sd + power)
         value, sd = (f"{number * 10.0**-power:.{digits}f}" for number in (self.value, self.sd))
         if not power:
-            return f"{value} ± {sd} {self.unit}".rstrip()
-        return f"({value} ± {sd})·10{raised_text(power)} {self.unit}".rstrip()
+            return f"{value} ± {sd} {unit}".rstrip()
+        return f"({value} ± {sd})·10{raised_text(power)} {unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True)
