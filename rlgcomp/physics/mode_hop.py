@@ -13,8 +13,6 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, 
 from rlgcomp.recording import Recording
 
 _THRESHOLDS: Final = 36
-
-
 _HOPS: Final = (2, 3, 4)  # that are tried
 _SPACINGS_K: Final = (6.0, 10.0, 16.0, 24.0, 36.0)
 _ONE: Final = "b = step_deg_h * relay(T; up at threshold_degC, down at dead_band_K below)"
