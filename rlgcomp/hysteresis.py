@@ -128,8 +128,11 @@ class Preisach:
                 f"Preisach thresholds from {self.low} to {self.high} in {self.levels} levels; give low < high and 2 levels or more"
             )
 
+    def _thresholds(self) -> Array:
+        return np.linspace(self.low, self.high, self.levels)
+
     def _relays(self) -> tuple[Array, Array, Array]:
-        grid = np.linspace(self.low, self.high, self.levels)
+        grid = self._thresholds()
         lower, upper = np.triu_indices(self.levels, k=1)
         alpha, beta = grid[upper], grid[lower]
         weight = np.exp(-self.concentration * (alpha - beta) / (self.high - self.low))
@@ -147,18 +150,18 @@ class Preisach:
 
     def run(self, state: Array, u: Array) -> tuple[Array, Array]:
         """Output after each input, shape (n,), and the last state."""
+        if not len(u):
+            return np.empty(0), state.copy()
         alpha, beta, weight = self._relays()
-        state = state.copy()
-        output = np.empty(len(u))
-        last = math.nan
-        for k, x in enumerate(u.tolist()):
-            if x != last:
-                state[x >= alpha] = 1.0
-                state[x <= beta] = -1.0
-                total = float(weight @ state)
-                last = x
-            output[k] = total
-        return output, state
+        grid, state = self._thresholds(), state.copy()
+        reached, above = np.searchsorted(grid, u, "right"), np.searchsorted(grid, u, "left")
+        crosses = np.append(True, (np.diff(reached) != 0) | (np.diff(above) != 0))  # between thresholds no relay switches
+        totals = []
+        for x in u[crosses].tolist():
+            state[x >= alpha] = 1.0
+            state[x <= beta] = -1.0
+            totals.append(float(weight @ state))
+        return np.array(totals)[np.cumsum(crosses) - 1], state
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,7 +25,6 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
 
 Array = npt.NDArray[np.float64]
 SEGMENT: Final = 8  # windows in a stretch whose spectrum is taken
@@ -90,8 +89,10 @@ def knee_s(segments: Sequence[Array], window_s: float, period_s: float) -> float
     count = round(window_s / period_s)
     if not whole or count < _FEWEST:
         return 0.0
-    taper = signal.get_window("hann", SEGMENT * count)
-    together = signal.detrend(np.concatenate(whole)) * taper
+    turn, straight = np.arange(SEGMENT * count) / (SEGMENT * count), np.vander(np.linspace(-1.0, 1.0, SEGMENT * count), 2)
+    taper = np.sin(np.pi * turn) ** 2  # Hann's
+    together = np.concatenate(whole)
+    together = (together - together @ np.linalg.pinv(straight).T @ straight.T) * taper
     power, frequency = np.abs(np.fft.rfft(together)) ** 2 / float(taper @ taper), np.fft.rfftfreq(SEGMENT * count)
     level = np.median(power, axis=0) / _MEDIAN_OF_POWER
     of_angle = 4.0 * np.sin(np.pi * frequency) ** 2
