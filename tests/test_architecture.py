@@ -140,9 +140,18 @@ def test_public_names_exist_and_are_documented() -> None:
         _ = rlgcomp.nothing
 
 
-@pytest.mark.parametrize("code", ["import rlgcomp", "import rlgcomp.cli.base"])
-def test_import_brings_no_heavy_library(code: str) -> None:
-    heavy = ["numpy", "pandas", "scipy", "sklearn", "torch", "matplotlib", "pyarrow"]
+_HEAVY = ["numpy", "pandas", "scipy", "sklearn", "torch", "matplotlib", "pyarrow"]
+
+
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        ("import rlgcomp", _HEAVY),
+        ("import rlgcomp.cli.base", _HEAVY),
+        ("import rlgcomp.diagnosis.diagnose", ["scipy.signal", "scipy.stats", "sklearn", "torch", "matplotlib"]),  # half a second
+    ],
+)
+def test_import_brings_no_heavy_library(code: str, heavy: list[str]) -> None:
     check = f"{code}; import sys; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
