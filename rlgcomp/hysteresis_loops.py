@@ -1,7 +1,7 @@
 r"""The loops of hysteresis operators: one input or a fleet's, many operators at once, compiled where that pays.
 
-`play_states`, `bouc_wen` and `bouc_wen_linear` give the same bits compiled and plain; so does a gyro of a fleet alone. Sums of play
-operators are taken in another order where they are compiled, and agree to rounding.
+`play_states`, `relaxed`, `bouc_wen` and `bouc_wen_linear` give the same bits compiled and plain; so does a gyro of a fleet alone.
+Sums of play operators are taken in another order where they are compiled, and agree to rounding.
 """
 
 from __future__ import annotations
@@ -308,6 +308,14 @@ def bouc_wen_linear(
                 k += 1
         before = some[-1]
     return z, before
+
+
+@compiled()
+def relaxed(z: float, keep: Array, toward: Array, output: Array) -> None:
+    """What keeps a share of itself at each step, and gains what draws it."""
+    for k in range(len(keep)):
+        z = keep[k] * z + toward[k]
+        output[k] = z
 
 
 @compiled()

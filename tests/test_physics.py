@@ -203,8 +203,8 @@ def test_several_hops_are_one_step_each() -> None:
     alone = [rlg.CATALOGUE["mode_hop"](threshold_degC=level, dead_band_K=3.0) for level in (10.0, 25.0, 40.0)]
     recording = recorded(temperature)
     np.testing.assert_array_equal(several.basis(recording), sum(one.basis(recording) for one in alone))
-    assert all(one.hops > 1 and one != several for one in alone[0].extensions())
-    assert several.extensions() == ()
+    assert all(one.hops > 1 and one != several for one in alone[0].extensions([recording]))
+    assert several.extensions([recording]) == ()
 
 
 def test_warming_up_may_take_two_terms(run: rlg.Recording) -> None:
@@ -216,9 +216,9 @@ def test_warming_up_may_take_two_terms(run: rlg.Recording) -> None:
     left = two.contribution(run, rng) - 0.75 * one.contribution(run, rng)
     np.testing.assert_allclose(left, 0.005 * np.exp(-since_s / 5000.0), atol=1e-15)
     assert all(
-        other.terms == "two" and other.time_constant_s <= 900.0 <= other.slower_time_constant_s for other in one.extensions()
+        other.terms == "two" and other.time_constant_s <= 900.0 <= other.slower_time_constant_s for other in one.extensions([run])
     )
-    assert two.extensions() == ()
+    assert two.extensions([run]) == ()
 
 
 def test_bouc_wen_does_not_forget_by_read_noise() -> None:

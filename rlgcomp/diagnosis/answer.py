@@ -35,13 +35,17 @@ from rlgcomp.diagnosis.posed import Posed
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.diagnosis.result import Alternative, Cause
+from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]
 WORSE: Final = 1.05  # times as far off, from which runs are worse by what is named
 _WITHIN_ALONE: Final = "what it explains within windows makes their means worse"
+_NOT_WITHIN: Final = "held-out runs do not show it within their windows"
+_OF_OTHER_SIZES: Final = "held-out runs show it within their windows with sizes of their own"
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _HALF: Final = 0.5  # of what training runs say of a cause within windows, that held-out runs must be able to show,
 _SURELY: Final = 3.0  # standard deviations counted for it
+_PLAINLY: Final = 6.0  # times as much as noise would, that what a run shows for itself explains
 _NOISE_LEFT: Final = 0.01  # p-value from which what is left passes for noise
 
 
@@ -85,9 +89,7 @@ class Answer:
         if found.after.cancels:
             return cls.of(posed, explanations, dataclasses.replace(conclusion, laws=conclusion.laws[:-1]), before)
         doubted = {one.mechanism.name: "its size is nothing, within its error" for one in found.after.causes if one.vanishes}
-        doubted |= dict.fromkeys(
-            _denied_within_windows(posed.whole, found.after), "held-out runs do not show it within their windows"
-        )
+        doubted |= _denied_within_windows(posed.whole, found.after)
         doubted |= dict.fromkeys(_denied_between_windows(posed.problem, before, found.after), _WITHIN_ALONE)
         if doubted.keys() <= explanations.doubted.keys():
             return found
@@ -185,8 +187,9 @@ def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -
 
 
 def _with_what_acts_within(explanations: Explanations, conclusion: Conclusion) -> Conclusion:
-    """The same, but that something unknown is there where what acts within windows was taken for causes that it is not."""
-    names = [name for name, why in explanations.doubted.items() if why == _WITHIN_ALONE]
+    """The same, but that something unknown is there where what acts within windows was taken for causes that it is not, or that do
+    not change so."""
+    names = [name for name, why in explanations.doubted.items() if why in (_WITHIN_ALONE, _OF_OTHER_SIZES)]
     if not names:
         return conclusion
     evidence = explanations.evidence
@@ -195,14 +198,16 @@ def _with_what_acts_within(explanations: Explanations, conclusion: Conclusion) -
     return dataclasses.replace(beyond_noise(conclusion, 0.0, conclusion.model), within=tuple(columns))
 
 
-def _denied_within_windows(whole: Problem | None, after: Fitted) -> list[str]:
-    """Causes that act mostly within windows and of which held-out runs, at their full rate, surely show less than half.
+def _denied_within_windows(whole: Problem | None, after: Fitted) -> dict[str, str]:
+    """Causes that act mostly within windows, and of which held-out runs at their full rate surely show less than half; and what is
+    said of them.
 
     Rounding of an encoder's angle stands in lines that training runs may take for harmonics; in another run these are other lines.
+    What is there, but as large in each run as something makes it that the cause does not know, is real.
     """
     fast = _fast(after)
     if whole is None or not whole.held_out or not fast:
-        return []
+        return {}
     parts = whole.windows[-whole.held_out :]
     own = [one for one in whole.simulator.mechanisms if one.fast]
     said = _contributions(parts, fast)
@@ -218,7 +223,22 @@ def _denied_within_windows(whole: Problem | None, after: Fitted) -> list[str]:
     sd = np.sqrt((inverse**2).sum(axis=1) * float(left @ left) / len(left))
     shown, sd = (values[: len(fast)] / norms(table[:, : len(fast)]) for values in (weights, sd))
     denied = _mostly_within(parts, said) & (shown + _SURELY * sd < _HALF)
-    return [one.mechanism.name for one, no in zip(fast, denied, strict=True) if no]
+    noise = float(left @ left) / len(left)
+    return {
+        one.mechanism.name: _OF_OTHER_SIZES if _there(parts, one.mechanism, whole, noise) else _NOT_WITHIN
+        for one, no in zip(fast, denied, strict=True)
+        if no
+    }
+
+
+def _there(parts: Sequence[Windows], mechanism: Mechanism, whole: Problem, noise: float) -> bool:
+    """Whether a held-out run plainly shows a cause within its windows, its amplitudes that run's own."""
+    for part, values in zip(parts, whole.unexplained_deg_h[-whole.held_out :], strict=True):
+        basis = part.within(mechanism.basis(part.full))
+        taken = np.linalg.qr(basis / norms(basis))[0].T @ part.within(values)
+        if float(taken @ taken) > _PLAINLY * noise * len(taken):
+            return True
+    return False
 
 
 def _denied_between_windows(problem: Problem, before: Fitted, after: Fitted) -> list[str]:

@@ -240,8 +240,9 @@ class Mechanism(abc.ABC):
         """Whether it does."""
         return cls.jumping(1.0, 3600.0) is not None
 
-    def extensions(self) -> tuple[Self, ...]:
+    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """Richer forms of the same cause, to be tried where the simulator has it in this form, or where it is likely."""
+        del recordings
         return ()
 
     def covariance(self, lag_s: Array) -> Array | None:

@@ -58,8 +58,9 @@ class ModeHop(Mechanism):
         within = [hop for hop in rested if any(hop.threshold_degC - hop.dead_band_K < r[0] < hop.threshold_degC for r in readings)]
         return (*rested, *(dataclasses.replace(hop, start=start) for hop in within for start in list(STARTS)[1:]))
 
-    def extensions(self) -> tuple[Self, ...]:
+    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """Of several hops, of which this is one."""
+        del recordings
         if self.hops > 1:
             return ()
         ladders = [(hops, below, spacing) for hops in _HOPS for below in range(hops) for spacing in _SPACINGS_K]

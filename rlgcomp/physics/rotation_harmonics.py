@@ -91,6 +91,14 @@ class RotationHarmonics(Mechanism):
                     points.append(cls(**{f"order_{j}": k for j, k in enumerate(plain, 1)}, scaling=scaling, taken=taken))
         return tuple(points)
 
+    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        """With one of the lower orders more."""
+        if len(self.orders) == MOST:
+            return ()
+        further = set(range(2, min(highest_order(recordings), LOWER) + 1)) - set(self.orders)
+        places = [f"order_{j}" for j, k in enumerate((self.order_1, self.order_2, self.order_3, self.order_4), 1) if not k]
+        return tuple(dataclasses.replace(self, **{places[0]: order}) for order in sorted(further))  # type: ignore[arg-type]
+
     @classmethod
     def not_shown(cls, recordings: Sequence[Recording]) -> str:
         highest = highest_order(recordings)

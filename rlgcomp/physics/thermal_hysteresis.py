@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
 
 from rlgcomp.filters import read_noise
-from rlgcomp.hysteresis import BEGUN, STARTS, BoucWen, Play, Preisach, play_paths
+from rlgcomp.hysteresis import BEGUN, STARTS, BoucWen, ColemanHodgdon, Play, Preisach, play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
 _RADII: Final = 12  # of the law "plays"
 _NOISE: Final = 4.0  # standard deviations of read noise, that hardly a reading is off by
 _CONCENTRATION: Final = 4.0  # of relays about narrow loops
+_RADII_OF_SPAN: Final = (0.05, 0.1, 0.2)  # of the temperatures that runs go through, tried with the law "coleman_hodgdon"
+_CENTRES_OF_SPAN: Final = (-0.25, 0.0, 0.25)
+_CURVES_OF_SPAN: Final = (0.3, 0.6, 1.2)
 _EQUATIONS: Final = {
     "play": "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)",
     "plays": "b = k1_deg_h_K (mean over r ~ exp(-r / radius_K) of play(T; r) - T)",
@@ -24,6 +28,7 @@ _EQUATIONS: Final = {
         f"< alpha <= centre_degC + span_K / 2, weighted by exp(-{_CONCENTRATION:g} (alpha - beta) / span_K)"
     ),
     "bouc_wen": "b = k1_deg_h_K z, dz/dT = 1 - |z| / radius_K (0.2 + 0.8 sgn(z dT/dt))",
+    "coleman_hodgdon": "b = k1_deg_h_K curve_K z, dz/|dT| = (tanh((T - curve_centre_degC) / curve_K) - z) / radius_K",
 }
 
 
@@ -38,16 +43,18 @@ class ThermalHysteresis(Mechanism):
     P_r is the play operator of radius r. The width of the loop does not depend on the ramp rate, and a turning point is
     remembered until the temperature passes it. The law "plays" is the mean over radii spread exponentially about `radius_K`, as of
     relays that are the rarer the wider they are. The laws "preisach" (relays on a triangle of thresholds `span_K` wide about
-    `centre_degC`) and "bouc_wen" (saturating over `radius_K`) give loops of other forms; these use k1 alone. What was before a run
-    is in it: `start` says that the gyro had rested, or come from below or from above to the first temperature.
+    `centre_degC`) and "bouc_wen" (saturating over `radius_K`) give loops of other forms; "coleman_hodgdon" gives one that follows a
+    curve and is narrow where that saturates, away from `curve_centre_degC`. These use k1 alone. What was before a run is in it:
+    `start` says that the gyro had rested, or come from below or from above to the first temperature.
     """
 
     name = "thermal_hysteresis"
     kind = "chamber"
     equation = _EQUATIONS["play"]
     reference = (
-        "A. Visintin, Differential Models of Hysteresis, Springer, 1994 (operators); H. W. Seon et al., The compensation method "
-        "for thermal bias of ring laser gyro, IEEE LEOS 2008, 724 (bias hysteresis of a ring laser gyro)."
+        "A. Visintin, Differential Models of Hysteresis, Springer, 1994; B. D. Coleman, M. L. Hodgdon, Int. J. Eng. Sci. 24, 897 "
+        "(1986) (operators); H. W. Seon et al., The compensation method for thermal bias of ring laser gyro, IEEE LEOS 2008, 724 "
+        "(bias hysteresis of a ring laser gyro)."
     )
     drivers = (TEMPERATURE,)
 
@@ -55,7 +62,9 @@ class ThermalHysteresis(Mechanism):
     k2_deg_h_K: float = amplitude(3e-4, "deg/h/K")
     k3_deg_h_K: float = amplitude(3e-4, "deg/h/K")
     radius_K: float = shape(12.0, "K", 0.2, 80.0)
-    law: str = setting("play", choices=("play", "plays", "preisach", "bouc_wen"))
+    curve_centre_degC: float = shape(10.0, "degC", -80.0, 120.0)
+    curve_K: float = shape(40.0, "K", 2.0, 400.0)
+    law: str = setting("play", choices=tuple(_EQUATIONS))
     start: str = setting("rested", choices=tuple(STARTS))
     centre_degC: float = setting(10.0, "degC")
     span_K: float = setting(140.0, "K", low=1.0)
@@ -68,9 +77,7 @@ class ThermalHysteresis(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        readings = [recording.column(recording.temperature_column) for recording in recordings]
-        coldest, warmest = min(float(r.min()) for r in readings), max(float(r.max()) for r in readings)
-        centre, span = 0.5 * (coldest + warmest), max(1.0, warmest - coldest)
+        centre, span = _range(recordings)
         radii = np.clip(np.geomspace(0.02, 0.5, 8) * span, 0.2, 80.0)
         few = [cls(radius_K=float(radius)) for radius in radii]
         plays = [cls(law="plays", radius_K=float(radius)) for radius in radii]
@@ -78,6 +85,23 @@ class ThermalHysteresis(Mechanism):
         relays = [cls(law="preisach", centre_degC=centre, span_K=factor * span) for factor in (1.0, 1.5)]
         swept = [dataclasses.replace(one, start=start) for start in list(STARTS)[1:] for one in (*plays, *relays)]
         return (*few, *plays, *smooth, *relays, *swept)
+
+    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        """Of a loop that is narrower where it is cold or hot."""
+        if self.law == "coleman_hodgdon":
+            return ()
+        middle, span = _range(recordings)
+        narrowing = itertools.product(_RADII_OF_SPAN, _CENTRES_OF_SPAN, _CURVES_OF_SPAN)
+        return tuple(
+            dataclasses.replace(
+                self,
+                radius_K=float(np.clip(radius * span, 0.2, 80.0)),
+                curve_centre_degC=middle + centre * span,
+                curve_K=float(np.clip(curve * span, 2.0, 400.0)),
+                law="coleman_hodgdon",
+            )
+            for radius, centre, curve in narrowing
+        )
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
@@ -95,9 +119,21 @@ class ThermalHysteresis(Mechanism):
             relays = Preisach(self.centre_degC - half, self.centre_degC + half, concentration=_CONCENTRATION)
             output, _ = relays.run(relays.init(temperature[0], swept), temperature)
             return np.asarray(self.radius_K * output[:, None])
-        bouc_wen, temperature = BoucWen(slope=1.0, saturation=self.radius_K), _stilled(temperature)
+        temperature = _stilled(temperature)
+        if self.law == "coleman_hodgdon":
+            curve = ColemanHodgdon(self.radius_K, self.curve_centre_degC, self.curve_K)
+            output, _ = curve.run(curve.init(temperature[0], swept), temperature)
+            return self.curve_K * output[:, None]
+        bouc_wen = BoucWen(slope=1.0, saturation=self.radius_K)
         output, _ = bouc_wen.run(bouc_wen.init(temperature[0], swept), temperature)
         return output[:, None]
+
+
+def _range(recordings: Sequence[Recording]) -> tuple[float, float]:
+    """Middle and span of the temperatures that runs went through."""
+    readings = [recording.column(recording.temperature_column) for recording in recordings]
+    coldest, warmest = min(float(r.min()) for r in readings), max(float(r.max()) for r in readings)
+    return 0.5 * (coldest + warmest), max(1.0, warmest - coldest)
 
 
 def _stilled(temperature: Array) -> Array:

@@ -51,7 +51,8 @@ class ThermalPolynomial(Mechanism):
         del recordings
         return tuple(cls(degree=degree) for degree in (1, 2, 3))
 
-    def extensions(self) -> tuple[Self, ...]:
+    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        del recordings
         return tuple(dataclasses.replace(self, degree=degree) for degree in range(int(self.degree) + 1, HIGHEST_DEGREE + 1))
 
     def driver_columns(self, recording: Recording) -> tuple[str, ...]:

@@ -55,8 +55,9 @@ class WarmUp(Mechanism):
         longest = min(21600.0, max(120.0, 0.4 * max(recording.duration_s for recording in recordings)))
         return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(max(60.0, 0.01 * longest), longest, 10))
 
-    def extensions(self) -> tuple[Self, ...]:
+    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """Of two terms, of which this is one."""
+        del recordings
         if self.terms != "one":
             return ()
         quicker, slower = ([self.time_constant_s * ratio**sign for ratio in _RATIOS] for sign in (-1.0, 1.0))

@@ -72,7 +72,7 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
         own = inside.get(name)
         try:
             stated = [] if own is None else [own, *_otherwise(problem, own)]
-            tried = list(kind.grid(problem.runs)) if own is None else [*stated, *own.extensions()]
+            tried = list(kind.grid(problem.runs)) if own is None else [*stated, *own.extensions(problem.runs)]
             for mechanism in tried:
                 mechanism.driver_columns(problem.runs[0])
             columns = [problem.columns(mechanism) for mechanism in tried]

@@ -77,6 +77,7 @@ def confirmed(explanations: Explanations, whole: Problem, windowed: Problem) -> 
         Sets that training makes likely, their members as training has them. Of one that reads a column which a held-out run lacks,
         the odds are those of training.
     """
+    explanations = _with_fewer_causes(explanations)
     at_issue = _at_issue(explanations)
     nothing = next(model for model in at_issue if not model.labels)
     asked = [model for model in at_issue if _shown(explanations, model, whole)]
@@ -166,8 +167,17 @@ def _beyond_training(explanations: Explanations, judged: Collection[Model]) -> b
 
 
 def _at_issue(explanations: Explanations) -> list[Model]:
-    """The likeliest sets in training; the likeliest without one of its causes, however sure training is of that one; nothing, and
-    the best single cause, which says what further ones must exceed."""
+    """The likeliest sets in training, and each without one of its causes, however sure training is of that one: else one that
+    held-out runs deny would be named for what the others show; nothing, and the best single cause, which says what further ones
+    must exceed."""
+    models, likely = _likely(explanations)
+    without_one = [less for less in models if any(_without_one(less, model) for model in likely)]
+    strongest = [model for model in models if len(model.labels) == 1][:1]
+    return list(dict.fromkeys([*likely, *without_one, *strongest, next(model for model in models if not model.labels)]))
+
+
+def _likely(explanations: Explanations) -> tuple[list[Model], list[Model]]:
+    """Sets by what training says of them, whatever biases runs have; and the likeliest."""
     models = sorted(explanations.search.whatever_biases(explanations.models), key=lambda model: -model.log_posterior)
     best = models[0]
 
@@ -176,10 +186,18 @@ def _at_issue(explanations: Explanations) -> list[Model]:
             return _JUMPS_BEHIND
         return _FAR_BEHIND if model.log_evidence > best.log_evidence else _BEHIND
 
-    likely = [model for model in models[:_ASKED] if model.log_posterior > best.log_posterior - behind(model)]
-    without_one = [model for model in models if _without_one(model, best)]
-    strongest = [model for model in models if len(model.labels) == 1][:1]
-    return list(dict.fromkeys([*likely, *without_one, *strongest, next(model for model in models if not model.labels)]))
+    return models, [model for model in models[:_ASKED] if model.log_posterior > best.log_posterior - behind(model)]
+
+
+def _with_fewer_causes(explanations: Explanations) -> Explanations:
+    """The same, with each likely set without one of its causes: the search has passed over those that do not lead further."""
+    known = {model.labels for model in explanations.models}
+    fewer = {model.labels - {one} for model in _likely(explanations)[1] for one in model.labels} - known
+    if not fewer:
+        return explanations
+    found = [model for labels, model in explanations.search.rated(fewer).items() if labels in fewer]
+    models = tuple(sorted((*explanations.models, *found), key=_log_posterior, reverse=True))
+    return dataclasses.replace(explanations, models=models, probabilities=posterior(models))
 
 
 def _repeating(explanations: Explanations, model: Model, by_all: Sequence[Candidate]) -> tuple[Member, ...]:

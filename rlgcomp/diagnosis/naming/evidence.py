@@ -248,6 +248,27 @@ class Evidence:
         best = np.argmax(log_sum_exp(gains + point[:, None], axis=1), axis=0)
         return log_sum_exp(gains, axis=0), best, gains[best, :, np.arange(len(best))].T
 
+    def couples(self, noise: int) -> tuple[IntArray, Array, IntArray]:
+        """Candidates of one column, and for every two of them, in one noise: the log evidence that both add, at the best size that
+        both might have, and which that is."""
+        _, starts, widths = self._own
+        which = np.flatnonzero(widths == 1)
+        places, gram = starts[which], self.gram[noise]
+        between, cross, left = gram[np.ix_(places, places)], gram[places, -1], gram[-1, -1]
+        best, sizes = np.full(between.shape, -np.inf), np.zeros(between.shape, dtype=np.intp)
+        for k, size in enumerate(SIZES):
+            prior = size**-2.0
+            own = np.diagonal(between) + prior
+            determinant = np.maximum(own[:, None] * own - between**2, prior**2)
+            weighed = cross[:, None] ** 2 * own + cross**2 * own[:, None] - 2.0 * cross[:, None] * cross * between
+            explained = np.minimum(weighed / determinant / left, 1.0 - 1e-12)
+            gain = (
+                math.log(prior) - 0.5 * np.log(determinant) - 0.5 * self.freedom * np.log1p(-explained) - 2.0 * math.log(len(SIZES))
+            )
+            better = gain > best
+            best[better], sizes[better] = gain[better], k
+        return which, best, sizes
+
     def _places(self, members: Sequence[Member]) -> IntArray:
         parts = [self._slices[member.candidate] for member in members]
         return np.array([place for part in parts for place in range(part.start, part.stop)], dtype=np.intp)

@@ -306,7 +306,7 @@ def richer(evidence: Evidence, models: Sequence[Model]) -> list[Candidate]:
     found: list[Candidate] = []
     for k in dict.fromkeys(member.candidate for model in models for member in model.members):
         best = evidence.candidates[k]
-        extensions = () if best.known else best.mechanism.extensions()
+        extensions = () if best.known else best.mechanism.extensions(evidence.problem.runs)
         for mechanism in (one for one in extensions if one not in known):
             known.add(mechanism)
             columns, weight = evidence.problem.columns(mechanism), best.log_weight + _RICHER - math.log(len(extensions))

@@ -35,6 +35,7 @@ _MEDIAN_ODDS: Final = math.log(2.0)  # median of an exponential variable of mean
 _MEDIAN_COST: Final = 2.08  # a median of M is as uncertain as a mean of M / 2.08
 _CERTAIN: Final = 1e-3  # p-value below which a line is taken up by the search for causes
 _ORDERS: Final = 8  # searched, for their median to be a level
+_ABOUT: Final = 10  # on either side of an order, that this is the median of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,9 +240,13 @@ def _moving(part: Windows, moved_deg: Array, rate: Array) -> npt.NDArray[np.bool
     return np.asarray(np.where(sampled, np.abs(rate) > AT_REST, apparent * part.window_s > DEG_PER_TURN * part.full.period_s))
 
 
-def level(gains: Array) -> float:
-    """What gains of many orders are in units of their expected size where most of them are noise."""
-    return float(np.median(gains)) / (2.0 * _MEDIAN_ODDS) if len(gains) >= _ORDERS else 1.0
+def levels(gains: Array) -> Array:
+    """What gains of many orders are in units of their expected size where most of them are noise, each by those about it: errors of
+    an encoder's angle make the rate the noisier, the higher the order."""
+    if len(gains) < _ORDERS:
+        return np.ones(len(gains))
+    about = [gains[max(0, k - _ABOUT) : k + _ABOUT + 1] for k in range(len(gains))]
+    return np.array([float(np.median(some)) for some in about]) / (2.0 * _MEDIAN_ODDS)
 
 
 def _prominence(power: Array) -> tuple[Array, float]:

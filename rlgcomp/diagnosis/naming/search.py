@@ -14,6 +14,7 @@ Every step that averages one member with the others held also scores every other
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final
@@ -131,6 +132,8 @@ class Search:
             level = self._settle(proposals)
             if not level:
                 break
+            if len(level[0].labels) == 2:
+                level = sorted([*level, *self._settle(self._couples())], key=lambda model: -model.log_posterior)[:BEAM]
             self._ask_beyond(self.models)
         return sorted(self.models.values(), key=lambda model: -model.log_posterior)
 
@@ -387,6 +390,29 @@ class Search:
                 if len(labels) == size and proposal[0] > proposals.get(labels, (-math.inf, ()))[0]:
                     proposals[labels] = proposal
         return sorted(settled, key=lambda model: -model.log_posterior)[:BEAM]
+
+    def _couples(self) -> dict[frozenset[Label], tuple[float, tuple[Member, ...]]]:
+        """Sets of two causes that hide each other: neither shows much of itself, and each is at its best where the other is."""
+        which, gains, sizes = self.evidence.couples(int(np.argmax(self.models[frozenset()].noise_log)))
+        gains = gains + self._weights[which][:, None] + self._weights[which]
+        places: dict[Label, npt.NDArray[np.intp]] = {}
+        passed = self._own_biases | self._jumping
+        for label in self._by_label.keys() - passed:
+            here = np.flatnonzero(np.isin(which, self._by_label[label]))
+            if len(here):
+                places[label] = here
+        found: dict[frozenset[Label], tuple[float, tuple[Member, ...]]] = {}
+        for one, other in itertools.combinations(sorted(places), 2):
+            labels = frozenset((one, other))
+            if labels in self.models:
+                continue
+            inside = gains[np.ix_(places[one], places[other])]
+            a, b = np.unravel_index(int(np.argmax(inside)), inside.shape)
+            first, second = int(places[one][a]), int(places[other][b])
+            size = int(sizes[first, second])
+            members = Member(int(which[first]), size), Member(int(which[second]), size)
+            found[labels] = (float(inside[a, b]) + self.log_prior(labels), members)
+        return found
 
     def _refined(
         self,

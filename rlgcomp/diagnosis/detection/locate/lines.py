@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.detection.locate.residual import KINDS, SIGNIFICANT, Answer, Residual, highest, score_of
-from rlgcomp.diagnosis.naming.lines import Harmonic, Line, Within, level
+from rlgcomp.diagnosis.naming.lines import Harmonic, Line, Within, levels
 from rlgcomp.diagnosis.noise.whitening import whiten
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Place
@@ -54,13 +54,14 @@ def of_angle(residual: Residual, within: Within, turned: list[Harmonic], rng: np
     problem = residual.problem
     whitened = whiten(problem.rows, np.column_stack([np.concatenate(h.means) for h in turned]), (residual.shape,))[0][0]
     free = residual.free(whitened) / residual.quiet_deg_h
-    variance = within.variance_deg_h2
     targets = [sum((c.T @ v for c, v in zip(h.within, within.left_deg_h, strict=True)), np.zeros(2)) for h in turned]
     grams = [sum((c.T @ c for c in h.within), np.zeros((2, 2))) for h in turned]
-    alone = np.array([t @ np.linalg.pinv(g) @ t for t, g in zip(targets, grams, strict=True)]) / variance
-    variance *= level(alone[::2])
+    alone = np.array([t @ np.linalg.pinv(g) @ t for t, g in zip(targets, grams, strict=True)]) / within.variance_deg_h2
+    variances = np.empty(len(turned))
+    for weighted in (0, 1):  # those that grow with the rate are noisier
+        variances[weighted::2] = within.variance_deg_h2 * levels(alone[weighted::2])
     gains = np.zeros((len(turned), residual.left.shape[1]))
-    for k, (target, gram) in enumerate(zip(targets, grams, strict=True)):
+    for k, (target, gram, variance) in enumerate(zip(targets, grams, variances, strict=True)):
         columns = free[:, 2 * k : 2 * k + 2]
         inverse = np.linalg.pinv(columns.T @ columns + gram / variance)
         tiny = max(1e-12 * float(np.trace(gram)), np.finfo(np.float64).tiny) * np.eye(2)  # the simulator may have the harmonic
@@ -71,7 +72,7 @@ def of_angle(residual: Residual, within: Within, turned: list[Harmonic], rng: np
     k = int(np.argmax(scores[:, 0]))
     best = turned[k].whole or turned[k]
     columns = whiten(problem.rows, np.concatenate(best.means), (residual.shape,))[0][0]
-    weights = _fitted(residual, within, best, columns, variance)
+    weights = _fitted(residual, within, best, columns, float(variances[k]))
     amplitude = [float(np.abs(np.vstack([m, w]) @ weights).max()) for m, w in zip(best.means, best.within, strict=True)]
     run, order = problem.runs[int(np.argmax(amplitude))], float(best.order)
     power = float(sum(((c @ weights) ** 2).sum() for c in best.within)) / max(1, sum(map(len, within.left_deg_h)))
