@@ -18,6 +18,7 @@ Int. J. Eng. Sci. 24, 897 (1986).
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Final
 
@@ -32,7 +33,11 @@ STARTS: Final = {"rested": 0.0, "from_below": 1.0, "from_above": -1.0}  # what `
 BEGUN: Final = {
     start: "" if start == "rested" else f"; T had come {start.replace('_', ' far ')}" for start in STARTS
 }  # said of each
+_NODES: Final = 48  # of a quadrature
 _TOGETHER: Final = 5  # radii from which one array a sample is faster than one number a sample and radius
+
+
+_gauss_laguerre = functools.cache(np.polynomial.laguerre.laggauss)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -245,8 +250,10 @@ class ColemanHodgdon:
             raise InputError(f"{self}: radius and width must be positive, centre a number")
 
     def init(self, u: float, swept: float = 0.0) -> Array:
-        """State (z, u) at the first input; at rest, z is on the curve."""
-        return np.array([math.tanh((float(u) - swept * self.radius - self.centre) / self.width), float(u)])
+        """State (z, u) at the first input; at rest, z is on the curve, after a long way its mean over that, by Gauss–Laguerre."""
+        ways, weights = _gauss_laguerre(_NODES)
+        curve = np.tanh((float(u) - swept * self.radius * ways - self.centre) / self.width)
+        return np.array([float(weights @ curve), float(u)])
 
     def step(self, state: Array, u: float) -> Array:
         """State after the input has moved to u."""

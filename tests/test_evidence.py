@@ -112,6 +112,18 @@ def test_an_extension_is_the_model_with_one_more(small: Evidence) -> None:
         np.testing.assert_allclose(extension.extended[:, candidate], averaged, atol=1e-8)
 
 
+def test_couples_are_models_of_two(small: Evidence) -> None:
+    for noise in (0, 1):
+        which, gains, sizes = small.couples(noise)
+        for a, b in ((0, len(which) - 1), (1, 2)):
+            points = [
+                small.extensions((Member(int(which[a]), k), Member(int(which[b]), k))).point[noise] for k in range(len(SIZES))
+            ]
+            expected = np.array(points) - small.extensions(()).point[noise] - 2.0 * math.log(len(SIZES))
+            assert gains[a, b] == pytest.approx(expected.max(), abs=1e-7)
+            assert sizes[a, b] == int(np.argmax(expected))
+
+
 def test_compiled_and_added_extensions_are_the_plain_ones(small: Evidence, monkeypatch: pytest.MonkeyPatch) -> None:
     wide = Candidate(CATALOGUE["thermal_polynomial"](), np.random.default_rng(3).standard_normal((len(small.problem.rows), 3)), 0.0)
     first, others = [*small.candidates[:4], wide], small.candidates[4:]

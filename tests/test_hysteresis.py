@@ -11,9 +11,12 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import rlgcomp as rlg
-from rlgcomp.hysteresis import BoucWen, Play, Preisach
+from rlgcomp.hysteresis import BoucWen, ColemanHodgdon, Play, Preisach
 
-OPERATORS = [Play((0.5, 2.0, 7.0)), Preisach(-10.0, 10.0, 25), Preisach(-10.0, 10.0, 25, 4.0), BoucWen(1.0, 2.0, 0.8, 1.5)]
+OPERATORS = [
+    *(Play((0.5, 2.0, 7.0)), Preisach(-10.0, 10.0, 25), Preisach(-10.0, 10.0, 25, 4.0)),
+    *(BoucWen(1.0, 2.0, 0.8, 1.5), ColemanHodgdon(4.0, 1.0, 8.0)),
+]
 paths = st.lists(st.floats(-9.0, 9.0), min_size=2, max_size=30)
 
 
@@ -68,7 +71,7 @@ def test_wiping_out_and_return_point_memory(operator: object) -> None:
 @pytest.mark.parametrize("swept", [1, -1])
 def test_a_swept_start_is_what_a_sweep_leaves(operator: object, swept: int) -> None:
     far = -10.0 * swept if isinstance(operator, Preisach) else -60.0 * swept  # a Preisach plane ends there
-    _, left = operator.run(operator.init(far), finely([far, 3.0], 2000))
+    _, left = operator.run(operator.init(far), finely([far, 3.0], 8000))
     np.testing.assert_allclose(operator.init(3.0, swept), left, atol=1e-6)
     assert not np.allclose(operator.init(3.0), left, atol=0.1)
 
@@ -119,6 +122,27 @@ def test_bouc_wen_solves_its_equation(shape: float, exponent: float) -> None:
     time = np.linspace(0.0, 12.0, 4001)
     exact = solve_ivp(rhs, (0.0, 12.0), [0.0], t_eval=time, rtol=1e-9, atol=1e-10, max_step=0.01).y[0]
     assert run(law, np.array([u(t) for t in time])) == pytest.approx(exact, abs=3e-4)
+
+
+def test_coleman_hodgdon_solves_its_equation() -> None:
+    operator = ColemanHodgdon(radius=5.0, centre=3.0, width=12.0)
+    turns = [0.0, 20.0, -15.0, 10.0]
+    u, z = finely(turns, 2000), [operator.init(0.0)[0]]
+    for a, b in itertools.pairwise(turns):
+
+        def slope(x: float, y: np.ndarray, way: float = np.sign(b - a)) -> np.ndarray:
+            return way * (np.tanh((x - 3.0) / 12.0) - y) / 5.0
+
+        z += solve_ivp(slope, (a, b), [z[-1]], t_eval=np.linspace(a, b, 2001)[1:], rtol=1e-9, atol=1e-12).y[0].tolist()
+    np.testing.assert_allclose(run(operator, u), z, atol=1e-6)
+
+
+def test_coleman_hodgdon_is_the_narrower_where_its_curve_saturates() -> None:
+    operator = ColemanHodgdon(radius=5.0, centre=0.0, width=10.0)
+    z = run(operator, finely([0.0, 60.0, -60.0, 60.0], 4000))
+    cooling, heating = np.split(z[4000:12_000], 2)
+    opened = np.interp([0.0, 30.0], np.linspace(-60.0, 60.0, 4000), cooling[::-1] - heating)
+    assert opened[1] < 0.1 * opened[0]
 
 
 def test_bouc_wen_saturates() -> None:

@@ -44,13 +44,14 @@ def in_chamber(seed: int, error: Error = nothing) -> list[rlg.Recording]:
     return runs
 
 
-def on_table(seed: int, error: Error) -> list[rlg.Recording]:
+def on_table(seed: int, error: Error, period_s: float = 1.0) -> list[rlg.Recording]:
     """One run at many rates, 410 s each; the error takes rate and angle."""
-    rate = np.repeat([0.0, *(s * r for r in (0.7, 3.1, 7.0, 13.0) for s in (1.0, -1.0)), 0.0, 31.0, -31.0, 0.0], 410)
-    angle = np.cumsum(rate)
+    steps = [0.0, *(s * r for r in (0.7, 3.1, 7.0, 13.0) for s in (1.0, -1.0)), 0.0, 31.0, -31.0, 0.0]
+    rate = np.repeat(steps, round(410 / period_s))
+    angle = period_s * np.cumsum(rate)
     noise = NOISE_DEG_H * np.random.default_rng(seed).standard_normal(len(rate))
     table = {
-        "time_s": np.arange(len(rate), dtype=float),
+        "time_s": period_s * np.arange(len(rate)),
         "gyro_deg_s": rate * (1.0 + 1e-5) + (noise + error(rate, angle)) / 3600.0,
         "table_angle_deg": angle % 360.0,
         "table_rate_deg_s": rate,
@@ -125,6 +126,26 @@ def test_a_harmonic_of_the_angle_is_found(order: int, by_rate: bool) -> None:
     assert {place.angle_harmonic for place in found} == {order}
     by_encoder = [run.replace(table=run.table.drop(columns="table_rate_deg_s")) for run in on_table(6, error)]
     assert places(TABLE, by_encoder, 50.0)[0].angle_harmonic == order
+
+
+def blue(size_deg_h: float) -> Error:
+    """What errors of an encoder's angle make of the rate: the noisier, the faster."""
+    return lambda rate, angle: size_deg_h * np.diff(np.random.default_rng(8).standard_normal(len(rate)), prepend=0.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_of_the_angle_is_no_harmonic(seed: int) -> None:
+    assert not any(place.angle_harmonic for place in places(TABLE, on_table(seed, blue(0.05), 0.1), 50.0))
+
+
+def test_a_low_harmonic_is_found_in_noise_of_the_angle() -> None:
+    noise = blue(0.05)
+
+    def error(rate: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        return noise(rate, angle) + 0.008 * np.sin(4.0 * np.radians(angle)) * (rate != 0.0)
+
+    found = places(TABLE, on_table(6, error, 0.1), 50.0)
+    assert {place.angle_harmonic for place in found} == {4}
 
 
 def test_a_harmonic_that_the_simulator_has_hides_no_place() -> None:

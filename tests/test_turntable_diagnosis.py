@@ -306,6 +306,35 @@ def test_a_scale_factor_that_follows_a_temperature_late_is_found() -> None:
     assert told.lag_s == pytest.approx(1200.0, rel=0.25)
 
 
+def with_error(run: rlg.Recording, error_deg_h: np.ndarray) -> rlg.Recording:
+    return run.replace(table=run.table.assign(gyro_deg_s=run.column("gyro_deg_s") + error_deg_h / 3600.0))
+
+
+def test_weak_orders_of_the_angle_are_found_together() -> None:
+    recordings = []
+    for k, run in enumerate(runs(None)):
+        theta = np.radians(motion(k)[1])
+        recordings.append(with_error(run, 0.002 * np.sin(3.0 * theta + 1.0) + 0.0016 * np.sin(8.0 * theta)))
+    found = rlg.diagnose(SIMULATOR, recordings, black_box=False)
+    (cause,) = found.causes
+    assert cause.name == "rotation_harmonics"
+    assert set(cause.mechanism.orders) == {3, 8}
+
+
+def test_a_harmonic_that_a_temperature_makes_larger_is_unknown() -> None:
+    """As large as training has it it is in no other run; each shows it."""
+    recordings = []
+    for k, warmer in ((0, 0.0), (1, 0.0), (0, -5.0)):
+        run, (_, theta, T) = runs(None)[k], motion(k)
+        T = T + warmer
+        error = 0.002 * np.sin(3.0 * np.radians(theta)) * (T - 22.5)
+        table = with_error(run, error).table.assign(temperature_block_degC=T)
+        recordings.append(run.replace(table=table, name=f"run{len(recordings)}"))
+    found = rlg.diagnose(SIMULATOR, recordings[:2], recordings[2:], black_box=False)
+    assert (found.verdict, found.causes) == ("unknown", ())
+    assert any("sizes of their own" in remark for remark in found.remarks)
+
+
 def test_causes_that_explain_windows_within_and_spoil_their_means_are_given_up() -> None:
     """An error that goes with the square of the rate and the sine of the angle."""
     recordings = []

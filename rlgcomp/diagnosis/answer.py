@@ -30,6 +30,7 @@ from rlgcomp.diagnosis.conclusion import (
 from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, fit
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.naming.explain import Explanations
+from rlgcomp.diagnosis.naming.lines import Within
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Posed
 from rlgcomp.diagnosis.question.problem import Problem
@@ -45,7 +46,7 @@ _OF_OTHER_SIZES: Final = "held-out runs show it within their windows with sizes 
 _SPOKEN_FOR: Final = math.log(1000.0)  # odds from which a further cause is spoken of, were all equations right
 _HALF: Final = 0.5  # of what training runs say of a cause within windows, that held-out runs must be able to show,
 _SURELY: Final = 3.0  # standard deviations counted for it
-_PLAINLY: Final = 6.0  # times as much as noise would, that what a run shows for itself explains
+_PLAINLY: Final = 5.0  # times as much as noise would, that what a run shows for itself explains
 _NOISE_LEFT: Final = 0.01  # p-value from which what is left passes for noise
 
 
@@ -186,6 +187,20 @@ def and_laws(posed: Posed, explanations: Explanations, conclusion: Conclusion) -
     return explanations, beside_laws(posed.windowed, explanations, conclusion, posed.whole_windowed)
 
 
+def and_what_changes_size(
+    posed: Posed, explanations: Explanations, conclusion: Conclusion, p_value: float
+) -> tuple[Explanations, Conclusion]:
+    """The same, but that something unknown is there where nothing is named, no healthy gyro departs so far from its noise, and what
+    training runs would name is in held-out runs as well, of other sizes."""
+    proposed = [one.mechanism for one in explanations.candidates(explanations.first) if not one.known]
+    unknown = beyond_noise(conclusion, p_value, conclusion.model) is not conclusion
+    if not (proposed and unknown and all(of_other_sizes(posed.whole, one) for one in proposed)):
+        return explanations, conclusion
+    for one in proposed:
+        explanations = explanations.without(one.name, _OF_OTHER_SIZES)
+    return explanations, _with_what_acts_within(explanations, conclusion)
+
+
 def _with_what_acts_within(explanations: Explanations, conclusion: Conclusion) -> Conclusion:
     """The same, but that something unknown is there where what acts within windows was taken for causes that it is not, or that do
     not change so."""
@@ -223,22 +238,24 @@ def _denied_within_windows(whole: Problem | None, after: Fitted) -> dict[str, st
     sd = np.sqrt((inverse**2).sum(axis=1) * float(left @ left) / len(left))
     shown, sd = (values[: len(fast)] / norms(table[:, : len(fast)]) for values in (weights, sd))
     denied = _mostly_within(parts, said) & (shown + _SURELY * sd < _HALF)
-    noise = float(left @ left) / len(left)
     return {
-        one.mechanism.name: _OF_OTHER_SIZES if _there(parts, one.mechanism, whole, noise) else _NOT_WITHIN
+        one.mechanism.name: _OF_OTHER_SIZES if of_other_sizes(whole, one.mechanism) else _NOT_WITHIN
         for one, no in zip(fast, denied, strict=True)
         if no
     }
 
 
-def _there(parts: Sequence[Windows], mechanism: Mechanism, whole: Problem, noise: float) -> bool:
-    """Whether a held-out run plainly shows a cause within its windows, its amplitudes that run's own."""
-    for part, values in zip(parts, whole.unexplained_deg_h[-whole.held_out :], strict=True):
-        basis = part.within(mechanism.basis(part.full))
-        taken = np.linalg.qr(basis / norms(basis))[0].T @ part.within(values)
-        if float(taken @ taken) > _PLAINLY * noise * len(taken):
-            return True
-    return False
+def of_other_sizes(whole: Problem | None, mechanism: Mechanism) -> bool:
+    """Whether a held-out run plainly shows within its windows what acts there, its amplitudes that run's own."""
+    within = None if whole is None or not whole.held_out or not mechanism.fast else Within.of(whole)
+    if whole is None or within is None:
+        return False
+    columns = within.free([mechanism.basis(part.full) for part in whole.windows])
+    shown = []
+    for block, values in zip(columns[-whole.held_out :], within.left_deg_h[-whole.held_out :], strict=True):
+        taken = np.linalg.qr(block / norms(block))[0].T @ values
+        shown.append(float(taken @ taken) / len(taken))
+    return max(shown) > _PLAINLY * within.variance_deg_h2
 
 
 def _denied_between_windows(problem: Problem, before: Fitted, after: Fitted) -> list[str]:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.account import unexplained_of, what_to_run, whiteness
-from rlgcomp.diagnosis.answer import Answer, and_laws
+from rlgcomp.diagnosis.answer import Answer, and_laws, and_what_changes_size
 from rlgcomp.diagnosis.clocks import on_time, weighed
 from rlgcomp.diagnosis.comparable import Comparable
 from rlgcomp.diagnosis.conclusion import Conclusion, beyond_noise, concluded, healthy, least_p_value, rivals_of, verdict_of
@@ -252,6 +252,7 @@ def _searched(
         conclusion = concluded(posed.windowed, explanations, posed.whole_windowed)
     detection = detecting.result()
     conclusion = beyond_noise(conclusion, detection.p_value, explanations.first)
+    explanations, conclusion = and_what_changes_size(posed, explanations, conclusion, detection.p_value)
     nothing = min(healthy(explanations), 1.0 - conclusion.unrecorded) * (1.0 - conclusion.lawful)
     explanations, conclusion = and_laws(posed, explanations, conclusion)
     told(0.75)
