@@ -14,10 +14,10 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.naming.candidates import Candidate
-from rlgcomp.diagnosis.naming.confirm import _at_issue, _beyond_training, _foreseen, _misled, _with_fewer
+from rlgcomp.diagnosis.naming.confirm import _at_issue, _beyond_training, _foreseen, _misled, _with_fewer, _with_fewer_causes
 from rlgcomp.diagnosis.naming.evidence import Evidence
-from rlgcomp.diagnosis.naming.explain import Explanations
-from rlgcomp.diagnosis.naming.search import Model, Search
+from rlgcomp.diagnosis.naming.explain import Explanations, explain
+from rlgcomp.diagnosis.naming.search import Model, Search, posterior
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
@@ -218,6 +218,21 @@ def test_held_out_runs_are_asked_about_far_sets_only_where_training_speaks_for_t
     assert _at_issue(explained(models)) == [best, near, spoken_for, nothing]
     jumping, too_far = model("aj", -1.0, -9.0), model("bj", -1.0, -11.0)  # a few runs hardly tell a path from slow noise
     assert _at_issue(explained([*models, jumping, too_far])) == [best, near, spoken_for, jumping, nothing]
+
+
+def test_held_out_runs_are_asked_about_each_set_of_one_cause_less() -> None:
+    effects = [CATALOGUE["supply_voltage"](k_deg_h_V=0.05), CATALOGUE["warm_up"](initial_deg_h=0.01)]
+    whole = explain(Problem.of(SIMULATOR, with_effect(small_runs(seed=5, hours=12.0), *effects)), CATALOGUE)
+    best = whole.likeliest
+    assert best.labels == {(one.name, False) for one in effects}
+    passed = [model for model in whole.models if not frozenset() < model.labels < best.labels]
+    again = _with_fewer_causes(dataclasses.replace(whole, models=tuple(passed), probabilities=posterior(passed)))
+    np.testing.assert_allclose(again.probabilities, posterior(again.models))
+    for name, _ in best.labels:
+        (found,) = (model for model in again.models if model.labels == {(name, False)})
+        (known,) = (model for model in whole.models if model.labels == {(name, False)})
+        assert found.log_evidence == pytest.approx(known.log_evidence, abs=0.5)
+        assert any(model.labels == found.labels for model in _at_issue(again))
 
 
 def test_what_fewer_causes_give_up_more_of_them_do_not_keep() -> None:

@@ -55,6 +55,21 @@ def test_a_warm_up_of_two_terms_is_one_cause() -> None:
         assert abs(estimate.value - getattr(hidden, name)) < 4.0 * estimate.sd
 
 
+def test_a_loop_that_is_narrow_where_it_is_hot_is_hysteresis() -> None:
+    hidden = CATALOGUE["thermal_hysteresis"](
+        law="coleman_hodgdon", k1_deg_h_K=1.2e-3, radius_K=8.0, curve_centre_degC=2.0, curve_K=24.0
+    )
+    problem = Problem.of(SIMULATOR, with_effect(runs(seed=5, hours=12.0), hidden), window_s=100.0)
+    found = explain(problem, CATALOGUE)
+    best = found.models[0]
+    assert best.labels == {("thermal_hysteresis", False)}
+    (candidate,) = found.candidates(best)
+    assert candidate.mechanism.law == "coleman_hodgdon"
+    (cause,) = fit(problem, [candidate], NoiseShape()).causes
+    for name, estimate in cause.estimates.items():
+        assert abs(estimate.value - getattr(hidden, name)) < 4.0 * estimate.sd
+
+
 def test_edges_and_parameters_are_the_same_thing() -> None:
     hop = CATALOGUE["mode_hop"](threshold_degC=20.0, dead_band_K=3.0)
     assert hop.edges() == (20.0, 17.0)

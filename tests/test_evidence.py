@@ -124,6 +124,24 @@ def test_couples_are_models_of_two(small: Evidence) -> None:
             assert sizes[a, b] == int(np.argmax(expected))
 
 
+@pytest.mark.parametrize("in_couples", [True, False])
+def test_causes_that_hide_each_other_are_found_in_couples(
+    small: Evidence, in_couples: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What two columns have in common hides their difference, which is the effect; decoys that resemble it lead the search away."""
+    rng, rows = np.random.default_rng(4), len(small.problem.rows)
+    common, effect = rng.standard_normal((2, rows))
+    hidden = {"supply_voltage": common + 0.1 * effect, "ambient_pressure": common - 0.1 * effect}
+    decoys = {name: effect + 2.0 * rng.standard_normal(rows) for name in ("warm_up", "ageing", "temperature_rate")}
+    problem = dataclasses.replace(small.problem, target_deg_h=rng.standard_normal(rows) + 0.7 * effect)
+    tried = [Candidate(CATALOGUE[name](), column[:, None], 0.0) for name, column in (hidden | decoys).items()]
+    monkeypatch.setattr("rlgcomp.diagnosis.naming.search.BEAM", 1)
+    if not in_couples:
+        monkeypatch.setattr(Search, "_couples", lambda search: {})
+    best = Search(Evidence(problem, tried, (NoiseShape(),))).run()[0]
+    assert (best.labels == {(name, False) for name in hidden}) == in_couples
+
+
 def test_compiled_and_added_extensions_are_the_plain_ones(small: Evidence, monkeypatch: pytest.MonkeyPatch) -> None:
     wide = Candidate(CATALOGUE["thermal_polynomial"](), np.random.default_rng(3).standard_normal((len(small.problem.rows), 3)), 0.0)
     first, others = [*small.candidates[:4], wide], small.candidates[4:]
