@@ -321,6 +321,15 @@ def test_weak_orders_of_the_angle_are_found_together() -> None:
     assert set(cause.mechanism.orders) == {3, 8}
 
 
+def test_it_is_said_how_much_of_what_means_average_away_held_out_runs_show() -> None:
+    first, second = runs("rotation_harmonics", strength=3.0)
+    found = rlg.diagnose(SIMULATOR, [first], [second], black_box=False)
+    assert [cause.name for cause in found.causes] == ["rotation_harmonics"]
+    (told,) = (remark for remark in found.remarks if "average most of it away" in remark)
+    shown, sd = (float(number) for number in re.search(r"show ([0-9.]+) ± ([0-9.]+) of", told).groups())
+    assert abs(shown - 1.0) < 4.0 * sd < 1.0
+
+
 def test_a_harmonic_that_a_temperature_makes_larger_is_unknown() -> None:
     """As large as training has it it is in no other run; each shows it."""
     recordings = []

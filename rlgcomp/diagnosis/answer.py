@@ -220,9 +220,19 @@ def _denied_within_windows(whole: Problem | None, after: Fitted) -> dict[str, st
     Rounding of an encoder's angle stands in lines that training runs may take for harmonics; in another run these are other lines.
     What is there, but as large in each run as something makes it that the cause does not know, is real.
     """
+    return {
+        mechanism.name: _OF_OTHER_SIZES if of_other_sizes(whole, mechanism) else _NOT_WITHIN
+        for mechanism, shown, sd in shown_within_windows(whole, after)
+        if shown + _SURELY * sd < _HALF
+    }
+
+
+def shown_within_windows(whole: Problem | None, after: Fitted) -> list[tuple[Mechanism, float, float]]:
+    """Causes that act mostly within windows, and how much of what training runs say of each held-out runs show at their full rate,
+    with its standard deviation."""
     fast = _fast(after)
     if whole is None or not whole.held_out or not fast:
-        return {}
+        return []
     parts = whole.windows[-whole.held_out :]
     own = [one for one in whole.simulator.mechanisms if one.fast]
     said = _contributions(parts, fast)
@@ -237,12 +247,8 @@ def _denied_within_windows(whole: Problem | None, after: Fitted) -> dict[str, st
     left = table[:, -1] - design @ weights
     sd = np.sqrt((inverse**2).sum(axis=1) * float(left @ left) / len(left))
     shown, sd = (values[: len(fast)] / norms(table[:, : len(fast)]) for values in (weights, sd))
-    denied = _mostly_within(parts, said) & (shown + _SURELY * sd < _HALF)
-    return {
-        one.mechanism.name: _OF_OTHER_SIZES if of_other_sizes(whole, one.mechanism) else _NOT_WITHIN
-        for one, no in zip(fast, denied, strict=True)
-        if no
-    }
+    mostly = _mostly_within(parts, said)
+    return [(one.mechanism, float(shown[k]), float(sd[k])) for k, one in enumerate(fast) if mostly[k]]
 
 
 def of_other_sizes(whole: Problem | None, mechanism: Mechanism) -> bool:

@@ -42,6 +42,7 @@ from rlgcomp.diagnosis.remarks import (
     own_noises_of,
     remarks_of,
     weighed_means,
+    within_windows,
     worse_in_training,
     wrong_numbers_of,
 )
@@ -304,6 +305,7 @@ def _told(
             *untold,
             *remarks_of(last.explanations, conclusion, after, last.shape, in_noise, theirs=runs.predicted is not None),
             *found_behind(last),
+            *within_windows(last),
             *not_tried(last.explanations, last.posed.asked.mechanisms),
             *wrong_numbers_of(differing, searched.as_stated),
             *own_biases_of(after.baseline),

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.account import alternatives_of, hidden_of, set_probability
-from rlgcomp.diagnosis.answer import WORSE, Answer, spoken_for
+from rlgcomp.diagnosis.answer import WORSE, Answer, shown_within_windows, spoken_for
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, noise_model
 from rlgcomp.diagnosis.naming.background import Background
@@ -129,6 +129,16 @@ def _suspected(explanations: Explanations, missing: float) -> str:
     found = sets | {wanders: missing - sum(sets.values())}
     first = max(found, key=found.__getitem__)
     return f"; {first} has {found[first]:.2f} of it" if found[first] > _MOST * missing else ""
+
+
+def within_windows(found: Answer) -> tuple[str, ...]:
+    """What held-out runs show of causes that means of windows average away."""
+    window_s = found.posed.problem.rows.window_s
+    return tuple(
+        f"{mechanism.name} acts within the windows of {window_s:.3g} s, whose means average most of it away. At their full rate "
+        f"held-out runs show {Estimate(shown, sd, '1')} of what the training runs say of it."
+        for mechanism, shown, sd in shown_within_windows(found.posed.whole, found.after)
+    )
 
 
 def not_tried(explanations: Explanations, mechanisms: Mapping[str, type[Mechanism]]) -> tuple[str, ...]:

@@ -402,13 +402,22 @@ def place_rows(places: Sequence[Place]) -> list[list[str]]:
     for (regime, p_value), group in itertools.groupby(places, key=lambda place: (place.regime, place.p_value)):
         stays = list(group)
         if regime is None or len(stays) == 1:
-            rows += [[place_text(place), f"{100 * place.share:.0f} %", p_number(p_value)] for place in stays]
+            rows += [[place_text(place), _share_text(place.share), p_number(p_value)] for place in stays]
             continue
         hours = sum((place.end_s or 0.0) - (place.start_s or 0.0) for place in stays) / SECONDS_PER_HOUR
         runs = listing(sorted({place.run for place in stays}))
         said = f"{runs} {stays[0].channel}, {len(stays)} intervals, {hours:.2f} h in all, {regime}"
-        rows.append([said, f"{100 * sum(place.share for place in stays):.0f} %", p_number(p_value)])
+        rows.append([said, _share_text(sum(place.share for place in stays)), p_number(p_value)])
     return rows
+
+
+def _share_text(share: float) -> str:
+    """A share of the mismatch, in percent; nothing has none of it.
+
+    >>> _share_text(0.83), _share_text(0.004)
+    ('83 %', '< 1 %')
+    """
+    return f"{100 * share:.0f} %" if share >= 0.005 else "< 1 %"
 
 
 def set_text(names: Sequence[str]) -> str:
