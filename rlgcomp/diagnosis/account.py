@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion
+from rlgcomp.diagnosis.conclusion import MENTIONED, UNRECORDED, Conclusion, healthy
 from rlgcomp.diagnosis.fitting.fit import Fitted, fit
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.naming.search import Model
@@ -62,7 +62,8 @@ def _beyond(baseline: Array, contribution_deg_h: Array) -> float:
 
 
 def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple[Alternative, ...]:
-    """Other sets of the catalogue, beside a law where they were weighed beside it; where not, the catalogue's own best as well."""
+    """Other sets of the catalogue, beside a law where they were weighed beside it; where not, the catalogue's own best as well.
+    That nothing is missing is one, where something wanders unrecorded."""
     shares: dict[tuple[str, ...], float] = {}
     weighed = conclusion.reweighed or not conclusion.laws
     own = None if not weighed else _named(conclusion.model)
@@ -70,6 +71,8 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
         names = _rightly(model, conclusion)
         if names != own:
             shares[names] = shares.get(names, 0.0) + float(probability) * without_law(conclusion)
+    if own == () and conclusion.unrecorded > UNRECORDED:
+        shares[()] = min(healthy(explanations), 1.0 - conclusion.unrecorded) * without_law(conclusion)
     return _ranked(shares)
 
 
