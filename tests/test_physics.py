@@ -221,6 +221,27 @@ def test_warming_up_may_take_two_terms(run: rlg.Recording) -> None:
     assert two.extensions([run]) == ()
 
 
+@pytest.mark.parametrize(
+    ("name", "given", "shapes"),
+    [
+        ("warm_up", {}, ["time_constant_s"]),
+        ("warm_up", {"terms": "two"}, ["time_constant_s", "slower_time_constant_s", "slower_share"]),
+        ("mode_hop", {}, ["threshold_degC", "dead_band_K"]),
+        ("mode_hop", {"hops": 2}, ["threshold_degC", "dead_band_K", "spacing_K"]),
+        ("thermal_hysteresis", {"law": "plays"}, ["radius_K"]),
+        ("thermal_hysteresis", {"law": "coleman_hodgdon"}, ["radius_K", "curve_centre_degC", "curve_K"]),
+    ],
+)
+def test_a_shape_that_is_not_in_use_is_neither_free_nor_written(name: str, given: dict[str, object], shapes: list[str]) -> None:
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{name: given}]})
+    (mechanism,) = simulator.mechanisms
+    amplitudes = [parameter.name for parameter in mechanism.amplitude_parameters()]
+    all_shapes = {parameter.name for parameter in mechanism.parameters() if parameter.role == "shape"}
+    assert simulator.free[name] & all_shapes == set(shapes)
+    (written,) = simulator.to_mapping()["mechanisms"]
+    assert {key for key, value in written[name].items() if isinstance(value, dict)} == {*amplitudes, *shapes}
+
+
 def test_bouc_wen_does_not_forget_by_read_noise() -> None:
     rng = np.random.default_rng(2)
     course = np.interp(np.arange(20_000), [0, 4000, 9000, 13_000, 20_000], [0.0, 40.0, 40.0, -20.0, -20.0])

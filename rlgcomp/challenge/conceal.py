@@ -298,8 +298,7 @@ def _bare(run: Recording) -> Recording:
 
 
 def _estimable(mechanism: Mechanism) -> dict[str, Any]:
-    used = {parameter.name for parameter in mechanism.amplitude_parameters()}
-    return {p.name: getattr(mechanism, p.name) for p in mechanism.parameters() if p.role == "shape" or p.name in used}
+    return {p.name: getattr(mechanism, p.name) for p in (*mechanism.amplitude_parameters(), *mechanism.shape_parameters())}
 
 
 def _unrepeatable(mechanism: Mechanism) -> bool:

@@ -75,7 +75,7 @@ def scaled(mechanism: M, factor: float) -> M:
     """
     names = [parameter.name for parameter in mechanism.amplitude_parameters()]
     if not names:
-        names = [p.name for p in mechanism.parameters() if p.role == "shape" and p.unit.startswith("deg/h")]
+        names = [parameter.name for parameter in mechanism.shape_parameters() if parameter.unit.startswith("deg/h")]
     if not names:
         raise InputError(f"{mechanism.name}: none of its parameters is a size that could be made larger or smaller")
     made = dataclasses.replace(mechanism, **{name: factor * getattr(mechanism, name) for name in names})  # type: ignore[type-var]

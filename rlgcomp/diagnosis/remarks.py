@@ -324,8 +324,8 @@ def _at_the_end(cause: FittedCause) -> list[str]:
     """What to say of shapes that were found at the end of what is tried."""
     ends = [
         (parameter, getattr(cause.mechanism, parameter.name))
-        for parameter in cause.mechanism.parameters()
-        if parameter.role == "shape" and getattr(cause.mechanism, parameter.name) == parameter.high
+        for parameter in cause.mechanism.shape_parameters()
+        if getattr(cause.mechanism, parameter.name) == parameter.high
     ]
     return [
         f"{cause.mechanism.name}: {parameter.name} = {value:g} {parameter.unit} is the largest that is tried; it may be larger."

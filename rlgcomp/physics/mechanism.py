@@ -176,10 +176,14 @@ class Mechanism(abc.ABC):
         """The amplitudes that are in use, in the order of the basis."""
         return tuple(parameter for parameter in self.parameters() if parameter.role == "amplitude")
 
+    def shape_parameters(self) -> tuple[Parameter, ...]:
+        """The shapes that are in use."""
+        return tuple(parameter for parameter in self.parameters() if parameter.role == "shape")
+
     def idle_parameters(self) -> tuple[Parameter, ...]:
-        """The amplitudes that are not in use."""
-        used = self.amplitude_parameters()
-        return tuple(parameter for parameter in self.parameters() if parameter.role == "amplitude" and parameter not in used)
+        """The amplitudes and shapes that are not in use."""
+        used = {*self.amplitude_parameters(), *self.shape_parameters()}
+        return tuple(parameter for parameter in self.parameters() if parameter.role != "setting" and parameter not in used)
 
     def repeats(self) -> bool:
         """Whether amplitudes found in some runs foretell others: it has some, and none is a run's own."""

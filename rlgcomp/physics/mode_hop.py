@@ -9,7 +9,7 @@ from typing import Final, Self
 import numpy as np
 
 from rlgcomp.hysteresis import BEGUN, STARTS
-from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting, shape
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
 _THRESHOLDS: Final = 36
@@ -47,6 +47,9 @@ class ModeHop(Mechanism):
     spacing_K: float = shape(20.0, "K", 1.0, 200.0)
     hops: int = setting(1, low=1, high=20)
     start: str = setting("rested", choices=tuple(STARTS))
+
+    def shape_parameters(self) -> tuple[Parameter, ...]:
+        return super().shape_parameters()[: 3 if self.hops > 1 else 2]
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:

@@ -72,6 +72,9 @@ class ThermalHysteresis(Mechanism):
     def amplitude_parameters(self) -> tuple[Parameter, ...]:
         return super().amplitude_parameters()[: 3 if self.law == "play" else 1]
 
+    def shape_parameters(self) -> tuple[Parameter, ...]:
+        return super().shape_parameters()[: 3 if self.law == "coleman_hodgdon" else 1]
+
     def stated(self) -> str:
         return _EQUATIONS[self.law] + BEGUN[self.start]
 

@@ -9,7 +9,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, setting, shape
+from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
 _RATIOS: Final = (1.0, 4.0, 10.0, 25.0)  # of time constants that are tried to that of one term
@@ -46,6 +46,9 @@ class WarmUp(Mechanism):
     slower_time_constant_s: float = shape(10800.0, "s", 60.0, 21600.0)
     slower_share: float = shape(0.3, "1", 0.0, 1.0)
     terms: str = setting("one", choices=tuple(_EQUATIONS))
+
+    def shape_parameters(self) -> tuple[Parameter, ...]:
+        return super().shape_parameters()[: 3 if self.terms == "two" else 1]
 
     def stated(self) -> str:
         return _EQUATIONS[self.terms]

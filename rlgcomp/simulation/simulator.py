@@ -331,7 +331,7 @@ def _labels(mechanisms: Sequence[Mechanism]) -> list[str]:
 
 
 def _idle(mechanism: Mechanism) -> frozenset[str]:
-    """Amplitudes that are not in use and have their usual size."""
+    """Parameters that are not in use and have their usual size."""
     return frozenset(p.name for p in mechanism.idle_parameters() if getattr(mechanism, p.name) == p.typical)
 
 
@@ -360,7 +360,8 @@ def _mechanism(item: Any, catalogue: Mapping[str, type[Mechanism]]) -> tuple[Mec
         else:
             fixed[key] = value
     mechanism = catalogue[name].from_mapping(fixed)
-    absent = {parameter.name for parameter in mechanism.parameters() if parameter.role != "setting" and parameter.name not in fixed}
+    amplitudes = [parameter for parameter in mechanism.parameters() if parameter.role == "amplitude"]
+    absent = {parameter.name for parameter in (*amplitudes, *mechanism.shape_parameters()) if parameter.name not in fixed}
     return mechanism, frozenset(absent | freed)
 
 

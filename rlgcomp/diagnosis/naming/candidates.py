@@ -92,7 +92,7 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
 def _otherwise(problem: Problem, own: Mechanism) -> list[Mechanism]:
     """A mechanism of the simulator with other values of shapes that are said to be known."""
     free = problem.simulator.free.get(own.name, frozenset())
-    stated = [parameter.name for parameter in own.parameters() if parameter.role == "shape" and parameter.name not in free]
+    stated = [parameter.name for parameter in own.shape_parameters() if parameter.name not in free]
     if not stated or not own.amplitude_parameters():
         return []
     points = ({name: getattr(point, name) for name in stated} for point in type(own).grid(problem.runs))

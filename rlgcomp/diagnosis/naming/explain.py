@@ -288,7 +288,7 @@ def _zoomed(search: Search, models: Sequence[Model]) -> list[Candidate]:
         best = evidence.candidates[member.candidate]
         if best.known:
             continue
-        shapes = [parameter.name for parameter in best.mechanism.parameters() if parameter.role == "shape"]
+        shapes = [parameter.name for parameter in best.mechanism.shape_parameters()]
         axes = [[(getattr(best.mechanism, name), 0.0), *_between(evidence.candidates, best, name)] for name in shapes]
         for point in itertools.product(*axes):
             changes = {name: value for name, (value, _) in zip(shapes, point, strict=True)}

@@ -300,9 +300,8 @@ def _closest(target: Array, rival: Members, runs: Sequence[_Run], *, refine: boo
         improve(k, _grid(member))
     for step in _RELATIVE_STEPS if refine else ():
         for k, member in enumerate(rival):
-            for parameter in member.parameters():
-                if parameter.role == "shape":
-                    improve(k, neighbours(best[k], parameter.name, step))
+            for parameter in member.shape_parameters():
+                improve(k, neighbours(best[k], parameter.name, step))
     return best
 
 
@@ -324,14 +323,13 @@ def _left(target: Array, members: Members, runs: Sequence[_Run]) -> Array:
 
 def _grid(member: Mechanism) -> list[Mechanism]:
     """Other shapes of a mechanism, its settings kept, thinned out evenly."""
-    names = [parameter.name for parameter in member.parameters() if parameter.role == "shape"]
-    if not names:
+    shapes = member.shape_parameters()
+    if not shapes:
         return []
     points: list[dict[str, float]] = [{}]
-    for parameter in member.parameters():
-        if parameter.role == "shape":
-            each = parameter.spread(max(2, round(_GRID ** (1.0 / len(names)))))
-            points = [point | {parameter.name: value} for point in points for value in each]
+    for parameter in shapes:
+        each = parameter.spread(max(2, round(_GRID ** (1.0 / len(shapes)))))
+        points = [point | {parameter.name: value} for point in points for value in each]
     return [dataclasses.replace(member, **point) for point in points]  # type: ignore[type-var]
 
 
