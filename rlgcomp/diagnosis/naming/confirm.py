@@ -195,9 +195,8 @@ def _with_fewer_causes(explanations: Explanations) -> Explanations:
     fewer = {model.labels - {one} for model in _likely(explanations)[1] for one in model.labels} - known
     if not fewer:
         return explanations
-    found = [model for labels, model in explanations.search.rated(fewer).items() if labels in fewer]
-    models = tuple(sorted((*explanations.models, *found), key=_log_posterior, reverse=True))
-    return dataclasses.replace(explanations, models=models, probabilities=posterior(models))
+    models = explanations.search.and_rated(explanations.models, fewer)
+    return dataclasses.replace(explanations, models=tuple(models), probabilities=posterior(models))
 
 
 def _repeating(explanations: Explanations, model: Model, by_all: Sequence[Candidate]) -> tuple[Member, ...]:

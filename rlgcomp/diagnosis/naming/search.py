@@ -156,6 +156,13 @@ class Search:
             self._ask_beyond(found, causes)
         return found
 
+    def and_rated(self, models: Sequence[Model], sets: Iterable[frozenset[Label]]) -> list[Model]:
+        """Models by falling posterior, with further sets at their best points: what causes must exceed stays what it was."""
+        found = {model.labels: model for model in models}
+        for labels in sorted(sets, key=len):
+            found[labels] = self._refined(labels, self._start(labels, found), {})
+        return sorted(found.values(), key=lambda model: -model.log_posterior)
+
     def best_of(self, which: Sequence[int], beside: Sequence[Member]) -> Member:
         """The candidate among some that is likeliest beside members."""
         node = self.evidence.extensions(beside)
