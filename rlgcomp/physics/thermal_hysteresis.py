@@ -17,9 +17,9 @@ from rlgcomp.recording import Recording
 _RADII: Final = 12  # of the law "plays"
 _NOISE: Final = 4.0  # standard deviations of read noise, that hardly a reading is off by
 _CONCENTRATION: Final = 4.0  # of relays about narrow loops
-_RADII_OF_SPAN: Final = (0.05, 0.1, 0.2)  # of the temperatures that runs go through, tried with the law "coleman_hodgdon"
+_RADII_OF_SPAN: Final = (0.08, 0.16)  # of the temperatures that runs go through, tried with the law "coleman_hodgdon"
 _CENTRES_OF_SPAN: Final = (-0.25, 0.0, 0.25)
-_CURVES_OF_SPAN: Final = (0.3, 0.6, 1.2)
+_CURVES_OF_SPAN: Final = (0.35, 0.8)
 _EQUATIONS: Final = {
     "play": "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)",
     "plays": "b = k1_deg_h_K (mean over r ~ exp(-r / radius_K) of play(T; r) - T)",
@@ -102,6 +102,8 @@ class ThermalHysteresis(Mechanism):
                 curve_centre_degC=middle + centre * span,
                 curve_K=float(np.clip(curve * span, 2.0, 400.0)),
                 law="coleman_hodgdon",
+                centre_degC=type(self).centre_degC,  # of another law, and no reason to try the same twice
+                span_K=type(self).span_K,
             )
             for radius, centre, curve in narrowing
         )

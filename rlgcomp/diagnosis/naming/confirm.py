@@ -167,11 +167,10 @@ def _beyond_training(explanations: Explanations, judged: Collection[Model]) -> b
 
 
 def _at_issue(explanations: Explanations) -> list[Model]:
-    """The likeliest sets in training, and each without one of its causes, however sure training is of that one: else one that
-    held-out runs deny would be named for what the others show; nothing, and the best single cause, which says what further ones
-    must exceed."""
+    """The likeliest sets in training; the likeliest without one of its causes, however sure training is of that one; nothing, and
+    the best single cause, which says what further ones must exceed."""
     models, likely = _likely(explanations)
-    without_one = [less for less in models if any(_without_one(less, model) for model in likely)]
+    without_one = [model for model in models if _without_one(model, models[0])]
     strongest = [model for model in models if len(model.labels) == 1][:1]
     return list(dict.fromkeys([*likely, *without_one, *strongest, next(model for model in models if not model.labels)]))
 
@@ -190,7 +189,8 @@ def _likely(explanations: Explanations) -> tuple[list[Model], list[Model]]:
 
 
 def _with_fewer_causes(explanations: Explanations) -> Explanations:
-    """The same, with each likely set without one of its causes: the search has passed over those that do not lead further."""
+    """The same, with each likely set without one of its causes, which may be likely as well: the search has passed over some, and a
+    cause would be named for what held-out runs show of those beside it."""
     known = {model.labels for model in explanations.models}
     fewer = {model.labels - {one} for model in _likely(explanations)[1] for one in model.labels} - known
     if not fewer:
