@@ -8,6 +8,7 @@ where nothing but noise is left then: an equation that is wrong by as much would
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Final, Self
@@ -90,7 +91,7 @@ class Answer:
         if found.after.cancels:
             return cls.of(posed, explanations, dataclasses.replace(conclusion, laws=conclusion.laws[:-1]), before)
         doubted = {one.mechanism.name: "its size is nothing, within its error" for one in found.after.causes if one.vanishes}
-        doubted |= _denied_within_windows(posed.whole, found.after)
+        doubted |= _denied_within_windows(found)
         doubted |= dict.fromkeys(_denied_between_windows(posed.problem, before, found.after), _WITHIN_ALONE)
         if doubted.keys() <= explanations.doubted.keys():
             return found
@@ -115,6 +116,12 @@ class Answer:
         if shape.wander > 0.0 or after is before:  # a wander is no part of the white noise either
             after = dataclasses.replace(after, white_deg_h=fit(problem, chosen, shape).white_deg_h)
         return cls(posed, explanations, conclusion, noises, after)
+
+    @functools.cached_property
+    def shown_within_windows(self) -> list[tuple[Mechanism, float, float]]:
+        """Causes that act mostly within windows, and how much of what training runs say of each held-out runs show at their full
+        rate, with its standard deviation."""
+        return _shown_within_windows(self.posed.whole, self.after)
 
     @property
     def shape(self) -> NoiseShape:
@@ -213,23 +220,22 @@ def _with_what_acts_within(explanations: Explanations, conclusion: Conclusion) -
     return dataclasses.replace(beyond_noise(conclusion, 0.0, conclusion.model), within=tuple(columns))
 
 
-def _denied_within_windows(whole: Problem | None, after: Fitted) -> dict[str, str]:
+def _denied_within_windows(found: Answer) -> dict[str, str]:
     """Causes that act mostly within windows, and of which held-out runs at their full rate surely show less than half; and what is
     said of them.
 
-    Rounding of an encoder's angle stands in lines that training runs may take for harmonics; in another run these are other lines.
-    What is there, but as large in each run as something makes it that the cause does not know, is real.
+    Rounding of an encoder's angle stands in lines that training runs may take for harmonics; in another run these are other
+    lines. What is there, but as large in each run as something makes it that the cause does not know, is real.
     """
     return {
-        mechanism.name: _OF_OTHER_SIZES if of_other_sizes(whole, mechanism) else _NOT_WITHIN
-        for mechanism, shown, sd in shown_within_windows(whole, after)
+        mechanism.name: _OF_OTHER_SIZES if of_other_sizes(found.posed.whole, mechanism) else _NOT_WITHIN
+        for mechanism, shown, sd in found.shown_within_windows
         if shown + _SURELY * sd < _HALF
     }
 
 
-def shown_within_windows(whole: Problem | None, after: Fitted) -> list[tuple[Mechanism, float, float]]:
-    """Causes that act mostly within windows, and how much of what training runs say of each held-out runs show at their full rate,
-    with its standard deviation."""
+def _shown_within_windows(whole: Problem | None, after: Fitted) -> list[tuple[Mechanism, float, float]]:
+    """As :class:`Answer` tells it."""
     fast = _fast(after)
     if whole is None or not whole.held_out or not fast:
         return []

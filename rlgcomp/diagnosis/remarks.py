@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.account import alternatives_of, hidden_of, set_probability
-from rlgcomp.diagnosis.answer import WORSE, Answer, shown_within_windows, spoken_for
+from rlgcomp.diagnosis.answer import WORSE, Answer, spoken_for
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, acquitted, healthy, verdict_of
 from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause, noise_model
 from rlgcomp.diagnosis.naming.background import Background
@@ -137,7 +137,7 @@ def within_windows(found: Answer) -> tuple[str, ...]:
     return tuple(
         f"{mechanism.name} acts within the windows of {window_s:.3g} s, whose means average most of it away. At their full rate "
         f"held-out runs show {Estimate(shown, sd, '1')} of what the training runs say of it."
-        for mechanism, shown, sd in shown_within_windows(found.posed.whole, found.after)
+        for mechanism, shown, sd in found.shown_within_windows
     )
 
 

@@ -96,8 +96,8 @@ class RotationHarmonics(Mechanism):
         if len(self.orders) == MOST:
             return ()
         further = set(range(2, min(highest_order(recordings), LOWER) + 1)) - set(self.orders)
-        places = [f"order_{j}" for j, k in enumerate((self.order_1, self.order_2, self.order_3, self.order_4), 1) if not k]
-        return tuple(dataclasses.replace(self, **{places[0]: order}) for order in sorted(further))  # type: ignore[arg-type]
+        place = next(name for name in (f"order_{j}" for j in range(1, MOST + 1)) if not getattr(self, name))
+        return tuple(dataclasses.replace(self, **{place: order}) for order in sorted(further))  # type: ignore[arg-type]
 
     @classmethod
     def not_shown(cls, recordings: Sequence[Recording]) -> str:
