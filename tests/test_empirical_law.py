@@ -273,3 +273,10 @@ def test_a_recording_beyond_what_a_law_was_learnt_from_is_spoken_of() -> None:
 
 def test_lags_of_less_than_a_second_are_laws_too() -> None:
     assert EmpiricalLaw(memory="lag", lag_s=0.4).lag_s == 0.4
+
+
+def test_a_middle_that_is_nought_but_for_rounding_is_printed_as_nought() -> None:
+    of_rate = EmpiricalLaw(memory="rate", form="above", low=-0.5, high=0.5, at=3.5e-15, amplitude_deg_h=0.002)
+    assert " - 0 degC/min" in of_rate.stated()
+    assert " - 0.1 degC/min" in dataclasses.replace(of_rate, at=0.1).stated()
+    assert " + 0.1 degC/min" in dataclasses.replace(of_rate, at=-0.1).stated()

@@ -355,7 +355,7 @@ def test_encoder_wrap_is_undone() -> None:
     angle = 3.0 * np.arange(2000.0)
     mended, report = mend(table().assign(table_angle_deg=angle % 360.0), kind="turntable")
     assert mended["table_angle_deg"].to_numpy() == pytest.approx(angle)
-    assert "16 wraps of the encoder undone" in report
+    assert "noted: table_angle_deg, row 120: 16 wraps of the encoder undone" in report
 
 
 def test_text_in_a_number_column() -> None:

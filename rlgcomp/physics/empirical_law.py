@@ -23,6 +23,7 @@ FORMS: Final = ("power", "above", "below", "step", "saturation", "bump", "resona
 NARROW: Final = ("saturation", "bump", "resonance", "dispersion", "periodic")  # forms that have a width
 RATE_INDEPENDENT: Final = ("play", "plays")
 _SHARES: Final = -np.log1p(-(np.arange(8) + 0.5) / 8)  # radii at equal steps of an exponential distribution of mean one
+_ROUNDING: Final = 1e-9  # of half the range: a middle that is nearer to nought is nought
 _FURTHER: Final = 0.2  # of the range of a driver: beyond it by more, a law is said to be extrapolated
 _LARGEST: Final = 1e9
 _UNITS: Final = {TEMPERATURE: "degC", TABLE_RATE: "deg/s"}
@@ -170,7 +171,8 @@ class EmpiricalLaw(Mechanism):
             "play": f"play({u}, {_with(self.radius, unit)}{began})",
             "plays": f"mean play({u}, r ~ exp(-r / {_with(self.radius, unit)}){began})",
         }[self.memory]
-        from_at = f"{m} - {_with(self.at, unit)}" if self.at >= 0.0 else f"{m} + {_with(-self.at, unit)}"
+        at = self.at if abs(self.at) > _ROUNDING * half else 0.0
+        from_at = f"{m} {'-' if at >= 0.0 else '+'} {_with(abs(at), unit)}"
         x, z = f"({from_at}) / {_with(half, unit)}", f"({from_at}) / {_with(self.width, unit)}"
         text = {
             "power": x if self.exponent == 1 else f"({x})^{self.exponent}",

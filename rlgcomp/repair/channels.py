@@ -115,11 +115,14 @@ def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if column not in ENCODERS:
             continue
         angle_deg = table[column].to_numpy()
-        jump_deg = 0.5 * max(360.0, context.extents(table)[column].greatest - context.extents(table)[column].least)
+        extent_deg = context.extents(table)[column].greatest - context.extents(table)[column].least
+        jump_deg = 0.5 * max(360.0, extent_deg)
         wraps = np.flatnonzero(np.abs(np.diff(angle_deg)) > jump_deg)  # an angle that runs on may advance by any number of turns
         if len(wraps):
             result = result.assign(**{column: np.unwrap(angle_deg, discont=jump_deg, period=360.0)})
-            context.add("repaired", f"{len(wraps)} wraps of the encoder undone, the angle now runs on", column, wraps[0] + 1)
+            usual = extent_deg <= 360.0  # how most encoders count: nothing is wrong with the recording
+            said = f"{len(wraps)} wraps of the encoder undone, the angle now runs on"
+            context.add("noted" if usual else "repaired", said, column, wraps[0] + 1)
     return result
 
 
