@@ -133,6 +133,11 @@ def rate_per_min(values: Array, time_s: Array, window_s: float | None = None) ->
     )
 
 
+def ahead(values: Array, time_s: Array, lead_s: float) -> Array:
+    """What a sensor will read that follows its quantity by a lag of the first order: the quantity itself."""
+    return values + lead_s / SECONDS_PER_MINUTE * rate_per_min(values, time_s) if lead_s else values
+
+
 def _blocks(samples: int, window: int) -> list[int]:
     """Edges of blocks no longer than what sums over a window can be told from: cumulative sums of t² grow with the cube of it."""
     return [*range(0, samples, max(window, _BLOCK)), samples]

@@ -17,6 +17,9 @@ from rlgcomp.robust import SD_OF_MAD, stretches
 
 Rows = npt.NDArray[np.bool_]
 _FAR: Final = 30.0  # standard deviations of a sample: at 1 Hz one such sample shifts the mean of 100 s by three of its own
+_OFF: Final = 4.0  # standard deviations of a sample, by which all of several in a row are off the same way,
+_IN_A_ROW: Final = 3  # so many at least,
+_ABRUPT: Final = 0.5  # their course beginning and ending with so much of what they are off by: what noise never does
 _LASTS_S: Final = 60.0  # a knock is over by then
 _FEWEST: Final = 5  # samples on either side, where they are far apart
 _SHARE: Final = 0.05  # of the samples: what stands off more often is the gyro's own
@@ -36,23 +39,47 @@ def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
     sample_deg_h = SD_OF_MAD / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or counting_deg_h(run, gyro)
     if not sample_deg_h > 0.0:
         return none
-    jumps = np.r_[True, np.abs(np.diff(rate_deg_h)) > _FAR * sample_deg_h, True]
-    if not jumps[1:-1].any():
+    steps = np.abs(np.diff(rate_deg_h)) / sample_deg_h
+    if not ((steps > _FAR).any() or _in_a_row(_off_blocks(rate_deg_h, _reach(run)) / sample_deg_h).any()):
         return none
-    reach = max(_FEWEST, math.ceil(_LASTS_S / run.period_s))
-    usual = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
-    far = np.abs(rate_deg_h - usual) > _FAR * sample_deg_h
+    usual = pd.Series(rate_deg_h).rolling(2 * _reach(run) + 1, center=True, min_periods=1).median().to_numpy()
+    off = (rate_deg_h - usual) / sample_deg_h
+    far, jumps = np.abs(off) > _FAR, np.r_[True, steps > _FAR, True]
     for start, stop in stretches(far):
         far[start:stop] = jumps[start] and jumps[stop]  # the tip of a steep course is no knock
+    for start, stop in stretches(_in_a_row(off)):
+        edges = np.r_[math.inf, steps, math.inf][[start, stop]]
+        height, lasts_s = abs(float(off[start:stop].mean())), (stop - start) * run.period_s
+        far[start:stop] |= edges.min() > _ABRUPT * height and height * (stop - start) > _FAR and lasts_s <= _LASTS_S
     count = int(far.sum())
     if not 0 < count <= _SHARE * len(far):
         return none
-    furthest = float(np.max(np.abs(rate_deg_h - usual)[far])) / sample_deg_h
+    furthest = float(np.max(np.abs(off[far])))
     stand, whose = ("samples stand", "their") if count > 1 else ("sample stands", "its")
     return far, (
         f"{count} {stand} up to {furthest:.0f} standard deviations off {whose} neighbours, the first at "
         f"{run.time_s[far][0]:.6g} s: a knock or a fault of the logger"
     )
+
+
+def _reach(run: Recording) -> int:
+    """Samples on either side of one, among which it stands out."""
+    return max(_FEWEST, math.ceil(_LASTS_S / run.period_s))
+
+
+def _off_blocks(values: npt.NDArray[np.float64], block: int) -> npt.NDArray[np.float64]:
+    """How far values are off the median of so many in a row, which takes a moment."""
+    whole = values[: len(values) // block * block].reshape(-1, block)
+    return np.asarray((whole - np.median(whole, axis=1, keepdims=True)).ravel())
+
+
+def _in_a_row(off: npt.NDArray[np.float64]) -> Rows:
+    """Samples off the same way, several in a row; `off` in standard deviations of one."""
+    rows = np.zeros(len(off), dtype=np.bool_)
+    for beyond in (off > _OFF, off < -_OFF):
+        for start, stop in stretches(beyond):
+            rows[start:stop] = stop - start >= _IN_A_ROW
+    return rows
 
 
 def without_knocks(run: Recording, gyro: str | None) -> tuple[Recording, str | None]:

@@ -311,6 +311,23 @@ def test_two_runs_may_have_the_same_phase_by_chance(phases: tuple[float, ...], f
     assert size == pytest.approx(0.004, rel=0.2)
 
 
+def test_a_simulator_that_jumps_itself_lacks_nothing() -> None:
+    """Nor does one that was given the jumps that it lacked; its bias is then the runs' mean, not the middle between two values."""
+    jumps = {"half_step_deg_h": 0.006, "dwell_s": 9000.0}
+    mechanisms = [{"thermal_polynomial": {"degree": 3}}, {"random_telegraph": jumps}]
+    noise = {"angle_random_walk_deg_sqrt_h": 0.0003}
+    gyro = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": mechanisms, "noise": noise})
+    runs = [gyro.simulate(seed=seed, step_s=5.0) for seed in (1, 2, 3)]
+    assert rlg.diagnose(gyro, train=runs[:2], test=runs[2:], black_box=False).verdict == "none"
+    lacking = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": mechanisms[:1], "noise": noise})
+    found = rlg.diagnose(lacking, train=runs[:2], test=runs[2:], black_box=False)
+    assert [cause.name for cause in found.causes] == ["random_telegraph"]
+    off = [runs[k].rate_deg_h() - found.augmented.predict(runs[k]).rate_deg_h() for k in (0, 1)]
+    assert abs(np.concatenate(off).mean()) < 0.0005
+    again = rlg.diagnose(found.augmented, train=runs[:2], test=runs[2:], black_box=False)
+    assert again.verdict == "none"
+
+
 def test_of_a_line_whose_phase_is_each_runs_own_nothing_stated_is_taken_off() -> None:
     """Amplitudes stated of it say how large it is, not with which phase: taken off with phase zero, it would be there twice."""
     line = [

@@ -40,6 +40,17 @@ def test_a_knock_is_left_out_and_spoken_of(step_s: float, rows: slice) -> None:
     assert f"neighbours, the first at {sound.time_s[rows][0]:.6g} s:" in said
 
 
+@pytest.mark.parametrize("step_s", [0.1, 1.0])
+@pytest.mark.parametrize(("rows", "deg_h"), [(slice(1000, 1003), 0.3), (slice(2000, 2020), -0.2), (slice(2990, 3030), 0.16)])
+def test_a_burst_of_samples_none_of_which_is_far_by_itself_is_a_knock(step_s: float, rows: slice, deg_h: float) -> None:
+    sound = run(step_s=step_s)
+    left, said = without_knocks(struck(sound, rows, deg_h), None)
+    missing = np.setdiff1d(np.arange(ROWS), np.searchsorted(sound.time_s, left.time_s))
+    assert said is not None
+    assert set(missing) <= set(range(ROWS)[rows])
+    assert len(missing) >= 0.9 * len(range(ROWS)[rows])
+
+
 @pytest.mark.parametrize("rows", [slice(1000, 1400), slice(1000, ROWS), slice(None)])
 def test_what_stays_is_the_gyros_own(rows: slice) -> None:
     recording = struck(run(), rows, 5.0)

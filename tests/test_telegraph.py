@@ -216,3 +216,20 @@ def test_a_level_that_never_flips_leaves_its_dwell_open() -> None:
     rows = rows_of(WINDOW_S * (np.arange(300) + 0.5))
     found_s, sd_s = telegraph.likeliest_dwell_s(rows, 1.0 + 0.3 * np.random.default_rng(1).standard_normal(300), 1.0, 0.3)
     assert sd_s >= 0.9 * found_s
+
+
+def test_a_strong_path_is_found_whole_beside_a_smooth_part_that_could_take_up_much_of_it() -> None:
+    """From a smooth part that has taken up what it can of the jumps, expectation and maximisation end elsewhere."""
+    count, wrong = 400, []
+    share = np.linspace(-1.0, 1.0, count)
+    columns = np.column_stack([np.ones(count), share, share**2, share**3, np.exp(-(share + 1.0) / 0.1)])
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        jumps = telegraph_means(count, 5000.0, rng)
+        values = 2.8 * jumps + columns @ rng.normal(0.0, 5.0, 5) + rng.standard_normal(count)
+        orthonormal = np.linalg.qr(columns)[0]
+        path = telegraph.best_path(
+            rows_of(WINDOW_S * (np.arange(count) + 0.5)), values - orthonormal @ (orthonormal.T @ values), orthonormal
+        )
+        wrong.append(int((np.sign(path.signs) != np.sign(jumps)).sum()))
+    assert max(wrong) <= 0.02 * count

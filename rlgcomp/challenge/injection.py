@@ -28,6 +28,7 @@ Array = npt.NDArray[np.float64]
 M = TypeVar("M", bound=Mechanism)
 SHARE: Final = "1"  # unit of an amplitude that is a share of what the shapes say: never negative, one in nature
 _JITTER: Final = 0.1  # of a shape about its place in the grid, so that no truth lies on it
+_CYCLES: Final = 4.5  # of a line in the shortest run: fewer are a drift to anyone
 _ENERGY: Final = 0.8  # share of an effect's square that its intervals hold
 _EVERYWHERE: Final = 0.6  # intervals that cover more than this say nothing of a place
 
@@ -53,11 +54,11 @@ def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, wi
         elif parameter.role == "shape":
             value = parameter.typical if point is None else getattr(point, parameter.name)
             values[parameter.name] = _shape(parameter, value, shortest_s, window_s, rng)
-    return kind.from_mapping(values)
+    return kind.from_mapping(values).acting()
 
 
 def _shape(parameter: Parameter, value: float, shortest_s: float, window_s: float, rng: np.random.Generator) -> float:
-    seen = {"s": (3.0 * window_s, 0.3 * shortest_s), "Hz": (3.0 / shortest_s, 0.25 / window_s)}
+    seen = {"s": (3.0 * window_s, 0.3 * shortest_s), "Hz": (_CYCLES / shortest_s, 0.25 / window_s)}
     if parameter.unit in seen:
         low, high = (min(max(edge, parameter.low), parameter.high) for edge in seen[parameter.unit])
         return float(math.exp(rng.uniform(math.log(low), math.log(max(low, high)))))

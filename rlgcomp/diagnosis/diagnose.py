@@ -24,6 +24,7 @@ from rlgcomp.diagnosis.detection.locate.residual import SIGNIFICANT
 from rlgcomp.diagnosis.detection.locate.stretches import NOISIER
 from rlgcomp.diagnosis.fitting.fit import Fitted, fit, noise_model
 from rlgcomp.diagnosis.naming.background import Background
+from rlgcomp.diagnosis.naming.evidence import Evidence
 from rlgcomp.diagnosis.naming.explain import Explanations, considered
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
 from rlgcomp.diagnosis.posed import Asked, Posed
@@ -249,7 +250,7 @@ def _searched(
     told(0.5)
     with ThreadPoolExecutor(1) as beside:  # neither needs the other
         given = explanations.search.noise_log_prior, explanations.ordinary, explanations.coarse, stream(seed, "detection")
-        detecting = beside.submit(detect, explanations.evidence, *given)
+        detecting = beside.submit(detect, _beside_own_jumps(explanations), *given)
         conclusion = concluded(posed.windowed, explanations, posed.whole_windowed)
     detection = detecting.result()
     conclusion = beyond_noise(conclusion, detection.p_value, explanations.first)
@@ -258,6 +259,15 @@ def _searched(
     explanations, conclusion = and_laws(posed, explanations, conclusion)
     told(0.75)
     return _Searched(posed, explanations, conclusion, detection, nothing, before, mismatches, as_stated, wrong, box)
+
+
+def _beside_own_jumps(explanations: Explanations) -> Evidence:
+    """The evidence, where the simulator jumps with its path in the baseline."""
+    evidence = explanations.evidence
+    problem = explanations.beside_own_jumps(evidence.problem)
+    if problem.baseline.shape == evidence.problem.baseline.shape:
+        return evidence
+    return Evidence(problem, evidence.candidates[: explanations.coarse], evidence.noises)
 
 
 def _told(
@@ -274,7 +284,8 @@ def _told(
     in_noise = searched.detection.p_value
     # a path of jumps or a law is seen by the search alone, whose Bayes factor bounds the p-value
     p_value = min(in_noise, by_chance, 1.0 if verdict == "none" else least_p_value(searched.nothing))
-    places = locate(searched.posed.windowed, searched.posed.within, first.shape, stream(seed, "places"))
+    settled = searched.explanations.beside_own_jumps(searched.posed.windowed)
+    places = locate(settled, searched.posed.within, first.shape, stream(seed, "places"))
     asked = functools.partial(what_to_run, windowed, last.explanations, conclusion.model, last.shape, after)
     next_up, untold = asked(chamber=last.posed.asked.chamber, seed=seed) if verdict == "ambiguous" else (None, ())
     numbers, before = searched.before.baseline | after.baseline, searched.before

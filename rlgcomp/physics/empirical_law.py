@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.errors import InputError
-from rlgcomp.filters import lag, rate_per_min, running_mean
+from rlgcomp.filters import ahead, lag, rate_per_min, running_mean
 from rlgcomp.hysteresis import STARTS, play_paths
 from rlgcomp.motion import rate_deg_s
 from rlgcomp.physics.mechanism import TABLE_RATE, TEMPERATURE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
-from rlgcomp.units import SECONDS_PER_MINUTE, column_unit
+from rlgcomp.units import column_unit
 
 SMOOTHING_S: Final = 20.0  # a law answers to the quantity, not to the noise of its reading
 MEMORIES: Final = ("static", "lag", "rate", "play", "plays")
@@ -232,11 +232,6 @@ def smoothed(recording: Recording, column: str) -> Array:
         return rate_deg_s(recording)
     values = recording.column(column)
     return values if column_unit(column) in _AS_THEY_ARE else running_mean(values, recording.time_s, SMOOTHING_S)
-
-
-def ahead(values: Array, time_s: Array, lead_s: float) -> Array:
-    """What a sensor will read that follows its quantity by a lag of the first order: the quantity itself."""
-    return values + lead_s / SECONDS_PER_MINUTE * rate_per_min(values, time_s) if lead_s else values
 
 
 def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: float, swept: float = 0.0) -> Array:

@@ -271,6 +271,10 @@ class Mechanism(abc.ABC):
         del recording
         return ""
 
+    def acting(self) -> Self:
+        """As it acts on the quantities themselves, which a simulator has, and not as recordings read them."""
+        return self
+
     def informed_by(self, recordings: Sequence[Recording]) -> Self:
         """With what recordings of a real gyro tell in place of what the simulator knows when it simulates."""
         del recordings

@@ -140,7 +140,7 @@ class Simulator:
         else:
             raise InputError(f"a simulator of kind {self.kind!r} cannot run the programme {programme}; give one of its own kind")
         there = Recording(actual.assign(**{column: 0.0}), metadata, name=name)
-        contributions = self._errors(there, self.mechanisms, seed)
+        contributions = self._errors(there, [mechanism.acting() for mechanism in self.mechanisms], seed)
         noise = TYPICAL_NOISE if self.noise is None else self.noise
         contributions |= noise.simulate(len(there), step_s, seed)
         truth = pd.DataFrame(contributions, index=actual.index)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,7 @@ from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate
 
 Array = npt.NDArray[np.float64]
+_TELLS: Final = 1e-6  # of the information of the best path: one that hardly flips is a bias, and says nothing of its size
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,9 +57,11 @@ class DrawnPaths:
         seen, along = seen - u @ (u.T @ seen), along - u @ (u.T @ along)
         information = np.maximum((along**2).sum(axis=0), 1e-300)
         sizes = (along.T @ seen)[:, 0] / information
+        tell = information > _TELLS * information.max()
+        sizes[~tell] = np.average(sizes[tell], weights=information[tell])
         squares = (seen**2).sum() - sizes**2 * information
-        variances = squares / (len(problem.rows) - others.shape[1] - 1) / information
-        spread = math.sqrt(float(np.mean(variances)) + float(np.var(sizes)))
+        variances = (squares / (len(problem.rows) - others.shape[1] - 1) / information)[tell]
+        spread = math.sqrt(float(np.mean(variances)) + float(np.var(sizes[tell])))
         return cls(sizes * signs, Estimate(float(np.mean(sizes)), spread, "deg/h"))
 
     @property

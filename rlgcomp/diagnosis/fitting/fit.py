@@ -151,7 +151,7 @@ def fit(
         causes = _settled(problem, chosen, causes, at.columns, noise)
     for cause in causes:
         simulator = _joined(simulator, cause)
-    return Fitted(simulator, baseline, tuple(causes), math.sqrt(square / freedom), left)
+    return Fitted(_with_mean_of_jumps(problem, simulator, causes), baseline, tuple(causes), math.sqrt(square / freedom), left)
 
 
 def _settled_down(problem: Problem, chosen: Sequence[Candidate], mechanisms: Sequence[Mechanism], noise: NoiseShape) -> Design:
@@ -207,6 +207,15 @@ def _within_limits(problem: Problem, design: Array, held: npt.NDArray[np.bool_],
         if not beyond.any():
             return weights, covariance, square
         weights, free = np.clip(weights, low, high), free & ~beyond
+
+
+def _with_mean_of_jumps(problem: Problem, simulator: Simulator, causes: Sequence[FittedCause]) -> Simulator:
+    """The simulator whose constant bias is that of runs that jump, and not the middle between the two values: no path is predicted,
+    and a run may be at one of them for most of its time."""
+    windows = slice(len(problem.rows) - problem.rows.contrasts)
+    means = [float(cause.contribution_deg_h[windows].mean()) for cause in causes if cause.mechanism.jumps()]
+    bias = dataclasses.replace(problem, simulator=simulator).constant(sum(means)) if means else None
+    return simulator if bias is None else simulator.with_mechanism(bias)
 
 
 def _limits(problem: Problem, count: int) -> tuple[Array, Array]:
@@ -267,7 +276,7 @@ def _causes(
     slope_place = place + sum(block.shape[1] for block in columns)
     for candidate, mechanism, block, found in zip(chosen, mechanisms, columns, derived, strict=True):
         if drawn is not None and not block.shape[1]:
-            causes.append(_jumping(problem.rows, mechanism, drawn, left))
+            causes.append(_jumping(problem.rows, mechanism, drawn, left, known=candidate.known))
             continue
         part = slice(place, place + block.shape[1])
         place = part.stop
@@ -388,12 +397,12 @@ def _free(problem: Problem, candidate: Candidate) -> frozenset[str]:
     return problem.simulator.free.get(candidate.name, frozenset())
 
 
-def _jumping(rows: Rows, mechanism: Mechanism, drawn: DrawnPaths, left: Array) -> FittedCause:
+def _jumping(rows: Rows, mechanism: Mechanism, drawn: DrawnPaths, left: Array, *, known: bool) -> FittedCause:
     """A cause that jumps, on all its paths."""
     jumps, half_step = drawn.mean_deg_h, drawn.half_step
     estimates = _of_jumps(rows, mechanism, jumps, left, half_step, drawn.jumps_deg_h.var(axis=1))
     chi_square = (half_step.value / half_step.sd) ** 2
-    return FittedCause(_filled(mechanism, estimates), estimates, jumps, known=False, chi_square=chi_square)
+    return FittedCause(_filled(mechanism, estimates), estimates, jumps, known, chi_square)
 
 
 def _filled(mechanism: Mechanism, estimates: Mapping[str, Estimate]) -> Mechanism:

@@ -123,6 +123,14 @@ class Explanations:
         """The members of a model."""
         return [self.evidence.candidates[member.candidate] for member in model.members]
 
+    def beside_own_jumps(self, problem: Problem) -> Problem:
+        """The problem of the training runs, its windows alone or not, with the simulator's own jumps in its baseline: no other run
+        has their path."""
+        own = [one for one in self.candidates(self.likeliest) if one.known and one.mechanism.jumps()]
+        columns = [one.columns[: len(problem.rows)] for one in own]
+        names = (*problem.baseline_names, *((one.name, "path") for one in own))
+        return dataclasses.replace(problem, baseline=np.column_stack([problem.baseline, *columns]), baseline_names=names)
+
     def in_training(self, model: Model) -> Model:
         """The same set by the training runs alone."""
         proposed = self.models if self.proposed is None else self.proposed.models
@@ -142,9 +150,9 @@ class Explanations:
 
     def wrong_numbers(self) -> tuple[str, ...]:
         """Mechanisms of the simulator whose numbers, said to be known, do not fit: more likely so than not, or in the likeliest
-        set."""
+        set. What jumps has no numbers that could be found anew."""
         labels = sorted({label for model in self.models for label in model.labels if label[1]})
-        labels = [label for label in labels if not self.search.has_own_biases({label})]
+        labels = [one for one in labels if not self.search.has_own_biases({one}) and self.search.without_jumps(frozenset({one}))]
         held = {label: [label in model.labels for model in self.models] for label in labels}
         likely = {label for label, where in held.items() if float(self.probabilities[where].sum()) > WRONG}
         return tuple(name for name, known in labels if (name, known) in likely | self.likeliest.labels)
@@ -357,8 +365,12 @@ def _proposed(search: Search, models: Sequence[Model], kinds: Sequence[type[Mech
 
 
 def jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechanism]]) -> list[Candidate]:
-    """Candidates whose column is the likeliest path of jumps in what models leave, but for the jumps they have."""
+    """Candidates whose column is the likeliest path of jumps in what models leave, but for the jumps they have.
+
+    Of a simulator that jumps itself no physics is missing: its path is another in every run, and its own.
+    """
     evidence = search.evidence
+    own = {mechanism.name for mechanism in evidence.problem.simulator.mechanisms}
     known = {(candidate.mechanism, candidate.log_weight) for candidate in evidence.candidates}
     found: list[Candidate] = []
     for kind in kinds:
@@ -371,5 +383,5 @@ def jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechan
             mechanism = kind.jumping(path.half_step * evidence.scale_deg_h, path.dwell_s)
             if mechanism is not None and path.flips and (mechanism, path.log_weight) not in known:
                 known.add((mechanism, path.log_weight))
-                found.append(Candidate(mechanism, path.signs[:, None], path.log_weight))
+                found.append(Candidate(mechanism, path.signs[:, None], path.log_weight, kind.name in own))
     return found

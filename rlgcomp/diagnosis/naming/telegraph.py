@@ -34,10 +34,14 @@ from scipy import linalg
 
 from rlgcomp.diagnosis.naming.two_levels import DWELLS_S, Models, drawn_signs, likeliest_signs, log_likelihood, smoothed
 from rlgcomp.diagnosis.noise.whitening import Rows
+from rlgcomp.robust import SD_OF_MAD, stretches
 
 Array = npt.NDArray[np.float64]
 _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation
-_ITERATIONS: Final = 12
+_SIDES: Final = (4, 10, 25)  # windows on either side of a flip, by whose means it is seen,
+_SURE: Final = 3.0  # standard deviations of their difference
+_ITERATIONS: Final = 30
+_SETTLED: Final = 1e-3  # of the residual's standard deviation, by which no weight of the smooth part still moves
 _NUDGE: Final = 0.02  # of the noise, of a logarithm: to find the curvature
 _LEAST: Final = 0.01  # of a known path's information, that is left of it
 _CHAINS: Final = 32
@@ -176,18 +180,51 @@ def _expected(target: _Target) -> tuple[Array, Models]:
     """Smooth parts, shape (p, models), and models that expectation and maximisation end with."""
     weights = target.weights
     spread = float(np.std(np.sqrt(weights) * target.without(target.projected(np.zeros((target.windows.stop, 1))))))
-    dwell_s, step = (grid.ravel() for grid in np.meshgrid(DWELLS_S, _STEPS, indexing="ij"))
-    models = Models(spread * step, np.full(len(dwell_s), 0.7 * spread), dwell_s)
-    smooth = np.zeros((target.columns.shape[1], len(dwell_s)))
+    begun = [(step * spread, np.zeros(target.columns.shape[1])) for step in _STEPS] + _begun_by_steps(target)
+    sizes, parts = (np.array(some) for some in zip(*begun, strict=True))
+    many = len(DWELLS_S) * len(sizes)
+    models = Models(np.tile(sizes, len(DWELLS_S)), np.full(many, 0.7 * spread), np.repeat(DWELLS_S, len(sizes)))
+    smooth = np.tile(parts.T, len(DWELLS_S))
     for _ in range(_ITERATIONS):
         mean, square, _ = smoothed(target.rows, target.without(smooth), models)
-        smooth = target.projected(models.half_step * mean)
+        before, smooth = smooth, target.projected(models.half_step * mean)
         values = target.without(smooth)
         along = (weights * values * mean).sum(axis=0)
         half_step = np.maximum(along / np.maximum((weights * square).sum(axis=0), 1e-12), 1e-3 * spread)
         variance = (weights * (values**2 - 2.0 * values * half_step * mean + half_step**2 * square)).mean(axis=0)
-        models = Models(half_step, np.sqrt(np.maximum(variance, (0.05 * spread) ** 2)), dwell_s)
+        models = Models(half_step, np.sqrt(np.maximum(variance, (0.05 * spread) ** 2)), models.dwell_s)
+        if np.abs(smooth - before).max() < _SETTLED * spread:
+            break
     return smooth, models
+
+
+def _begun_by_steps(target: _Target) -> list[tuple[float, Array]]:
+    """Half steps and smooth parts beside paths that flip where means of some windows differ from those before: a smooth part, which
+    may take up much of a path, hardly shows in these."""
+    values, found = target.values[target.windows], []
+    for some in _SIDES:
+        signs = np.r_[np.concatenate([_flipping(values[part], some) for part in target.rows.runs]), np.zeros(target.rows.contrasts)]
+        beside = signs - target.columns @ (target.columns.T @ signs)
+        square = float(beside @ beside)
+        if square > 0.0:
+            half_step = abs(float(beside @ target.values)) / square
+            found.append((half_step, target.projected(half_step * signs[target.windows, None])[:, 0]))
+    return found
+
+
+def _flipping(values: Array, some: int) -> Array:
+    """Signs that flip where the mean of some values differs most, and surely, from that of as many before, up and down."""
+    steps = np.zeros(len(values))
+    total = np.r_[0.0, np.cumsum(values)]
+    if len(values) > 2 * some:
+        steps[some : len(values) - some + 1] = (total[2 * some :] - 2.0 * total[some:-some] + total[: -2 * some]) / some
+    noise = SD_OF_MAD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
+    far = np.abs(steps) > _SURE * noise * math.sqrt(2.0 / some)
+    tops = [start + int(np.argmax(np.abs(steps[start:stop]))) for start, stop in stretches(far)]
+    signs = np.full(len(values), -np.sign(steps[tops[0]]) if tops else 1.0)
+    for top in tops:
+        signs[top:] = np.sign(steps[top])
+    return signs
 
 
 def _spread(target: _Target, smooth: Array, model: Models) -> Array:
