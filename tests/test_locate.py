@@ -133,6 +133,20 @@ def blue(size_deg_h: float) -> Error:
     return lambda rate, angle: size_deg_h * np.diff(np.random.default_rng(8).standard_normal(len(rate)), prepend=0.0)
 
 
+def test_a_line_of_a_part_of_a_run_is_one_place() -> None:
+    """What swings for half of a run has lines side by side, and is told once."""
+
+    def part(time_s: np.ndarray, driver: np.ndarray) -> np.ndarray:
+        del driver
+        return 4.0 * NOISE_DEG_H * np.sin(2.0 * np.pi * 0.003 * time_s) * (time_s < 7000.0)
+
+    found = [place for place in places(CHAMBER, in_chamber(7, part)) if place.frequency_hz is not None]
+    width_hz = 4.0 / 14400.0
+    for k, place in enumerate(found):
+        assert not any(one.run == place.run and abs(one.frequency_hz - place.frequency_hz) < width_hz for one in found[:k])
+    assert any(abs(place.frequency_hz - 0.003) < 1e-4 for place in found)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_of_the_angle_is_no_harmonic(seed: int) -> None:
     assert not any(place.angle_harmonic for place in places(TABLE, on_table(seed, blue(0.05), 0.1), 50.0))

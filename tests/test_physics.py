@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.filters import lag
 from rlgcomp.noise import stream
 from rlgcomp.physics.mechanism import Mechanism
 
@@ -339,3 +340,22 @@ def test_hysteresis_opens_a_loop_whatever_the_speed(law: str) -> None:
         widths.append(down - up)
     assert abs(widths[0]) > 1e-4
     assert widths[0] == pytest.approx(widths[1], rel=0.05)
+
+
+def test_a_gradient_read_by_late_thermometers_is_the_gradient_itself() -> None:
+    """Ahead of their lag of the first order, readings are what a slab's two ends have; what is simulated has these."""
+    time_s = np.arange(0.0, 30000.0, 20.0)
+    inside, outside = (20.0 + 15.0 * np.sin(2.0 * np.pi * (time_s - late) / 9000.0) for late in (400.0, 0.0))
+    late = rlg.CATALOGUE["thermal_gradient"](k_deg_h_K=1.0, thermometers_late_s=30.0)
+
+    def contribution(mechanism: Mechanism, block: np.ndarray, shell: np.ndarray) -> np.ndarray:
+        table = {"time_s": time_s, "gyro_deg_h": 0.0 * time_s, "temperature_block_degC": block, "temperature_shell_degC": shell}
+        return mechanism.contribution(rlg.Recording(pd.DataFrame(table)), np.random.default_rng(0))
+
+    read = [lag(values, time_s, 30.0) for values in (inside, outside)]
+    away = slice(10, -10)
+    assert contribution(late, *read)[away] == pytest.approx((inside - outside)[away], abs=0.02)
+    assert np.abs(contribution(late.acting(), *read) - (inside - outside))[away].max() > 0.05
+    assert contribution(late.acting(), inside, outside) == pytest.approx(inside - outside)
+    assert "thermometers_late_s" in late.stated()
+    assert not late.acting().shape_parameters()

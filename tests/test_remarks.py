@@ -177,6 +177,10 @@ def test_one_held_out_run_that_is_off_is_spoken_of(std: float, p_value: float, s
     found = off_held_out("explained", left)
     assert len(found) == said
     assert all(one.startswith("run3 is off by 0.0014 deg/h about its own mean, 1.4 times the noise") for one in found)
+    assert all("not by noise alone" in one for one in found)
+    beyond = off_held_out("explained", left, extrapolated=["run3"])
+    assert len(beyond) == said
+    assert all("its predictions are extrapolated" in one and "noise alone" not in one for one in beyond)
 
 
 @pytest.mark.parametrize(("after", "said"), [(0.0049, 0), (0.0052, 0), (0.0060, 1)])
@@ -250,7 +254,8 @@ def test_an_angle_goes_round_and_is_not_extrapolated() -> None:
         return Trace("new" if held_out else "old", held_out, 3600.0 * hours, hours, hours, None, monitors, {}, "gyro_deg_s")
 
     drivers = {"temperature_block_degC", "table_angle_deg"}
-    assert extrapolations_of([trace(False, 10.0, 100.0), trace(True, 10.0, 300.0)], drivers) == ()
-    (said,) = extrapolations_of([trace(False, 10.0, 100.0), trace(True, 30.0, 300.0)], drivers)
+    assert extrapolations_of([trace(False, 10.0, 100.0), trace(True, 10.0, 300.0)], drivers) == {}
+    found = extrapolations_of([trace(False, 10.0, 100.0), trace(True, 30.0, 300.0)], drivers)
+    said = found["new"]
     assert "temperature_block_degC from 0 to 30 degC" in said
     assert "table_angle_deg" not in said

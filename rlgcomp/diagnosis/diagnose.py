@@ -291,6 +291,7 @@ def _told(
     numbers, before = searched.before.baseline | after.baseline, searched.before
     differing = {name: numbers[name] for name in searched.wrong if _differs(base, name, numbers[name])}
     model = noise_model(last.shape, after.white_deg_h, last.posed.problem.windows[0])
+    extrapolated = extrapolations_of(proof.traces, _drivers(after.simulator, runs.train[0]))
     return Diagnosis(
         verdict="unknown" if steps or in_part or denied else verdict,
         p_value=p_value,
@@ -323,9 +324,9 @@ def _told(
             *weighed_means(model, windowed.rows.window_s),
             *own_noises_of(searched.mismatches, after.white_deg_h),
             *(() if steps else worse_in_training(windowed.simulator.kind, proof.train, proof.test, named)),
-            *off_held_out(verdict, proof.test, named),
+            *off_held_out(verdict, proof.test, named, extrapolated),
             *(said for said in (unreadable(after.simulator, one.run) for one in searched.mismatches) if said is not None),
-            *extrapolations_of(proof.traces, _drivers(after.simulator, runs.train[0])),
+            *extrapolated.values(),
         ),
         traces=proof.traces,
         healthy=searched.nothing * by_chance,

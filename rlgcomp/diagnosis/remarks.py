@@ -401,20 +401,27 @@ def worse_in_training(kind: str, train: Fit, test: Fit | None, causes: Sequence[
     )
 
 
-def off_held_out(verdict: Verdict, test: Fit | None, causes: Sequence[Mechanism] = ()) -> tuple[str, ...]:
+def off_held_out(
+    verdict: Verdict, test: Fit | None, causes: Sequence[Mechanism] = (), extrapolated: Collection[str] = ()
+) -> tuple[str, ...]:
     """What to say where held-out runs are off by more than noise, though nothing is named, or for all that is; of causes that are
-    drawn anew in every run it is not asked."""
+    drawn anew in every run it is not asked.
+
+    Where predictions are extrapolated (in these runs), they err by what the numbers of the training runs are uncertain by as well.
+    """
     if verdict == "unknown" or test is None or test.augmented_std is None or not all(cause.repeats() for cause in causes):
         return ()
     if test.augmented_rms < _OFF * test.noise_floor_rms:
-        return _off_alone(test)
+        return _off_alone(test, extrapolated)
     times = test.augmented_rms / test.noise_floor_rms
     named = "" if verdict == "none" else ", with all that is named,"
     off = f"Held-out runs{named} are off by {test.augmented_rms:.2g} {test.unit} rms, {times:.1f} times the noise"
     if test.augmented_std < _OFF * test.noise_floor_rms:
+        there = listing([one.run for one in test.per_run if one.run in extrapolated])
+        beside = f", or in {there}, where predictions are extrapolated, what their numbers are uncertain by" if there else ""
         return (
-            f"{off}: a bias of each run's own accounts for it. If this gyro is known to repeat its bias better from switch-on to "
-            "switch-on, something that differs between runs is missing.",
+            f"{off}: a bias of each run's own accounts for it{beside}. If this gyro is known to repeat its bias better from "
+            "switch-on to switch-on, something that differs between runs is missing.",
         )
     return (
         f"{off}, and by {test.augmented_std:.2g} about each run's own mean: they show what the training runs do not. Take one of "
@@ -422,18 +429,22 @@ def off_held_out(verdict: Verdict, test: Fit | None, causes: Sequence[Mechanism]
     )
 
 
-def _off_alone(test: Fit) -> tuple[str, ...]:
+def _off_alone(test: Fit, extrapolated: Collection[str]) -> tuple[str, ...]:
     """Of single runs that are off, though all of them together hardly are."""
     if test.whiteness_p_value is None or test.whiteness_p_value > _NOTED:
         return ()
     said = []
     for one in test.per_run:
-        if one.augmented_std is not None and one.augmented_std > _OFF_ALONE * one.noise_floor_rms:
-            times = one.augmented_std / one.noise_floor_rms
-            said.append(
-                f"{one.run} is off by {one.augmented_std:.2g} {test.unit} about its own mean, {times:.1f} times the noise, and not "
-                f"by noise alone (p = {test.whiteness_p_value:.1g}): it shows what the training runs do not. Take it among them."
-            )
+        if one.augmented_std is None or one.augmented_std < _OFF_ALONE * one.noise_floor_rms:
+            continue
+        times = one.augmented_std / one.noise_floor_rms
+        off = f"{one.run} is off by {one.augmented_std:.2g} {test.unit} about its own mean, {times:.1f} times the noise"
+        why = (
+            ": its predictions are extrapolated, and err by what the numbers of the training runs are uncertain by"
+            if one.run in extrapolated
+            else f", and not by noise alone (p = {test.whiteness_p_value:.1g}): it shows what the training runs do not"
+        )
+        said.append(f"{off}{why}. Take it among them.")
     return tuple(said)
 
 
@@ -486,10 +497,11 @@ def _bursts_text(windows: Windows) -> str:
     )
 
 
-def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> tuple[str, ...]:
-    """What to say of held-out runs in which a driver goes where it did not go in training, by window means; an angle goes round."""
+def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> dict[str, str]:
+    """By held-out run in which a driver goes where it did not go in training, by window means, what to say of it; an angle goes
+    round."""
     learnt = [trace.monitors for trace in traces if not trace.held_out]
-    said = []
+    said = {}
     for trace in (one for one in traces if one.held_out):
         beyond = []
         for column in trace.monitors.columns.intersection(sorted(drivers)):
@@ -501,5 +513,5 @@ def extrapolations_of(traces: Sequence[Trace], drivers: Collection[str]) -> tupl
                 unit = column_unit(column) or ""
                 beyond.append(f"{column} from {lowest:.4g} to {highest:.4g} {unit}, trained from {low:.4g} to {high:.4g}")
         if beyond:
-            said.append(f"{trace.run} leaves what was trained on ({'; '.join(beyond)}): predictions are extrapolated there.")
-    return tuple(said)
+            said[trace.run] = f"{trace.run} leaves what was trained on ({'; '.join(beyond)}): predictions are extrapolated there."
+    return said

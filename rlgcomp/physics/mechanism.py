@@ -191,7 +191,7 @@ class Mechanism(abc.ABC):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The shapes and settings that diagnosis tries; each counts equally before the data are seen.
+        """The shapes and settings that diagnosis tries; each counts equally before the data are seen, but for its :meth:`rarity`.
 
         Unless a mechanism knows better: ten points between the bounds of each shape, in equal ratios where the bounds are positive.
         """
@@ -200,6 +200,10 @@ class Mechanism(abc.ABC):
             [(parameter.name, value) for value in parameter.spread()] for parameter in cls.parameters() if parameter.role == "shape"
         ]
         return tuple(cls(**dict(point)) for point in itertools.product(*axes))
+
+    def rarity(self) -> float:
+        """How likely this point of the grid is beside an ordinary one, before the data are seen."""
+        return 1.0
 
     @classmethod
     def proposals(cls, time_s: Sequence[Array], left: Sequence[Array]) -> tuple[tuple[Self, ...], float]:

@@ -12,6 +12,7 @@ from rlgcomp.recording import Recording
 
 _LATE_S: Final = (0.0, 12.0, 30.0)  # thermometers as they are glued to a gyro
 
+_RARELY: Final = 0.01
 _OF_LATE_ONES: Final = "b = k_deg_h_K * (D + thermometers_late_s * dD/dt) with D = temperature_block_degC - temperature_shell_degC"
 
 
@@ -46,6 +47,10 @@ class ThermalGradient(Mechanism):
         """Thermometers that read at once, and such that do not."""
         del recordings
         return tuple(cls(thermometers_late_s=late_s) for late_s in _LATE_S)
+
+    def rarity(self) -> float:
+        """That they are late, only an effect far above the noise can show; a smaller one that needs it is another."""
+        return _RARELY if self.thermometers_late_s else 1.0
 
     def acting(self) -> Self:
         return dataclasses.replace(self, thermometers_late_s=0.0)

@@ -74,7 +74,8 @@ def columns(problem: Problem, amplitudes: Mapping[str, Array]) -> tuple[Array, t
 
 
 def calibrated(problem: Problem, mechanism: Mechanism) -> Mechanism:
-    """Free shapes by separable least squares: the grid's best points, then ever smaller steps about each; a misfit has valleys."""
+    """Free shapes by separable least squares: the best of the grid's points and of those that the residual suggests, then ever
+    smaller steps about each; a misfit has valleys."""
     shapes = free(problem.simulator, mechanism, "shape")
     others = _others(problem, mechanism)
     known_amplitudes = stated(problem.simulator, mechanism)
@@ -94,7 +95,10 @@ def calibrated(problem: Problem, mechanism: Mechanism) -> Mechanism:
         return float(left @ left)
 
     settings = {p.name: getattr(mechanism, p.name) for p in mechanism.parameters() if p.name not in shapes}
-    points = ({name: getattr(point, name) for name in shapes} for point in type(mechanism).grid(problem.runs))
+    left = _residual(weight[:, None] * others, weight * (problem.target_deg_h + said))
+    times_s = [problem.rows.time_s[part] - run.time_s[0] for part, run in zip(problem.rows.runs, problem.runs, strict=True)]
+    suggested, _ = type(mechanism).proposals(times_s, [left[part] for part in problem.rows.runs])
+    points = ({name: getattr(point, name) for name in shapes} for point in (*type(mechanism).grid(problem.runs), *suggested))
     starts = dict.fromkeys([mechanism, *(type(mechanism)(**(settings | point)) for point in points)])
     return min((refined(one, shapes, misfit) for one in sorted(starts, key=misfit)[:_STARTS]), key=misfit)
 

@@ -13,6 +13,7 @@ was found before is not counted again, so that shares add up to no more than one
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -30,6 +31,7 @@ from rlgcomp.diagnosis.result import Place
 
 Array = npt.NDArray[np.float64]
 _MOST: Final = 6  # answers in windows
+_BESIDE: Final = 4.0  # steps of a run's spectrum
 _TOLD: Final = 0.6  # of its rows: a place that is so much within those already found is none
 
 
@@ -85,7 +87,7 @@ def locate(problem: Problem, within: Within | None, noise: NoiseShape, rng: np.r
     if within is not None:
         found += fast_lines(problem, within)
     slow_deg_h2 = max(_slow_deg_h2(problem, residual.quiet_deg_h), total * residual.quiet_deg_h**2 / len(problem.rows))
-    return tuple(sorted(_shared(found, slow_deg_h2), key=lambda place: place.p_value))
+    return tuple(_merged(sorted(_shared(found, slow_deg_h2), key=lambda place: place.p_value), problem))
 
 
 def _best(answers: list[Answer]) -> Answer:
@@ -95,6 +97,23 @@ def _best(answers: list[Answer]) -> Answer:
 def _same_line(places: list[Place], found: list[tuple[Place, float]]) -> bool:
     orders = {other.angle_harmonic for other, _ in found}
     return any(place.angle_harmonic is not None and place.angle_harmonic in orders for place in places)
+
+
+def _merged(places: Sequence[Place], problem: Problem) -> list[Place]:
+    """Places in which lines of a run that lie side by side are one, the most significant: what swings irregularly, or in a part of
+    a run alone, has several."""
+    width_hz = {run.name: _BESIDE / run.duration_s for run in problem.runs}
+    found: list[Place] = []
+    for place in places:
+        for k, other in enumerate(found):
+            if None in (place.frequency_hz, other.frequency_hz) or place.run != other.run:
+                continue
+            if abs(place.frequency_hz - other.frequency_hz) < width_hz[place.run]:  # type: ignore[operator]
+                found[k] = dataclasses.replace(other, share=min(1.0, other.share + place.share))
+                break
+        else:
+            found.append(place)
+    return found
 
 
 def _slow_deg_h2(problem: Problem, white_deg_h: float) -> float:
