@@ -156,12 +156,41 @@ def test_predict_keeps_the_rows(folder: Path, tmp_path: Path) -> None:
 def test_predict_tells_machines_what_it_made(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "p.parquet"
     content = json.loads(run("predict", folder / "gyro.yaml", folder / "run1.parquet", "--out", out, "--json").stdout)
-    predicted = rlg.read(out, computed=True)
+    predicted = rlg.read(out)
     assert content["rows"] == len(predicted)
     assert content["columns"] == list(predicted.columns)
     assert content["gyro"] == "gyro_deg_h"
     assert content["mechanisms"] == ["thermal_polynomial", "temperature_rate", "thermal_hysteresis"]
     assert content["mean_deg_h"] == pytest.approx(predicted.rate_deg_h().mean())
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_what_predict_wrote_is_read_as_it_stands(tmp_path: Path, ending: str) -> None:
+    """It has no noise, and stands still where nothing moves: in a recording both would be faults."""
+    (tmp_path / "table.yaml").write_text("kind: turntable\nmechanisms: [scale_factor]\n")
+    made = run("simulate", tmp_path / "table.yaml", "--profile", "rates", "--out", tmp_path / "r.parquet")
+    assert made.exit_code == 0, made.output
+    out = tmp_path / f"p.{ending}"
+    assert run("predict", tmp_path / "table.yaml", tmp_path / "r.parquet", "--out", out).exit_code == 0
+    assert len(rlg.read(out)) == len(rlg.read(tmp_path / "r.parquet"))
+
+
+def test_predict_follows_no_fault_of_the_logger(folder: Path, tmp_path: Path) -> None:
+    recording = rlg.read(folder / "run1.parquet")
+    table = recording.table.copy()
+    table.loc[500, "temperature_block_degC"] += 60.0
+    rlg.write(recording.replace(table=table), tmp_path / "wild.parquet")
+    assert run("predict", folder / "gyro.yaml", folder / "run1.parquet", "--out", tmp_path / "p.parquet").exit_code == 0
+    result = run("predict", folder / "gyro.yaml", tmp_path / "wild.parquet", "--out", tmp_path / "w.parquet")
+    assert "temperature_block_degC has 1 sample" in result.output
+    calm, wild = (rlg.read(tmp_path / name).rate_deg_h() for name in ("p.parquet", "w.parquet"))
+    assert np.abs(calm - wild).max() < 1e-3
+
+
+def test_a_programme_of_thirty_years_is_refused(folder: Path, tmp_path: Path) -> None:
+    result = run("simulate", folder / "gyro.yaml", "--profile", "start 20, hold 1e9", "--out", tmp_path / "r.parquet")
+    assert result.exit_code == 2
+    assert "make it shorter, or sample more slowly (--step-s)" in result.output
 
 
 def test_every_command_answers_machines_and_says_what_its_arguments_are() -> None:

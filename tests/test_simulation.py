@@ -269,6 +269,20 @@ class TestSimulatorFile:
         assert simulator.free["temperature_rate"] == {"k_deg_h_min_K"}
         assert rlg.Simulator.from_mapping(simulator.to_mapping()) == simulator
 
+    @pytest.mark.parametrize("given", ["free", {"free": True}, {"value": 0.005, "unit": "deg/h per K/min", "free": True}])
+    def test_free_is_said_in_several_ways(self, given: object) -> None:
+        item = {"temperature_rate": {"k_deg_h_min_K": given}}
+        made = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [item]})
+        assert made.free["temperature_rate"] == {"k_deg_h_min_K"}
+
+    @pytest.mark.parametrize(
+        "given", [{"value": 0.005, "free": "maybe"}, {"value": 0.005, "unit": "deg/s"}, "maybe", {"valu": 1.0}]
+    )
+    def test_what_is_not_understood_is_not_taken_for_something(self, given: object) -> None:
+        item = {"temperature_rate": {"k_deg_h_min_K": given}}
+        with pytest.raises(rlg.InputError, match="temperature_rate: k_deg_h_min_K"):
+            rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [item]})
+
     def test_amplitudes_that_are_not_in_use_are_not_listed(self) -> None:
         cubic = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
         assert set(cubic.to_mapping()["mechanisms"][0]["thermal_polynomial"]) == {

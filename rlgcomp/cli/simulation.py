@@ -83,14 +83,18 @@ def predict(
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
     from rlgcomp.formats import write
+    from rlgcomp.knocks import without_spikes
     from rlgcomp.physics.user import user_catalogue
     from rlgcomp.simulation.simulator import Simulator
 
     require_recording(out, simulator, mechanisms, run)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
+    recording, remarks = without_spikes(recording, _read_by(made, recording))
     predicted = made.predict(recording)
     write(predicted, out)
+    for remark in remarks:
+        logger.warning("%s", remark)
     _warn_of_extrapolation(made, recording)
     (column,) = predicted.gyro_columns
     if as_json:
@@ -109,6 +113,11 @@ def predict(
         )
     else:
         say(f"{out}: {len(predicted)} rows, column {column}")
+
+
+def _read_by(simulator: Simulator, recording: Recording) -> list[str]:
+    """The monitors that a simulator reads."""
+    return [column for mechanism in simulator.mechanisms for column in mechanism.driver_columns(recording)]
 
 
 def _warn_of_extrapolation(simulator: Simulator, recording: Recording) -> None:

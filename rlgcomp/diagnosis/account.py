@@ -73,6 +73,8 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
             shares[names] = shares.get(names, 0.0) + float(probability) * without_law(conclusion)
     if own == () and conclusion.unrecorded > UNRECORDED:
         shares[()] = min(healthy(explanations), 1.0 - conclusion.unrecorded) * without_law(conclusion)
+    elif () in shares:  # that something wanders unrecorded is another matter
+        shares[()] = min(shares[()], healthy(explanations) * without_law(conclusion))
     return _ranked(shares)
 
 

@@ -17,13 +17,25 @@ from rlgcomp import units
 from rlgcomp.errors import InputError
 from rlgcomp.recording.averaging import DEFAULT_AVERAGING_S, LEAST_COVERAGE, FullWindows
 from rlgcomp.recording.columns import GYRO_UNITS, TIME, is_compensation, is_gyro, rate_name
-from rlgcomp.recording.metadata import Finding, Kind, Metadata
+from rlgcomp.recording.metadata import PREDICTED, Finding, Kind, Metadata
 from rlgcomp.recording.validity import FEWEST_ROWS, problems_of
 from rlgcomp.sampling import GAP_PERIODS, Sampling
 
 __all__ = [
-    "DEFAULT_AVERAGING_S", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "TIME",
-    "Finding", "Kind", "Metadata", "Recording", "is_compensation", "is_gyro", "rate_name",
+    "DEFAULT_AVERAGING_S",
+    "FEWEST_ROWS",
+    "GAP_PERIODS",
+    "GYRO_UNITS",
+    "LEAST_COVERAGE",
+    "PREDICTED",
+    "TIME",
+    "Finding",
+    "Kind",
+    "Metadata",
+    "Recording",
+    "is_compensation",
+    "is_gyro",
+    "rate_name",
 ]  # fmt: skip
 Array = npt.NDArray[np.float64]
 

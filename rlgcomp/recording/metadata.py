@@ -6,11 +6,12 @@ import dataclasses
 import datetime
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, Self, get_args
+from typing import Any, Final, Literal, Self, get_args
 
 from rlgcomp.errors import InputError
 
 Kind = Literal["chamber", "turntable", "static"]
+PREDICTED: Final = "predicted"  # note of a recording whose gyro is what a simulator expects
 
 
 @dataclasses.dataclass(frozen=True)

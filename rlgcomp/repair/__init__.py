@@ -12,7 +12,7 @@ from typing import Final
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.recording import FEWEST_ROWS, Finding, Metadata
+from rlgcomp.recording import FEWEST_ROWS, PREDICTED, Finding, Metadata
 from rlgcomp.repair.channels import clipped_gyros, constant_columns, encoder_wrap, stuck_gyros
 from rlgcomp.repair.clock import sampling, time_order, time_unit
 from rlgcomp.repair.context import Context
@@ -65,7 +65,8 @@ def repair(
     vouched : frozenset of str
         Columns whose unit the user stated; their unit is not doubted.
     computed : bool
-        The gyro is a simulator's: neither its standing still nor its lack of noise is a fault.
+        The gyro is a simulator's, as notes of a prediction say by themselves: neither its standing still nor its lack of noise is a
+        fault.
 
     Returns
     -------
@@ -77,7 +78,7 @@ def repair(
     InputError
         Something cannot be mended without guessing; the message lists every fault with its place and what to do.
     """
-    context = Context(metadata, vouched, computed)
+    context = Context(metadata, vouched, computed or PREDICTED in metadata.notes)
     for check in CHECKS:
         table = check(table, context)
         if len(table) < FEWEST_ROWS and not context.refused:

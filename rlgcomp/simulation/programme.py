@@ -24,6 +24,7 @@ COLDEST_DEG_C: Final = -90.0
 HOTTEST_DEG_C: Final = 180.0
 FASTEST_DEG_C_MIN: Final = 30.0
 _FEWEST_SAMPLES: Final = 10
+_MOST_SAMPLES: Final = 50_000_000  # a year and a half at one a second
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,11 +187,16 @@ def sample_count(duration_s: float, step_s: float) -> int:
     Raises
     ------
     InputError
-        They are fewer than ten.
+        They are fewer than ten, or more than a computer holds.
     """
-    samples = int(duration_s / step_s + 1e-9)
+    samples = int(min(duration_s / step_s, 1e18) + 1e-9)
     if samples < _FEWEST_SAMPLES:
         raise InputError(f"the programme lasts {duration_s:g} s: less than ten samples of {step_s:g} s")
+    if samples > _MOST_SAMPLES:
+        raise InputError(
+            f"the programme lasts {duration_s:g} s: {samples:.3g} samples of {step_s:g} s, and {_MOST_SAMPLES:g} are allowed; "
+            "make it shorter, or sample more slowly (--step-s)"
+        )
     return samples
 
 

@@ -23,7 +23,7 @@ from rlgcomp.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
 from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism
-from rlgcomp.recording import Metadata, Recording
+from rlgcomp.recording import PREDICTED, Metadata, Recording
 from rlgcomp.simulation import wording
 from rlgcomp.simulation.monitors import Beams, Monitors
 from rlgcomp.simulation.plant import ThermalPlant
@@ -194,7 +194,8 @@ class Simulator:
         column = own[0] if own else ("gyro_deg_h" if self.kind == "chamber" else "gyro_deg_s")
         table = recording.table.drop(columns=list(recording.gyro_columns))
         table.insert(1, column, convert(total, "deg/h", _GYRO_UNITS[column]))
-        return recording.replace(table=table, truth=None, findings=())
+        metadata = dataclasses.replace(recording.metadata, notes={**recording.metadata.notes, PREDICTED: True})
+        return recording.replace(table=table, metadata=metadata, truth=None, findings=())
 
     def _errors(self, recording: Recording, mechanisms: Sequence[Mechanism], seed: int) -> dict[str, Array]:
         """Errors in deg/h by mechanism: first what the light feels, then what acts on the total, in the order of the list."""
@@ -349,16 +350,17 @@ def _mechanism(item: Any, catalogue: Mapping[str, type[Mechanism]]) -> tuple[Mec
     if name not in catalogue:
         raise InputError(f"mechanisms: {name!r} is not in the catalogue; it has {', '.join(catalogue)}")
     fixed, freed = {}, set()
+    units = {parameter.name: parameter.unit for parameter in catalogue[name].parameters()}
     for key, value in (given or {}).items():
-        if isinstance(value, dict):
-            if not set(value) <= {"value", "free"}:
-                raise InputError(f"{name}: {key} is {value!r}; write a number, or {{value: NUMBER, free: true}}")
-            if value.get("free"):
-                freed.add(key)
-            if "value" in value:
-                fixed[key] = value["value"]
-        else:
-            fixed[key] = value
+        said = value if isinstance(value, dict) else {"free": True} if value == "free" else {"value": value}
+        if not (set(said) <= {"value", "free", "unit"} and isinstance(said.get("free", False), bool)):
+            raise InputError(f"{name}: {key} is {value!r}; write a number, or {{value: NUMBER, free: true}}")
+        if key in units and said.get("unit", units[key]) != units[key]:
+            raise InputError(f"{name}: {key} has the unit {said['unit']!r}; it is read in {units[key] or 'no unit'}")
+        if said.get("free"):
+            freed.add(key)
+        if "value" in said:
+            fixed[key] = said["value"]
     mechanism = catalogue[name].from_mapping(fixed)
     amplitudes = [parameter for parameter in mechanism.parameters() if parameter.role == "amplitude"]
     absent = {parameter.name for parameter in (*amplitudes, *mechanism.shape_parameters()) if parameter.name not in fixed}
