@@ -26,6 +26,7 @@ from rlgcomp.diagnosis.remarks import (
     _behind,
     _beside_a_law,
     _instead,
+    _not_told,
     _together,
     correlation_time_s,
     extrapolations_of,
@@ -170,6 +171,17 @@ def test_held_out_runs_that_are_still_off_are_spoken_of(verdict: Verdict, rms: f
     assert not off_held_out(verdict, left, [jumps])
 
 
+def test_a_shape_that_runs_do_not_show_is_said_to_be_assumed() -> None:
+    """A threshold that is passed upwards alone has a dead band that nothing tells."""
+    hop = CATALOGUE["mode_hop"](step_deg_h=0.004, threshold_degC=20.0, dead_band_K=6.0)
+    told = {name: Estimate(getattr(hop, name), 0.1, "") for name in ("step_deg_h", "threshold_degC")}
+    (said,) = _not_told(FittedCause(hop, told, np.zeros(3), known=False))
+    assert said.startswith("These runs do not tell dead_band_K of mode_hop: 6 K is assumed")
+    assert not _not_told(FittedCause(hop, told | {"dead_band_K": Estimate(6.0, 1.0, "K")}, np.zeros(3), known=False))
+    relays = CATALOGUE["thermal_hysteresis"](law="preisach")  # it has no radius
+    assert not _not_told(FittedCause(relays, {"k1_deg_h_K": Estimate(0.001, 1e-4, "deg/h/K")}, np.zeros(3), known=False))
+
+
 @pytest.mark.parametrize(("std", "p_value", "said"), [(0.0014, 0.001, True), (0.0014, 0.2, False), (0.0011, 0.001, False)])
 def test_one_held_out_run_that_is_off_is_spoken_of(std: float, p_value: float, said: bool) -> None:
     runs = tuple(RunFit(name, 0.005, own, 0.001, 0.005, own, 0.0, (0.0, 0.0)) for name, own in (("run2", 0.001), ("run3", std)))
@@ -225,7 +237,7 @@ def test_causes_that_are_likely_each_and_not_together_are_told() -> None:
 def test_a_law_that_is_hardly_less_likely_than_what_is_named_is_told_and_takes_its_share() -> None:
     law = SimpleNamespace(equation="b = play(pressure_hPa, 1 hPa)", drivers=("pressure_hPa",), memory="rate-independent")
     models = [SimpleNamespace(labels=frozenset(labels)) for labels in ({("ambient_pressure", False)}, {("ageing", False)}, set())]
-    explanations = SimpleNamespace(models=models, probabilities=np.array([0.9, 0.1, 0.0]))
+    explanations = SimpleNamespace(models=models, probabilities=np.array([0.9, 0.1, 0.0]), unrecorded=lambda _: 0.0)
     alone, doubted = Conclusion(models[0], (), 0.0, 0.0), Conclusion(models[0], (), 0.4, 0.0, instead=law)
     assert not _instead(alone)
     assert _instead(doubted) == [

@@ -108,7 +108,7 @@ def remarks_of(
         for cause in after.causes
         if not cause.mechanism.repeats()
     ]
-    remarks += [said for cause in after.causes for said in _at_the_end(cause)]
+    remarks += [said for cause in after.causes for said in (*_at_the_end(cause), *_not_told(cause))]
     remarks += _beside_a_law(after.causes)
     if explanations.left_out:
         reasons = ((name, reason.split("; ")[0].split(", which ")[0]) for name, reason in explanations.left_out.items())
@@ -330,6 +330,19 @@ def _at_the_end(cause: FittedCause) -> list[str]:
     return [
         f"{cause.mechanism.name}: {parameter.name} = {value:g} {parameter.unit} is the largest that is tried; it may be larger."
         for parameter, value in ends
+    ]
+
+
+def _not_told(cause: FittedCause) -> list[str]:
+    """What to say of shapes of a cause that these runs do not show, and that are what they were when it was tried."""
+    mechanism = cause.mechanism
+    if mechanism.open_set or cause.known or not mechanism.repeats():
+        return []
+    unsaid = {p: getattr(mechanism, p.name) for p in mechanism.shape_parameters() if p.name not in cause.estimates}
+    return [
+        f"These runs do not tell {p.name} of {mechanism.name}: {value:g} {p.unit} is assumed; runs in which it matters may be off "
+        "by what it is wrong."
+        for p, value in unsaid.items()
     ]
 
 

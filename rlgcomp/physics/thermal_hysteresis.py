@@ -73,7 +73,7 @@ class ThermalHysteresis(Mechanism):
         return super().amplitude_parameters()[: 3 if self.law == "play" else 1]
 
     def shape_parameters(self) -> tuple[Parameter, ...]:
-        return super().shape_parameters()[: 3 if self.law == "coleman_hodgdon" else 1]
+        return super().shape_parameters()[: {"coleman_hodgdon": 3, "preisach": 0}.get(self.law, 1)]
 
     def stated(self) -> str:
         return _EQUATIONS[self.law] + BEGUN[self.start]

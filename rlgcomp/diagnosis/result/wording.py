@@ -307,7 +307,7 @@ def next_aim(following: NextExperiment) -> str:
         return f"Next experiment, to tell between {rivals}"
     return (
         f"No programme in the recorded ranges would separate {rivals} well (expected probability "
-        f"{following.expected_probability_after:.2f}); a wider or longer one, or one more thermometer, might. The best found"
+        f"{following.expected_probability_after:.2f}); a wider or longer one, or a further monitor, might. The best found"
     )
 
 
@@ -544,7 +544,8 @@ def _gain(fit: Fit | None, *, foretold: bool) -> str:
     interval = interval_text(fit.improvement_ci95, digits)
     if not foretold and high >= 0.0:
         share = f"{percent_text(fit.improvement, digits)}, 95 % interval {interval}"
-        return f"No run foretells it in another: what changes held out is the mean alone, {numbers} ({share})."
+        own = "of the simulator's own numbers, which it had pulled"
+        return f"No run foretells it in another: what changes held out comes {own}, {numbers} ({share})."
     if low > 0.0:
         share = f"by {percent_text(fit.improvement, digits)} (95 % interval {interval}{_about_own_means(fit)})"
         return f"On runs held out its error falls {share}, {numbers}; the noise floor is {rms_text(fit.noise_floor_rms, fit)}."
