@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from scipy.stats import binomtest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.account import alternatives_of, set_probability
-from rlgcomp.diagnosis.conclusion import LAW, Conclusion, beyond_noise, concluded, least_p_value
+from rlgcomp.diagnosis.conclusion import LAW, Conclusion, _less_what_reads, beyond_noise, concluded, least_p_value
 from rlgcomp.diagnosis.fitting.fit import FittedCause, fit
 from rlgcomp.diagnosis.naming.explain import UNTRIED, explain
 from rlgcomp.diagnosis.naming.search import MISSING
@@ -271,3 +272,21 @@ def test_an_angle_goes_round_and_is_not_extrapolated() -> None:
     said = found["new"]
     assert "temperature_block_degC from 0 to 30 degC" in said
     assert "table_angle_deg" not in said
+
+
+def test_what_a_law_may_be_together_goes_with_it_and_so_do_paths_of_jumps() -> None:
+    """A threshold of the light passes for a slope of it and a path of jumps."""
+    names = ("light_intensity", "random_telegraph", "thermal_lag")
+    tried = [SimpleNamespace(name=name, known=False, mechanism=CATALOGUE[name]()) for name in names]
+    sets = [names, names[1:], names[2:], names[:1], ()]
+    models = [SimpleNamespace(labels=frozenset((name, False) for name in some)) for some in sets]
+    light = pd.DataFrame({"time_s": np.arange(20.0), "gyro_deg_h": 0.0, "light_intensity_V": 3.0, "temperature_block_degC": 20.0})
+    explanations: Any = SimpleNamespace(
+        evidence=SimpleNamespace(problem=SimpleNamespace(runs=[rlg.Recording(light)])),
+        candidates=lambda _: tried,
+        innocent=models[-1],
+        models=models,
+        search=SimpleNamespace(without_jumps=lambda labels: labels - {("random_telegraph", False)}),
+    )
+    law: Any = SimpleNamespace(drivers=("light_intensity_V",))
+    assert _less_what_reads(explanations, explanations.models[0], law) == models[1:3]

@@ -193,12 +193,13 @@ def _more_usual(explanations: Explanations, law: Mechanism) -> float:
 
 
 def _less_what_reads(explanations: Explanations, best: Model, law: Discovery) -> list[Model]:
-    """The set without the causes that read nothing but what a law beside them reads: one law may be what they are together."""
+    """The set without the causes that read nothing but what a law beside them reads, for one law may be what they are together; and
+    the same without paths of jumps, which follow whatever is left of it."""
     run, read = explanations.evidence.problem.runs[0], set(law.drivers)
     drivers = {(one.name, one.known): set(one.mechanism.driver_columns(run)) for one in explanations.candidates(best)}
     less = best.labels - {label for label, columns in drivers.items() if columns and columns <= read and not label[1]}
-    others = best.labels, explanations.innocent.labels
-    return [model for model in explanations.models if model.labels == less and less not in others]
+    wanted = {less, explanations.search.without_jumps(less)} - {best.labels, explanations.innocent.labels}
+    return [model for model in explanations.models if model.labels in wanted]
 
 
 def beside_laws(windowed: Problem, explanations: Explanations, conclusion: Conclusion, whole: Problem | None = None) -> Conclusion:

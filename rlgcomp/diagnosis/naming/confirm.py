@@ -53,6 +53,7 @@ _BEHIND: Final = math.log(100.0)  # of the likeliest set: held-out runs are not 
 _FAR_BEHIND: Final = math.log(1000.0)  # nor than this, where training itself speaks for it and its prior alone against
 _JUMPS_BEHIND: Final = math.log(3000.0)  # nor, of a set with a path of jumps, than this: a few runs hardly tell it from slow noise
 _ASKED: Final = 40  # sets at most
+_FIRST: Final = 3  # of these, which held-out runs may make the likeliest
 _SHOWN: Final = 2.0  # chi-square: with less a cause shows nothing of itself
 _FORESEEN: Final = 0.5  # of what a set can explain of the held-out runs
 _MISLED: Final = 1.0  # chi-square of the held-out runs: a prediction that adds more is worse than none
@@ -167,10 +168,10 @@ def _beyond_training(explanations: Explanations, judged: Collection[Model]) -> b
 
 
 def _at_issue(explanations: Explanations) -> list[Model]:
-    """The likeliest sets in training; the likeliest without one of its causes, however sure training is of that one; nothing, and
-    the best single cause, which says what further ones must exceed."""
+    """The likeliest sets in training; the first of these without one of their causes, however sure training is of that one; nothing,
+    and the best single cause, which says what further ones must exceed."""
     models, likely = _likely(explanations)
-    without_one = [model for model in models if _without_one(model, models[0])]
+    without_one = [model for model in models if any(_without_one(model, first) for first in likely[:_FIRST])]
     strongest = [model for model in models if len(model.labels) == 1][:1]
     return list(dict.fromkeys([*likely, *without_one, *strongest, next(model for model in models if not model.labels)]))
 
