@@ -168,8 +168,8 @@ def _beyond_training(explanations: Explanations, judged: Collection[Model]) -> b
 
 
 def _at_issue(explanations: Explanations) -> list[Model]:
-    """The likeliest sets in training; the first of these without one of their causes, however sure training is of that one; nothing,
-    and the best single cause, which says what further ones must exceed."""
+    """The likeliest sets in training; the first of these without one of their causes, however sure training is of it; nothing, and
+    the best single cause, which says what further ones must exceed."""
     models, likely = _likely(explanations)
     without_one = [model for model in models if any(_without_one(model, first) for first in likely[:_FIRST])]
     strongest = [model for model in models if len(model.labels) == 1][:1]
