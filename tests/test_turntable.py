@@ -341,9 +341,12 @@ def test_a_simulators_output_may_stand_still(tmp_path: Path) -> None:
     """A gyro at rest without noise is dead where it was recorded, and quite in order where it was computed."""
     quiet = of(ScaleFactor(bias_deg_h=3.0))
     run = quiet.simulate("sweep -5 5 1500, rest 300")
-    rlg.write(quiet.predict(run), tmp_path / "predicted.parquet")
-    assert len(rlg.read(tmp_path / "predicted.parquet", computed=True)) == len(run)
-    assert len(rlg.read(tmp_path / "predicted.parquet")) < len(run)
+    predicted = quiet.predict(run)
+    rlg.write(predicted.replace(metadata=run.metadata), tmp_path / "as_recorded.parquet")
+    assert len(rlg.read(tmp_path / "as_recorded.parquet", computed=True)) == len(run)
+    assert len(rlg.read(tmp_path / "as_recorded.parquet")) < len(run)
+    rlg.write(predicted, tmp_path / "predicted.parquet")
+    assert len(rlg.read(tmp_path / "predicted.parquet")) == len(run)
 
 
 class TestWhatTheTableRecords:

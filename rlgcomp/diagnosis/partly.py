@@ -25,6 +25,7 @@ from rlgcomp.diagnosis.naming.background import Background
 from rlgcomp.diagnosis.naming.explain import Explanations, considered
 from rlgcomp.diagnosis.naming.inadequacy import inadequacy
 from rlgcomp.diagnosis.naming.search import Model
+from rlgcomp.diagnosis.naming.signatures import misnamed
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.events import PARTLY as PART
 from rlgcomp.diagnosis.question.events import BiasStep, Partly, probability_of
@@ -76,7 +77,7 @@ def sought(problem: Problem, explanations: Explanations) -> Partly | None:
         best, log_factor = _best(problem, background, [best], columns, shapes)
         toll = inadequacy(explanations.evidence.explained(model.members, int(np.argmax(model.noise_log))))
         found.append((model.log_posterior + log_factor - math.log(len(shapes) * len(parts)) - toll, best, background, design))
-    log_odds = explanations.log_odds_of_event([one[0] for one in found], PARTLY, explanations.models) if found else -math.inf
+    log_odds = explanations.log_odds_of_event([one[0] for one in found], PARTLY, _against(explanations)) if found else -math.inf
     if probability_of(log_odds) < _SURE:
         return None
     _, best, background, design = max(found, key=lambda one: one[0])
@@ -143,6 +144,15 @@ def _sets(explanations: Explanations) -> list[Model]:
     calm = explanations.calm
     less = [one for one in calm if any(len(other.labels - one.labels) == 1 and one.labels < other.labels for other in calm[:1])]
     return list(dict.fromkeys([*calm[:1], *less, explanations.nothing]))
+
+
+def _against(explanations: Explanations) -> Sequence[Model]:
+    """The sets that stand against it: without paths of jumps, where the likeliest holds one that no chance draws."""
+    model, search = explanations.likeliest, explanations.search
+    jumps = model.labels - search.without_jumps(model.labels)
+    if not jumps or jumps.isdisjoint(misnamed(explanations, model)):
+        return explanations.models
+    return [one for one in explanations.models if search.without_jumps(one.labels) == one.labels]
 
 
 def _columns(explanations: Explanations, rows: int) -> dict[Mechanism, Array]:
