@@ -33,6 +33,7 @@ from rlgcomp.diagnosis.remarks import (
     extrapolations_of,
     is_worse_in_training,
     off_held_out,
+    other_noise,
     own_biases_of,
     worse_in_training,
 )
@@ -170,6 +171,16 @@ def test_held_out_runs_that_are_still_off_are_spoken_of(verdict: Verdict, rms: f
     assert not off_held_out(verdict, None)
     jumps = rlg.CATALOGUE["random_telegraph"](half_step_deg_h=0.001, dwell_s=3600.0)
     assert not off_held_out(verdict, left, [jumps])
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"), [(None, False), (0.0, False), (3e-4, False), (4e-4, False), (3e-3, True), (1e-4, True)]
+)
+def test_noise_that_is_stated_otherwise_is_spoken_of(stated: float | None, said: bool) -> None:
+    given = None if stated is None else rlg.NoiseModel(angle_random_walk_deg_sqrt_h=stated)
+    found = other_noise(given, rlg.NoiseModel(angle_random_walk_deg_sqrt_h=3e-4))
+    assert len(found) == said
+    assert all("these runs show 0.0003, by which they are weighed" in one for one in found)
 
 
 def test_a_shape_that_runs_do_not_show_is_said_to_be_assumed() -> None:

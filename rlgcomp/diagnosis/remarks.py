@@ -47,6 +47,7 @@ _NOTED: Final = 0.01  # p-value below which it is said that something is there, 
 _AS_LIKELY: Final = 0.8  # relative probability from which training runs prefer neither of two sets
 _TIMES: Final = 15  # correlation times that are tried, and sizes
 _APART: Final = 2.0  # standard deviations from which biases differ
+_OTHERWISE: Final = 1.5  # times the white noise that is stated, or less than it by so much: neither measured so badly
 _SIZES_APART: Final = 4.0  # from the likeliest, at most
 _ONE_SIDE: Final = 0.05  # of a posterior, beyond either bound
 _ONE_COURSE: Final = 0.95  # correlation from which a law and a cause are hard to part
@@ -459,6 +460,19 @@ def _off_alone(test: Fit, extrapolated: Collection[str]) -> tuple[str, ...]:
         )
         said.append(f"{off}{why}. Take it among them.")
     return tuple(said)
+
+
+def other_noise(stated: NoiseModel | None, found: NoiseModel) -> tuple[str, ...]:
+    """What to say where runs are plainly louder or calmer than the white noise that is stated."""
+    if stated is None or not stated.angle_random_walk_deg_sqrt_h > 0.0:
+        return ()
+    times = found.angle_random_walk_deg_sqrt_h / stated.angle_random_walk_deg_sqrt_h
+    if 1.0 / _OTHERWISE < times < _OTHERWISE:
+        return ()
+    return (
+        f"An angle random walk of {stated.angle_random_walk_deg_sqrt_h:.2g} deg/sqrt(h) is stated; these runs show "
+        f"{found.angle_random_walk_deg_sqrt_h:.2g}, by which they are weighed.",
+    )
 
 
 def weighed_means(model: NoiseModel, averaging_s: float) -> tuple[str, ...]:
