@@ -39,10 +39,10 @@ def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
     sample_deg_h = SD_OF_MAD / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or counting_deg_h(run, gyro)
     if not sample_deg_h > 0.0:
         return none
-    steps = np.abs(np.diff(rate_deg_h)) / sample_deg_h
-    if not ((steps > _FAR).any() or _in_a_row(_off_blocks(rate_deg_h, _reach(run)) / sample_deg_h).any()):
+    steps, reach = np.abs(np.diff(rate_deg_h)) / sample_deg_h, max(_FEWEST, math.ceil(_LASTS_S / run.period_s))
+    if not ((steps > _FAR).any() or _in_a_row(_off_blocks(rate_deg_h, reach) / sample_deg_h).any()):
         return none
-    usual = pd.Series(rate_deg_h).rolling(2 * _reach(run) + 1, center=True, min_periods=1).median().to_numpy()
+    usual = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
     off = (rate_deg_h - usual) / sample_deg_h
     far, jumps = np.abs(off) > _FAR, np.r_[True, steps > _FAR, True]
     for start, stop in stretches(far):
@@ -62,15 +62,10 @@ def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
     )
 
 
-def _reach(run: Recording) -> int:
-    """Samples on either side of one, among which it stands out."""
-    return max(_FEWEST, math.ceil(_LASTS_S / run.period_s))
-
-
 def _off_blocks(values: npt.NDArray[np.float64], block: int) -> npt.NDArray[np.float64]:
-    """How far values are off the median of so many in a row, which takes a moment."""
-    whole = values[: len(values) // block * block].reshape(-1, block)
-    return np.asarray((whole - np.median(whole, axis=1, keepdims=True)).ravel())
+    """How far values are off the median of so many in a row, which takes a moment; the last of them are looked at once more."""
+    whole, last = values[: len(values) // block * block].reshape(-1, block), values[-block:]
+    return np.r_[(whole - np.median(whole, axis=1, keepdims=True)).ravel(), last - np.median(last)]
 
 
 def _in_a_row(off: npt.NDArray[np.float64]) -> Rows:

@@ -51,6 +51,13 @@ def test_a_burst_of_samples_none_of_which_is_far_by_itself_is_a_knock(step_s: fl
     assert len(missing) >= 0.9 * len(range(ROWS)[rows])
 
 
+@pytest.mark.parametrize("rows", [slice(ROWS - 9, ROWS - 4), slice(ROWS - 100, ROWS - 80)])
+def test_a_burst_near_the_end_of_a_run_is_seen(rows: slice) -> None:
+    left, said = without_knocks(struck(run(), rows, 0.25), None)
+    assert said is not None
+    assert len(left) < ROWS
+
+
 @pytest.mark.parametrize("rows", [slice(1000, 1400), slice(1000, ROWS), slice(None)])
 def test_what_stays_is_the_gyros_own(rows: slice) -> None:
     recording = struck(run(), rows, 5.0)

@@ -90,7 +90,7 @@ def predict(
     require_recording(out, simulator, mechanisms, run)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
-    recording, remarks = without_spikes(recording, _read_by(made, recording))
+    recording, remarks = without_spikes(recording, made.driver_columns(recording))
     predicted = made.predict(recording)
     write(predicted, out)
     for remark in remarks:
@@ -113,11 +113,6 @@ def predict(
         )
     else:
         say(f"{out}: {len(predicted)} rows, column {column}")
-
-
-def _read_by(simulator: Simulator, recording: Recording) -> list[str]:
-    """The monitors that a simulator reads."""
-    return [column for mechanism in simulator.mechanisms for column in mechanism.driver_columns(recording)]
 
 
 def _warn_of_extrapolation(simulator: Simulator, recording: Recording) -> None:

@@ -56,7 +56,7 @@ from rlgcomp.noise import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
-from rlgcomp.recording import TIME, Recording
+from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
@@ -292,7 +292,7 @@ def _told(
     numbers, before = searched.before.baseline | after.baseline, searched.before
     differing = {name: numbers[name] for name in searched.wrong if _differs(base, name, numbers[name])}
     model = noise_model(last.shape, after.white_deg_h, last.posed.problem.windows[0])
-    extrapolated = extrapolations_of(proof.traces, _drivers(after.simulator, runs.train[0]))
+    extrapolated = extrapolations_of(proof.traces, set(after.simulator.driver_columns(runs.train[0])))
     return Diagnosis(
         verdict="unknown" if steps or in_part or denied else verdict,
         p_value=p_value,
@@ -336,11 +336,6 @@ def _told(
         steps=steps,
         in_part=in_part,
     )
-
-
-def _drivers(simulator: Simulator, run: Recording) -> set[str]:
-    """Columns that a simulator reads, but for the time."""
-    return {column for mechanism in simulator.mechanisms for column in mechanism.driver_columns(run)} - {TIME}
 
 
 def _denied(found: Diagnosis) -> bool:

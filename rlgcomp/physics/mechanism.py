@@ -191,7 +191,7 @@ class Mechanism(abc.ABC):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The shapes and settings that diagnosis tries; each counts equally before the data are seen, but for its :meth:`rarity`.
+        """The shapes and settings that diagnosis tries; each counts before the data are seen by its :meth:`prior_odds`.
 
         Unless a mechanism knows better: ten points between the bounds of each shape, in equal ratios where the bounds are positive.
         """
@@ -201,8 +201,8 @@ class Mechanism(abc.ABC):
         ]
         return tuple(cls(**dict(point)) for point in itertools.product(*axes))
 
-    def rarity(self) -> float:
-        """How likely this point of the grid is beside an ordinary one, before the data are seen."""
+    def prior_odds(self) -> float:
+        """Of this point of the grid against an ordinary one, before the data are seen."""
         return 1.0
 
     @classmethod

@@ -11,8 +11,7 @@ from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, sh
 from rlgcomp.recording import Recording
 
 _LATE_S: Final = (0.0, 12.0, 30.0)  # thermometers as they are glued to a gyro
-
-_RARELY: Final = 0.01
+_RARELY: Final = 0.01  # odds against such that read at once
 _OF_LATE_ONES: Final = "b = k_deg_h_K * (D + thermometers_late_s * dD/dt) with D = temperature_block_degC - temperature_shell_degC"
 
 
@@ -48,7 +47,7 @@ class ThermalGradient(Mechanism):
         del recordings
         return tuple(cls(thermometers_late_s=late_s) for late_s in _LATE_S)
 
-    def rarity(self) -> float:
+    def prior_odds(self) -> float:
         """That they are late, only an effect far above the noise can show; a smaller one that needs it is another."""
         return _RARELY if self.thermometers_late_s else 1.0
 

@@ -22,20 +22,8 @@ from rlgcomp.recording.validity import FEWEST_ROWS, problems_of
 from rlgcomp.sampling import GAP_PERIODS, Sampling
 
 __all__ = [
-    "DEFAULT_AVERAGING_S",
-    "FEWEST_ROWS",
-    "GAP_PERIODS",
-    "GYRO_UNITS",
-    "LEAST_COVERAGE",
-    "PREDICTED",
-    "TIME",
-    "Finding",
-    "Kind",
-    "Metadata",
-    "Recording",
-    "is_compensation",
-    "is_gyro",
-    "rate_name",
+    "DEFAULT_AVERAGING_S", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "PREDICTED", "TIME",
+    "Finding", "Kind", "Metadata", "Recording", "is_compensation", "is_gyro", "rate_name",
 ]  # fmt: skip
 Array = npt.NDArray[np.float64]
 

@@ -197,6 +197,10 @@ class Simulator:
         metadata = dataclasses.replace(recording.metadata, notes={**recording.metadata.notes, PREDICTED: True})
         return recording.replace(table=table, metadata=metadata, truth=None, findings=())
 
+    def driver_columns(self, recording: Recording) -> list[str]:
+        """The columns of a recording that its mechanisms read, as :meth:`Mechanism.driver_columns` gives them."""
+        return [column for mechanism in self.mechanisms for column in mechanism.driver_columns(recording)]
+
     def _errors(self, recording: Recording, mechanisms: Sequence[Mechanism], seed: int) -> dict[str, Array]:
         """Errors in deg/h by mechanism: first what the light feels, then what acts on the total, in the order of the list."""
         labelled = dict(zip(_labels(mechanisms), mechanisms, strict=True))

@@ -82,11 +82,11 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
         shown = [
             (m, c) for m, c in zip(tried, columns, strict=True) if c.shape[1] and np.isfinite(c).all() and np.ptp(c, axis=0).any()
         ]
-        together = sum(mechanism.rarity() for mechanism, _ in shown)
+        together = sum(mechanism.prior_odds() for mechanism, _ in shown)
         for mechanism, block in shown:
             known = mechanism in stated
             rarer = 0.0 if own is None or mechanism == own else _RESTATED if known else _RICHER
-            found.append(Candidate(mechanism, block, rarer + math.log(mechanism.rarity() / together), known))
+            found.append(Candidate(mechanism, block, rarer + math.log(mechanism.prior_odds() / together), known))
     return found, left_out
 
 
