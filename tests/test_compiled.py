@@ -6,12 +6,15 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info
 
 from rlgcomp import compiled, filters, hysteresis_loops
 from rlgcomp.errors import InputError
 from rlgcomp.hysteresis import BoucWen, Play, play_paths
+from rlgcomp.physics.mode_hop import ModeHop
+from rlgcomp.recording import Recording
 
 needs_numba = pytest.mark.skipif(not compiled.available(), reason="Numba is not installed, or switched off")
 RADII = np.linspace(0.0, 12.0, 7)
@@ -60,6 +63,19 @@ def test_bouc_wen_has_the_same_bits_alone_in_a_fleet_and_without_numba(exponent:
     assert np.array_equal(alone, plain)
     assert np.array_equal(hysteresis_loops.bouc_wen_fleet(u, 1.0, 6.0, 0.8, exponent), plain)
     assert np.array_equal(plainly(hysteresis_loops.bouc_wen_fleet, u, 1.0, 6.0, 0.8, exponent), plain)
+
+
+@needs_numba
+@pytest.mark.parametrize("start", ["rested", "from_below", "from_above"])
+def test_hops_of_modes_are_the_same_bits(start: str) -> None:
+    temperature = inputs()[:, 0]  # begins between the levels of the second hop
+    recording = Recording(pd.DataFrame({"time_s": np.arange(301.0), "gyro_deg_h": 0.0, "temperature_degC": temperature}))
+    hops = ModeHop(threshold_degC=-4.0, dead_band_K=3.0, spacing_K=5.0, hops=2, start=start)
+    assert "numba" in sys.modules
+    fast = hops.basis(recording)
+    assert np.array_equal(fast, plainly(hops.basis, recording))
+    assert set(np.unique(fast)) == {0.0, 1.0, 2.0}
+    assert fast[0, 0] == (1.0 if start == "from_below" else 2.0)  # at rest above the middle of the two levels
 
 
 @needs_numba

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
 
+from rlgcomp.compiled import available, compiled
 from rlgcomp.hysteresis import BEGUN, STARTS
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
@@ -93,14 +95,30 @@ class ModeHop(Mechanism):
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
-        relays = [self._relay(temperature, self.threshold_degC + k * self.spacing_K) for k in range(int(self.hops))]
-        return np.column_stack(relays).sum(axis=1, keepdims=True)
+        temperature, hopped = np.ascontiguousarray(temperature), np.zeros(len(temperature))
+        relay = _relay if available() and "numba" in sys.modules else _relay_plainly
+        for k in range(int(self.hops)):
+            up = self.threshold_degC + k * self.spacing_K
+            down = up - self.dead_band_K
+            begun = {"from_below": False, "from_above": True}.get(self.start, bool(temperature[0] > 0.5 * (up + down)))
+            relay(temperature, up, down, begun, hopped)
+        return hopped[:, None]
 
-    def _relay(self, temperature: Array, threshold_degC: float) -> Array:
-        """1 where the gyro has hopped at a temperature, 0 elsewhere."""
-        up = temperature >= threshold_degC
-        down = temperature <= threshold_degC - self.dead_band_K
-        decided = np.maximum.accumulate(np.where(up | down, np.arange(len(temperature)), -1))  # the latest row that was
-        nearer = temperature[0] > threshold_degC - 0.5 * self.dead_band_K
-        first = {"from_below": False, "from_above": True}.get(self.start, nearer)
-        return np.where(decided >= 0, up[decided], first).astype(np.float64)
+
+@compiled()
+def _relay(values: Array, up: float, down: float, begun: bool, hopped: Array) -> None:
+    """Add 1 to `hopped` from where values have come up to a level until they have gone down to another."""
+    on = 1.0 if begun else 0.0
+    for k in range(len(values)):
+        if values[k] >= up:
+            on = 1.0
+        elif values[k] <= down:
+            on = 0.0
+        hopped[k] += on
+
+
+def _relay_plainly(values: Array, up: float, down: float, begun: bool, hopped: Array) -> None:
+    """The same without a compiled loop."""
+    on = values >= up
+    decided = np.maximum.accumulate(np.where(on | (values <= down), np.arange(len(values)), -1))  # the latest row that was
+    hopped += np.where(decided >= 0, on[decided], begun)

@@ -41,6 +41,7 @@ _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the resi
 _SIDES: Final = (4, 10, 25)  # windows on either side of a flip, by whose means it is seen,
 _SURE: Final = 3.0  # standard deviations of their difference
 _ITERATIONS: Final = 30
+_TRIED: Final = 6  # of them, after which a dwell goes on with the best of its starts
 _SETTLED: Final = 1e-3  # of the residual's standard deviation, by which no weight of the smooth part still moves
 _NUDGE: Final = 0.02  # of the noise, of a logarithm: to find the curvature
 _LEAST: Final = 0.01  # of a known path's information, that is left of it
@@ -185,8 +186,11 @@ def _expected(target: _Target) -> tuple[Array, Models]:
     many = len(DWELLS_S) * len(sizes)
     models = Models(np.tile(sizes, len(DWELLS_S)), np.full(many, 0.7 * spread), np.repeat(DWELLS_S, len(sizes)))
     smooth = np.tile(parts.T, len(DWELLS_S))
-    for _ in range(_ITERATIONS):
-        mean, square, _ = smoothed(target.rows, target.without(smooth), models)
+    for iteration in range(_ITERATIONS):
+        mean, square, found = smoothed(target.rows, target.without(smooth), models)
+        if iteration == _TRIED:
+            best = np.argmax(found.reshape(len(DWELLS_S), -1), axis=1) + len(sizes) * np.arange(len(DWELLS_S))
+            models, smooth, mean, square = models.some(best), smooth[:, best], mean[:, best], square[:, best]
         before, smooth = smooth, target.projected(models.half_step * mean)
         values = target.without(smooth)
         along = (weights * values * mean).sum(axis=0)

@@ -40,9 +40,13 @@ class Models:
     noise: Array
     dwell_s: Array
 
+    def some(self, which: npt.NDArray[np.intp]) -> Models:
+        """Some of them."""
+        return Models(self.half_step[which], self.noise[which], self.dwell_s[which])
+
     def one(self, k: int) -> Models:
         """The k-th alone."""
-        return Models(self.half_step[k : k + 1], self.noise[k : k + 1], self.dwell_s[k : k + 1])
+        return self.some(np.array([k]))
 
     def times(self, many: int) -> Models:
         """One model, so many times."""
