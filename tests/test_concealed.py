@@ -22,7 +22,7 @@ from experiments.concealed.effects import INDEPENDENT, OUTSIDE, catalogued
 from experiments.concealed.noise import Noise
 from experiments.concealed.operators import Relays, first_order, slab
 from experiments.concealed.programmes import COLDEST_DEG_C, HOTTEST_DEG_C, random_programme
-from experiments.concealed.score import died, key_of
+from experiments.concealed.score import Manner, died
 from rlgcomp.physics import CATALOGUE
 
 
@@ -208,8 +208,8 @@ class TestCases:
         assert Noise(5e-4).std_100_s_deg_h(360) == pytest.approx(6.0 * 5e-4, rel=0.01)
         loud = next(seed for seed in range(9) if Noise.draw(stream(seed, "noise")).flicker)
         sizes = [
-            make_case("single", ("ambient_pressure",), 0.25, loud, True, whole_noise=whole).sizes["ambient_pressure.k_deg_h_hPa"]
-            for whole in (False, True)
+            make_case("single", ("ambient_pressure",), 0.25, loud, True, noise_of_units=one).sizes["ambient_pressure.k_deg_h_hPa"]
+            for one in ("drawn", "whole")
         ]
         own = Noise.draw(stream(loud, "noise"))
         assert 1.0 < sizes[1] / sizes[0] < 2.0 * own.std_100_s_deg_h(400) / own.white_100_s_deg_h
@@ -335,8 +335,8 @@ class TestManyCases:
         """Keys of the cases that are diagnosed, which is not done here."""
         keys: list[str] = []
 
-        def run(arguments: Any, **how: Any) -> dict[str, Any]:
-            keys.append(key_of(arguments, **how))
+        def run(arguments: Any, manner: Manner) -> dict[str, Any]:
+            keys.append(manner.key_of(arguments))
             return {"key": keys[-1], "kind": "null", "verdict": "none", "name": "n", "findings": [], "seconds": 1.0}
 
         monkeypatch.setattr(program, "run_case", run)
@@ -367,7 +367,21 @@ class TestManyCases:
         main([*options, "--noise-stated"])
         main([*options, "--pulse-arcsec", "1.13"])
         main([*options, "--whole-noise"])
-        assert len(made) == len(set(made)) == 8
+        main([*options, "--white-noise"])
+        assert len(made) == len(set(made)) == 10
+
+    def test_cases_of_one_strength_in_white_noise(self, tmp_path: Path) -> None:
+        """As they were but for flicker and walk."""
+        options = ["--only", "single", "--first", "3", "--cases", "18", "--strength", "0.25", "--white-noise"]
+        main([*options, "--dump", str(tmp_path)])
+        folders = sorted(tmp_path.iterdir())
+        assert len(folders) == 6
+        for folder in folders:
+            assert "-0.25-" in folder.name
+        loud = next(arguments for arguments in plan("single", 18, 3) if Noise.draw(stream(arguments[3], "noise")).flicker)
+        drawn, white = (make_case(*loud, noise_of_units=one) for one in ("drawn", "white"))
+        assert drawn.sizes == white.sizes
+        assert white.noise == drawn.noise | {"bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}
 
     def test_a_gyro_in_pulses_is_the_same_gyro(self) -> None:
         case = make_case("null", (), 0.0, 400_000, True)

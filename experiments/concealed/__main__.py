@@ -11,7 +11,7 @@ from pathlib import Path
 
 from experiments.concealed import tables
 from experiments.concealed.cases import KINDS, Kind, dump, make_case, plan
-from experiments.concealed.score import died, key_of, run_case
+from experiments.concealed.score import Manner, died, run_case
 from experiments.work import Work
 
 CASES: dict[Kind, int] = {
@@ -31,25 +31,29 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", choices=KINDS, action="append", help="only this kind; may be given again")
     parser.add_argument("--noise-stated", action="store_true", help="tell the diagnosis each unit's true noise")
     parser.add_argument("--pulse-arcsec", type=float, default=0.0, help="the gyros are read in whole pulses of so much, dithered")
-    parser.add_argument(
-        "--whole-noise", action="store_true", help="strengths are relative to flicker and walk as well as white noise"
-    )
+    parser.add_argument("--strength", type=float, help="only cases of this strength")
+    noise = parser.add_mutually_exclusive_group()
+    whole = "strengths are relative to flicker and walk as well as white noise"
+    noise.add_argument("--whole-noise", dest="noise", action="store_const", const="whole", default="drawn", help=whole)
+    white = "units have white noise alone: none has flicker and walk"
+    noise.add_argument("--white-noise", dest="noise", action="store_const", const="white", help=white)
     Work.add_options(parser, "concealed")
     parser.add_argument("--dump", type=Path, metavar="DIR", help="write the cases as files for the command line; score nothing")
     options = parser.parse_args(argv)
     numbers = QUICK if options.quick else CASES
-    wanted = [
+    planned = [
         arguments for kind in options.only or KINDS for arguments in plan(kind, options.cases or numbers[kind], options.first)
     ]
+    wanted = [arguments for arguments in planned if options.strength in (None, arguments[2])]
     if options.dump:
         for arguments in wanted:
-            case = make_case(*arguments, whole_noise=options.whole_noise)
+            case = make_case(*arguments, noise_of_units=options.noise)
             dump(case, options.dump / case.name)
             print(options.dump / case.name)
         return
-    how = {"stated": options.noise_stated, "pulse_arcsec": options.pulse_arcsec, "whole_noise": options.whole_noise}
-    cases = {key_of(arguments, **how): arguments for arguments in wanted}
-    run, lost = (functools.partial(function, **how) for function in (run_case, died))
+    manner = Manner(options.noise_stated, options.pulse_arcsec, options.noise)
+    cases = {manner.key_of(arguments): arguments for arguments in wanted}
+    run, lost = (functools.partial(function, manner=manner) for function in (run_case, died))
     rows = Work.of(options).rows(run, cases, died=lost, told=tables.mark)
     print(f"# Concealed physics: `python -m experiments.concealed {shlex.join(sys.argv[1:] if argv is None else argv)}`\n")
     tables.show(rows)

@@ -32,6 +32,7 @@ from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["single", "pair", "triple", "null", "open", "driverless", "table", "unequal"]
+NoiseOfUnits = Literal["drawn", "whole", "white"]
 KINDS: tuple[Kind, ...] = ("single", "pair", "triple", "null", "open", "driverless", "table", "unequal")
 MEAN_S = 100
 _KIN_OF_LAG = {"temperature_rate", "thermal_gradient", "thermal_hysteresis"}
@@ -118,7 +119,7 @@ def make_case(
     seed: int,
     independent: bool,
     *,
-    whole_noise: bool = False,
+    noise_of_units: NoiseOfUnits = "drawn",
     programmes: Mapping[str, str] | None = None,
 ) -> Case:
     """Make a case.
@@ -135,9 +136,10 @@ def make_case(
     seed : int
     independent : bool
         Whether effects and noise are of this experiment's own making or rlgcomp's. Chamber and sensors always are its own.
-    whole_noise : bool
-        Whether strengths are relative to all noise of the 100 s means of a run about its mean, and not to its white part alone; on
-        a turntable they never are.
+    noise_of_units : {"drawn", "whole", "white"}
+        White noise, and for half of the units flicker and random walk as well; the same, and strengths are relative to all noise of
+        the 100 s means of a run about its mean, not to its white part alone; or white noise for all units. On a turntable it always
+        is the first.
     programmes : mapping of str to str, optional
         Of the chamber, by run; random ones unless given.
     """
@@ -145,6 +147,8 @@ def make_case(
         return _on_a_table(effects, strength, seed)
     unit = Unit.draw(stream(seed, "unit"))
     noise = Noise.draw(stream(seed, "noise"))
+    if noise_of_units == "white":
+        noise = Noise(noise.white)
     baseline = _baseline(stream(seed, "baseline"), effects)
     runs = (*TRAINING, *HELD_OUT)
     chambers = [unit.run(stream(seed, f"chamber:{run}"), (programmes or {}).get(run)) for run in runs]
@@ -164,7 +168,7 @@ def make_case(
     scale = {}
     design = _design(absorbing)
     windows = len(design) // len(TRAINING)
-    noise_deg_h = noise.std_100_s_deg_h(windows) if whole_noise else noise.white_100_s_deg_h
+    noise_deg_h = noise.std_100_s_deg_h(windows) if noise_of_units == "whole" else noise.white_100_s_deg_h
     for effect in hidden:
         column = np.concatenate([means(values) for values in units[effect.name][: len(TRAINING)]])
         left = float(np.std(column - _project(design, column)))

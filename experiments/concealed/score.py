@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from experiments.concealed.cases import Case, make_case, means, read_in_pulses
+from experiments.concealed.cases import Case, NoiseOfUnits, make_case, means, read_in_pulses
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.noise import NoiseModel
 from rlgcomp.simulation.simulator import Simulator
@@ -19,37 +20,58 @@ Array = npt.NDArray[np.float64]
 Arguments = tuple[Any, tuple[str, ...], float, int, bool]
 
 
-def run_case(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0, whole_noise: bool = False) -> dict[str, Any]:
+@dataclasses.dataclass(frozen=True)
+class Manner:
+    """How cases are made and asked about, other than usual.
+
+    Parameters
+    ----------
+    stated : bool
+        The diagnosis is told the unit's true noise.
+    pulse_arcsec : float
+        The gyro is read in whole pulses of so much, dithered; not where it is zero.
+    noise : {"drawn", "whole", "white"}
+        What a unit has, and what strengths are relative to: see :func:`experiments.concealed.cases.make_case`.
+    """
+
+    stated: bool = False
+    pulse_arcsec: float = 0.0
+    noise: NoiseOfUnits = "drawn"
+
+    def key_of(self, arguments: Arguments) -> str:
+        """What a case is known by among the lines of a file."""
+        pulses = f" in pulses of {self.pulse_arcsec:g} arcsec" if self.pulse_arcsec else ""
+        noise = {"drawn": "", "whole": " relative to all noise", "white": " in white noise"}[self.noise]
+        return repr(arguments) + " with its noise stated" * self.stated + pulses + noise
+
+    def asked(self, arguments: Arguments) -> dict[str, Any]:
+        """What a case's line begins with."""
+        kind, effects, strength, seed, independent = arguments
+        return {
+            "key": self.key_of(arguments),
+            "kind": kind,
+            "hidden": list(effects),
+            "strength": strength,
+            "seed": seed,
+            "independent": independent,
+        }
+
+
+def run_case(arguments: Arguments, manner: Manner = Manner()) -> dict[str, Any]:
     """Make a case, diagnose it, score it. A failure is an answer too: it is scored as such and the rest goes on."""
-    asked = _asked(arguments, stated, pulse_arcsec, whole_noise)
+    asked = manner.asked(arguments)
     try:
-        case = make_case(*arguments, whole_noise=whole_noise)
-        return asked | diagnosed(read_in_pulses(case, pulse_arcsec) if pulse_arcsec else case, stated)
+        case = make_case(*arguments, noise_of_units=manner.noise)
+        if manner.pulse_arcsec:
+            case = read_in_pulses(case, manner.pulse_arcsec)
+        return asked | diagnosed(case, manner.stated)
     except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
         return asked | {"failure": f"{type(error).__name__}: {error}"}
 
 
-def died(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0, whole_noise: bool = False) -> dict[str, Any]:
+def died(arguments: Arguments, manner: Manner = Manner()) -> dict[str, Any]:
     """The line of a case that takes its worker with it each time."""
-    return _asked(arguments, stated, pulse_arcsec, whole_noise) | {"failure": DIED}
-
-
-def _asked(arguments: Arguments, stated: bool, pulse_arcsec: float, whole_noise: bool) -> dict[str, Any]:
-    kind, effects, strength, seed, independent = arguments
-    return {
-        "key": key_of(arguments, stated, pulse_arcsec, whole_noise),
-        "kind": kind,
-        "hidden": list(effects),
-        "strength": strength,
-        "seed": seed,
-        "independent": independent,
-    }
-
-
-def key_of(arguments: Arguments, stated: bool = False, pulse_arcsec: float = 0.0, whole_noise: bool = False) -> str:
-    """What a case is known by among the lines of a file."""
-    pulses = f" in pulses of {pulse_arcsec:g} arcsec" if pulse_arcsec else ""
-    return repr(arguments) + " with its noise stated" * stated + pulses + " relative to all noise" * whole_noise
+    return manner.asked(arguments) | {"failure": DIED}
 
 
 def diagnosed(case: Case, stated: bool = False) -> dict[str, Any]:
