@@ -21,22 +21,9 @@ from rlgcomp.diagnosis.naming.search import MISSING
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.diagnosis.remarks import (
-    _as_noise,
-    _at_the_end,
-    _behind,
-    _beside_a_law,
-    _instead,
-    _not_told,
-    _together,
-    correlation_time_s,
-    extrapolations_of,
-    is_worse_in_training,
-    off_held_out,
-    other_noise,
-    own_biases_of,
-    worse_in_training,
-)
+from rlgcomp.diagnosis.remarks.held_out import extrapolations_of, is_worse_in_training, off_held_out, worse_in_training
+from rlgcomp.diagnosis.remarks.named import _at_the_end, _behind, _beside_a_law, _instead, _not_told, _together, own_biases_of
+from rlgcomp.diagnosis.remarks.noise import as_noise, correlation_time_s, other_noise
 from rlgcomp.diagnosis.result import Estimate, Fit, RunFit, Trace, Verdict
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -104,15 +91,15 @@ def test_what_hides_behind_a_strong_cause_is_spoken_of_and_found_once_that_is_co
 def test_what_passes_for_noise_because_slow_noise_does_is_said_to() -> None:
     shape = NoiseShape(walk=0.9)
     problem = Problem.of(SIMULATOR, runs(shape, seed=5, hours=10.0), window_s=100.0)
-    (said,) = _as_noise(problem, fit(problem, [], shape), shape)
+    (said,) = as_noise(problem, fit(problem, [], shape), shape)
     assert "times the white noise, passes for noise with bias instability 0 deg/h and rate random walk" in said
     assert said.endswith("give its noise (--noise): then something unrecorded wanders.")
     calm = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.002 / 6.0, bias_instability_deg_h=1e-6)
     stated = Problem.of(dataclasses.replace(SIMULATOR, noise=calm), problem.runs, window_s=100.0)
-    (said,) = _as_noise(stated, fit(stated, [], shape), shape)
+    (said,) = as_noise(stated, fit(stated, [], shape), shape)
     assert said.endswith("; 1e-06 and 0 are stated, but what there is looks like noise rather than something unrecorded.")
     white = Problem.of(SIMULATOR, runs(seed=5), window_s=100.0)
-    assert not _as_noise(white, fit(white, [], NoiseShape()), NoiseShape())
+    assert not as_noise(white, fit(white, [], NoiseShape()), NoiseShape())
 
 
 def test_where_no_programme_would_tell_that_is_said_and_none_is_proposed() -> None:

@@ -32,22 +32,16 @@ from rlgcomp.diagnosis.programmes.feasible import ChamberRange
 from rlgcomp.diagnosis.proof.before_after import Proof, proved, unreadable
 from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.diagnosis.remarks import (
+from rlgcomp.diagnosis.remarks.held_out import (
     denied_by_held_out,
     extrapolations_of,
-    found_behind,
     is_worse_in_training,
-    not_tried,
     off_held_out,
-    other_noise,
-    own_biases_of,
-    own_noises_of,
-    remarks_of,
-    weighed_means,
     within_windows,
     worse_in_training,
-    wrong_numbers_of,
 )
+from rlgcomp.diagnosis.remarks.named import found_behind, not_tried, own_biases_of, remarks_of, wrong_numbers_of
+from rlgcomp.diagnosis.remarks.noise import other_noise, own_noises_of, weighed_means
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
 from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator, scale_remarks
 from rlgcomp.errors import InputError

@@ -1,0 +1,1 @@
+"""What a careful reader is told beside the numbers of a diagnosis."""
