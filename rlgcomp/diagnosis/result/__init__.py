@@ -16,7 +16,7 @@ from typing import Any, Final, Literal, Self
 import numpy as np
 import pandas as pd
 
-from rlgcomp.diagnosis.result import wording
+from rlgcomp.diagnosis.result import sentences, wording
 from rlgcomp.diagnosis.result.findings import (
     Alternative,
     Cause,
@@ -167,7 +167,7 @@ class Diagnosis(ShownAsTable):
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        return wording.verdict_sentence(self)
+        return sentences.verdict_sentence(self)
 
     @property
     def citations(self) -> tuple[str, ...]:
@@ -231,7 +231,7 @@ class Diagnosis(ShownAsTable):
         return wording.as_text(self)
 
     def heading(self) -> str:
-        return wording.verdict_sentence(self)
+        return sentences.verdict_sentence(self)
 
     # --- keeping it --------------------------------------------------------------------------------------------------------
 

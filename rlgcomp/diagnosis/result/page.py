@@ -10,7 +10,8 @@ from typing import Final
 import pandas as pd
 
 import rlgcomp
-from rlgcomp.diagnosis.result import Diagnosis, NextExperiment, Unexplained, wording
+from rlgcomp.diagnosis import phrases
+from rlgcomp.diagnosis.result import Diagnosis, NextExperiment, Unexplained, sentences, wording
 from rlgcomp.files import write_text
 from rlgcomp.units import typeset
 
@@ -51,11 +52,11 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     )
     fit = diagnosis.test or diagnosis.train
     page = {
-        "title": wording.title(diagnosis),
-        "headline": wording.headline(diagnosis),
-        "gain": wording.gain_sentence(diagnosis),
-        "rms_before": wording.rms_text(fit.baseline_rms, fit),
-        "rms_after": wording.rms_text(fit.augmented_rms, fit),
+        "title": sentences.title(diagnosis),
+        "headline": sentences.headline(diagnosis),
+        "gain": sentences.gain_sentence(diagnosis),
+        "rms_before": phrases.rms_text(fit.baseline_rms, fit.noise_floor_rms),
+        "rms_after": phrases.rms_text(fit.augmented_rms, fit.noise_floor_rms),
         "about": wording.about(diagnosis),
         "style": importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
         "version": rlgcomp.__version__,
@@ -63,10 +64,10 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         "fit": fit,
         "changed": diagnosis.changed,
         "proved": "held out" if diagnosis.test is not None else "in training",
-        "proof_title": wording.proof_title(diagnosis),
-        "p_value": wording.p_number(diagnosis.p_value),
+        "proof_title": sentences.proof_title(diagnosis),
+        "p_value": phrases.p_number(diagnosis.p_value),
         **_left(diagnosis),
-        "steps": wording.events_text(diagnosis),
+        "steps": sentences.events_text(diagnosis),
         **_next(diagnosis.next_experiment, diagnosis.augmented.kind),
         "places": _places(diagnosis),
         "causes": _causes(diagnosis),
@@ -75,11 +76,11 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
         "laws": _laws(diagnosis.unexplained),
         "fits": _fits(diagnosis),
         "whiteness": [
-            (name, wording.p_number(fit.whiteness_p_value))
+            (name, phrases.p_number(fit.whiteness_p_value))
             for name, fit in (("training", diagnosis.train), ("held out", diagnosis.test))
             if fit is not None and fit.whiteness_p_value is not None
         ],
-        "fleeting": wording.listing([cause.name for cause in diagnosis.causes if not cause.mechanism.repeats()]),
+        "fleeting": phrases.listing([cause.name for cause in diagnosis.causes if not cause.mechanism.repeats()]),
         "baseline": _baseline(diagnosis),
         "noise": _noise(diagnosis),
         "clocks": [(shift.run, wording.clock_text(shift)) for shift in diagnosis.alignment],
@@ -94,9 +95,9 @@ def _left(diagnosis: Diagnosis) -> dict[str, str]:
     sure = unexplained.probability
     return {
         "left_memory": wording.memory_text(unexplained),
-        "no_channel": wording.no_channel(diagnosis),
-        "left_p_value": wording.p_number(unexplained.p_value),
-        "left_probability": "" if sure is None else wording.sure_text(sure, 2),
+        "no_channel": sentences.no_channel(diagnosis),
+        "left_p_value": phrases.p_number(unexplained.p_value),
+        "left_probability": "" if sure is None else phrases.sure_text(sure, 2),
     }
 
 
