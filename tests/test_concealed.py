@@ -283,9 +283,13 @@ class TestTables:
         assert "Boom" in text
 
     def test_units_with_flicker_are_counted_by_themselves(self) -> None:
-        noisy = [self.row("pair", "ageing", white_noise=False, exact=False, in_class=right) for right in (True, False)]
-        (line,) = tables.by_noise([self.row("pair", "ageing"), *noisy])
-        assert [line[key].split(";")[0] for key in list(line)[2:]] == ["100 % (1/1", "100 % (1/1", "0 % (0/2", "50 % (1/2"]
+        noisy = [
+            self.row("pair", "ageing", white_noise=False, exact=False, in_class=right, information_nats=tables.THRESHOLD_NATS)
+            for right in (True, False)
+        ]
+        (line,) = tables.by_noise([self.row("pair", "ageing", information_nats=50.0), *noisy])
+        said = [line[key].split(";")[0] for key in list(line)[2:]]
+        assert said == ["100 % (1/1", "100 % (1/1", "100 %", "0 % (0/2", "50 % (1/2", "50 %"]
 
     def test_named_causes_are_counted_by_the_probability_they_were_given(self) -> None:
         sure = [self.row("single", "ageing", findings=["ageing"], probabilities=[p]) for p in (0.992, 1.0)]

@@ -215,6 +215,7 @@ def by_noise(rows: Sequence[Row]) -> list[dict[str, str]]:
         for noise, white in (("white noise", True), ("flicker and walk", False)):
             units = [row for row in chosen if row["white_noise"] == white]
             line |= {noise: share(units, right), f"{noise}, in class": share(units, in_class) if kind in NAMED else "–"}
+            line |= {f"{noise}, who knows noise and shapes": informed(units) if kind in NAMED else "–"}
         lines.append(line)
     return lines
 
