@@ -203,7 +203,7 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     assert "(static), unless nothing is missing (probability 0.30)." in lawful.sentence
     flips = dataclasses.replace(diagnosis.causes[0], mechanism=rlg.CATALOGUE["random_telegraph"](), indistinguishable_from=())
     fleeting = dataclasses.replace(diagnosis, verdict="explained", causes=(flips,), test=fit(0.0078, 0.0057, 0.1, 0.4))
-    assert "No run foretells it in another: what changes held out comes of the simulator's own numbers" in fleeting.sentence
+    assert "No run foretells it in another: what changes held out is that the simulator's own numbers" in fleeting.sentence
     assert "error falls" not in fleeting.sentence
     with pytest.raises(rlg.InputError, match="verdict is 'maybe'"):
         dataclasses.replace(diagnosis, verdict="maybe")

@@ -231,6 +231,24 @@ def test_held_out_runs_make_sure_of_a_law_that_training_speaks_for() -> None:
     assert borne_out.unexplained.memory == memory
 
 
+def test_a_law_that_makes_held_out_runs_worse_is_none() -> None:
+    """Not asked before, they deny it afterwards: something is there in training, and follows no column."""
+    product, drivers, _ = LAWS["product"]
+    _, size = problem_of(product, 2.0)
+    training = runs(TRAIN, product, size)
+    returns, turned = (
+        rlg.diagnose(SIMULATOR, train=training, test=runs(TEST, product, times * size), black_box=False, confirm=False)
+        for times in (1.0, -1.0)
+    )
+    assert (returns.verdict, turned.verdict) == ("unknown", "unknown")
+    assert set(returns.unexplained.drivers) == drivers
+    assert turned.unexplained.drivers == ()
+    assert turned.unexplained.equation is None
+    assert not turned.changed
+    assert sum("runs held out are further off" in remark for remark in turned.remarks) == 1
+    assert not any("runs held out are further off" in remark for remark in returns.remarks)
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_found_with_its_drivers_and_its_memory(name: str) -> None:
     discovery, _, _ = found(name)

@@ -14,6 +14,7 @@ from rlgcomp.diagnosis.fitting.fit import Fitted, fit
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mode_hop import ModeHop
 from rlgcomp.physics.periodic_interference import PeriodicInterference
@@ -53,6 +54,19 @@ def test_the_simulators_own_shapes_are_found_beside_a_law() -> None:
     for estimate, true in ((time_constant, TAU_S), (factor, 8e-4), (amplitude, SIZE_DEG_H)):
         assert abs(estimate.value - true) < 4.0 * estimate.sd
     assert_says_what_was_fitted(problem, fitted)
+
+
+def test_a_shape_that_runs_do_not_tell_has_no_number() -> None:
+    """What is as uncertain as its bounds are apart is none."""
+    problem = Problem.of(rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_lag"]}), [run(1), run(2)])
+    (cause,) = fit(problem, [Candidate(LAW, problem.columns(LAW), 0.0)], NoiseShape()).causes
+    hop = dataclasses.replace(cause, mechanism=HOP)
+    band = next(parameter for parameter in HOP.shape_parameters() if parameter.name == "dead_band_K")
+    for times, told in ((0.9, True), (1.1, False)):
+        sd = times * (band.high - band.low)
+        of = dataclasses.replace(hop, estimates={"step_deg_h": Estimate(1e-3, 9.0, "deg/h"), "dead_band_K": Estimate(2.0, sd, "K")})
+        assert ("dead_band_K" in of.as_told().estimates) == told
+        assert "step_deg_h" in of.as_told().estimates
 
 
 def assert_says_what_was_fitted(problem: Problem, fitted: Fitted) -> None:

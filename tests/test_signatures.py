@@ -93,16 +93,17 @@ def steady(time_s: Array, rng: np.random.Generator) -> Array:
     return np.asarray(2.0 * np.sin(2.0 * np.pi * time_s / 2200.0 + rng.uniform(0.0, 6.0)))
 
 
+def run(effect: Callable[[Array, np.random.Generator], Array], number: int, rng: np.random.Generator) -> rlg.Recording:
+    time_s = 100.0 * np.arange(400.0)
+    gyro = WHITE_DEG_H * (effect(time_s, rng) + rng.standard_normal(400))
+    block = 10.0 + 30.0 * np.sin(2.0 * np.pi * time_s / (3600.0 * (2.3 + 0.7 * number)))
+    table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": gyro, "temperature_block_degC": block})
+    return rlg.Recording(table, name=f"run{number}")
+
+
 def diagnosed(effect: Callable[[Array, np.random.Generator], Array], seed: int) -> rlg.Diagnosis:
     rng = np.random.default_rng(seed)
-    train = []
-    for k in range(2):
-        time_s = 100.0 * np.arange(400.0)
-        gyro = WHITE_DEG_H * (effect(time_s, rng) + rng.standard_normal(400))
-        block = 10.0 + 30.0 * np.sin(2.0 * np.pi * time_s / (3600.0 * (2.3 + 0.7 * k)))
-        table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": gyro, "temperature_block_degC": block})
-        train.append(rlg.Recording(table, name=f"run{k}"))
-    return rlg.diagnose(SIMULATOR, train, window_s=100.0, black_box=False)
+    return rlg.diagnose(SIMULATOR, [run(effect, k, rng) for k in range(2)], window_s=100.0, black_box=False)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -126,6 +127,25 @@ def test_what_only_takes_after_it_is_not_named(
     if why is not None:
         assert any(f"What there is takes after {why}" in remark for remark in diagnosis.remarks)
         assert not any(why.split()[0] in item.mechanisms for item in diagnosis.alternatives)
+
+
+def levels(time_s: Array, rng: np.random.Generator) -> Array:
+    """Steps to any value, as of a supply that is switched."""
+    changes = np.cumsum(rng.random(len(time_s)) < np.diff(time_s)[0] / 5000.0)
+    return np.asarray(rng.normal(0.0, 4.0, changes[-1] + 1)[changes])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("later", "named"), [(telegraph, {"random_telegraph"}), (levels, set())])
+def test_jumps_between_two_values_are_none_where_held_out_runs_jump_otherwise(
+    later: Callable[[Array, np.random.Generator], Array], named: set[str], seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    train, test = [run(telegraph, k, rng) for k in (0, 1)], [run(later, k, rng) for k in (2, 3)]
+    diagnosis = rlg.diagnose(SIMULATOR, train, test, window_s=100.0, black_box=False)
+    assert {cause.name for cause in diagnosis.causes} == named
+    assert diagnosis.verdict == ("explained" if named else "unknown")
+    assert any("held-out runs do not jump as the training runs do" in remark for remark in diagnosis.remarks) == (not named)
 
 
 @pytest.mark.parametrize("seed", [1, 4, 9, 10])

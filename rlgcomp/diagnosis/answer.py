@@ -103,6 +103,10 @@ class Answer:
             explanations, conclusion = and_laws(posed, explanations, concluded(posed.windowed, explanations, posed.whole_windowed))
         return cls.of(posed, explanations, _with_what_acts_within(explanations, conclusion), before)
 
+    def without_laws(self, before: Fitted) -> Self:
+        """What is answered once held-out runs deny the laws."""
+        return self._fitted(self.posed, self.explanations, self.conclusion.without_laws(), before)
+
     @classmethod
     def _fitted(cls, posed: Posed, explanations: Explanations, conclusion: Conclusion, before: Fitted) -> Self:
         problem = posed.problem

@@ -50,7 +50,8 @@ class Conclusion:
     wanders, causes that take after it without being what they are named for, and whether the set was weighed beside the laws.
 
     Where a set without laws, or something that wanders, is likelier, but hardly, than a law instead of it: that law, as probable as
-    laws are. And the columns that what acts within windows follows, where no cause accounts for it.
+    laws are. And the columns that what acts within windows follows, where no cause accounts for it; and laws of the training runs
+    that held-out runs deny.
     """
 
     model: Model
@@ -61,11 +62,17 @@ class Conclusion:
     reweighed: bool = False
     instead: Discovery | None = None
     within: tuple[str, ...] = ()
+    denied: tuple[Discovery, ...] = ()
+
+    def without_laws(self) -> Conclusion:
+        """The same once held-out runs deny the laws: something is there that follows them in the training runs alone."""
+        unrecorded = max(self.lawful, self.unrecorded, math.nextafter(UNRECORDED, 1.0))
+        return dataclasses.replace(self, laws=(), unrecorded=unrecorded, denied=self.laws)
 
     @property
     def wanders(self) -> float:
-        """Probability that something unrecorded wanders, rather than a law acts."""
-        return self.unrecorded * (1.0 - self.lawful)
+        """Probability that something unrecorded wanders, rather than a law acts; all of it where held-out runs deny the law."""
+        return self.unrecorded if self.denied else self.unrecorded * (1.0 - self.lawful)
 
 
 def concluded(windowed: Problem, explanations: Explanations, whole: Problem | None = None) -> Conclusion:

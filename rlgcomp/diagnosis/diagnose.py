@@ -172,16 +172,10 @@ def _diagnosed(
     first = Answer.of(searched.posed, searched.explanations, searched.conclusion, searched.before)
     last = first.and_further() or first
     told(0.85)
-    proof = proved(
-        searched.mismatches,
-        len(runs.train),
-        searched.before.simulator,
-        last.after.simulator,
-        shape=last.shape,
-        white_deg_h=last.after.white_deg_h,
-        box=searched.box,
-        seed=seed,
-    )
+    proof = searched.proved(last, len(runs.train), seed)
+    if last.conclusion.laws and proof.test is not None and proof.test.gains_nothing:  # what is said to follow a column must
+        last = last.without_laws(searched.before)
+        proof = searched.proved(last, len(runs.train), seed)
     told(0.98)
     return weighed(_told(runs, base, searched, first, last, proof, seed), clock)
 
@@ -220,6 +214,19 @@ class _Searched:
     as_stated: list[Mismatch]
     wrong: tuple[str, ...]
     box: Callable[[], list[Array] | None] | None
+
+    def proved(self, answer: Answer, training: int, seed: int) -> Proof:
+        """All runs before and after an answer, the first of them for training."""
+        return proved(
+            self.mismatches,
+            training,
+            self.before.simulator,
+            answer.after.simulator,
+            shape=answer.shape,
+            white_deg_h=answer.after.white_deg_h,
+            box=self.box,
+            seed=seed,
+        )
 
 
 def _searched(

@@ -75,6 +75,12 @@ class FittedCause:
         wrong = [self.estimates[name].value <= low for name, low in sizes.items() if low == 0.0]
         return self.chi_square <= len(sizes) or (len(wrong) == len(sizes) > 0 and all(wrong))
 
+    def as_told(self) -> FittedCause:
+        """The same without the shapes of which runs tell no more than that they are within their bounds."""
+        widths = {one.name: one.high - one.low for one in self.mechanism.shape_parameters()}
+        told = {name: one for name, one in self.estimates.items() if not one.sd > widths.get(name, math.inf)}
+        return dataclasses.replace(self, estimates=told)
+
 
 @dataclasses.dataclass(frozen=True)
 class Fitted:
@@ -149,6 +155,7 @@ def fit(
     causes = _causes(problem, chosen, at.mechanisms, at.columns, at.derived, final, sd, covariance * square / freedom, left, drawn)
     if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
         causes = _settled(problem, chosen, causes, at.columns, noise)
+    causes = [cause.as_told() for cause in causes]
     for cause in causes:
         simulator = _joined(simulator, cause)
     return Fitted(_with_mean_of_jumps(problem, simulator, causes), baseline, tuple(causes), math.sqrt(square / freedom), left)

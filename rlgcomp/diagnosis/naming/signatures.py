@@ -41,6 +41,7 @@ _PASTS: Final = 80  # times since the last jump that are reckoned with
 _MANY: Final = 120  # before unlikely ones are dropped
 _CERTAIN: Final = 0.99  # probability of jumps from which they are named; less likely ones
 _TOLD: Final = math.log(20.0)  # have these odds against slow noise of their spectrum, or are not reckoned with
+_NOT_THEIRS: Final = "is none: held-out runs do not jump as the training runs do"
 _FEWEST_STAYS: Final = 6
 _UNSEEN: Final = 5.0  # windows: shorter stays are missed
 _DRAWS: Final = 20_000
@@ -82,7 +83,8 @@ def misnamed(explanations: Explanations, model: Model) -> dict[Label, str]:
         frequency_hz = _frequency_hz(candidate.mechanism)
         why = None
         if candidate.mechanism.jumps():
-            why = _no_jumps_between_two_levels(explanations, model, member)
+            alone = len(model.labels) == 1 and explanations.unaccounted
+            why = _NOT_THEIRS if alone else _no_jumps_between_two_levels(explanations, model, member)
         elif frequency_hz is not None and not _is_a_line(explanations, model, member, frequency_hz):
             why = "is none: its frequency does not stay the same"
         if why is not None:

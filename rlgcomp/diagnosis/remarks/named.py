@@ -63,6 +63,10 @@ def remarks_of(
     remarks += turned(explanations, conclusion)
     remarks += _behind(explanations, conclusion)
     remarks += wanders(explanations, conclusion, after, noise)
+    remarks += [
+        f"The training runs follow {law.equation}, but with it runs held out are further off: it is not that, or not that alone."
+        for law in conclusion.denied
+    ]
     remarks += [f"What there is takes after {name} and {why}." for name, why in conclusion.misnamed.items()]
     remarks += [f"{name} may be there, but {why}: it is not reckoned with." for name, why in explanations.doubted.items()]
     remarks += [

@@ -49,7 +49,9 @@ def wanders(explanations: Explanations, conclusion: Conclusion, after: Fitted, n
     time = _about(*correlation_time_s(problem, design, noise))
     noise_deg_h2 = after.white_deg_h**2 * float(problem.rows.white.mean())
     near = any(one.mechanisms and one.probability > NEAREST for one in alternatives_of(explanations, conclusion))
-    followed = "for which no law was found" if near or conclusion.instead else "that no recorded column follows"
+    followed = (
+        "for which no law was found" if near or conclusion.instead or conclusion.denied else "that no recorded column follows"
+    )
     size = math.sqrt(max(float(np.var(after.residual_deg_h)) - noise_deg_h2, 0.0))
     what, size_text = "Something wanders", f"{size:.2g} deg/h"
     if noise.at_deg_s:

@@ -100,6 +100,12 @@ class Fit:
         certain = max(self.improvement_ci95[1], about_own_means[1]) < 0.0
         return certain and self.augmented_rms > _WORSE * self.baseline_rms
 
+    @property
+    def gains_nothing(self) -> bool:
+        """Whether what was added makes these runs worse for certain, and no better about their own means."""
+        about_own_means = self.improvement if self.improvement_std is None else self.improvement_std
+        return self.improvement_ci95[1] < 0.0 >= about_own_means
+
 
 @dataclasses.dataclass(frozen=True)
 class Trace:

@@ -226,8 +226,8 @@ def _gain(fit: Fit | None, *, foretold: bool) -> str:
     interval = interval_text(fit.improvement_ci95, digits)
     if not foretold and high >= 0.0:
         share = f"{percent_text(fit.improvement, digits)}, 95 % interval {interval}"
-        own = "of the simulator's own numbers, which it had pulled"
-        return f"No run foretells it in another: what changes held out comes {own}, {numbers} ({share})."
+        own = "what changes held out is that the simulator's own numbers do not follow it any more"
+        return f"No run foretells it in another: {own}, {numbers} ({share})."
     if low > 0.0:
         share = f"by {percent_text(fit.improvement, digits)} (95 % interval {interval}{_about_own_means(fit)})"
         return f"On runs held out its error falls {share}, {numbers}; the noise floor is {rms_text(floor, floor)}."
