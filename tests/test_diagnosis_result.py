@@ -194,6 +194,7 @@ def test_every_verdict_has_its_sentence(diagnosis: Diagnosis) -> None:
     assert "no gain can be claimed, the error grows" in worse.sentence
     unproven = dataclasses.replace(diagnosis, verdict="explained", test=fit(0.0045, 0.0044, -0.02, 0.06))
     assert "no gain can be claimed" in unproven.sentence
+    assert "(probability 0.810; in its place perhaps " in unproven.sentence
     doubted = dataclasses.replace(diagnosis, alternatives=(Alternative((), 0.2),))
     assert ", unless nothing is missing (probability 0.20):" in doubted.sentence
     assert "nothing is missing" not in dataclasses.replace(doubted, healthy=0.0).sentence  # something may wander
@@ -285,6 +286,13 @@ def test_that_nothing_is_missing_comes_first_where_that_is_the_verdict(diagnosis
     shown = str(none)[str(none).index("Alternatives") :].splitlines()
     assert shown[2].split() == ["nothing", "missing", "0.790"]
     assert "0.790" not in str(dataclasses.replace(none, verdict="explained"))
+
+
+def test_the_named_set_comes_first_among_sets(diagnosis: Diagnosis) -> None:
+    named = dataclasses.replace(diagnosis, verdict="explained", probability=0.456)
+    shown = str(named)[str(named).index("Alternatives") :].splitlines()
+    assert shown[2].split() == [*" + ".join(cause.name for cause in named.causes).split(), "(as", "above)", "0.456"]
+    assert "(as above)" not in str(dataclasses.replace(named, verdict="unknown"))
 
 
 def test_what_no_run_shows_has_no_column(diagnosis: Diagnosis) -> None:

@@ -137,7 +137,15 @@ def _off_held_out(diagnosis: Diagnosis) -> list[str]:
 
 
 def _named(cause: Cause) -> str:
-    return f"{cause.name} (probability {sure_text(cause.probability)})"
+    """A cause with its probability, and what might stand in its place."""
+    instead = f"; in its place perhaps {listing(_rivals(cause), 'or')}" if cause.indistinguishable_from else ""
+    return f"{cause.name} (probability {sure_text(cause.probability)}{instead})"
+
+
+def _rivals(cause: Cause) -> list[str]:
+    """What these runs cannot tell from a cause, with probabilities."""
+    rivals = itertools.zip_longest(cause.indistinguishable_from, cause.rival_probabilities)
+    return [name if p is None else f"{name} ({sure_text(p, 2)})" for name, p in rivals]
 
 
 def _either(diagnosis: Diagnosis) -> str:
@@ -147,10 +155,8 @@ def _either(diagnosis: Diagnosis) -> str:
         if not cause.indistinguishable_from:
             said.append(_named(cause))
             continue
-        rivals = itertools.zip_longest(cause.indistinguishable_from, cause.rival_probabilities)
-        those = [(cause.name, cause.probability), *rivals]
         either = "either " if len(diagnosis.causes) > 1 else ""
-        said.append(either + listing([name if p is None else f"{name} ({sure_text(p, 2)})" for name, p in those], "or"))
+        said.append(either + listing([f"{cause.name} ({sure_text(cause.probability, 2)})", *_rivals(cause)], "or"))
     return ", and ".join(said)
 
 

@@ -95,8 +95,7 @@ def as_text(diagnosis: Diagnosis) -> str:
             rows += [["", "", "", "", value] for value in values[1:]]
         parts.append(_table("What", ["mechanism", *PROBABILITY_COLUMNS, "rms", "parameters"], rows))
     if diagnosis.alternatives:
-        rows = [[set_text(names), probability_text(share)] for names, share in _instead(diagnosis)[:SHOWN_ALTERNATIVES]]
-        parts.append(_table("Alternatives", ["mechanisms", "probability"], rows))
+        parts.append(_table("Alternatives", ["mechanisms", "probability"], _set_rows(diagnosis)[: 1 + SHOWN_ALTERNATIVES]))
     left = diagnosis.unexplained
     events = diagnosis.steps or diagnosis.in_part or diagnosis.contradicted
     if diagnosis.verdict == "unknown" and (left.probability is not None or not events):
@@ -225,10 +224,15 @@ def clock_text(shift: Alignment) -> str:
     )
 
 
-def _instead(diagnosis: Diagnosis) -> list[tuple[tuple[str, ...], float]]:
-    """Other sets with their probabilities; before them that nothing is missing, where that is the verdict."""
-    others = [(item.mechanisms, item.probability) for item in diagnosis.alternatives]
-    return others if diagnosis.verdict != "none" or diagnosis.healthy is None else [((), diagnosis.healthy), *others]
+def _set_rows(diagnosis: Diagnosis) -> list[list[str]]:
+    """Sets with their probabilities: that of the verdict, then the others."""
+    others = [[set_text(item.mechanisms), probability_text(item.probability)] for item in diagnosis.alternatives]
+    if diagnosis.verdict == "none" and diagnosis.healthy is not None:
+        return [[set_text(()), probability_text(diagnosis.healthy)], *others]
+    if diagnosis.verdict in ("explained", "ambiguous") and diagnosis.probability is not None:
+        named = set_text([cause.name for cause in diagnosis.causes])
+        return [[f"{named} (as above)", probability_text(diagnosis.probability)], *others]
+    return others
 
 
 def _fit_row(name: str, fit: Fit | RunFit, whole: Fit) -> list[str]:
