@@ -291,7 +291,7 @@ def test_that_nothing_is_missing_comes_first_where_that_is_the_verdict(diagnosis
 def test_the_named_set_comes_first_among_sets(diagnosis: Diagnosis) -> None:
     named = dataclasses.replace(diagnosis, verdict="explained", probability=0.456)
     shown = str(named)[str(named).index("Alternatives") :].splitlines()
-    assert shown[2].split() == [*" + ".join(cause.name for cause in named.causes).split(), "(as", "above)", "0.456"]
+    assert shown[2].split() == [*" + ".join(sorted(cause.name for cause in named.causes)).split(), "(as", "above)", "0.456"]
     assert "(as above)" not in str(dataclasses.replace(named, verdict="unknown"))
 
 

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from scipy.stats import binomtest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.account import alternatives_of, set_probability
+from rlgcomp.diagnosis.account import alternatives_of, and_hidden, set_probability
 from rlgcomp.diagnosis.conclusion import LAW, Conclusion, _less_what_reads, beyond_noise, concluded, least_p_value
 from rlgcomp.diagnosis.fitting.fit import FittedCause, fit
 from rlgcomp.diagnosis.naming.explain import UNTRIED, explain
@@ -24,7 +24,7 @@ from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.remarks.held_out import extrapolations_of, is_worse_in_training, off_held_out, worse_in_training
 from rlgcomp.diagnosis.remarks.named import _at_the_end, _behind, _beside_a_law, _instead, _not_told, _together, own_biases_of
 from rlgcomp.diagnosis.remarks.noise import as_noise, correlation_time_s, other_noise
-from rlgcomp.diagnosis.result import Estimate, Fit, RunFit, Trace, Verdict
+from rlgcomp.diagnosis.result import Alternative, Estimate, Fit, RunFit, Trace, Verdict
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from tests.test_evidence import SIMULATOR, runs
@@ -86,6 +86,16 @@ def test_what_hides_behind_a_strong_cause_is_spoken_of_and_found_once_that_is_co
     assert hidden.probability > 0.4
     again = rlg.diagnose(first.augmented, train, black_box=False)
     assert [cause.name for cause in again.causes] == ["thermal_lag"]
+
+
+def test_as_much_hides_behind_what_might_be_in_a_causes_place() -> None:
+    """Or the named set would seem less likely than one that it is more likely than."""
+    found = [Alternative(("c", "b"), 0.40), Alternative(("b",), 0.08), Alternative((), 0.02)]
+    shares = {one.mechanisms: one.probability for one in and_hidden(found, ("a", "b"), {"d": 0.15, "c": 0.05}, 0.5)}
+    assert shares[("c", "b")] == pytest.approx(0.40 * 0.8)
+    assert shares[("a", "b", "d")] == pytest.approx(0.5 * 0.15)
+    assert (shares[("b",)], shares[()]) == (0.08, 0.02)
+    assert sum(shares.values()) < 1.0 - 0.5 * 0.8
 
 
 def test_what_passes_for_noise_because_slow_noise_does_is_said_to() -> None:

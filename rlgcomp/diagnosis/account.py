@@ -81,8 +81,12 @@ def alternatives_of(explanations: Explanations, conclusion: Conclusion) -> tuple
 def and_hidden(
     found: Sequence[Alternative], named: Sequence[str], hidden: Mapping[str, float], probability: float
 ) -> tuple[Alternative, ...]:
-    """Other sets, and the chosen one with each cause that hides behind it; `probability` of that, whatever hides there."""
+    """Other sets, and the chosen one with each cause that hides behind it; `probability` of that, whatever hides there. Behind a
+    set with another cause in the place of one of its own as much hides."""
     shares = {one.mechanisms: one.probability for one in found}
+    for names in shares:
+        if len(names) == len(named) and len(set(names) - set(named)) == 1:
+            shares[names] *= 1.0 - sum(hidden.values())
     for name, share in hidden.items():
         both = tuple(sorted((*named, name)))
         shares[both] = shares.get(both, 0.0) + share * probability

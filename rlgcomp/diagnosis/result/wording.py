@@ -230,7 +230,7 @@ def _set_rows(diagnosis: Diagnosis) -> list[list[str]]:
     if diagnosis.verdict == "none" and diagnosis.healthy is not None:
         return [[set_text(()), probability_text(diagnosis.healthy)], *others]
     if diagnosis.verdict in ("explained", "ambiguous") and diagnosis.probability is not None:
-        named = set_text([cause.name for cause in diagnosis.causes])
+        named = set_text(sorted(cause.name for cause in diagnosis.causes))
         return [[f"{named} (as above)", probability_text(diagnosis.probability)], *others]
     return others
 
