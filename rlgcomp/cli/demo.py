@@ -98,7 +98,7 @@ def demo(
 
 def _findings(found: Diagnosis) -> list[dict[str, str | float]]:
     """One row a parameter of each finding."""
-    from rlgcomp.diagnosis.phrases import sure_text
+    from rlgcomp.diagnosis.result.phrases import sure_text
 
     return [
         {

@@ -15,12 +15,12 @@ from rlgcomp.diagnosis.fitting.fit import Fitted, fit
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.naming.search import Model
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms, whiten
-from rlgcomp.diagnosis.phrases import listing
 from rlgcomp.diagnosis.programmes.feasible import ANOTHER_K, ChamberRange
 from rlgcomp.diagnosis.programmes.next_experiment import foretells, next_experiment, told_apart
 from rlgcomp.diagnosis.proof.before_after import whiteness_p_value
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Alternative, Cause, InPart, Law, Nearest, NextExperiment, Unexplained
+from rlgcomp.diagnosis.result.phrases import listing
 from rlgcomp.errors import InputError
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.simulation.programme import Programme

@@ -30,11 +30,11 @@ from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.naming.inadequacy import BY_CHANCE, follows_anything, inadequacy
 from rlgcomp.diagnosis.naming.search import Label, Model
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, norms
-from rlgcomp.diagnosis.phrases import listing, sure_text
 from rlgcomp.diagnosis.posed import Posed
 from rlgcomp.diagnosis.question.events import probability_of
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Alternative, Cause, Diagnosis, Estimate
+from rlgcomp.diagnosis.result.phrases import listing, sure_text
 from rlgcomp.diagnosis.simulators.user_simulator import SimulatedRuns
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism

@@ -26,13 +26,13 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.naming.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, Whitener
-from rlgcomp.diagnosis.phrases import set_text
 from rlgcomp.diagnosis.programmes.feasible import ChamberRange, chamber_programmes, table_programmes
 from rlgcomp.diagnosis.programmes.laboratory import Laboratory
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.shapes import neighbours
 from rlgcomp.diagnosis.question.windows import Windows, turning_deg_s
 from rlgcomp.diagnosis.result import NextExperiment
+from rlgcomp.diagnosis.result.phrases import set_text
 from rlgcomp.motion import ANGLES, RATE, angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording

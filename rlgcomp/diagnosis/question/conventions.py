@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.phrases import listing
 from rlgcomp.diagnosis.result import Estimate
+from rlgcomp.diagnosis.result.phrases import listing
 from rlgcomp.motion import ANGLES, RATE, Reading, lateness, rate_column, rate_deg_s, reading_of
 from rlgcomp.recording import Recording
 from rlgcomp.robust import SD_OF_MAD

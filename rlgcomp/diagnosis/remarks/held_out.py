@@ -11,8 +11,8 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.answer import WORSE, Answer
 from rlgcomp.diagnosis.conclusion import UNRECORDED, Conclusion, acquitted
 from rlgcomp.diagnosis.naming.explain import Explanations
-from rlgcomp.diagnosis.phrases import listing
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, Fit, Trace, Verdict
+from rlgcomp.diagnosis.result.phrases import listing
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
 

@@ -16,12 +16,12 @@ from rlgcomp.diagnosis.fitting.fit import Fitted, FittedCause
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.naming.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
-from rlgcomp.diagnosis.phrases import listing
 from rlgcomp.diagnosis.proof.black_box import Mismatch
 from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.remarks.held_out import turned
 from rlgcomp.diagnosis.remarks.noise import as_noise, wanders
 from rlgcomp.diagnosis.result import Estimate
+from rlgcomp.diagnosis.result.phrases import listing
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]

@@ -19,11 +19,11 @@ from rlgcomp.diagnosis.naming.evidence import log_sum_exp
 from rlgcomp.diagnosis.naming.explain import Explanations
 from rlgcomp.diagnosis.noise.noises import Stated
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
-from rlgcomp.diagnosis.phrases import p_text, span_text, sure_text
 from rlgcomp.diagnosis.proof.black_box import Mismatch
 from rlgcomp.diagnosis.question.own_noise import Level, differing
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
+from rlgcomp.diagnosis.result.phrases import p_text, span_text, sure_text
 from rlgcomp.diagnosis.result.sentences import NEAREST
 from rlgcomp.noise import SLOW, NoiseModel
 from rlgcomp.units import PPM, SECONDS_PER_HOUR

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from rlgcomp.diagnosis.phrases import raised_text, sure_text
+from rlgcomp.diagnosis.result.phrases import raised_text, sure_text
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE, Mechanism, Parameter
 
 _SYMBOLS: Final = {TEMPERATURE: "T", TABLE_RATE: "W", TABLE_ANGLE: "theta"}

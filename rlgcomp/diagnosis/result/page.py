@@ -10,8 +10,7 @@ from typing import Final
 import pandas as pd
 
 import rlgcomp
-from rlgcomp.diagnosis import phrases
-from rlgcomp.diagnosis.result import Diagnosis, NextExperiment, Unexplained, sentences, wording
+from rlgcomp.diagnosis.result import Diagnosis, NextExperiment, Unexplained, phrases, sentences, wording
 from rlgcomp.files import write_text
 from rlgcomp.units import typeset
 

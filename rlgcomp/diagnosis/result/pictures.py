@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from rlgcomp.allan.deviation import allan_deviation
-from rlgcomp.diagnosis.phrases import sure_text
 from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
 from rlgcomp.diagnosis.result.channel_shares import channel_shares
+from rlgcomp.diagnosis.result.phrases import sure_text
 from rlgcomp.errors import InputError
 from rlgcomp.motion import ANGLES, RATE
 from rlgcomp.physics.empirical_law import EmpiricalLaw

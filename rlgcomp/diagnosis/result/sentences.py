@@ -6,7 +6,7 @@ import itertools
 import re
 from typing import TYPE_CHECKING, Final
 
-from rlgcomp.diagnosis.phrases import (
+from rlgcomp.diagnosis.result.phrases import (
     interval_text,
     listing,
     p_text,

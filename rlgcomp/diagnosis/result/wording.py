@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rlgcomp.diagnosis.phrases import (
+from rlgcomp.diagnosis.result.phrases import (
     interval_text,
     listing,
     p_number,

@@ -28,8 +28,8 @@ import numpy.typing as npt
 from scipy import special
 
 from rlgcomp.diagnosis.noise.whitening import norms
-from rlgcomp.diagnosis.phrases import listing
 from rlgcomp.diagnosis.result import Alignment
+from rlgcomp.diagnosis.result.phrases import listing
 from rlgcomp.diagnosis.simulators.between import means_in, values_at
 from rlgcomp.diagnosis.simulators.resampling import DRIFT_SEEN, GAP, MAD, UNKNOWN, clear, doubts, gaps, on_rows, same_axis
 from rlgcomp.filters import lag, rate_per_min
