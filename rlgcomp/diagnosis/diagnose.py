@@ -173,7 +173,7 @@ def _diagnosed(
     last = first.and_further() or first
     told(0.85)
     proof = searched.proved(last, len(runs.train), seed)
-    if last.conclusion.laws and proof.test is not None and proof.test.gains_nothing:  # what is said to follow a column must
+    if last.conclusion.laws and proof.test is not None and proof.test.gains_nothing:  # what follows a column does so in every run
         last = last.without_laws(searched.before)
         proof = searched.proved(last, len(runs.train), seed)
     told(0.98)
