@@ -71,6 +71,11 @@ def available() -> bool:
     return os.environ.get("RLGCOMP_NUMBA", "1") != "0" and _installed()
 
 
+def loaded() -> bool:
+    """Whether Numba is there already, so that a loop kept on disk costs a moment: few data are worth that."""
+    return available() and "numba" in sys.modules
+
+
 def threads() -> int:
     """Threads that a compiled loop may use: the cores of this process, or fewer in a worker of joblib, which says how many."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

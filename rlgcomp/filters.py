@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import available, compiled
+from rlgcomp.compiled import available, compiled, loaded
 from rlgcomp.robust import SD_OF_MAD
 from rlgcomp.units import SECONDS_PER_MINUTE
 
@@ -86,7 +85,7 @@ def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
     new = 1.0 + np.expm1(-ratio) / ratio
     old = -np.expm1(-ratio) - new
     output = np.r_[values[:1], old * values[:-1] + new * values[1:]]
-    if available() and (len(values) >= _MANY or "numba" in sys.modules):
+    if loaded() or (len(values) >= _MANY and available()):
         _decay(keep, output)
     else:
         output[:] = _decay.plain(keep.tolist(), output.tolist())

@@ -7,13 +7,12 @@ Sums of play operators are taken in another order where they are compiled, and a
 from __future__ import annotations
 
 import math
-import sys
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import available, compiled, in_threads, threads
+from rlgcomp.compiled import available, compiled, in_threads, loaded, threads
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -29,7 +28,7 @@ _PAGE: Final = 1 << 12  # bytes, the least that a page may have
 
 def pays(updates: int) -> bool:
     """Whether so many updates are worth a compiled loop that gives the same bits as the plain one."""
-    return updates >= (_LOADED if "numba" in sys.modules else MANY) and available()
+    return updates >= (_LOADED if loaded() else MANY) and available()
 
 
 def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int | None = None) -> Array:

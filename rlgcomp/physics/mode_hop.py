@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.compiled import available, compiled
+from rlgcomp.compiled import compiled, loaded
 from rlgcomp.hysteresis import BEGUN, STARTS
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
@@ -96,7 +95,7 @@ class ModeHop(Mechanism):
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
         temperature, hopped = np.ascontiguousarray(temperature), np.zeros(len(temperature))
-        relay = _relay if available() and "numba" in sys.modules else _relay_plainly
+        relay = _relay if loaded() else _relay_plainly
         for k in range(int(self.hops)):
             up = self.threshold_degC + k * self.spacing_K
             down = up - self.dead_band_K

@@ -140,15 +140,13 @@ class Evidence:
         fresh = np.column_stack(blocks)
         before, after = self._table.shape[1], self._table.shape[1] + fresh.shape[1]
         gram = np.empty((len(self.noises), after + 1, after + 1))
-        kept = slice(before), slice(before, None)  # what the Gram matrices hold of columns before, and of the target
-        place = slice(before), slice(after, None)
+        old = np.r_[:before, after]
 
         def join(k: int) -> None:  # whitened anew: to keep every noise's columns would take gigabytes where runs are many
             columns = self.left(k, self.whitener.of(k, fresh))
             known = self.whitener.of(k, self._table)
             table = np.concatenate([known.T @ columns, columns.T @ columns, self._targets[k : k + 1] @ columns])
-            for i, j in itertools.product(range(2), repeat=2):
-                gram[k, place[i], place[j]] = self.gram[k, kept[i], kept[j]]
+            gram[k, old[:, None], old] = self.gram[k]
             gram[k, :, before:after], gram[k, before:after] = table, table.T
 
         in_threads(join, [(k,) for k in range(len(self.noises))])

@@ -69,7 +69,8 @@ def undoubted(explanations: Explanations) -> Explanations:
 
 
 def misnamed(explanations: Explanations, model: Model) -> dict[Label, str]:
-    """Causes of a set that are not what they are named for in the training runs, and what they are not.
+    """Causes of a set that are not what they are named for in the training runs, or not in held-out runs that no set accounts for,
+    and what they are not.
 
     Parameters
     ----------

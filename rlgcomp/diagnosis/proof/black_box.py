@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -114,6 +115,7 @@ def learned(mismatches: Sequence[Mismatch], training: int, executor: Executor | 
     taught = [one.fine_unfrozen for one in windows[:training]]
     future = None if executor is None else executor.submit(_trained, taught, fine, averaging_s)
 
+    @functools.cache  # where held-out runs deny a law, they are compared twice
     def means() -> list[Array] | None:
         said = _trained(taught, fine, averaging_s) if future is None else future.result()
         return said and [one.means(values, of_fine=True) for one, values in zip(windows, said, strict=True)]

@@ -17,9 +17,9 @@ from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
 
 Array = npt.NDArray[np.float64]
-_OFF_ALONE: Final = 1.25  # the same of one run
 _OFF: Final = 1.5  # times the noise floor, from which held-out runs are said to be off
-_NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
+_OFF_ALONE: Final = 1.25  # the same of one run
+NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _AS_LIKELY: Final = 0.8  # relative probability from which training runs prefer neither of two sets
 _BEYOND: Final = 0.15  # of the range of a driver in training: a run that leaves it by more is extrapolated
 
@@ -113,7 +113,7 @@ def off_held_out(
 
 def _off_alone(test: Fit, extrapolated: Collection[str]) -> tuple[str, ...]:
     """Of single runs that are off, though all of them together hardly are."""
-    if test.whiteness_p_value is None or test.whiteness_p_value > _NOTED:
+    if test.whiteness_p_value is None or test.whiteness_p_value > NOTED:
         return ()
     said = []
     for one in test.per_run:

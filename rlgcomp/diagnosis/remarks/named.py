@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.naming.inadequacy import INADEQUACY
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.proof.black_box import Mismatch
 from rlgcomp.diagnosis.question.free_part import OWN_BIAS
-from rlgcomp.diagnosis.remarks.held_out import turned
+from rlgcomp.diagnosis.remarks.held_out import NOTED, turned
 from rlgcomp.diagnosis.remarks.noise import as_noise, wanders
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.result.phrases import listing
@@ -29,7 +29,6 @@ _SUSPECTED: Final = 0.5  # probability that something is missing, from which tha
 _MORE_OFTEN_THAN_NOT: Final = 0.5
 _HIDDEN: Final = 0.25  # share of a set's probability from which it is said what hides behind it
 _WORTH_SAYING: Final = 0.1  # probability of some of the causes alone
-_NOTED: Final = 0.01  # p-value below which it is said that something is there, though nothing is claimed
 _APART: Final = 2.0  # standard deviations from which biases differ
 _ONE_COURSE: Final = 0.95  # correlation from which a law and a cause are hard to part
 _MOST: Final = 0.3  # of the probability that something is missing, with which one thing is spoken of
@@ -51,7 +50,7 @@ def remarks_of(
             f"Something may be missing all the same (probability {missing:.2f}{_suspected(explanations, missing)}), too little for "
             "anything to be named. A longer run, or another programme, would tell."
         )
-    elif verdict_of(conclusion, {}) == "none" and p_value < _NOTED:
+    elif verdict_of(conclusion, {}) == "none" and p_value < NOTED:
         remarks.append(
             f"These runs depart from noise (p = {p_value:.2g}), but no cause pays for itself: a longer run, or one of another "
             "programme, would tell."
