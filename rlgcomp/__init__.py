@@ -62,12 +62,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rlgcomp.allan.analysis import analyse_noise as analyse_noise
-    from rlgcomp.allan.coefficients import NoiseCoefficients as NoiseCoefficients
-    from rlgcomp.allan.coefficients import fit_coefficients as fit_coefficients
-    from rlgcomp.allan.deviation import AllanDeviation as AllanDeviation
-    from rlgcomp.allan.deviation import allan_deviation as allan_deviation
-    from rlgcomp.allan.octaves import overlapping_deviation as overlapping_deviation
     from rlgcomp.calibration.file import Calibration as Calibration
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor as calibrate_scale_factor
     from rlgcomp.calibration.triad.calibrate import calibrate_turntable as calibrate_turntable
@@ -75,72 +69,78 @@ if TYPE_CHECKING:
     from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
     from rlgcomp.compensation.cubic import CubicLeastSquares as CubicLeastSquares
+    from rlgcomp.compensation.feature_pipeline import FeatureRecipe as FeatureRecipe
     from rlgcomp.compensation.fixed_size import FixedSizeLSSVM as FixedSizeLSSVM
-    from rlgcomp.compensation.keeping import load as load
     from rlgcomp.compensation.lssvm import LSSVMRegressor as LSSVMRegressor
     from rlgcomp.compensation.sequence import SequenceRegressor as SequenceRegressor
+    from rlgcomp.compensation.serialisation import load as load
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose
     from rlgcomp.diagnosis.result import Diagnosis as Diagnosis
     from rlgcomp.errors import InputError as InputError
-    from rlgcomp.evaluation import Evaluation as Evaluation
-    from rlgcomp.evaluation import evaluate as evaluate
-    from rlgcomp.formats import read as read
-    from rlgcomp.formats import write as write
-    from rlgcomp.noise import NoiseModel as NoiseModel
+    from rlgcomp.evaluation.evaluation import Evaluation as Evaluation
+    from rlgcomp.evaluation.evaluation import evaluate as evaluate
+    from rlgcomp.noise.allan.analysis import analyse_noise as analyse_noise
+    from rlgcomp.noise.allan.coefficients import NoiseCoefficients as NoiseCoefficients
+    from rlgcomp.noise.allan.coefficients import fit_coefficients as fit_coefficients
+    from rlgcomp.noise.allan.deviation import AllanDeviation as AllanDeviation
+    from rlgcomp.noise.allan.deviation import allan_deviation as allan_deviation
+    from rlgcomp.noise.allan.octaves import overlapping_deviation as overlapping_deviation
+    from rlgcomp.noise.processes import NoiseModel as NoiseModel
+    from rlgcomp.noise.rotation.pipeline import angle_random_walk as angle_random_walk
+    from rlgcomp.noise.rotation.results import AngleRandomWalk as AngleRandomWalk
     from rlgcomp.physics import CATALOGUE as CATALOGUE
     from rlgcomp.physics.mechanism import Mechanism as Mechanism
-    from rlgcomp.recipe import FeatureRecipe as FeatureRecipe
     from rlgcomp.recording import Metadata as Metadata
     from rlgcomp.recording import Recording as Recording
-    from rlgcomp.rotation.pipeline import angle_random_walk as angle_random_walk
-    from rlgcomp.rotation.results import AngleRandomWalk as AngleRandomWalk
-    from rlgcomp.simulation.fleet import simulated_unit as simulated_unit
+    from rlgcomp.recording.formats import read as read
+    from rlgcomp.recording.formats import write as write
     from rlgcomp.simulation.programme import Programme as Programme
+    from rlgcomp.simulation.random_units import simulated_unit as simulated_unit
     from rlgcomp.simulation.rate_table import Triad as Triad
     from rlgcomp.simulation.simulator import Simulator as Simulator
-    from rlgcomp.triad import TriadErrors as TriadErrors
+    from rlgcomp.simulation.triad_errors import TriadErrors as TriadErrors
 
 __version__ = "0.1.0"
 
 # Public names and where they live. They are imported when first used, so that `import rlgcomp` costs next to nothing.
 _HOMES = {
-    "AllanDeviation": "allan.deviation",
-    "AngleRandomWalk": "rotation.results",
+    "AllanDeviation": "noise.allan.deviation",
+    "AngleRandomWalk": "noise.rotation.results",
     "CATALOGUE": "physics",
     "Calibration": "calibration.file",
     "Compensator": "compensation.compensator",
     "CubicLeastSquares": "compensation.cubic",
-    "Evaluation": "evaluation",
-    "FeatureRecipe": "recipe",
+    "Evaluation": "evaluation.evaluation",
+    "FeatureRecipe": "compensation.feature_pipeline",
     "FixedSizeLSSVM": "compensation.fixed_size",
     "InputError": "errors",
     "KernelBaselines": "compensation.baselines",
     "LSSVMRegressor": "compensation.lssvm",
     "Mechanism": "physics.mechanism",
     "Metadata": "recording",
-    "NoiseCoefficients": "allan.coefficients",
-    "NoiseModel": "noise",
+    "NoiseCoefficients": "noise.allan.coefficients",
+    "NoiseModel": "noise.processes",
     "Programme": "simulation.programme",
     "Recording": "recording",
     "SequenceRegressor": "compensation.sequence",
     "Simulator": "simulation.simulator",
     "Triad": "simulation.rate_table",
-    "TriadErrors": "triad",
+    "TriadErrors": "simulation.triad_errors",
     "adapt": "compensation.adaptation",
-    "allan_deviation": "allan.deviation",
-    "analyse_noise": "allan.analysis",
-    "angle_random_walk": "rotation.pipeline",
+    "allan_deviation": "noise.allan.deviation",
+    "analyse_noise": "noise.allan.analysis",
+    "angle_random_walk": "noise.rotation.pipeline",
     "calibrate_scale_factor": "calibration.scale_factor_calibration",
     "calibrate_turntable": "calibration.triad.calibrate",
     "Diagnosis": "diagnosis.result",
     "diagnose": "diagnosis.diagnose",
-    "evaluate": "evaluation",
-    "fit_coefficients": "allan.coefficients",
-    "load": "compensation.keeping",
-    "overlapping_deviation": "allan.octaves",
-    "read": "formats",
-    "simulated_unit": "simulation.fleet",
-    "write": "formats",
+    "evaluate": "evaluation.evaluation",
+    "fit_coefficients": "noise.allan.coefficients",
+    "load": "compensation.serialisation",
+    "overlapping_deviation": "noise.allan.octaves",
+    "read": "recording.formats",
+    "simulated_unit": "simulation.random_units",
+    "write": "recording.formats",
 }
 __all__ = sorted(_HOMES)  # noqa: PLE0605
 

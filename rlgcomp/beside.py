@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import IO, Any, ParamSpec, TypeVar
 
-from rlgcomp.compiled import threads
+from rlgcomp.numerics.compiled import threads
 
 P = ParamSpec("P")
 R = TypeVar("R")

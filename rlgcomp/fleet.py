@@ -24,8 +24,8 @@ import pandas as pd
 from rlgcomp import __version__
 from rlgcomp.errors import InputError
 from rlgcomp.files import require_apart, sha256, to_json, whole_folder, write_json, write_text
-from rlgcomp.formats import sidecar
-from rlgcomp.given import require_workers
+from rlgcomp.recording.argument_checks import require_workers
+from rlgcomp.recording.formats import sidecar
 from rlgcomp.workers import DIED, spread
 
 NOTE: Final = "unit.json"
@@ -196,7 +196,7 @@ def train_unit(
     """A task: train a compensation on the unit's runs."""
     from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.compensator import Compensator
-    from rlgcomp.formats import read
+    from rlgcomp.recording.formats import read
 
     compensator = Compensator(MODELS[model].make(), features=features, averaging_s=averaging_s, keep_mean=keep_mean)
     compensator.fit([read(path) for path in unit.train])
@@ -214,7 +214,7 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
     """A task: what the unit's simulator is missing."""
     from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.diagnosis.question.held_out import told_apart
-    from rlgcomp.formats import read
+    from rlgcomp.recording.formats import read
     from rlgcomp.simulation.simulator import Simulator
 
     if unit.simulator is None:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rlgcomp import bench
-from rlgcomp.bench.lssvmlab import lssvmlab
-from rlgcomp.bench.measure import Case, Peer, Row, Timed, measure
-from rlgcomp.bench.selection import thermal_rows
+from experiments import speed as bench
+from experiments.speed.lssvmlab import lssvmlab
+from experiments.speed.measure import Case, Peer, Row, Timed, measure
+from experiments.speed.selection import thermal_rows
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError

@@ -374,7 +374,7 @@ def test_what_a_command_reads_is_not_replaced(folder: Path, tmp_path: Path) -> N
 
 
 def test_a_fault_of_ours_ends_with_1_and_no_traceback(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rlgcomp.inspection.summarise", lambda recording: 1 / 0)
+    monkeypatch.setattr("rlgcomp.report.inspection.summarise", lambda recording: 1 / 0)
     result = run("inspect", folder / "run1.parquet")
     assert result.exit_code == 1
     assert "internal fault: ZeroDivisionError" in result.output
@@ -385,7 +385,7 @@ def test_a_disk_that_is_full_is_named(folder: Path, tmp_path: Path, monkeypatch:
     def full(*arguments: object, **named: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(tmp_path / "out.parquet"))
 
-    monkeypatch.setattr("rlgcomp.inspection.summarise", full)
+    monkeypatch.setattr("rlgcomp.report.inspection.summarise", full)
     output = refused("inspect", folder / "run1.parquet")
     assert f"cannot write {tmp_path / 'out.parquet'}: {os.strerror(errno.ENOSPC)}; make room" in output
 

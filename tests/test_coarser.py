@@ -11,10 +11,10 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.question.coarser import coarser, said_of
-from rlgcomp.motion import angle_deg, rate_deg_s
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.recording import Metadata
+from rlgcomp.recording.motion import angle_deg, rate_deg_s
 
 PROGRAMME = "rate 3 60, rate 10 60, rate 40 60, rate -3 60, rate -10 60, rate -40 60"
 KINDS = CATALOGUE.values()

@@ -9,12 +9,12 @@ import pytest
 from scipy import optimize
 
 import rlgcomp as rlg
-from rlgcomp.allan import coefficients
-from rlgcomp.allan.coefficients import NAMES, NoiseCoefficients, fit_coefficients
-from rlgcomp.allan.covariance import covariance_products, design_matrix
-from rlgcomp.allan.slopes import findings, stretches
-from rlgcomp.allan.wording import short, value_text
-from rlgcomp.noise import upper_limits
+from rlgcomp.noise.allan import coefficients
+from rlgcomp.noise.allan.coefficients import NAMES, NoiseCoefficients, fit_coefficients
+from rlgcomp.noise.allan.covariance import covariance_products, design_matrix
+from rlgcomp.noise.allan.slopes import findings, stretches
+from rlgcomp.noise.allan.wording import short, value_text
+from rlgcomp.noise.processes import upper_limits
 
 SAMPLES = 18_000  # 5 h of 1 s means
 CRAMER_RAO = 1.0 / np.sqrt(2.0 * SAMPLES)  # of N, relative, white noise alone: 0.53 %

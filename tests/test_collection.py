@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.collection import survey
 from rlgcomp.compensation.artefact import identity
+from rlgcomp.evaluation.model_registry import survey
 
 KEPT = Path(__file__).parents[1] / "models"
 

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info
 
-from rlgcomp import compiled, filters, hysteresis_loops
 from rlgcomp.errors import InputError
-from rlgcomp.hysteresis import BoucWen, Play, play_paths
+from rlgcomp.numerics import compiled, filters, hysteresis_loops
+from rlgcomp.numerics.hysteresis import BoucWen, Play, play_paths
 from rlgcomp.physics.mode_hop import ModeHop
 from rlgcomp.recording import Recording
 
@@ -123,7 +123,8 @@ def test_a_fault_in_a_thread_is_not_lost() -> None:
 
 def test_short_work_does_not_wait_for_numba() -> None:
     code = (
-        "import numpy as np, sys; from rlgcomp.hysteresis import BoucWen; from rlgcomp.allan.deviation import allan_deviation\n"
+        "import numpy as np, sys; from rlgcomp.numerics.hysteresis import BoucWen\n"
+        "from rlgcomp.noise.allan.deviation import allan_deviation\n"
         "u = np.linspace(0.0, 1.0, 500); b = BoucWen(); b.run(b.init(0.0), u)\n"
         "allan_deviation(np.sin(u * 99.0), np.arange(500.0)); print('numba' in sys.modules)"
     )

@@ -11,10 +11,10 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.cli.show import show_evaluation
-from rlgcomp.comparison import correlation_table
-from rlgcomp.evaluation import improvement
+from rlgcomp.evaluation.comparison import correlation_table
+from rlgcomp.evaluation.evaluation import improvement
 from rlgcomp.files import to_json
-from rlgcomp.noise import NOISES
+from rlgcomp.noise.processes import NOISES
 from rlgcomp.report.page import render
 
 

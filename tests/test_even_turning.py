@@ -11,7 +11,7 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.question.even_turning import Evened, evened, step_deg
-from rlgcomp.motion import angle_deg, rate_deg_s
+from rlgcomp.recording.motion import angle_deg, rate_deg_s
 
 SIMULATOR = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
 CREEPS = tuple(np.random.default_rng(5).uniform(-0.006, 0.006, 60))  # deg/s

@@ -22,7 +22,7 @@ from rlgcomp.diagnosis.noise.noises import FLICKERS, WALKS, Stated, log_prior, o
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, simulate
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import FEWEST_WINDOWS, default_window_s
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics import CATALOGUE
 
 SIMULATOR = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.features import FEATURES, Difference, Lag, Level, Memory, Rate, ReadoutDifference
-from rlgcomp.recipe import GROUPS, recipe_for
+from rlgcomp.compensation.feature_pipeline import GROUPS, recipe_for
+from rlgcomp.compensation.features import FEATURES, Difference, Lag, Level, Memory, Rate, ReadoutDifference
 
 T = "temperature_block_degC"
 EVERY = rlg.FeatureRecipe(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from rlgcomp.filters import lag, low_pass, rate_per_min, rate_window_s
+from rlgcomp.numerics.filters import lag, low_pass, rate_per_min, rate_window_s
 
 
 def test_lag_solves_its_equation() -> None:

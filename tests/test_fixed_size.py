@@ -14,7 +14,7 @@ from rlgcomp.compensation import MODELS, fixed_size, lssvm
 from rlgcomp.compensation.fixed_size import fixed_size_rmse, spread_out
 from rlgcomp.compensation.kernels import gaussian
 from rlgcomp.compensation.selection import select
-from rlgcomp.compiled import available
+from rlgcomp.numerics.compiled import available
 
 C = 10.0 ** np.arange(-1.0, 7.0)
 

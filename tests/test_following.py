@@ -26,7 +26,7 @@ from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.fixed_size import FixedSizeLSSVM
-from rlgcomp.compensation.following import Follower, agrees, to_lines
+from rlgcomp.compensation.streaming import Follower, agrees, to_lines
 
 MONITORS = ("temperature_block_degC", "temperature_shell_degC", "light_intensity_V", "readout_a_V", "readout_b_V")
 ESTIMATORS = {

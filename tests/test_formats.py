@@ -18,8 +18,8 @@ from scipy.io import savemat
 
 import rlgcomp as rlg
 from rlgcomp.files import to_json
-from rlgcomp.formats import FORMATS, parquet
-from rlgcomp.formats.pieces import gyros_of, read_pieces
+from rlgcomp.recording.formats import FORMATS, parquet
+from rlgcomp.recording.formats.pieces import gyros_of, read_pieces
 
 SUFFIXES = [suffix for form in FORMATS for suffix in form.SUFFIXES]
 
@@ -377,7 +377,7 @@ def test_metadata_of_parquet_is_plain_json(recording: rlg.Recording, tmp_path: P
 )
 def test_large_text_is_read_as_small_text_is(tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrow's reader, which serves large files of numbers, against pandas: the same table or the same refusal."""
-    from rlgcomp.formats import csv
+    from rlgcomp.recording.formats import csv
 
     path = tmp_path / "run.csv"
     path.write_text(text)

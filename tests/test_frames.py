@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rlgcomp import frames, units
+from rlgcomp import units
+from rlgcomp.numerics import frames
 
 
 def test_the_oblique_axes_are_orthogonal_and_equally_inclined() -> None:

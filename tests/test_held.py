@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.held import readings, without_holds
-from rlgcomp.inspection import summarise
 from rlgcomp.recording import Metadata, Recording
+from rlgcomp.recording.sample_and_hold import readings, without_holds
+from rlgcomp.report.inspection import summarise
 from rlgcomp.simulation.simulator import Simulator
 
 TIME_S = np.arange(21600.0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import rlgcomp as rlg
-from rlgcomp.hysteresis import BoucWen, ColemanHodgdon, Play, Preisach
+from rlgcomp.numerics.hysteresis import BoucWen, ColemanHodgdon, Play, Preisach
 
 OPERATORS = [
     *(Play((0.5, 2.0, 7.0)), Preisach(-10.0, 10.0, 25), Preisach(-10.0, 10.0, 25, 4.0)),

@@ -8,7 +8,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.question.windows import Windows
-from rlgcomp.knocks import frozen_in, without_knocks, without_spikes
+from rlgcomp.recording.outliers import frozen_in, without_knocks, without_spikes
 
 ROWS = 4000
 

@@ -13,7 +13,7 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.programmes.laboratory import Laboratory
 from rlgcomp.diagnosis.programmes.next_experiment import next_experiment
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.filters import lag, rate_per_min
+from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import Programme
 

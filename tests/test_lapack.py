@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from rlgcomp import lapack
+from rlgcomp.numerics import lapack
 
 
 def gram(n: int = 60, width: float = 0.3, seed: int = 0) -> np.ndarray:

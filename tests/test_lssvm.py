@@ -15,11 +15,11 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.linear_model import Ridge
 
 import rlgcomp as rlg
-from rlgcomp.compensation import path
-from rlgcomp.compensation.form import rms
+from rlgcomp.compensation import regularisation_path as path
 from rlgcomp.compensation.kernels import kernel
 from rlgcomp.compensation.lssvm import cross_validation_path
-from rlgcomp.compiled import available
+from rlgcomp.compensation.model_specification import rms
+from rlgcomp.numerics.compiled import available
 
 KERNELS = [
     {"kernel": "gaussian", "sigma": 1.3},

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.miscounts import without_miscounts
+from rlgcomp.recording.count_errors import without_miscounts
 
 SAMPLE_S = 1.0
 NOISE_DEG_H = 0.03  # of a sample

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp import motion
+from rlgcomp.recording import motion
 from rlgcomp.simulation.table_programme import TableProgramme
 
 PROGRAMME = TableProgramme.parse("rate 7 60, rate -25 90, rest 30, sweep -3 3 120, rate 170 40")

@@ -15,8 +15,8 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape, whiten
 from rlgcomp.diagnosis.programmes.feasible import LONGEST_S, ChamberRange, chamber_programmes, table_programmes
 from rlgcomp.diagnosis.programmes.next_experiment import _distances, _expected, _expected_of, _Run, next_experiment, told_apart
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.motion import angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism, amplitude
+from rlgcomp.recording.motion import angle_deg, rate_deg_s
 from rlgcomp.simulation.programme import PRESETS, Hold, Programme, Ramp
 from rlgcomp.simulation.table_programme import TableProgramme
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.noise import NOISES, stream
+from rlgcomp.noise.processes import NOISES, stream
 
 MODELS = {
     "angle_random_walk": rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003),

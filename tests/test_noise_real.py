@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.allan.analysis import NoiseAnalysis, analyse_noise
-from rlgcomp.allan.slopes import stretches
+from rlgcomp.noise.allan.analysis import NoiseAnalysis, analyse_noise
+from rlgcomp.noise.allan.slopes import stretches
 from rlgcomp.units import EARTH_RATE_DEG_H
 
 LN100 = (

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from rlgcomp.compiled import available
-from rlgcomp.formats import csv, numbers
+from rlgcomp.numerics.compiled import available
+from rlgcomp.recording.formats import csv, numbers
 
 pytestmark = pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
 FILES = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])

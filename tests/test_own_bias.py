@@ -10,7 +10,7 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.naming.explain import explain
 from rlgcomp.diagnosis.naming.own_bias import own_bias
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.filters import lag
+from rlgcomp.numerics.filters import lag
 from rlgcomp.physics import CATALOGUE
 from tests.test_evidence import SIMULATOR, runs, with_effect
 

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.filters import lag
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
+from rlgcomp.numerics.filters import lag
 from rlgcomp.physics.mechanism import Mechanism
 
 CHAMBER = {

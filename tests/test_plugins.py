@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.plugins import load_python
+from rlgcomp.physics.plugins import load_python
 
 
 def test_a_file_becomes_a_module_once(tmp_path: Path) -> None:

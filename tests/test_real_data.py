@@ -9,7 +9,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.compensation import MODELS
-from rlgcomp.inspection import legs
+from rlgcomp.report.inspection import legs
 
 # What a cubic in temperature, and one with rate and lags, leave on the last leg (rms, deg/s), as measured before this package.
 CUBIC = {"x": 9.4e-3, "y": 1.55e-3, "z": 2.6e-3}

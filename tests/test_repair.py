@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.repair import repair
+from rlgcomp.recording.repair import repair
 
 N = 0.0003 * 60.0  # deg/h of one sample at 1 Hz
 

@@ -16,11 +16,18 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
-from rlgcomp.rotation.encoder import compensated_deg, delay_from_changes, delay_from_phases, find_legs, middle_deg, table_angle_deg
-from rlgcomp.rotation.harmonics import Harmonics, fit_harmonics, spectra, without
-from rlgcomp.rotation.pipeline import angle_random_walk
-from rlgcomp.rotation.spectral import Periodogram, fit_spectrum, fit_widest, periodogram, shapes
+from rlgcomp.noise.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
+from rlgcomp.noise.rotation.encoder import (
+    compensated_deg,
+    delay_from_changes,
+    delay_from_phases,
+    find_legs,
+    middle_deg,
+    table_angle_deg,
+)
+from rlgcomp.noise.rotation.harmonics import Harmonics, fit_harmonics, spectra, without
+from rlgcomp.noise.rotation.pipeline import angle_random_walk
+from rlgcomp.noise.rotation.spectral import Periodogram, fit_spectrum, fit_widest, periodogram, shapes
 from rlgcomp.simulation.rotation import (
     LIU_DELAY_S,
     LIU_ORDERS,

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.sampling import Sampling
+from rlgcomp.recording.sampling import Sampling
 
 N = 30000
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp import scan
-from rlgcomp.repair import repair
+from rlgcomp.numerics import column_ranges as scan
+from rlgcomp.recording.repair import repair
 
 
 @pytest.fixture(params=[1 << 15, 7])
@@ -119,9 +119,9 @@ def test_bounds_find_what_looking_at_every_value_finds(
 
     quick = outcome()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rlgcomp.repair.context.step_extent", lambda values: scan.Extent(-np.inf, 1e9))
-        patch.setattr("rlgcomp.repair.channels.may_hold", lambda values, samples: True)
-        patch.setattr("rlgcomp.repair.wrong_units._plainly_in_its_unit", lambda table, column, context: False)
+        patch.setattr("rlgcomp.recording.repair.context.step_extent", lambda values: scan.Extent(-np.inf, 1e9))
+        patch.setattr("rlgcomp.recording.repair.channels.may_hold", lambda values, samples: True)
+        patch.setattr("rlgcomp.recording.repair.wrong_units._plainly_in_its_unit", lambda table, column, context: False)
         slow = outcome()
     assert quick[1] == slow[1]
     if quick[0] is not None and slow[0] is not None:

@@ -19,7 +19,7 @@ from rlgcomp.challenge.sensitivity import Curve, Sensitivity, _beyond, _distinct
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.report.sensitivity import FoundCurve, curves_picture
 from tests.test_conceal import OWN

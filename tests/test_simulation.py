@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import rlgcomp as rlg
-from rlgcomp.noise import NOISES
+from rlgcomp.noise.processes import NOISES
 from rlgcomp.simulation.monitors import AMBIENT, Beams, Monitors, wander
 from rlgcomp.simulation.optics import Readout
 from rlgcomp.simulation.plant import (

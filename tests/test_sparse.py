@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from experiments.speed.sparse import thresholded_least_squares
 from rlgcomp.errors import InputError
-from rlgcomp.sparse import thresholded_least_squares
 
 
 def plain(terms: np.ndarray, target: np.ndarray, threshold: float) -> np.ndarray:

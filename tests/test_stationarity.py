@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.allan.base_motion import compare, find_lines
-from rlgcomp.allan.stationarity import check_stationarity
+from rlgcomp.noise.allan.base_motion import compare, find_lines
+from rlgcomp.noise.allan.stationarity import check_stationarity
 
 SAMPLES = 4000
 HEALTHY = {

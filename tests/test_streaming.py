@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp.allan import sums
-from rlgcomp.allan.analysis import analyse_noise
-from rlgcomp.allan.streaming import analyse_pieces
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.formats import pieces
-from rlgcomp.formats.pieces import gyros_of, read_pieces, too_large
+from rlgcomp.noise.allan import sums
+from rlgcomp.noise.allan.analysis import analyse_noise
+from rlgcomp.noise.allan.streaming import analyse_pieces
+from rlgcomp.recording.formats import pieces
+from rlgcomp.recording.formats.pieces import gyros_of, read_pieces, too_large
 
 register_commands()
 ROWS = 1700
@@ -112,8 +112,8 @@ def test_faults_are_mended_or_refused_piece_by_piece(tmp_path: Path) -> None:
 
 def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrays take less than half of the one column that is asked for."""
-    monkeypatch.setattr("rlgcomp.allan.streaming._AT_ONCE", 1 << 14)
-    monkeypatch.setattr("rlgcomp.allan.deviation._IDENTIFIED", 1 << 12)
+    monkeypatch.setattr("rlgcomp.noise.allan.streaming._AT_ONCE", 1 << 14)
+    monkeypatch.setattr("rlgcomp.noise.allan.deviation._IDENTIFIED", 1 << 12)
     monkeypatch.setattr(sums, "_AT_ONCE", 1 << 14)
     rows = 1_200_000
     path = written(table(rows), tmp_path / "run.parquet")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rlgcomp.allan import octaves, sums
-from rlgcomp.allan.deviation import allan_deviation
-from rlgcomp.compiled import available
 from rlgcomp.errors import InputError
+from rlgcomp.noise.allan import octaves, sums
+from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.numerics.compiled import available
 
 pytestmark = pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
 OCTAVES = 2 ** np.arange(0, 13)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.calibration.file import Calibration, triad_content, write_calibration
 from rlgcomp.calibration.navigator import largest, worse
 from rlgcomp.calibration.triad import strapdown
@@ -27,10 +27,11 @@ from rlgcomp.calibration.triad.liu_first_step import first_step
 from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.triad.rate_bias import rate_bias
 from rlgcomp.calibration.triad.run import TableRun
-from rlgcomp.formats import write
+from rlgcomp.numerics import frames
+from rlgcomp.recording.formats import write
 from rlgcomp.report.calibration import render
 from rlgcomp.simulation.rate_table import PROGRAMMES, TableProgramme, Triad, drawn_triads, reversing
-from rlgcomp.triad import ACCELEROMETER, GYRO, M12, TriadErrors
+from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, M12, TriadErrors
 
 PUBLISHED = TriadErrors(  # means of Liu 2019, Table 4
     {

@@ -20,11 +20,11 @@ from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.question.contrasts import Contrasts
 from rlgcomp.diagnosis.question.windows import Windows
-from rlgcomp.motion import stilled
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
 from rlgcomp.physics.scale_factor import ScaleFactor
+from rlgcomp.recording.motion import stilled
 from rlgcomp.simulation.table_programme import PRESETS, TableProgramme
 from rlgcomp.simulation.turntable import Turntable
 

@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp import motion
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE
 from rlgcomp.physics.user import user_catalogue
+from rlgcomp.recording import motion
 
 GOOD = '''"""My physics."""
 

@@ -26,7 +26,7 @@ from rlgcomp.diagnosis.simulators.user_simulator import (
     baseline_prediction,
     scale_remarks,
 )
-from rlgcomp.filters import lag
+from rlgcomp.numerics.filters import lag
 
 CATALOGUE = rlg.CATALOGUE
 BASE = rlg.Simulator(

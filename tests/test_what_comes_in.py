@@ -10,12 +10,12 @@ import pytest
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.compensation.adaptation import adapt
-from rlgcomp.compensation.following import Follower
-from rlgcomp.inspection import summarise
+from rlgcomp.compensation.streaming import Follower
+from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.report.inspection import summarise
 
 
 def command(*arguments: object) -> object:

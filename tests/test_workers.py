@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from rlgcomp.compiled import threads
+from rlgcomp.numerics.compiled import threads
 from rlgcomp.workers import spread
 
 

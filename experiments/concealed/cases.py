@@ -25,10 +25,10 @@ from experiments.concealed.effects import DRIVERLESS, INDEPENDENT, OUTSIDE, Effe
 from experiments.concealed.noise import Noise, in_pulses
 from experiments.concealed.operators import first_order
 from rlgcomp.files import write_json
-from rlgcomp.formats import write
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
+from rlgcomp.recording.formats import write
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["single", "pair", "triple", "null", "open", "driverless", "table", "unequal"]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from experiments.concealed.cases import Case, NoiseOfUnits, make_case, means, read_in_pulses
 from rlgcomp.challenge.score import Hidden, Score
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.workers import DIED
 

@@ -16,7 +16,7 @@ from experiments.work import Work
 from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.interval import COVERAGE, excess
 from rlgcomp.compensation.rows import rows
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
 
 HELD_OUT = 3
 NORMAL = 1.645  # 90 % of a normal distribution lie within so many standard deviations

@@ -10,13 +10,13 @@ import pandas as pd
 from experiments.liu_2019.harmonic_failures import failure_row
 from experiments.tables import published, show_frame
 from experiments.work import Work
-from rlgcomp.allan.deviation import allan_deviation
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.noise.processes import NoiseModel
+from rlgcomp.noise.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
+from rlgcomp.noise.rotation.encoder import find_legs, table_angle_deg
+from rlgcomp.noise.rotation.pipeline import angle_random_walk
+from rlgcomp.noise.rotation.results import AngleRandomWalk
 from rlgcomp.recording import Recording
-from rlgcomp.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
-from rlgcomp.rotation.encoder import find_legs, table_angle_deg
-from rlgcomp.rotation.pipeline import angle_random_walk
-from rlgcomp.rotation.results import AngleRandomWalk
 from rlgcomp.simulation.rotation import (
     LIU_DELAY_S,
     LIU_ORDERS,

@@ -14,7 +14,7 @@ from rlgcomp.calibration.triad.information import Noise
 from rlgcomp.calibration.triad.liu_first_step import first_step
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.rate_table import Triad, drawn_triads
-from rlgcomp.triad import GYRO, TriadErrors
+from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
 
 LATITUDE_DEG = 39.98
 LOCK_IN_DEG_S = 0.0173

@@ -7,13 +7,13 @@ import warnings
 import numpy as np
 from scipy import optimize
 
-from rlgcomp.allan.coefficients import fit_coefficients
-from rlgcomp.allan.deviation import AllanDeviation, allan_deviation
 from rlgcomp.errors import InputError
+from rlgcomp.noise.allan.coefficients import fit_coefficients
+from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
+from rlgcomp.noise.rotation.encoder import middle_deg, table_angle_deg
+from rlgcomp.noise.rotation.harmonics import fit_harmonics, spectra, without
+from rlgcomp.noise.rotation.spectral import fit_widest, periodogram
 from rlgcomp.recording import Recording
-from rlgcomp.rotation.encoder import middle_deg, table_angle_deg
-from rlgcomp.rotation.harmonics import fit_harmonics, spectra, without
-from rlgcomp.rotation.spectral import fit_widest, periodogram
 from rlgcomp.simulation.rotation import LIU_ORDERS
 
 

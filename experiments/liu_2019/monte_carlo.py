@@ -11,7 +11,7 @@ from experiments.work import Work
 from rlgcomp.calibration.triad.estimate import calibrate_triad
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.rate_table import Triad, drawn_triads
-from rlgcomp.triad import GYRO, TriadErrors
+from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
 
 STEPS = ("step-1", "step-2", "step-3")
 

@@ -17,7 +17,7 @@ from rlgcomp.calibration.rate_dependence import fit_lock_in
 from rlgcomp.calibration.scale_factor import sd_of_mean
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.result import Diagnosis
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.scale_factor import ScaleFactor

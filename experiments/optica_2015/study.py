@@ -10,8 +10,8 @@ import pandas as pd
 
 import rlgcomp as rlg
 from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.feature_pipeline import recipe_for
 from rlgcomp.compensation.rows import rows
-from rlgcomp.recipe import recipe_for
 
 # deg/h, section 3.3 of the paper
 PUBLISHED = {

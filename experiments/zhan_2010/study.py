@@ -12,7 +12,7 @@ from rlgcomp.calibration.budget import error_budget, monte_carlo
 from rlgcomp.calibration.mounting import mounting_angle
 from rlgcomp.calibration.scale_factor import conventional_scale_factor
 from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
 from rlgcomp.simulation.position_table import PositionTable, TableErrors
 from rlgcomp.units import RAD_PER_ARCSEC
 

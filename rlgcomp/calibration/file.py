@@ -17,13 +17,14 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.calibration.triad.estimate import TriadCalibration
 from rlgcomp.calibration.triad.run import AXES
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, sha256, write_json
+from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording, rate_name
-from rlgcomp.triad import GYRO, TriadErrors
+from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]
 SCHEMA: Final = "rlgcomp.calibration/1"

@@ -22,8 +22,8 @@ from scipy.fft import dst
 
 from rlgcomp.calibration.turns import SAME_RATE, STEADY, grouped, pulses_column
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.robust import SD_OF_MAD
 from rlgcomp.recording import Recording
-from rlgcomp.robust import SD_OF_MAD
 from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]

@@ -26,8 +26,8 @@ from rlgcomp.calibration.rate_dependence import LockInFit, RateTable, fit_lock_i
 from rlgcomp.calibration.scale_factor import ConventionalScaleFactor, conventional_scale_factors
 from rlgcomp.calibration.turns import INNER, OUTER, TABLE
 from rlgcomp.errors import InputError
-from rlgcomp.given import require_recordings
 from rlgcomp.recording import Recording
+from rlgcomp.recording.argument_checks import require_recordings
 from rlgcomp.simulation.position_table import PositionTable, TableErrors
 from rlgcomp.units import DEG_PER_TURN
 

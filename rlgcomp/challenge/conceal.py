@@ -17,7 +17,7 @@ from rlgcomp.challenge.injection import SHARE, Array, busiest, drawn, scaled, un
 from rlgcomp.challenge.score import Hidden
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
-from rlgcomp.noise import NOISES, stream
+from rlgcomp.noise.processes import NOISES, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording

@@ -20,9 +20,9 @@ import numpy.typing as npt
 from rlgcomp import units
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.robust import SD_OF_MAD, stretches
 from rlgcomp.physics.mechanism import Mechanism, Parameter
 from rlgcomp.recording import Recording
-from rlgcomp.robust import SD_OF_MAD, stretches
 
 Array = npt.NDArray[np.float64]
 M = TypeVar("M", bound=Mechanism)

@@ -22,7 +22,7 @@ from rlgcomp.challenge.conceal import RUNS, TRAINING, Challenge
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, sha256, whole_folder, write_json
-from rlgcomp.formats import write
+from rlgcomp.recording.formats import write
 
 CHALLENGE: Final = "challenge.json"
 TRUTH: Final = "truth.json"

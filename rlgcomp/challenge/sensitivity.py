@@ -27,12 +27,12 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
-from rlgcomp.given import require_recordings, require_seed, require_workers
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.plugins import LoadedFirst
+from rlgcomp.physics.plugins import LoadedFirst
 from rlgcomp.recording import Recording
+from rlgcomp.recording.argument_checks import require_recordings, require_seed, require_workers
 from rlgcomp.simulation.simulator import Simulator
 
 STRENGTHS: Final = (0.1, 0.2, 0.4, 0.8, 1.6)

@@ -23,7 +23,6 @@ COMMANDS = (
     "conceal",
     "sensitivity",
     "fleet",
-    "bench",
 )  # the order in which --help lists them
 
 

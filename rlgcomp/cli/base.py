@@ -136,8 +136,8 @@ def read_runs(
     InputError
         A file cannot be used, or no file has a column that is mapped.
     """
-    from rlgcomp.formats import column_names, read
-    from rlgcomp.formats.mapping import has_column, parse_mapping, require_mapped
+    from rlgcomp.recording.formats import column_names, read
+    from rlgcomp.recording.formats.mapping import has_column, parse_mapping, require_mapped
 
     columns = parse_mapping(list(mapping or []))
     files = [interval_of(spec)[0] for spec in (*specs, *also)] if columns else []
@@ -227,9 +227,9 @@ def require_recording(out: Path, *read: str | Path | Sequence[str | Path] | None
     Raises
     ------
     InputError
-        As :func:`require_unread` and :func:`rlgcomp.formats.require_recordable`.
+        As :func:`require_unread` and :func:`rlgcomp.recording.formats.require_recordable`.
     """
-    from rlgcomp.formats import require_recordable, written_beside
+    from rlgcomp.recording.formats import require_recordable, written_beside
 
     require_recordable(out)
     for file in written_beside(out):

@@ -100,8 +100,8 @@ def train(
     from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.artefact import identity
     from rlgcomp.compensation.compensator import Compensator
-    from rlgcomp.compensation.form import sequential
-    from rlgcomp.compensation.keeping import load
+    from rlgcomp.compensation.model_specification import sequential
+    from rlgcomp.compensation.serialisation import load
     from rlgcomp.errors import InputError
 
     _require_folders(out, export, runs, adapt, calibration)
@@ -246,8 +246,8 @@ def evaluate(
 
     Example: `rlgcomp evaluate models/unit-17 new.parquet --out report`
     """
-    from rlgcomp.compensation.keeping import load
-    from rlgcomp.evaluation import evaluate as evaluate_runs
+    from rlgcomp.compensation.serialisation import load
+    from rlgcomp.evaluation.evaluation import evaluate as evaluate_runs
     from rlgcomp.files import whole_folder
     from rlgcomp.report.page import write_report
 
@@ -290,8 +290,8 @@ def compensate(
 
     Example: `rlgcomp compensate models/unit-17 growing.csv --follow --out corrected.csv`
     """
-    from rlgcomp.compensation.keeping import load
-    from rlgcomp.formats import write
+    from rlgcomp.compensation.serialisation import load
+    from rlgcomp.recording.formats import write
 
     if follow:
         from rlgcomp.cli.following import follow as follow_stream
@@ -329,8 +329,8 @@ def compensate(
 
 def _with_monitors_mended(compensator: Compensator, recording: Recording) -> tuple[Recording, list[str]]:
     """The run with its monitors' single wild samples between their neighbours, and what speaks against what comes of it."""
-    from rlgcomp.compensation.suitable import other_unit
-    from rlgcomp.knocks import knocks_in, without_spikes
+    from rlgcomp.compensation.input_checks import other_unit
+    from rlgcomp.recording.outliers import knocks_in, without_spikes
 
     doubt = other_unit(compensator, recording.metadata.unit)
     _, knocks = knocks_in(recording, compensator.gyro)
@@ -341,7 +341,7 @@ def _with_monitors_mended(compensator: Compensator, recording: Recording) -> tup
 
 def _require_the_same_calibration(compensator: Compensator, recordings: list[Recording]) -> None:
     """Refuse runs calibrated otherwise than those that the model was trained on."""
-    from rlgcomp.compensation.suitable import other_calibration
+    from rlgcomp.compensation.input_checks import other_calibration
     from rlgcomp.errors import InputError
 
     for recording in recordings:

@@ -41,11 +41,11 @@ def demo(
     from rlgcomp.compensation import artefact
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.diagnosis.diagnose import diagnose
-    from rlgcomp.evaluation import evaluate
+    from rlgcomp.evaluation.evaluation import evaluate
     from rlgcomp.files import whole_folder
-    from rlgcomp.formats import write
+    from rlgcomp.recording.formats import write
     from rlgcomp.report.page import write_report
-    from rlgcomp.simulation.fleet import simulated_unit
+    from rlgcomp.simulation.random_units import simulated_unit
 
     diagnosis = (f"diagnosis/{name}" for name in (*DIAGNOSIS, "simulator.yaml"))
     writes = (*OWN, *EVALUATION, *diagnosis, *(f"model/{name}" for name in artefact.FILES))

@@ -32,7 +32,7 @@ from rlgcomp.cli.show import show_json
 
 if TYPE_CHECKING:
     from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator
-    from rlgcomp.noise import NoiseModel
+    from rlgcomp.noise.processes import NoiseModel
     from rlgcomp.physics.mechanism import Mechanism
     from rlgcomp.simulation.simulator import Simulator
 
@@ -180,7 +180,7 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
     """
     from rlgcomp.errors import InputError
     from rlgcomp.files import from_yaml
-    from rlgcomp.noise import NoiseModel, upper_limits
+    from rlgcomp.noise.processes import NoiseModel, upper_limits
 
     limits = (0.0, 0.0)
     try:

@@ -84,12 +84,12 @@ def follow(
         The stream cannot be used, or the output belongs to something else.
     """
     from rlgcomp.calibration.file import Calibration
-    from rlgcomp.compensation.following import Follower, to_lines
-    from rlgcomp.compensation.suitable import other_calibration, other_unit
+    from rlgcomp.compensation.input_checks import other_calibration, other_unit
+    from rlgcomp.compensation.streaming import Follower, to_lines
     from rlgcomp.compensation.tail import STANDARD, Lines, Output, readable, stopped
-    from rlgcomp.formats import column_mapping, read_sidecar, require_sidecar, write_sidecar
-    from rlgcomp.formats.mapping import parse_mapping
     from rlgcomp.recording import Metadata
+    from rlgcomp.recording.formats import column_mapping, read_sidecar, require_sidecar, write_sidecar
+    from rlgcomp.recording.formats.mapping import parse_mapping
 
     calibrated: Calibration | None = None if calibration is None else Calibration.read(calibration)
     if (problem := other_calibration(compensator, None if calibrated is None else calibrated.identity)) is not None:

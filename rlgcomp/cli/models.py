@@ -29,7 +29,7 @@ def models(
 
     Example: `rlgcomp models models --on new.parquet`
     """
-    from rlgcomp.collection import survey
+    from rlgcomp.evaluation.model_registry import survey
 
     found = survey(folder, read_runs(on or [], mapping, drop, pulse_arcsec, calibration))
     if as_json:

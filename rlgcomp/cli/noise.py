@@ -66,8 +66,8 @@ def allan(
 
     Example: `rlgcomp allan static.parquet --per-decade 5 --out noise`
     """
-    from rlgcomp.allan.analysis import analyse_noise
-    from rlgcomp.formats.pieces import too_large
+    from rlgcomp.noise.allan.analysis import analyse_noise
+    from rlgcomp.recording.formats.pieces import too_large
 
     taus = None if tau is None else _times(tau)
     if out is not None:
@@ -115,10 +115,10 @@ def _in_pieces(
     period_s: float | None,
 ) -> list[Any]:
     """Analyses of a file that is not held in memory: one pass over it a gyro."""
-    from rlgcomp.allan.streaming import analyse_pieces
     from rlgcomp.errors import InputError
-    from rlgcomp.formats.mapping import parse_mapping
-    from rlgcomp.formats.pieces import gyros_of, read_pieces
+    from rlgcomp.noise.allan.streaming import analyse_pieces
+    from rlgcomp.recording.formats.mapping import parse_mapping
+    from rlgcomp.recording.formats.pieces import gyros_of, read_pieces
 
     path, interval = interval_of(run)
     if interval is not None:
@@ -150,7 +150,7 @@ def _in_pieces(
 
 
 def _show(analysis: Any) -> None:
-    from rlgcomp.allan.wording import value_text
+    from rlgcomp.noise.allan.wording import value_text
 
     table = analysis.deviation.to_frame().rename(
         columns={

@@ -14,7 +14,7 @@ def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: Pu
 
     Example: `rlgcomp inspect cold.parquet hot.csv --map gyro_deg_h='Gyro Z [deg/s]'`
     """
-    from rlgcomp.inspection import summarise, wild_samples
+    from rlgcomp.report.inspection import summarise, wild_samples
 
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     for recording in recordings:

@@ -36,8 +36,8 @@ def arw(
 
     Example: `rlgcomp arw at60.parquet at30.parquet --out arw`
     """
-    from rlgcomp.rotation.pipeline import angle_random_walk
-    from rlgcomp.rotation.results import RotationNoise
+    from rlgcomp.noise.rotation.pipeline import angle_random_walk
+    from rlgcomp.noise.rotation.results import RotationNoise
 
     if trend not in ("time", "temperature"):
         raise InputError(f"--trend is {trend!r}; it must be time or temperature")

@@ -34,7 +34,7 @@ def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 
 def show_evaluation(evaluation: Any) -> None:
     """Print the tables of an evaluation."""
-    from rlgcomp.evaluation import stability_rows
+    from rlgcomp.evaluation.evaluation import stability_rows
 
     show_table(evaluation.title, stability_rows(evaluation))
     if not evaluation.comparison.empty:

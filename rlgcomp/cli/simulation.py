@@ -43,8 +43,8 @@ def simulate(
 
     On a table: `rlgcomp simulate table.yaml --profile 'rate 10 600, rate -10 600, rest 120, sweep -1 1 1800' --out table.parquet`
     """
-    from rlgcomp.formats import write
     from rlgcomp.physics.user import user_catalogue
+    from rlgcomp.recording.formats import write
     from rlgcomp.simulation.simulator import Simulator
 
     require_recording(out, simulator, mechanisms)
@@ -82,9 +82,9 @@ def predict(
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
-    from rlgcomp.formats import write
-    from rlgcomp.knocks import without_spikes
     from rlgcomp.physics.user import user_catalogue
+    from rlgcomp.recording.formats import write
+    from rlgcomp.recording.outliers import without_spikes
     from rlgcomp.simulation.simulator import Simulator
 
     require_recording(out, simulator, mechanisms, run)

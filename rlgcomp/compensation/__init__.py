@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from rlgcomp.compensation import baselines, cubic, fixed_size, lssvm, sequence
-from rlgcomp.compensation.form import ModelForm
+from rlgcomp.compensation.model_specification import ModelForm
 
 MODELS: Final[MappingProxyType[str, ModelForm]] = MappingProxyType(
     {form.name: form for form in (lssvm.FORM, fixed_size.FORM, *cubic.FORMS, *baselines.FORMS, sequence.FORM)}

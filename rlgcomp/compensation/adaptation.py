@@ -32,14 +32,14 @@ from sklearn.base import clone
 
 from rlgcomp.compensation.compensator import Compensator, no_gain, require_different
 from rlgcomp.compensation.cubic import CubicLeastSquares
+from rlgcomp.compensation.input_checks import require_raw
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.compensation.selection import Selection
-from rlgcomp.compensation.suitable import require_raw
 from rlgcomp.errors import InputError
-from rlgcomp.given import require_recordings
-from rlgcomp.knocks import undisturbed
 from rlgcomp.recording import Recording
+from rlgcomp.recording.argument_checks import require_recordings
+from rlgcomp.recording.outliers import undisturbed
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)

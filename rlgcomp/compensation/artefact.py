@@ -30,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.compensation.card import card
+from rlgcomp.compensation.model_card import card
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, sha256, to_json, whole_folder
 

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.form import ModelForm, require_shape
 from rlgcomp.compensation.kernels import kernel_sum
+from rlgcomp.compensation.model_specification import ModelForm, require_shape
 from rlgcomp.compensation.parameters import require_choice, require_number
 
 Array = npt.NDArray[np.float64]

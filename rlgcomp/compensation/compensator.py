@@ -16,17 +16,17 @@ from sklearn.base import BaseEstimator, clone
 
 from rlgcomp.compensation import artefact, form_of, wording
 from rlgcomp.compensation.cubic import DYNAMICS
-from rlgcomp.compensation.form import residuals_left_out, sequential
+from rlgcomp.compensation.feature_pipeline import left_out_of, recipe_for
+from rlgcomp.compensation.input_checks import REMOVED, require_raw
 from rlgcomp.compensation.interval import Interval, excess
 from rlgcomp.compensation.lssvm import LSSVMRegressor
+from rlgcomp.compensation.model_specification import residuals_left_out, sequential
 from rlgcomp.compensation.rows import Scaling, rows
 from rlgcomp.compensation.selection import Progress, Selection, select
-from rlgcomp.compensation.suitable import REMOVED, require_raw
 from rlgcomp.errors import InputError
-from rlgcomp.given import require_recordings, require_workers
-from rlgcomp.knocks import undisturbed
-from rlgcomp.recipe import left_out_of, recipe_for
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_compensation, rate_name
+from rlgcomp.recording.argument_checks import require_recordings, require_workers
+from rlgcomp.recording.outliers import undisturbed
 from rlgcomp.recording.sameness import share_rows
 from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
 
@@ -97,7 +97,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
     model : estimator, optional
         A scikit-learn regressor, which stays as it is; by default :class:`~rlgcomp.LSSVMRegressor`.
     features : str or sequence of str
-        "all", groups such as "temperature,temperature_rate", or further columns; see :func:`rlgcomp.recipe.recipe_for`.
+        "all", groups such as "temperature,temperature_rate", or further columns; see
+        :func:`rlgcomp.compensation.feature_pipeline.recipe_for`.
     averaging_s : float
         The model is trained on means over this time.
     gyro : str, optional
@@ -179,7 +180,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         progress : callable, optional
             Called with (done, total).
         screen : bool
-            Leave out samples far beyond any noise, as :mod:`rlgcomp.knocks` tells them; what was screened before needs it no more.
+            Leave out samples far beyond any noise, as :mod:`rlgcomp.recording.outliers` tells them; what was screened before
+            needs it no more.
 
         Raises
         ------
@@ -387,7 +389,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         InputError
             The model is not one of the package's own, or the place cannot be written to.
         """
-        from rlgcomp.compensation.keeping import packed
+        from rlgcomp.compensation.serialisation import packed
 
         self.require_fitted()
         artefact.write(path, packed(self))

@@ -27,11 +27,11 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.form import Candidates, ModelForm, require_shape
 from rlgcomp.compensation.kernels import gaussian, kernel_sum
+from rlgcomp.compensation.model_specification import Candidates, ModelForm, require_shape
 from rlgcomp.compensation.parameters import require_number
-from rlgcomp.compiled import available, compiled
-from rlgcomp.lapack import pivoted_cholesky, shifted_solutions, solve_lower
+from rlgcomp.numerics.compiled import available, compiled
+from rlgcomp.numerics.lapack import pivoted_cholesky, shifted_solutions, solve_lower
 
 Array = npt.NDArray[np.float64]
 _ROWS_AT_ONCE: Final = 1024

@@ -34,7 +34,7 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compensation.form import finite
+from rlgcomp.compensation.model_specification import finite
 from rlgcomp.compensation.rows import MARGIN
 from rlgcomp.errors import InputError
 

@@ -35,16 +35,16 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
-from rlgcomp.compensation.bordered import PlainSystem
 from rlgcomp.compensation.device import DeviceSystem, predictions, require_device
 from rlgcomp.compensation.fixed_size import fixed_size_rmse
-from rlgcomp.compensation.form import Candidates, ModelForm, require_shape, rms
 from rlgcomp.compensation.kernels import kernel, kernel_diagonal, kernel_sum
+from rlgcomp.compensation.kkt_system import PlainSystem
+from rlgcomp.compensation.model_specification import Candidates, ModelForm, require_shape, rms
 from rlgcomp.compensation.parameters import require_choice, require_number
-from rlgcomp.compensation.path import EigenPath, path_over
-from rlgcomp.compiled import compiled
+from rlgcomp.compensation.regularisation_path import EigenPath, path_over
 from rlgcomp.errors import InputError
-from rlgcomp.robust import SD_OF_MAD
+from rlgcomp.numerics.compiled import compiled
+from rlgcomp.numerics.robust import SD_OF_MAD
 
 Array = npt.NDArray[np.float64]
 _KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid")

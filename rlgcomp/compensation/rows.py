@@ -9,8 +9,8 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.noise import NOISES
-from rlgcomp.recipe import FeatureRecipe
+from rlgcomp.compensation.feature_pipeline import FeatureRecipe
+from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]

@@ -23,9 +23,9 @@ import numpy.typing as npt
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from rlgcomp.compensation.form import Candidates, Labels, ModelForm
-from rlgcomp.compiled import blas_threads
+from rlgcomp.compensation.model_specification import Candidates, Labels, ModelForm
 from rlgcomp.files import to_json
+from rlgcomp.numerics.compiled import blas_threads
 
 Array = npt.NDArray[np.float64]
 TIE: Final = 0.01  # candidates whose error is this close to the smallest count as equal; the first, which is the smoothest, wins

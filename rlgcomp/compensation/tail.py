@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, Self, TextIO
 
-from rlgcomp.compensation.following import agrees
+from rlgcomp.compensation.streaming import agrees
 from rlgcomp.errors import InputError
 from rlgcomp.files import require_writable
 

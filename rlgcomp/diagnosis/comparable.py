@@ -16,10 +16,10 @@ from rlgcomp.diagnosis.question.held_out import require_held_out
 from rlgcomp.diagnosis.question.windows import default_window_s
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator
 from rlgcomp.errors import InputError
-from rlgcomp.held import without_holds
-from rlgcomp.knocks import frozen_in, undisturbed
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
+from rlgcomp.recording.outliers import frozen_in, undisturbed
+from rlgcomp.recording.sample_and_hold import without_holds
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]

@@ -11,7 +11,6 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis import bias_steps, partly
 from rlgcomp.diagnosis.account import unexplained_of, what_to_run, whiteness
 from rlgcomp.diagnosis.answer import Answer, and_laws, and_what_changes_size
@@ -45,12 +44,13 @@ from rlgcomp.diagnosis.remarks.noise import other_noise, own_noises_of, weighed_
 from rlgcomp.diagnosis.result import Diagnosis, Estimate, InPart, Place, Step, chance, contradicted
 from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator, scale_remarks
 from rlgcomp.errors import InputError
-from rlgcomp.given import require_recordings, require_seed
-from rlgcomp.noise import NoiseModel, stream
+from rlgcomp.noise.processes import NoiseModel, stream
+from rlgcomp.numerics.compiled import one_blas_thread
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording
+from rlgcomp.recording.argument_checks import require_recordings, require_seed
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]

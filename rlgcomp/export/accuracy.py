@@ -25,12 +25,12 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.features import Lag, Memory, Rate, ReadoutDifference
 from rlgcomp.compensation.kernels import gaussian, squared_distances
 from rlgcomp.compensation.lssvm import LSSVMRegressor
 from rlgcomp.export.expansion import Expansion, third_remainder
 from rlgcomp.export.golden import EITHER, Stream
 from rlgcomp.export.target import Precision
-from rlgcomp.features import Lag, Memory, Rate, ReadoutDifference
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]

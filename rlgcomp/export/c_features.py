@@ -1,4 +1,4 @@
-"""The C lines that compute a recipe's features, and the memory they need: the same arithmetic as :mod:`rlgcomp.features`."""
+"""The C lines that compute a recipe's features, and their memory: the same arithmetic as :mod:`rlgcomp.compensation.features`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 import re
 from collections.abc import Callable, Sequence
 
+from rlgcomp.compensation.feature_pipeline import FeatureRecipe
+from rlgcomp.compensation.features import Difference, Feature, Lag, Level, Memory, Rate, ReadoutDifference
 from rlgcomp.errors import InputError
 from rlgcomp.export.target import Precision
-from rlgcomp.features import Difference, Feature, Lag, Level, Memory, Rate, ReadoutDifference
-from rlgcomp.recipe import FeatureRecipe
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 

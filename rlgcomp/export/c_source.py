@@ -14,14 +14,14 @@ import numpy.typing as npt
 
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.form import parameters_of
+from rlgcomp.compensation.features import ReadoutDifference
+from rlgcomp.compensation.model_specification import parameters_of
 from rlgcomp.errors import InputError
 from rlgcomp.export.accuracy import Bounds
 from rlgcomp.export.c_features import feature_code, identifiers
 from rlgcomp.export.expansion import Expansion
 from rlgcomp.export.golden import Stream
 from rlgcomp.export.target import Precision
-from rlgcomp.features import ReadoutDifference
 from rlgcomp.units import column_unit
 
 Array = npt.NDArray[np.float64]

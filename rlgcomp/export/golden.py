@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.feature_pipeline import FeatureRecipe
+from rlgcomp.compensation.features import Difference, Level, ReadoutDifference
 from rlgcomp.errors import InputError
 from rlgcomp.export.expansion import Expansion
-from rlgcomp.features import Difference, Level, ReadoutDifference
-from rlgcomp.recipe import FeatureRecipe
 from rlgcomp.recording import TIME, Recording
 
 Array = npt.NDArray[np.float64]

@@ -2,7 +2,8 @@
 
 The graph holds what has no memory: range guard, scaling, model, interval. Filters and hysteresis memory have a state that a
 runtime of tensors would have to be handed back with every sample; they stay where they are exact already, in
-:meth:`rlgcomp.recipe.FeatureRecipe.step` and in the exported C. Rows are independent: a batch is any number of them.
+:meth:`rlgcomp.compensation.feature_pipeline.FeatureRecipe.step` and in the exported C. Rows are independent: a batch is any
+number of them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import pandas as pd
 
 from rlgcomp.compensation.artefact import identity
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.keeping import load
+from rlgcomp.compensation.serialisation import load
 from rlgcomp.errors import InputError
 from rlgcomp.export.budget import sized
 from rlgcomp.export.expansion import Expansion, expansion_of

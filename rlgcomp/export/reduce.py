@@ -38,7 +38,7 @@ from sklearn.base import clone
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.rows import Rows, rows
 from rlgcomp.errors import InputError
-from rlgcomp.evaluation import trained_on
+from rlgcomp.evaluation.evaluation import trained_on
 from rlgcomp.export.expansion import Expansion, expansion_of, expansion_of_model
 from rlgcomp.recording import Recording
 

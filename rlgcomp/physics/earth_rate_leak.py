@@ -8,9 +8,9 @@ from typing import Self
 
 import numpy as np
 
-from rlgcomp.motion import TAKEN, harmonic, worth_trying
 from rlgcomp.physics.mechanism import TABLE_ANGLE, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import TAKEN, harmonic, worth_trying
 
 
 @dataclasses.dataclass(frozen=True)

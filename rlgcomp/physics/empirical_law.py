@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.errors import InputError
-from rlgcomp.filters import ahead, lag, rate_per_min, running_mean
-from rlgcomp.hysteresis import STARTS, play_paths
-from rlgcomp.motion import rate_deg_s
+from rlgcomp.numerics.filters import ahead, lag, rate_per_min, running_mean
+from rlgcomp.numerics.hysteresis import STARTS, play_paths
 from rlgcomp.physics.mechanism import TABLE_RATE, TEMPERATURE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import rate_deg_s
 from rlgcomp.units import column_unit
 
 SMOOTHING_S: Final = 20.0  # a law answers to the quantity, not to the noise of its reading

@@ -10,9 +10,9 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s, stilled
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s, stilled
 from rlgcomp.units import ARCSEC_PER_DEG, SECONDS_PER_HOUR
 
 _RATIO: Final = 1.6  # between the lock-in rates that diagnosis tries

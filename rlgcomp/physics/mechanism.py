@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.motion import ANGLES, RATE, angle_column, angle_deg, rate_column, rate_deg_s
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import ANGLES, RATE, angle_column, angle_deg, rate_column, rate_deg_s
 
 Array = npt.NDArray[np.float64]
 Role = Literal["amplitude", "shape", "setting"]

@@ -8,9 +8,9 @@ from typing import Self
 
 import numpy as np
 
-from rlgcomp.motion import TAKEN, harmonic, rate_deg_s, worth_trying
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import TAKEN, harmonic, rate_deg_s, worth_trying
 from rlgcomp.units import RAD_PER_ARCSEC, SECONDS_PER_HOUR
 
 

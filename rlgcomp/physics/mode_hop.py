@@ -8,8 +8,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.compiled import compiled, loaded
-from rlgcomp.hysteresis import BEGUN, STARTS
+from rlgcomp.numerics.compiled import compiled, loaded
+from rlgcomp.numerics.hysteresis import BEGUN, STARTS
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from rlgcomp.filters import rate_per_min
+from rlgcomp.numerics.filters import rate_per_min
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude
 from rlgcomp.recording import Recording
 

@@ -8,9 +8,9 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.motion import TAKEN, harmonic, rate_deg_s, reference_rate_deg_s, taken_at_deg, told_by_values, worth_trying
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, Array, Mechanism, Parameter, amplitude, setting
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import TAKEN, harmonic, rate_deg_s, reference_rate_deg_s, taken_at_deg, told_by_values, worth_trying
 from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR
 
 LOWER: Final = 12  # orders that are tried one by one; there are too many of the others to try in vain

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from rlgcomp.motion import rate_deg_s
 from rlgcomp.physics.mechanism import TABLE_RATE, Array, Mechanism, amplitude
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import rate_deg_s
 from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 

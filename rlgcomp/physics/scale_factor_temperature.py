@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from rlgcomp.motion import rate_deg_s
 from rlgcomp.physics.mechanism import TABLE_RATE, TEMPERATURE, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import rate_deg_s
 from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 

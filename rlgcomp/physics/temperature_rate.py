@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from rlgcomp.filters import rate_per_min
+from rlgcomp.numerics.filters import rate_per_min
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude
 from rlgcomp.recording import Recording
 

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Final, Self
 
-from rlgcomp.filters import ahead
+from rlgcomp.numerics.filters import ahead
 from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, shape
 from rlgcomp.recording import Recording
 

@@ -9,8 +9,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.filters import read_noise
-from rlgcomp.hysteresis import BEGUN, STARTS, BoucWen, ColemanHodgdon, Play, Preisach, play_paths
+from rlgcomp.numerics.filters import read_noise
+from rlgcomp.numerics.hysteresis import BEGUN, STARTS, BoucWen, ColemanHodgdon, Play, Preisach, play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 

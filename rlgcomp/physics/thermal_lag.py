@@ -8,7 +8,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.filters import lag
+from rlgcomp.numerics.filters import lag
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
 from rlgcomp.recording import Recording
 

@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.motion import ANGLES, RATE
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_ANGLE, TABLE_RATE, TEMPERATURE, TURNING, Array, Mechanism, Role
-from rlgcomp.plugins import load_python, said_line
+from rlgcomp.physics.plugins import load_python, said_line
 from rlgcomp.recording import TIME, Metadata, Recording
+from rlgcomp.recording.motion import ANGLES, RATE
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 _KINDS: Final = ("chamber", "turntable", "any")

@@ -1,7 +1,8 @@
 """The recording: the one data type that flows through the package, a table with units in its column names and its metadata.
 
 A recording is frozen and valid: its time increases, nothing in it is missing or infinite, and it holds a gyro. Simulated and
-measured recordings differ only in `truth`. Files are read and mended by :mod:`rlgcomp.formats` and :mod:`rlgcomp.repair`.
+measured recordings differ only in `truth`. Files are read and mended by :mod:`rlgcomp.recording.formats` and
+:mod:`rlgcomp.recording.repair`.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording.averaging import DEFAULT_AVERAGING_S, LEAST_COVERAGE, FullWindows
 from rlgcomp.recording.columns import GYRO_UNITS, TIME, is_compensation, is_gyro, rate_name
 from rlgcomp.recording.metadata import PREDICTED, Finding, Kind, Metadata
+from rlgcomp.recording.sampling import GAP_PERIODS, Sampling
 from rlgcomp.recording.validity import FEWEST_ROWS, problems_of
-from rlgcomp.sampling import GAP_PERIODS, Sampling
 
 __all__ = [
     "DEFAULT_AVERAGING_S", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "PREDICTED", "TIME",
@@ -78,7 +79,7 @@ class Recording:
     def repaired(
         cls, table: pd.DataFrame, metadata: Metadata, *, name: str, truth: pd.DataFrame | None, findings: tuple[Finding, ...]
     ) -> Self:
-        """A recording of a table as :func:`rlgcomp.repair.repair` returns it: what that has proved is not looked at again."""
+        """A recording of a table as `rlgcomp.recording.repair.repair` returns it: what that has proved is not looked at again."""
         recording = cls.__new__(cls)
         _hold(recording, table, metadata, name, truth, findings)
         return recording

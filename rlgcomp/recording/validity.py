@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from rlgcomp.numerics.column_ranges import extents, step_extent
 from rlgcomp.recording.columns import TIME, is_gyro
-from rlgcomp.scan import extents, step_extent
 
 FEWEST_ROWS: Final = 3
 _LARGEST: Final = float(np.finfo(np.float64).max)

@@ -17,7 +17,7 @@ from rlgcomp.calibration.triad.calibrate import TableCalibration
 from rlgcomp.calibration.triad.estimate import PRIOR_SD, SEEN, RunResult
 from rlgcomp.files import write_text
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
-from rlgcomp.triad import GYRO
+from rlgcomp.simulation.triad_errors import GYRO
 from rlgcomp.units import SECONDS_PER_MINUTE, value_and_sd
 
 

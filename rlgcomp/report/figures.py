@@ -13,8 +13,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
-from rlgcomp.evaluation import Evaluation, Trace
-from rlgcomp.noise import NOISES
+from rlgcomp.evaluation.evaluation import Evaluation, Trace
+from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_HOUR
 

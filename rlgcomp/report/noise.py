@@ -11,8 +11,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rlgcomp.allan.analysis import NoiseAnalysis
-from rlgcomp.allan.wording import value_text
+from rlgcomp.noise.allan.analysis import NoiseAnalysis
+from rlgcomp.noise.allan.wording import value_text
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN
 
 # One line a noise, in the order of the coefficients: letter, unit, colour

@@ -11,8 +11,8 @@ import pandas as pd
 
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.form import parameters_of
-from rlgcomp.evaluation import Evaluation
+from rlgcomp.compensation.model_specification import parameters_of
+from rlgcomp.evaluation.evaluation import Evaluation
 from rlgcomp.files import write_json, write_text
 from rlgcomp.recording import Recording
 from rlgcomp.report import figures

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from rlgcomp.noise.rotation.harmonics import FALSE_ALARM
+from rlgcomp.noise.rotation.results import AngleRandomWalk
 from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
-from rlgcomp.rotation.harmonics import FALSE_ALARM
-from rlgcomp.rotation.results import AngleRandomWalk
 from rlgcomp.units import SECONDS_PER_HOUR
 
 LEGEND: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}

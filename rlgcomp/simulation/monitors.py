@@ -16,9 +16,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.filters import rate_per_min
-from rlgcomp.hysteresis import Play
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
+from rlgcomp.numerics.filters import rate_per_min
+from rlgcomp.numerics.hysteresis import Play
 from rlgcomp.recording import TIME
 from rlgcomp.simulation.optics import Readout
 from rlgcomp.simulation.plant import PlatinumThermometer, ThermalPlant

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.filters import lag
+from rlgcomp.numerics.filters import lag
 
 Array = npt.NDArray[np.float64]
 # IEC 60751: R(T) = R0 (1 + A T + B T² + C (T - 100) T³), the last term below 0 degC only

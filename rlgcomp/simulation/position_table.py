@@ -31,7 +31,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.to_and_fro import to_and_fro
 from rlgcomp.units import (

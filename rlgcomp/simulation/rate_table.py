@@ -4,7 +4,7 @@ The table's rates are linear between knots, so its angles are exact quadratics; 
 
 .. math:: \theta = \theta_{lin}(t) + A \sin 2\phi,
 
-which keeps every oblique gyro away from zero rate. With C = C_bn of :mod:`rlgcomp.frames`,
+which keeps every oblique gyro away from zero rate. With C = C_bn of :mod:`rlgcomp.numerics.frames`,
 
 .. math:: \omega_b = C^T \omega_{ie} + (\dot\theta \sin\phi,\ \dot\theta \cos\phi,\ \dot\phi), \qquad f_b = C^T (0, 0, g)
 
@@ -26,11 +26,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.errors import InputError
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
+from rlgcomp.numerics import frames
 from rlgcomp.recording import Metadata, Recording
-from rlgcomp.triad import ACCELEROMETER, TriadErrors
+from rlgcomp.simulation.triad_errors import ACCELEROMETER, TriadErrors
 
 Array = npt.NDArray[np.float64]
 ACCELERATION_DEG_S2: Final = 100.0

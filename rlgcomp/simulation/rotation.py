@@ -24,7 +24,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise import NoiseModel, stream
+from rlgcomp.noise.processes import NoiseModel, stream
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.units import ARCSEC_PER_DEG, RAD_PER_DEG, SECONDS_PER_HOUR
 

@@ -18,12 +18,12 @@ import yaml
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, write_text
-from rlgcomp.given import require_seed
-from rlgcomp.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
-from rlgcomp.noise import NoiseModel, stream
+from rlgcomp.noise.processes import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism
 from rlgcomp.recording import PREDICTED, Metadata, Recording
+from rlgcomp.recording.argument_checks import require_seed
+from rlgcomp.recording.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
 from rlgcomp.simulation import wording
 from rlgcomp.simulation.monitors import Beams, Monitors
 from rlgcomp.simulation.plant import ThermalPlant
@@ -153,7 +153,7 @@ class Simulator:
         """What a perfect gyro would show: nothing in a chamber; a turntable's rate, and the Earth's where the latitude is known.
 
         Where a recording's rate and angle allow several readings of how the table turned, the gyro itself says which its samples
-        belong to (:func:`rlgcomp.motion.reference_rate_deg_s`).
+        belong to (:func:`rlgcomp.recording.motion.reference_rate_deg_s`).
 
         Parameters
         ----------

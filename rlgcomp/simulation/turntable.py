@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise import stream
+from rlgcomp.noise.processes import stream
 from rlgcomp.recording import TIME, Metadata
 from rlgcomp.simulation.monitors import wander
 from rlgcomp.simulation.plant import PlatinumThermometer

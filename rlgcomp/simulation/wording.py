@@ -6,7 +6,7 @@ import textwrap
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from rlgcomp.noise import NoiseModel
+    from rlgcomp.noise.processes import NoiseModel
     from rlgcomp.physics.mechanism import Mechanism, Parameter
     from rlgcomp.simulation.simulator import Simulator
 

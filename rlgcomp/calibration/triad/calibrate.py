@@ -21,10 +21,10 @@ from rlgcomp.calibration.triad.latitude import Latitude
 from rlgcomp.calibration.triad.rate_bias import RateBias, rate_bias, unseparated
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.errors import InputError
-from rlgcomp.given import require_recordings
 from rlgcomp.recording import Recording
+from rlgcomp.recording.argument_checks import require_recordings
 from rlgcomp.simulation.rate_table import Triad
-from rlgcomp.triad import GYRO, TriadErrors
+from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
 from rlgcomp.units import value_and_sd
 
 CHI_SQUARED_RATIO: Final = (0.8, 1.25)

@@ -43,7 +43,7 @@ from rlgcomp.calibration.triad.recursive import SquareRootInformation
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.calibration.triad.strapdown import Sensitivity, fastest_deg
 from rlgcomp.errors import InputError
-from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
+from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]
 PRIOR_SD: Final = {"ppm": 1e4, "deg/h": 100.0, "arcsec": 7200.0}

@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.errors import InputError
+from rlgcomp.numerics import frames
 
 Array = npt.NDArray[np.float64]
 Readings = tuple[Array, Array, Array]

@@ -35,11 +35,12 @@ from typing import Final, cast
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.calibration.triad import strapdown
 from rlgcomp.calibration.triad.recursive import SquareRootInformation
 from rlgcomp.calibration.triad.run import TableRun
-from rlgcomp.triad import ACCELEROMETER, GYRO, TriadErrors
+from rlgcomp.numerics import frames
+from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]
 MOUNT: Final = 3

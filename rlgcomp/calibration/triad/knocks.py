@@ -11,9 +11,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.calibration.triad.run import TableRun
-from rlgcomp.robust import SD_OF_MAD, stretches
+from rlgcomp.numerics import frames
+from rlgcomp.numerics.robust import SD_OF_MAD, stretches
 
 Array = npt.NDArray[np.float64]
 _FAR: Final = 30.0  # standard deviations of a sample

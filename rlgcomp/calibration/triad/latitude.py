@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
-from rlgcomp import frames, units
+from rlgcomp import units
+from rlgcomp.numerics import frames
 
 Array = npt.NDArray[np.float64]
 _GRID_DEG: Final = 0.5

@@ -18,10 +18,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.calibration.triad import strapdown
 from rlgcomp.calibration.triad.recursive import printed_least_squares
 from rlgcomp.calibration.triad.run import TableRun
+from rlgcomp.numerics import frames
 
 Array = npt.NDArray[np.float64]
 NAMES: Final = ("scale_z_ppm", "bias_z_deg_h", "beta_gx_arcsec", "beta_gy_arcsec")

@@ -17,8 +17,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.calibration.triad.run import AXES, TableRun
+from rlgcomp.numerics import frames
 
 Array = npt.NDArray[np.float64]
 LOCK_IN_DEG_S: Final = 0.1

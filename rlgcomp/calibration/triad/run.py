@@ -9,9 +9,10 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp import frames, units
+from rlgcomp import units
 from rlgcomp.calibration.triad.gravity import WORST_AGREEMENT, require_gravity
 from rlgcomp.errors import InputError
+from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]

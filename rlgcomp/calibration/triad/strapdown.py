@@ -36,8 +36,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp import frames, units
-from rlgcomp.triad import Parameter
+from rlgcomp import units
+from rlgcomp.numerics import frames
+from rlgcomp.simulation.triad_errors import Parameter
 
 Array = npt.NDArray[np.float64]
 MOST_TURN_DEG: Final = 0.4

@@ -29,10 +29,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import available, in_threads
 from rlgcomp.diagnosis.naming.evidence import SIZES, Evidence, log_sum_exp
 from rlgcomp.diagnosis.noise.loops import table_sums
 from rlgcomp.diagnosis.noise.whitening import simulate
+from rlgcomp.numerics.compiled import available, in_threads
 
 Array = npt.NDArray[np.float64]
 REPLICATES: Final = 400

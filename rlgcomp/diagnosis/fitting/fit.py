@@ -31,7 +31,7 @@ from rlgcomp.diagnosis.question.free_part import OWN_BIAS
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.diagnosis.result import Estimate
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR

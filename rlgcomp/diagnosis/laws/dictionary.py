@@ -25,12 +25,12 @@ from rlgcomp.diagnosis.laws.families import OF_MEMORY, Axis, Family, Held, begun
 from rlgcomp.diagnosis.laws.law_loops import WindowsOfPieces
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
-from rlgcomp.filters import ahead
-from rlgcomp.hysteresis import STARTS
-from rlgcomp.motion import ANGLES, RATE, rate_column, rate_deg_s
+from rlgcomp.numerics.filters import ahead
+from rlgcomp.numerics.hysteresis import STARTS
 from rlgcomp.physics.empirical_law import RATE_INDEPENDENT, EmpiricalLaw, named, played, reading, remembered
 from rlgcomp.physics.mechanism import TABLE_RATE
 from rlgcomp.recording import TIME, Recording, is_gyro
+from rlgcomp.recording.motion import ANGLES, RATE, rate_column, rate_deg_s
 from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]

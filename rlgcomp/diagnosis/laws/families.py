@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.hysteresis import STARTS
+from rlgcomp.numerics.hysteresis import STARTS
 from rlgcomp.physics.empirical_law import NARROW
 
 Array = npt.NDArray[np.float64]

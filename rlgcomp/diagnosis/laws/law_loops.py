@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import available, compiled
+from rlgcomp.numerics.compiled import available, compiled
 from rlgcomp.physics.empirical_law import FORMS, NARROW, form_of
 
 Array = npt.NDArray[np.float64]

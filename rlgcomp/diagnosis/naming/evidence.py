@@ -34,11 +34,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import log_ndtr
 
-from rlgcomp.compiled import available, in_threads, threads
 from rlgcomp.diagnosis.naming.candidates import Candidate
 from rlgcomp.diagnosis.noise.loops import log_extensions, log_sums
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Whitener, norms
 from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.numerics.compiled import available, in_threads, threads
 from rlgcomp.physics.mechanism import Mechanism
 
 Array = npt.NDArray[np.float64]

@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.filters import lag
-from rlgcomp.motion import rate_deg_s
+from rlgcomp.numerics.filters import lag
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import TIME, Recording
+from rlgcomp.recording.motion import rate_deg_s
 
 Array = npt.NDArray[np.float64]
 INADEQUACY: Final = 0.15

@@ -23,9 +23,9 @@ from rlgcomp.diagnosis.question.pulses import beat_deg_h, step_deg_h
 from rlgcomp.diagnosis.question.regimes import AT_REST
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.errors import InputError
-from rlgcomp.motion import angle_deg, rate_deg_s, worth_trying
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.rotation_harmonics import highest_order
+from rlgcomp.recording.motion import angle_deg, rate_deg_s, worth_trying
 from rlgcomp.units import DEG_PER_TURN, RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]

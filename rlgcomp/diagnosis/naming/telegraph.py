@@ -34,7 +34,7 @@ from scipy import linalg
 
 from rlgcomp.diagnosis.naming.two_levels import DWELLS_S, Models, drawn_signs, likeliest_signs, log_likelihood, smoothed
 from rlgcomp.diagnosis.noise.whitening import Rows
-from rlgcomp.robust import SD_OF_MAD, stretches
+from rlgcomp.numerics.robust import SD_OF_MAD, stretches
 
 Array = npt.NDArray[np.float64]
 _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation

@@ -24,9 +24,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
-from rlgcomp.compiled import available
 from rlgcomp.diagnosis.noise.loops import draw_back, forward_backward
 from rlgcomp.diagnosis.noise.whitening import Rows
+from rlgcomp.numerics.compiled import available
 
 Array = npt.NDArray[np.float64]
 DWELLS_S: Final = (400.0, 1200.0, 3600.0, 10800.0)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import compiled
+from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]

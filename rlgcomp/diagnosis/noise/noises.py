@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.units import arw_rate_sd_deg_h
 
 Array = npt.NDArray[np.float64]

@@ -28,8 +28,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
-from rlgcomp.compiled import available, in_threads, threads
 from rlgcomp.diagnosis.noise.loops import innovations, kalman_gains, remember
+from rlgcomp.numerics.compiled import available, in_threads, threads
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]

@@ -10,9 +10,9 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 
 from rlgcomp.errors import InputError
-from rlgcomp.filters import rate_per_min
-from rlgcomp.motion import rate_deg_s
+from rlgcomp.numerics.filters import rate_per_min
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import rate_deg_s
 from rlgcomp.simulation import programme as chamber
 from rlgcomp.simulation import table_programme as table
 from rlgcomp.simulation.programme import Hold, Programme, Ramp

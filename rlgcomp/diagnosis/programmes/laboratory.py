@@ -38,7 +38,7 @@ from scipy import linalg, optimize
 
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, norms, whiten
 from rlgcomp.errors import InputError
-from rlgcomp.filters import lag, rate_per_min
+from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.physics.ageing import Ageing
 from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.simulation.monitors import NOMINAL_DEG_C

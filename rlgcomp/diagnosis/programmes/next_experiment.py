@@ -33,9 +33,9 @@ from rlgcomp.diagnosis.question.shapes import neighbours
 from rlgcomp.diagnosis.question.windows import Windows, turning_deg_s
 from rlgcomp.diagnosis.result import NextExperiment
 from rlgcomp.diagnosis.result.phrases import set_text
-from rlgcomp.motion import ANGLES, RATE, angle_deg, rate_deg_s
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import ANGLES, RATE, angle_deg, rate_deg_s
 from rlgcomp.simulation.programme import Programme
 from rlgcomp.simulation.table_programme import TableProgramme
 from rlgcomp.units import DEG_PER_TURN

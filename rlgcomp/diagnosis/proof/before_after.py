@@ -23,12 +23,12 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import special
 
-from rlgcomp.bootstrap import BLOCK_S, DRAWS, drawn_squares
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, whiten
 from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
 from rlgcomp.diagnosis.question.windows import Windows, turning_deg_s
 from rlgcomp.diagnosis.result import Fit, RunFit, Trace
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.bootstrap import BLOCK_S, DRAWS, drawn_squares
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.simulation.simulator import Simulator
 

@@ -14,11 +14,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compiled import one_blas_thread
 from rlgcomp.diagnosis.question.departures import not_comparable
 from rlgcomp.diagnosis.question.pulses import step_of
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.compiled import one_blas_thread
 from rlgcomp.recording import TIME, Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -137,7 +137,7 @@ def _without_advice() -> Iterator[None]:
 
 def _of_all(taught: Sequence[Recording], levels: Sequence[str]) -> Sequence[str]:
     """The features of a compensation, and the levels of columns that it does not read."""
-    from rlgcomp.recipe import recipe_for
+    from rlgcomp.compensation.feature_pipeline import recipe_for
 
     try:
         read = recipe_for(taught).columns

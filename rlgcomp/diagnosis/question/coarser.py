@@ -19,11 +19,11 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.motion import ANGLES
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.rotation_harmonics import highest_order
 from rlgcomp.recording import TIME, Recording
+from rlgcomp.recording.motion import ANGLES
 
 PERIOD_S: Final = 0.1
 _FEWEST: Final = 50  # samples that a window still holds

@@ -15,8 +15,8 @@ from scipy import optimize
 from rlgcomp.diagnosis.noise.whitening import IntArray
 from rlgcomp.diagnosis.question import averages
 from rlgcomp.diagnosis.question.windows import Windows
-from rlgcomp.motion import rate_deg_s
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import rate_deg_s
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]

@@ -1,7 +1,8 @@
 """How a recording tells its table's motion: a convention of whoever recorded it, and no physics of the gyro.
 
 A row of a recording belongs to the sample that ends at its time. Where the gyro shows that an angle was read in the middle of each
-sample, or a rate at the instant (:func:`rlgcomp.motion.reading_of`), the mean rate over the sample is interpolated, or that of the
+sample, or a rate at the instant (:func:`rlgcomp.recording.motion.reading_of`), the mean rate over the sample is interpolated, or
+that of the
 encoder taken; rows of which the recording does not tell it, in which a table begins or ends to speed up, are left out.
 """
 
@@ -15,9 +16,9 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.result.phrases import listing
-from rlgcomp.motion import ANGLES, RATE, Reading, lateness, rate_column, rate_deg_s, reading_of
+from rlgcomp.numerics.robust import SD_OF_MAD
 from rlgcomp.recording import Recording
-from rlgcomp.robust import SD_OF_MAD
+from rlgcomp.recording.motion import ANGLES, RATE, Reading, lateness, rate_column, rate_deg_s, reading_of
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -38,7 +39,8 @@ class Meant(NamedTuple):
     ----------
     run : Recording
     means : str
-        What its table's columns hold, as in :class:`rlgcomp.motion.Reading`; empty where they are what this package takes them for.
+        What its table's columns hold, as in :class:`rlgcomp.recording.motion.Reading`; empty where they are what this package
+        takes them for.
     late : Estimate
         By how much of a sample they are late.
     left_out : float

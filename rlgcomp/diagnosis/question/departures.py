@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.question.windows import Flags, Windows
 from rlgcomp.errors import InputError
-from rlgcomp.motion import ANGLES, RATE, untold
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import ANGLES, RATE, untold
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR, column_unit
 

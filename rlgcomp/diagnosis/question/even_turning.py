@@ -29,8 +29,8 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.motion import ANGLES, angle_deg
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import ANGLES, angle_deg
 from rlgcomp.units import ARCSEC_PER_DEG, DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]

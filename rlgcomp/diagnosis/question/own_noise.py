@@ -43,7 +43,7 @@ from scipy import special
 
 from rlgcomp.diagnosis.noise.whitening import IntArray
 from rlgcomp.diagnosis.question.windows import Burst, Windows
-from rlgcomp.motion import RATE, rate_column
+from rlgcomp.recording.motion import RATE, rate_column
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.filters import rate_per_min
-from rlgcomp.motion import ANGLES, RATE, rate_deg_s
+from rlgcomp.numerics.filters import rate_per_min
+from rlgcomp.recording.motion import ANGLES, RATE, rate_deg_s
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]

@@ -15,9 +15,9 @@ import pandas as pd
 from rlgcomp.diagnosis.noise.whitening import IntArray
 from rlgcomp.diagnosis.question import averages
 from rlgcomp.errors import InputError
-from rlgcomp.motion import rate_deg_s
 from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
-from rlgcomp.repair.frozen import frozen_stretches, said_of
+from rlgcomp.recording.motion import rate_deg_s
+from rlgcomp.recording.repair.frozen import frozen_stretches, said_of
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

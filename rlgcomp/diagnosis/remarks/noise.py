@@ -25,7 +25,7 @@ from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.diagnosis.result.phrases import p_text, span_text, sure_text
 from rlgcomp.diagnosis.result.sentences import NEAREST
-from rlgcomp.noise import SLOW, NoiseModel
+from rlgcomp.noise.processes import SLOW, NoiseModel
 from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]

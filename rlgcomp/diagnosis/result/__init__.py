@@ -33,8 +33,8 @@ from rlgcomp.diagnosis.result.findings import (
 from rlgcomp.diagnosis.result.fits import Alignment, Fit, RunFit, Trace, contradicted
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256, to_json, write_json
-from rlgcomp.noise import NoiseModel
-from rlgcomp.notebook import ShownAsTable
+from rlgcomp.noise.processes import NoiseModel
+from rlgcomp.report.notebook import ShownAsTable
 from rlgcomp.simulation.simulator import Simulator
 
 __all__ = [

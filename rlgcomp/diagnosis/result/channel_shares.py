@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.diagnosis.result import Trace
-from rlgcomp.noise import NoiseModel
+from rlgcomp.noise.processes import NoiseModel
 
 Array = npt.NDArray[np.float64]
 _BINS: Final = 8

@@ -14,13 +14,13 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from rlgcomp.allan.deviation import allan_deviation
 from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
 from rlgcomp.diagnosis.result.channel_shares import channel_shares
 from rlgcomp.diagnosis.result.phrases import sure_text
 from rlgcomp.errors import InputError
-from rlgcomp.motion import ANGLES, RATE
+from rlgcomp.noise.allan.deviation import allan_deviation
 from rlgcomp.physics.empirical_law import EmpiricalLaw
+from rlgcomp.recording.motion import ANGLES, RATE
 from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, svg
 from rlgcomp.simulation.programme import Programme
 from rlgcomp.simulation.table_programme import TableProgramme

@@ -16,8 +16,8 @@ from rlgcomp.diagnosis.result.phrases import (
     sure_text,
     time_text,
 )
-from rlgcomp.motion import ANGLES
 from rlgcomp.physics.mechanism import TABLE_RATE
+from rlgcomp.recording.motion import ANGLES
 
 if TYPE_CHECKING:
     from rlgcomp.diagnosis.result import Cause, Diagnosis, Fit, InPart, Unexplained

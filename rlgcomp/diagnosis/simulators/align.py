@@ -32,8 +32,8 @@ from rlgcomp.diagnosis.result import Alignment
 from rlgcomp.diagnosis.result.phrases import listing
 from rlgcomp.diagnosis.simulators.between import means_in, values_at
 from rlgcomp.diagnosis.simulators.resampling import DRIFT_SEEN, GAP, MAD, UNKNOWN, clear, doubts, gaps, on_rows, same_axis
-from rlgcomp.filters import lag, rate_per_min
-from rlgcomp.hysteresis import Play
+from rlgcomp.numerics.filters import lag, rate_per_min
+from rlgcomp.numerics.hysteresis import Play
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.units import PPM
 

@@ -21,9 +21,9 @@ from rlgcomp.diagnosis.result import Alignment, Estimate
 from rlgcomp.diagnosis.simulators.align import CLOCK_DRIFT, clock_of, no_clocks
 from rlgcomp.diagnosis.simulators.resampling import on_rows, same_axis, turning_evenly
 from rlgcomp.errors import InputError
-from rlgcomp.motion import ANGLES, RATE, angle_deg
-from rlgcomp.plugins import load_python, said_line
+from rlgcomp.physics.plugins import load_python, said_line
 from rlgcomp.recording import TIME, Recording, is_gyro
+from rlgcomp.recording.motion import ANGLES, RATE, angle_deg
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import PPM, column_unit, convert
 

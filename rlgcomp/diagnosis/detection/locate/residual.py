@@ -15,7 +15,7 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape, simulate, whiten
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.regimes import BoolArray
 from rlgcomp.diagnosis.result import Place
-from rlgcomp.robust import SD_OF_MAD
+from rlgcomp.numerics.robust import SD_OF_MAD
 
 Array = npt.NDArray[np.float64]
 REPLICATES: Final = 200

@@ -15,7 +15,7 @@ from rlgcomp.diagnosis.noise.whitening import Rows, whiten
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.regimes import BoolArray, Regime
 from rlgcomp.diagnosis.result import Place
-from rlgcomp.robust import stretches
+from rlgcomp.numerics.robust import stretches
 
 Array = npt.NDArray[np.float64]
 _EDGES: Final = 64  # in each run, between which intervals lie

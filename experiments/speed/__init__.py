@@ -1,0 +1,48 @@
+"""How fast the package is beside its peers, measured in the same run. One file a family of rows; `ROWS` lists them.
+
+A row is a :class:`~experiments.speed.measure.Row`: what is done, on which data, by us and by which peers, and how far their
+results may
+differ. To add a row, write it in its family's file and name it in that file's `ROWS`; peers go to the extra `bench`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from experiments.speed import allan, commands, exact, exported, hysteresis, laws, reading, selection, start, whole
+from experiments.speed.measure import Measured as Measured
+from experiments.speed.measure import Row
+from experiments.speed.measure import growth as growth
+from experiments.speed.measure import measure as measure
+from rlgcomp.errors import InputError
+
+ROWS: Final[tuple[Row, ...]] = (
+    *selection.ROWS,
+    *exact.ROWS,
+    *allan.ROWS,
+    *hysteresis.ROWS,
+    *laws.ROWS,
+    *whole.ROWS,
+    *exported.ROWS,
+    *commands.ROWS,
+    *start.ROWS,
+    *reading.ROWS,
+)
+
+
+def chosen(names: list[str] | None) -> tuple[Row, ...]:
+    """Rows whose names begin with one of those given, by whole words between hyphens; all of them where none is.
+
+    Raises
+    ------
+    InputError
+        A name is no row's beginning.
+    """
+    for name in names or []:
+        if not any(_begins(row, name) for row in ROWS):
+            raise InputError(f"no row is called {name!r}; rows are {', '.join(row.name for row in ROWS)}")
+    return tuple(row for row in ROWS if not names or any(_begins(row, name) for name in names))
+
+
+def _begins(row: Row, name: str) -> bool:
+    return f"{row.name}-".startswith(f"{name}-")

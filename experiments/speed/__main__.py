@@ -1,0 +1,83 @@
+"""How fast the package is beside its peers: `python -m experiments.speed`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from experiments.speed import chosen, growth, measure
+from experiments.speed.machine import machine
+from rlgcomp.cli.base import AsJson, progress, say
+from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.files import require_writable, write_json
+
+
+def bench(
+    only: Annotated[list[str] | None, typer.Option("--only", metavar="ROW", help="Rows whose names begin so.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Small data: what runs and agrees, not how fast it is.")] = False,
+    repeats: Annotated[int, typer.Option(min=1, help="Paired repeats, as many as 10 s a peer allow.")] = 5,
+    grows: Annotated[bool, typer.Option("--growth", help="Instead: how our own time grows from small data to full.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="JSON file to write as well.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """How fast this package is beside its peers, measured in the same run, their results compared.
+
+    A ratio is the median of paired repeats of the peer's time over ours. Peers come with `pip install 'rlgcomp[bench]'`; a row
+    whose peer is not installed says so.
+
+    Example: `python -m experiments.speed --only allan --only bouc --out bench.json`
+    """
+    if out is not None:
+        require_writable(out)
+    rows = chosen(only)
+    if grows:
+        found = [one for one in (growth(row, repeats) for row in rows) if one is not None]
+        if out is not None:
+            write_json(out, {"machine": machine(), "growth": found})
+        if as_json:
+            show_json(found)
+        else:
+            show_table("Processor time as a power of n", [_grown(one) for one in found])
+        return
+    measured = []
+    with progress("measuring", len(rows)) as advance:
+        for done, row in enumerate(rows, start=1):
+            measured += measure(row, quick=quick, repeats=repeats)
+            advance(done, len(rows))
+    result = {"machine": machine(), "quick": quick, "rows": [one.to_mapping() for one in measured]}
+    if out is not None:
+        write_json(out, result)
+    if as_json:
+        show_json(result)
+        return
+    show_table("Measured against peers" + (" (small data: no goal is judged)" if quick else ""), [_row(one) for one in measured])
+    say(", ".join(f"{key} {value}" for key, value in result["machine"].items()))  # type: ignore[attr-defined]
+
+
+def _grown(one: dict[str, Any]) -> dict[str, Any]:
+    (small, full), (few, many) = one["n"], one["cpu_s"]
+    return {"row": one["row"], "n": f"{small} to {full}", "cpu s": f"{few:.3g} to {many:.3g}", "exponent": f"{one['exponent']:.2f}"}
+
+
+def _row(one: Any) -> dict[str, Any]:
+    memory = "" if one.ours_MiB is None else f"{one.ours_MiB:.0f}" + ("" if one.peer_MiB is None else f" / {one.peer_MiB:.0f}")
+    return {
+        "row": one.row,
+        "size": one.size,
+        "threads": one.threads,
+        "ours s": f"{one.ours_s:.3g} (cpu {one.ours_cpu_s:.3g})",
+        "peer": one.peer or "none",
+        "peer s": "" if one.peer_s is None else f"{one.peer_s:.3g}",
+        "ratio": "" if one.ratio is None else f"{one.ratio:.3g} (cpu {one.ratio_cpu:.3g})",
+        "goal": one.goal,
+        "reached": {True: "yes", False: "no", None: ""}[one.reached],
+        "agreement": "" if one.agrees is None else f"{one.disagreement:.1e} {'ok' if one.agrees else 'NOT ok'}",
+        "MiB": memory,
+        "note": one.note,
+    }
+
+
+if __name__ == "__main__":
+    typer.run(bench)

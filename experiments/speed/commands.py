@@ -1,0 +1,114 @@
+"""Whole commands, each in processes of its own, start included: a fleet by one worker and by two, a diagnosis and its report."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from experiments.speed.measure import Case, Peer, Row, Timed
+from experiments.speed.whole import said_of, simulated_case
+from rlgcomp.recording import Recording
+from rlgcomp.recording.formats import write
+from rlgcomp.simulation.random_units import simulated_unit
+from rlgcomp.simulation.simulator import Simulator
+
+GYROS: Final = 20  # whose files a fleet's units have in turn
+_CUBIC: Final = ("--model", "cubic", "--features", "temperature")
+_FOLDERS: Final[list[tempfile.TemporaryDirectory[str]]] = []
+
+
+def timed_command(*arguments: object) -> Timed:
+    """Time of a command of ours in a process of its own, that of the processes that it starts included; its result is None."""
+    code = "from rlgcomp.cli import main; main()"
+    cpu, wall = _of_children(), time.perf_counter()
+    subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, check=True)  # noqa: S603
+    return Timed(None, time.perf_counter() - wall, _of_children() - cpu)
+
+
+def _of_children() -> float:
+    spent = os.times()
+    return spent.children_user + spent.children_system
+
+
+def _folder() -> Path:
+    folder = tempfile.TemporaryDirectory()
+    _FOLDERS.append(folder)  # removed when Python ends
+    return Path(folder.name)
+
+
+# --- fleets --------------------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _gyros() -> Path:
+    """Two short runs of each gyro, a sample in ten seconds."""
+    folder = _folder()
+    for seed, run in itertools.product(range(GYROS), (1, 2)):
+        write(simulated_unit(seed).simulate("short", seed=run, step_s=10.0), folder / f"{seed}-{run}.parquet")
+    return folder
+
+
+def _fleet(units: int) -> Callable[[bool], Case]:
+    def prepare(quick: bool) -> Case:
+        number = min(units, GYROS // 2) if quick else units
+        files, folder = _gyros(), _folder()
+        table = folder / "units.csv"
+        lines = [f"unit-{k},{files / f'{k % GYROS}-1.parquet'};{files / f'{k % GYROS}-2.parquet'}" for k in range(number)]
+        table.write_text("\n".join(["unit,train", *lines]) + "\n", encoding="utf-8")
+        places = (folder / f"out-{k}" for k in itertools.count())
+
+        def trained(workers: int) -> Timed:
+            out = next(places)
+            done = timed_command("fleet", "train", table, "--out", out, *_CUBIC, "--jobs", workers)
+            return Timed(_digest(out), done.wall_s, done.cpu_s)
+
+        one = Peer("one worker", lambda: trained(1), lambda ours, theirs: float(ours != theirs), 0.0)
+        return Case(lambda: trained(2), [one], size=f"{number} units", n=number)
+
+    return prepare
+
+
+def _digest(out: Path) -> str:
+    """Of all numbers of all units' models, bit for bit."""
+    digest = hashlib.sha256()
+    for path in sorted(out.rglob("*.npy")):
+        digest.update(str(path.relative_to(out)).encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+# --- a diagnosis ---------------------------------------------------------------------------------------------------------------
+
+
+def _diagnose(quick: bool) -> Case:
+    return _diagnosis_of(*simulated_case("short" if quick else "whole"))
+
+
+def _diagnose_longer(short: bool) -> Case:
+    return _diagnosis_of(*simulated_case("half" if short else "whole"))
+
+
+def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
+    folder = _folder()
+    simulator.to_yaml(folder / "sim.yaml")
+    files = [folder / f"run-{k}.parquet" for k in range(len(runs))]
+    for path, run in zip(files, runs, strict=True):
+        write(run, path)
+    given = ["diagnose", "--simulator", folder / "sim.yaml", "--train", *files[:-1], "--test", files[-1]]
+    places = (folder / f"out-{k}" for k in itertools.count())
+    return Case(lambda: timed_command(*given, "--out", next(places)), size=said_of(runs), n=sum(map(len, runs)))
+
+
+ROWS: Final = (
+    Row("fleet-10", "rlgcomp fleet train by two workers", _fleet(10), threads=2),
+    Row("fleet-100", "rlgcomp fleet train by two workers", _fleet(100), threads=2),
+    Row("diagnose-command", "rlgcomp diagnose, report included", _diagnose, threads=2, goal_s=10.0, grown=_diagnose_longer),
+)

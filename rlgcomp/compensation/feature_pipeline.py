@@ -1,0 +1,297 @@
+"""The feature recipe: an ordered list of features, run whole or sample by sample, and which features a set of runs allows."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.compensation.features import FEATURES, Difference, Feature, Lag, Level, Memory, Rate, ReadoutDifference, State
+from rlgcomp.errors import InputError
+from rlgcomp.recording import TIME, Recording
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class FeatureRecipe:
+    """An ordered list of features: all that a real-time box must know to compute a model's inputs.
+
+    Parameters
+    ----------
+    features : tuple of Feature
+
+    Raises
+    ------
+    InputError
+        The list is empty, or two features make the same number.
+    """
+
+    features: tuple[Feature, ...]
+
+    def __post_init__(self) -> None:
+        if not self.features:
+            raise InputError("a feature recipe needs at least one feature")
+        twice = sorted({name for name in self.names if self.names.count(name) > 1})
+        if twice:
+            raise InputError(f"the features make {', '.join(twice)} twice; name each feature once")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the model's inputs, in order."""
+        return tuple(name for feature in self.features for name in feature.names)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Monitor columns needed, each once."""
+        return tuple(dict.fromkeys(column for feature in self.features for column in feature.columns))
+
+    @property
+    def dynamic(self) -> tuple[int, ...]:
+        """Places of the inputs that tell what temperature has been doing: gradient, rate, lag and memory."""
+        owners = [feature.group for feature in self.features for _ in feature.names]
+        return tuple(place for place, group in enumerate(owners) if group in DYNAMIC)
+
+    def transform(self, recording: Recording) -> pd.DataFrame:
+        """All features of a recording, from a fresh state: one row a sample.
+
+        Raises
+        ------
+        InputError
+            A monitor is not in the recording, or a feature cannot be told from its samples.
+        """
+        missing = [column for column in self.columns if column not in recording]
+        if missing:
+            raise InputError(
+                f"{recording.name} has no {', '.join(missing)}, which the features need; "
+                f"map the column with --map, or train with other --features"
+            )
+        samples = recording.table[list(self.columns)].to_numpy()
+        values, _ = self.run(None, recording.time_s, samples)
+        return pd.DataFrame(values, columns=list(self.names))
+
+    def step(self, state: State, sample: Mapping[str, float]) -> tuple[Array, State]:
+        """Features of one sample.
+
+        Parameters
+        ----------
+        state : object
+            None before the first sample; then what the last call returned.
+        sample : mapping of str to float
+            `time_s` and the monitor columns.
+
+        Returns
+        -------
+        values : ndarray, shape (features,)
+        state : object
+
+        Raises
+        ------
+        InputError
+            A value is missing or not finite, as is what comes of it, or time does not increase.
+        """
+        wanted = (TIME, *self.columns)
+        bad = [name for name in wanted if not _finite(sample.get(name))]
+        if bad:
+            raise InputError(f"sample: {', '.join(bad)} missing or not finite; needed are {', '.join(wanted)}, each a number")
+        if state is not None and not sample[TIME] > state[0]:
+            raise InputError(f"sample: time_s is {sample[TIME]}, not after {state[0]}; begin a new recording with state None")
+        row = np.array([[sample[column] for column in self.columns]], dtype=np.float64)
+        values, state = self.run(state, np.array([sample[TIME]], dtype=np.float64), row)
+        return values[0], state
+
+    def run(self, state: State, time_s: Array, samples: Array) -> tuple[Array, State]:
+        """Features of consecutive samples, the same to the last bit however a recording is cut into pieces.
+
+        Parameters
+        ----------
+        state : object
+            None before the first sample; then what the last call returned.
+        time_s : ndarray, shape (n,)
+        samples : ndarray, shape (n, columns)
+            Monitors, in the order of `columns`.
+
+        Returns
+        -------
+        values : ndarray, shape (n, features)
+        state : object
+
+        Raises
+        ------
+        InputError
+            A feature comes out not finite: of readouts whose sum is zero, or of numbers too large.
+        """
+        places = [[self.columns.index(column) for column in feature.columns] for feature in self.features]
+        if state is None:
+            state = (time_s[0], [feature.init(samples[0, place]) for feature, place in zip(self.features, places, strict=True)])
+        last, states = state
+        step_s = np.diff(np.r_[last, time_s])
+        with np.errstate(all="ignore"):
+            done = [
+                feature.run(old, np.ascontiguousarray(samples[:, place]), step_s)
+                for feature, old, place in zip(self.features, states, places, strict=True)
+            ]
+        values = np.column_stack([part for part, _ in done])
+        self._require_finite(values, time_s, samples)
+        return values, (time_s[-1], [new for _, new in done])
+
+    def _require_finite(self, values: Array, time_s: Array, samples: Array) -> None:
+        bad = ~np.isfinite(values)
+        if not bad.any():
+            return
+        row = int(np.flatnonzero(bad.any(axis=1))[0])
+        names = ", ".join(name for name, wrong in zip(self.names, bad[row], strict=True) if wrong)
+        given = ", ".join(f"{column} = {value:g}" for column, value in zip(self.columns, samples[row].tolist(), strict=True))
+        raise InputError(f"at {time_s[row]:g} s {names} cannot be told from {given}; leave that sample out")
+
+    def to_list(self) -> list[dict[str, Any]]:
+        """Plain description, for the artefact."""
+        return [{"kind": feature.kind, **dataclasses.asdict(feature)} for feature in self.features]  # type: ignore[call-overload]
+
+    @classmethod
+    def from_list(cls, items: Sequence[Mapping[str, Any]]) -> Self:
+        """Recipe from its plain description.
+
+        Raises
+        ------
+        InputError
+            A kind or a field is unknown.
+        """
+        features = []
+        for item in items:
+            form = FEATURES.get(str(item.get("kind")))
+            if form is None:
+                raise InputError(f"feature recipe: unknown kind {item.get('kind')!r}; known are {', '.join(FEATURES)}")
+            values = {key: tuple(value) if isinstance(value, list) else value for key, value in item.items() if key != "kind"}
+            try:
+                feature = form(**values)
+            except TypeError as error:
+                raise InputError(f"feature recipe: {item.get('kind')}: {error}") from None
+            _require_usable(feature)
+            features.append(feature)
+        return cls(tuple(features))
+
+
+def _require_usable(feature: Any) -> None:
+    """Refuse values that no recipe made here has: what is read from a file is not to be trusted."""
+    for field in dataclasses.fields(feature):
+        value = getattr(feature, field.name)
+        if isinstance(field.default, str):
+            good = isinstance(value, str) and value.isprintable() and 0 < len(value) <= _LONGEST_NAME
+        elif isinstance(field.default, tuple):
+            good = isinstance(value, tuple) and 0 < len(value) <= _MOST_NUMBERS and all(_positive(part) for part in value)
+        else:
+            good = _positive(value) or value == field.default
+        if not good:
+            raise InputError(f"feature recipe: {feature.kind}: {field.name} is {str(value)[:60]!r}, which is not allowed")
+
+
+def _finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except (TypeError, ValueError, OverflowError):  # nothing, a text, several numbers, or an int beyond all floats
+        return False
+
+
+def _positive(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
+
+
+GROUPS: Final = ("temperature", "gradient", "temperature_rate", "lag", "memory", "light_intensity", "readout_difference")
+DYNAMIC: Final = ("gradient", "temperature_rate", "lag", "memory")
+_LAGS_S: Final = (300.0, 900.0, 2700.0)
+_RADII_OF_SPAN: Final = (0.05, 0.1, 0.2)
+_LAGS_IN_A_RUN: Final = 3.0
+_LONGEST_NAME: Final = 200
+_MOST_NUMBERS: Final = 64
+
+
+def recipe_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> FeatureRecipe:
+    """Feature recipe for these runs.
+
+    Parameters
+    ----------
+    runs : sequence of Recording
+        The training runs. Only monitors that all of them have are used. Radii of the memory are 5, 10 and 20 % of their span of
+        temperature; time constants of the lag are 300, 900 and 2700 s, less those that a third of the shortest run cannot show.
+    wanted : str or sequence of str
+        "all": every group in `GROUPS` whose monitors were recorded. Otherwise groups, or names of further columns.
+
+    Raises
+    ------
+    InputError
+        A name is neither a group nor a column, or its monitors were not recorded.
+    """
+    names = _names(wanted)
+    common = set.intersection(*(set(run.columns) for run in runs))
+    features: list[Feature] = []
+    for name in names:
+        if name == "all":
+            features += [feature for group in GROUPS for feature in _group(group, runs) if set(feature.columns) <= common]
+        elif name in GROUPS:
+            features += _group(name, runs)
+        elif name in common and name != TIME:
+            features.append(Level(name))
+        else:
+            raise InputError(
+                f"--features {name!r} is neither a group ({', '.join(('all', *GROUPS))}) nor a column of every run "
+                f"({', '.join(sorted(common))})"
+            )
+    if not features:
+        raise InputError(f"no monitor to learn from: the runs share only {', '.join(sorted(common))}; map a temperature with --map")
+    for feature in features:
+        missing = sorted(set(feature.columns) - common)
+        if missing:
+            raise InputError(f"feature {feature.kind} needs {', '.join(missing)}, which not every run has")
+    return FeatureRecipe(tuple(dict.fromkeys(features)))
+
+
+def left_out_of(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[str]:
+    """What "all" has to do without because some of the runs, not all of them, lack a monitor: a sentence a group."""
+    said = []
+    for group in GROUPS if "all" in _names(wanted) else ():
+        for feature in _group(group, runs):
+            lacking = {run.name: [column for column in feature.columns if column not in run] for run in runs}
+            if all(lacking.values()) or not any(lacking.values()):
+                continue
+            missing = ", ".join(f"{run} lacks {', '.join(columns)}" for run, columns in lacking.items() if columns)
+            said.append(f"{group} left out: {missing}; name the column with --map, or leave that run out to keep it.")
+    return said
+
+
+def _names(wanted: str | Sequence[str]) -> list[str]:
+    if isinstance(wanted, str):
+        return [name.strip() for name in wanted.split(",")]
+    if not (isinstance(wanted, Iterable) and all(isinstance(name, str) for name in wanted)):
+        raise InputError(f"features is {wanted!r:.60}; give 'all', names with commas between them, or a list of names")
+    return list(wanted)
+
+
+def _group(name: str, runs: Sequence[Recording]) -> list[Feature]:
+    if name == "light_intensity":
+        return [Level("light_intensity_V")]
+    if name == "readout_difference":
+        return [ReadoutDifference()]
+    if name == "gradient":
+        return [Difference("temperature_block_degC", "temperature_shell_degC")]
+    column = next((run.temperature_column for run in runs if _has_thermometer(run)), None)
+    if column is None:
+        return []
+    if name == "temperature":
+        return [Level(column)]
+    if name == "temperature_rate":
+        return [Rate(column)]
+    if name == "lag":
+        longest_s = min(run.duration_s for run in runs) / _LAGS_IN_A_RUN
+        return [Lag(column, tuple(tau for tau in _LAGS_S if tau <= longest_s) or (float(f"{longest_s:.2g}"),))]
+    span_K = float(np.ptp(np.concatenate([run.column(column) for run in runs if column in run])))
+    return [Memory(column, tuple(float(f"{share * span_K:.2g}") for share in _RADII_OF_SPAN))] if span_K > 0.0 else []
+
+
+def _has_thermometer(run: Recording) -> bool:
+    return any(column.startswith("temperature_") and column.endswith("_degC") for column in run.columns)

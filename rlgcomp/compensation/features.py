@@ -1,0 +1,233 @@
+r"""Features: what a compensation sees of a recording. Causal, with explicit state.
+
+A feature turns a few monitor columns into a few numbers a sample. `run(state, samples, step_s) -> (values, state)` is the only
+place where it is computed, whole recordings and single samples alike, so that a real-time box that follows these lines computes
+what the model was trained on, to the last bit.
+
+To add a feature: write its class, name it in `FEATURES`, and say in :func:`rlgcomp.compensation.feature_pipeline.recipe_for` when
+it is used.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.numerics.filters import low_pass
+from rlgcomp.numerics.hysteresis import Play
+
+Array = npt.NDArray[np.float64]
+State = Any
+
+
+class Feature(Protocol):
+    """What every feature offers."""
+
+    kind: ClassVar[str]
+
+    @property
+    def group(self) -> str:
+        """Name it goes by in tables and on the command line."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Monitor columns it reads."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the numbers it makes, each ending in its unit."""
+
+    def init(self, sample: Array) -> State:
+        """State before the first sample, whose monitor values are given."""
+
+    def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
+        """Values, shape (n, names), for samples of shape (n, columns), and the state after the last."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Level:
+    """A monitor as it stands, smoothed by a first-order low-pass filter where `smoothing_s` is positive."""
+
+    kind: ClassVar[str] = "level"
+    column: str = "temperature_block_degC"
+    smoothing_s: float = 0.0
+
+    @property
+    def group(self) -> str:
+        if self.column.startswith("temperature_"):
+            return "temperature"
+        return "light_intensity" if self.column == "light_intensity_V" else self.column
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return (self.column,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (self.column,)
+
+    def init(self, sample: Array) -> State:
+        return float(sample[0])
+
+    def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
+        values, state = low_pass(state, samples[:, 0], step_s, self.smoothing_s)
+        return values[:, None], state
+
+
+@dataclasses.dataclass(frozen=True)
+class Rate:
+    r"""Rate of change per minute by a filtered difference, :math:`60\,(x - x_\tau)/\tau`, x_tau being the low-passed monitor."""
+
+    kind: ClassVar[str] = "rate"
+    column: str = "temperature_block_degC"
+    time_constant_s: float = 60.0
+
+    @property
+    def group(self) -> str:
+        return "temperature_rate"
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return (self.column,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (f"{_stem(self.column)}_rate_{_unit(self.column)}_min",)
+
+    def init(self, sample: Array) -> State:
+        return float(sample[0])
+
+    def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
+        slow, state = low_pass(state, samples[:, 0], step_s, self.time_constant_s)
+        return (60.0 / self.time_constant_s * (samples[:, 0] - slow))[:, None], state
+
+
+@dataclasses.dataclass(frozen=True)
+class Lag:
+    r"""How far slower parts are behind the monitor: :math:`x_\tau - x` for each time constant."""
+
+    kind: ClassVar[str] = "lag"
+    column: str = "temperature_block_degC"
+    time_constants_s: tuple[float, ...] = (300.0, 900.0, 2700.0)
+
+    @property
+    def group(self) -> str:
+        return "lag"
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return (self.column,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(f"{_stem(self.column)}_lag_{tau:g}s_{_difference_unit(self.column)}" for tau in self.time_constants_s)
+
+    def init(self, sample: Array) -> State:
+        return tuple(float(sample[0]) for _ in self.time_constants_s)
+
+    def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
+        slow = [low_pass(y, samples[:, 0], step_s, tau) for y, tau in zip(state, self.time_constants_s, strict=True)]
+        return np.column_stack([values - samples[:, 0] for values, _ in slow]), tuple(last for _, last in slow)
+
+
+@dataclasses.dataclass(frozen=True)
+class Memory:
+    """Hysteresis memory: where play operators of several radii have been left, relative to the monitor."""
+
+    kind: ClassVar[str] = "memory"
+    column: str = "temperature_block_degC"
+    radii: tuple[float, ...] = (5.0, 10.0, 20.0)
+
+    @property
+    def group(self) -> str:
+        return "memory"
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return (self.column,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(f"{_stem(self.column)}_memory_{radius:g}_{_difference_unit(self.column)}" for radius in self.radii)
+
+    def init(self, sample: Array) -> State:
+        return Play(self.radii).init(float(sample[0]))
+
+    def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
+        del step_s  # hysteresis answers to the path, not to its speed
+        values, state = Play(self.radii).run(state, samples[:, 0])
+        return values - samples, state
+
+
+@dataclasses.dataclass(frozen=True)
+class Difference:
+    """Difference of two monitors of one kind: block and shell temperature, two discharge currents."""
+
+    kind: ClassVar[str] = "difference"
+    first: str = "temperature_block_degC"
+    second: str = "temperature_shell_degC"
+
+    @property
+    def group(self) -> str:
+        return "gradient"
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return (self.first, self.second)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (f"{_stem(self.first)}_minus_{_stem(self.second)}_{_difference_unit(self.first)}",)
+
+    def init(self, sample: Array) -> State:
+        return None
+
+    def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
+        return (samples[:, 0] - samples[:, 1])[:, None], state
+
+
+@dataclasses.dataclass(frozen=True)
+class ReadoutDifference:
+    r"""Relative difference of the two readout photodiodes, :math:`(A - B)/(A + B)`: the shift of the beams.
+
+    The source uses A - B; dividing by the sum makes it blind to the laser's power, which `light_intensity_V` carries.
+    """
+
+    kind: ClassVar[str] = "readout_difference"
+
+    @property
+    def group(self) -> str:
+        return "readout_difference"
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return ("readout_a_V", "readout_b_V")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return ("readout_difference",)
+
+    def init(self, sample: Array) -> State:
+        return None
+
+    def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
+        a, b = samples[:, 0], samples[:, 1]
+        return ((a - b) / (a + b))[:, None], state
+
+
+FEATURES: Final[dict[str, Any]] = {form.kind: form for form in (Level, Rate, Lag, Memory, Difference, ReadoutDifference)}
+
+
+def _stem(column: str) -> str:
+    return column.rsplit("_", 1)[0]
+
+
+def _unit(column: str) -> str:
+    return column.rsplit("_", 1)[-1]
+
+
+def _difference_unit(column: str) -> str:
+    return "K" if column.endswith("_degC") else _unit(column)

@@ -1,0 +1,221 @@
+"""Compensating a recording while it is made: lines of CSV in, corrected lines out, as soon as each is whole.
+
+A line is final once it is written, so only what is known by then can be mended: a missing monitor is held at its last value
+for up to a minute, as when a whole file is read; a row without a gyro value, without time, or whose time does not increase is
+left out. Stuck gyros, frozen thermometers and single wild samples, which show themselves in hindsight, are not looked for: read
+the finished file for that.
+"""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp import units
+from rlgcomp.calibration.file import PULSE_AGREEMENT, Calibration
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.input_checks import require_raw
+from rlgcomp.errors import InputError
+from rlgcomp.recording import TIME, is_gyro, rate_name
+from rlgcomp.recording.formats.csv import separator_of
+from rlgcomp.recording.formats.mapping import apply_mapping
+from rlgcomp.recording.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, ROUNDING, without_light
+
+Array = npt.NDArray[np.float64]
+AGREEMENT: Final = 1e-9  # by which numbers written by an earlier run may differ from those computed again, relatively
+
+
+class Follower:
+    """Corrects consecutive lines of one recording.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Fitted; it is restarted.
+    header : str
+        The first line: names of the columns.
+    mapping, drop, pulse_arcsec, period_s
+        As :func:`rlgcomp.read` takes them. A file without time stamps needs `period_s`, and so do gyros that count pulses: what a
+        whole recording shows of its sample period is not known while it is made.
+    calibration : Calibration, optional
+
+    Attributes
+    ----------
+    left_out : Counter
+        Rows that gave no output, by reason.
+    columns : tuple of str
+        Of the output.
+
+    Raises
+    ------
+    InputError
+        A column that is needed is not there.
+    """
+
+    def __init__(
+        self,
+        compensator: Compensator,
+        header: str,
+        *,
+        mapping: Mapping[str, str] | None = None,
+        drop: Sequence[str] = (),
+        pulse_arcsec: float | None = None,
+        period_s: float | None = None,
+        calibration: Calibration | None = None,
+    ) -> None:
+        self.compensator, self.mapping, self.drop = compensator, dict(mapping or {}), list(drop)
+        self.pulse_arcsec, self.period_s, self.calibration = pulse_arcsec, period_s, calibration
+        if calibration is not None and calibration.pulse_arcsec is not None:
+            if pulse_arcsec is not None and abs(pulse_arcsec / calibration.pulse_arcsec - 1.0) > PULSE_AGREEMENT:
+                raise InputError(
+                    f"pulses of {pulse_arcsec:g} arcsec, calibrated with {calibration.pulse_arcsec:g} arcsec: not one gyro"
+                )
+            self.pulse_arcsec = calibration.pulse_arcsec
+        if period_s is not None and not (isinstance(period_s, int | float) and 0.0 < period_s < np.inf):
+            raise InputError(f"the sample period is {period_s!r}; it must be a positive number of seconds")
+        self.separator = separator_of(header)
+        self._names = [str(name) for name in pd.read_csv(io.StringIO(header), sep=self.separator, skipinitialspace=True).columns]
+        self.left_out: Counter[str] = Counter()
+        self._rows = 0
+        self._last_s = -np.inf
+        self._held: dict[str, tuple[float, float]] = {}
+        compensator.restart()
+        table = self._mapped(self._parsed([]))
+        self._check(table)
+        self.columns = tuple(self._corrected(table, live=False).columns)
+
+    def feed(self, lines: Sequence[str]) -> pd.DataFrame:
+        """Corrected rows of the next whole lines; fewer than lines where rows are left out."""
+        table = self._mapped(self._parsed([line.strip("\r\n") for line in lines]))
+        return self._corrected(self._mended(table), live=True)
+
+    # --- inside ------------------------------------------------------------------------------------------------------------
+
+    def _parsed(self, lines: Sequence[str]) -> pd.DataFrame:
+        fitting = [line for line in lines if line.count(self.separator) < len(self._names)]
+        if len(fitting) < len(lines):
+            self.left_out["with more entries than columns"] += len(lines) - len(fitting)
+        table = pd.read_csv(
+            io.StringIO("".join(f"{line}\n" for line in fitting).replace('"', "")),
+            sep=self.separator,
+            names=self._names,
+            header=None,
+            index_col=False,
+            comment="#",
+            skipinitialspace=True,
+            low_memory=False,
+        )
+        if self.period_s is not None and TIME not in table:
+            table[TIME] = self.period_s * np.arange(self._rows, self._rows + len(table))
+        self._rows += len(table)
+        return table
+
+    def _mapped(self, table: pd.DataFrame) -> pd.DataFrame:
+        unknown = [column for column in self.drop if column not in table.columns]
+        if unknown:
+            raise InputError(f"cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
+        mapped, _ = apply_mapping(table.drop(columns=self.drop), self.mapping, name="the stream")
+        numbers = mapped.apply(pd.to_numeric, errors="coerce").astype(np.float64)
+        numbers = numbers.mask(numbers.abs() > LARGEST_VALUE)
+        dark = without_light(numbers)
+        return numbers.assign(**{column: numbers[column].mask(dark) for column in READOUTS}) if dark.any() else numbers
+
+    def _check(self, table: pd.DataFrame) -> None:
+        there = ", ".join(map(str, table.columns))
+        require_raw("the stream", table.columns)
+        if TIME not in table:
+            raise InputError(f"the stream has no column {TIME}; it has {there}; map it with --map, or give --period-s")
+        missing = [column for column in self.compensator.recipe_.columns if column not in table]
+        if missing:
+            raise InputError(f"the stream has no {', '.join(missing)}, which the model needs; it has {there}; map them with --map")
+        self._gyros = self._gyro_columns([str(column) for column in table.columns if is_gyro(str(column))])
+        wanted = self.compensator.gyro or self.compensator.gyro_
+        rates = {rate_name(column): column for column in self._gyros}
+        only = self._gyros[0] if len(self._gyros) == 1 else None
+        if (column := rates.get(rate_name(wanted), only)) is None:
+            raise InputError(f"the model corrects {wanted}; the stream has {', '.join(self._gyros)}; map it with --map")
+        self._gyro = column
+        if self.calibration is not None and self.calibration.gyro_axes is None:
+            self._gyros = [self._gyro]  # the others stay as they are
+        if any(column.endswith("_pulses") for column in self._gyros) and (self.period_s is None or self.pulse_arcsec is None):
+            raise InputError(
+                f"{', '.join(self._gyros)} count pulses: give --pulse-arcsec and --period-s, which a stream does not show"
+            )
+
+    def _gyro_columns(self, gyros: list[str]) -> list[str]:
+        if not gyros:
+            raise InputError("the stream has no gyro column; map one with --map gyro_deg_h='NAME [unit]'")
+        if self.calibration is None or self.calibration.gyro_axes is None:
+            return gyros
+        axes = [[column for column in gyros if column.startswith(f"gyro_{axis}_")] for axis in "xyz"]
+        if any(len(columns) != 1 for columns in axes):
+            raise InputError(f"the calibration is of a triad; the stream has {', '.join(gyros)}")
+        return [column for columns in axes for column in columns]
+
+    def _mended(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Rows that can be used, monitors that are missing held at their last values."""
+        time_s = table[TIME].to_numpy()
+        values = table.to_numpy(copy=True)
+        gyros = [k for k, column in enumerate(table.columns) if is_gyro(str(column))]
+        monitors = [(k, str(column)) for k, column in enumerate(table.columns) if column != TIME and k not in gyros]
+        kept = []
+        for row, now_s in enumerate(time_s.tolist()):
+            if not now_s > self._last_s:
+                self.left_out["without a time" if np.isnan(now_s) else "whose time does not increase"] += 1
+                continue
+            before_s, self._last_s = self._last_s, now_s
+            for k, name in monitors:
+                if not np.isnan(values[row, k]):
+                    self._held[name] = (values[row, k], now_s)
+                elif name in self._held and self._held[name][1] >= min(now_s - LONGEST_HOLD_S * (1.0 + ROUNDING), before_s):
+                    values[row, k] = self._held[name][0]
+            if np.isnan(values[row, gyros]).any():
+                self.left_out["without a gyro value"] += 1
+            elif np.isnan(values[row]).any():
+                self.left_out[f"without a monitor for more than {LONGEST_HOLD_S:g} s"] += 1
+            else:
+                kept.append(row)
+        return pd.DataFrame(values[kept], columns=table.columns)
+
+    def _corrected(self, table: pd.DataFrame, *, live: bool) -> pd.DataFrame:
+        rates = {column: self._rate_deg_h(table, column) for column in self._gyros}
+        gyro = self._gyro
+        if self.calibration is not None:
+            rates = dict(zip(self._gyros, self.calibration.rates_deg_h(np.column_stack(list(rates.values()))).T, strict=True))
+            for column, values in rates.items():
+                table = table.rename(columns={column: rate_name(column)}).assign(**{rate_name(column): values})
+            gyro, rates = rate_name(gyro), {rate_name(column): values for column, values in rates.items()}
+        said = self.compensator.steps(table) if live and len(table) else _NOTHING
+        return self.compensator.apply(table, gyro, rates[gyro], said)
+
+    def _rate_deg_h(self, table: pd.DataFrame, column: str) -> Array:
+        values = table[column].to_numpy()
+        if not column.endswith("_pulses"):
+            return units.convert(values, units.column_unit(column) or "deg/h", "deg/h")
+        assert self.pulse_arcsec is not None and self.period_s is not None  # noqa: S101, PT018  (checked with the header)
+        return units.convert(values * (self.pulse_arcsec / self.period_s), "arcsec/s", "deg/h")
+
+
+def to_lines(rows: pd.DataFrame) -> list[str]:
+    """Rows as lines of CSV with 17 significant digits, so that reading gives the same bits back."""
+    return rows.to_csv(index=False, header=False, float_format="%.17g", lineterminator="\n").splitlines()
+
+
+def agrees(written: str, computed: str) -> bool:
+    """Whether a line written by an earlier run holds the numbers computed again."""
+    try:
+        old, new = (np.array([float(part) for part in line.split(",")]) for line in (written, computed))
+    except ValueError:
+        return False
+    return old.shape == new.shape and bool((np.abs(old - new) <= AGREEMENT * np.maximum(np.abs(new), ROUNDING)).all())
+
+
+_NOTHING: Final[Any] = pd.DataFrame(
+    {"bias_deg_h": np.empty(0), "out_of_range": np.empty(0, dtype=np.bool_), "half_width_deg_h": np.empty(0)}
+)

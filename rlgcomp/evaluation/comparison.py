@@ -1,0 +1,102 @@
+"""Which input helps, with which model: tables over feature groups and models, on the training rows of one compensation."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from sklearn.base import clone
+
+from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.cubic import DYNAMICS
+from rlgcomp.compensation.model_specification import ModelForm, sequential
+from rlgcomp.compensation.rows import Rows, Scaling
+from rlgcomp.compensation.selection import select
+
+Array = npt.NDArray[np.float64]
+ALWAYS: Final = ("cubic", "lssvm")
+
+
+def correlation_table(held_out: Sequence[Rows], names: Sequence[str]) -> pd.DataFrame:
+    """Correlation coefficient of each input with the gyro, within runs, over all of them.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns `input` and `correlation`.
+    """
+    X = np.vstack([part.X - part.X.mean(axis=0) for part in held_out])
+    y = np.concatenate([part.y_deg_h - part.y_deg_h.mean() for part in held_out])
+    spread = np.sqrt((X**2).sum(axis=0) * (y**2).sum())
+    coefficient = np.divide(X.T @ y, spread, out=np.zeros(len(names)), where=spread > 0.0)
+    return pd.DataFrame({"input": list(names), "correlation": coefficient})
+
+
+def comparison_table(compensator: Compensator, held_out: Sequence[Rows], *, n_jobs: int = 1) -> pd.DataFrame:
+    """What is left held out by each model, on each feature group alone and on all, trained on the same rows.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Its training rows and scaling are used. The models are the cubic, the LS-SVM, and its own kind.
+    held_out : sequence of Rows
+    n_jobs : int
+        Worker processes of the selection.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns `features`, `model`, `residual_std_deg_h`, `residual_rms_deg_h`, `reduction_percent`, `factor`; the last two compare
+        standard deviations.
+    """
+    own = compensator.form_
+    forms = [MODELS[name] for name in ALWAYS] + ([own] if own is not None and own.name not in ALWAYS else [])
+    raw = _pooled([np.std(part.y_deg_h, ddof=1) for part in held_out])
+    table = []
+    for group, places in _inputs_by_group(compensator).items():
+        for form in forms:
+            model = _fitted(compensator, form, places, n_jobs)
+            scaling = dataclasses.replace(compensator.scaling_, reach=form.reach)
+            left = [part.y_deg_h - _predict(model, scaling, part, places) for part in held_out]
+            deviation = _pooled([np.std(values, ddof=1) for values in left])
+            table.append(
+                {
+                    "features": group,
+                    "model": form.name,
+                    "residual_std_deg_h": deviation,
+                    "residual_rms_deg_h": _pooled([np.sqrt(np.mean(values**2)) for values in left]),
+                    "reduction_percent": 100.0 * (1.0 - deviation / raw),
+                    "factor": raw / deviation,
+                }
+            )
+    return pd.DataFrame(table)
+
+
+def _fitted(compensator: Compensator, form: ModelForm, places: list[int], n_jobs: int) -> Any:
+    X, y, groups = compensator.training_rows()
+    model = form.make()
+    if model.get_params().get("linear") == DYNAMICS:
+        model.set_params(linear=tuple(k for k, place in enumerate(places) if place in compensator.recipe_.dynamic))
+    best = select(form, model, X[:, places], y, groups, n_jobs=n_jobs).best
+    model = clone(model).set_params(**best)
+    return model.fit(X[:, places], y, **({"groups": compensator.run_labels()} if sequential(model) else {}))
+
+
+def _predict(model: Any, scaling: Scaling, part: Rows, places: list[int]) -> Array:
+    return np.asarray(scaling.y_mean_deg_h + scaling.y_scale_deg_h * model.predict(scaling.inputs(part.X)[:, places]))
+
+
+def _inputs_by_group(compensator: Compensator) -> Mapping[str, list[int]]:
+    """Places of the inputs of each feature group, and of all together."""
+    owners = [feature.group for feature in compensator.recipe_.features for _ in feature.names]
+    groups = {group: [place for place, owner in enumerate(owners) if owner == group] for group in dict.fromkeys(owners)}
+    return groups if len(groups) == 1 else {**groups, "all": list(range(len(owners)))}
+
+
+def _pooled(deviations: Sequence[float | np.floating[Any]]) -> float:
+    return float(np.sqrt(np.mean(np.square(np.array(deviations)))))

@@ -1,0 +1,394 @@
+"""Evaluation of a compensation on runs held out: bias stability, Allan deviation, improvement, distance from the noise floor.
+
+Bias stability is the standard deviation of means over the averaging time (100 s by default) within a run, as the field states it.
+Over several runs the variances are averaged, so that a different mean in each run does not count as instability.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.input_checks import other_unit, require_raw
+from rlgcomp.compensation.rows import Rows, rows
+from rlgcomp.errors import InputError
+from rlgcomp.evaluation.comparison import comparison_table, correlation_table
+from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
+from rlgcomp.numerics.bootstrap import BLOCK_S, drawn_squares
+from rlgcomp.recording import Recording, rate_name
+from rlgcomp.recording.argument_checks import require_recordings, require_workers
+from rlgcomp.recording.outliers import spikes_in, without_knocks
+from rlgcomp.report.notebook import ShownAsTable
+
+Array = npt.NDArray[np.float64]
+OFTEN_OUT_OF_RANGE: Final = 0.01
+ROUNDED: Final = 0.01  # of the averaging time, and of how neighbouring averages differ: files of one run differ by less
+FEWEST_COMMON: Final = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class RunResult:
+    """One run held out.
+
+    Parameters
+    ----------
+    run : str
+    windows : int
+        Number of averages.
+    raw_std_deg_h, residual_std_deg_h : float
+        Bias stability before and after compensation.
+    residual_mean_deg_h : float
+        What is left on average: the bias from switch-on to switch-on.
+    residual_rms_deg_h : float
+    noise_floor_deg_h : float
+        What no compensation can remove: of a simulated run the standard deviation of its noise, else from the Allan deviation.
+    factor, factor_low, factor_high : float
+        raw / residual, with its 95 % interval by block bootstrap.
+    out_of_range : float
+        Share of samples flagged.
+    in_interval : float
+        Share of averages within the interval about the estimated bias, which promises 90 %.
+    trained_on : bool
+        Averages of it are among those that the compensation was trained on.
+    """
+
+    run: str
+    windows: int
+    raw_std_deg_h: float
+    residual_std_deg_h: float
+    residual_mean_deg_h: float
+    residual_rms_deg_h: float
+    noise_floor_deg_h: float
+    factor: float
+    factor_low: float
+    factor_high: float
+    out_of_range: float
+    in_interval: float
+    trained_on: bool
+
+    @property
+    def floor_ratio(self) -> float:
+        """Residual over noise floor; 1 is the best there is."""
+        return self.residual_std_deg_h / self.noise_floor_deg_h
+
+
+@dataclasses.dataclass(frozen=True)
+class Trace:
+    """Averages of one run, for pictures.
+
+    Parameters
+    ----------
+    run : str
+    time_s, raw_deg_h, bias_deg_h : ndarray, shape (n,)
+        Middle of each window; gyro; compensation.
+    temperature_degC : ndarray, shape (n,), optional
+    allan_raw, allan_residual : AllanDeviation
+    """
+
+    run: str
+    time_s: Array
+    raw_deg_h: Array
+    bias_deg_h: Array
+    temperature_degC: Array | None
+    allan_raw: AllanDeviation
+    allan_residual: AllanDeviation
+
+    @property
+    def residual_deg_h(self) -> Array:
+        return self.raw_deg_h - self.bias_deg_h
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation(ShownAsTable):
+    """A compensation on runs held out.
+
+    Parameters
+    ----------
+    averaging_s : float
+    runs : tuple of RunResult
+    traces : tuple of Trace
+    correlation : pandas.DataFrame
+        Correlation of each input with the gyro.
+    comparison : pandas.DataFrame
+        By feature group and model, what is left held out; see :func:`rlgcomp.evaluation.comparison.comparison_table`.
+    noticed : tuple of str
+        Samples far beyond any noise, in sentences: of the gyro they are left out, of a monitor the compensation follows them; and
+        runs of another gyro than the one trained on.
+    """
+
+    averaging_s: float
+    runs: tuple[RunResult, ...]
+    traces: tuple[Trace, ...]
+    correlation: pd.DataFrame
+    comparison: pd.DataFrame
+    noticed: tuple[str, ...] = ()
+
+    @property
+    def raw_std_deg_h(self) -> float:
+        return _pooled([run.raw_std_deg_h for run in self.runs])
+
+    @property
+    def residual_std_deg_h(self) -> float:
+        return _pooled([run.residual_std_deg_h for run in self.runs])
+
+    @property
+    def residual_rms_deg_h(self) -> float:
+        return _pooled([run.residual_rms_deg_h for run in self.runs])
+
+    @property
+    def noise_floor_deg_h(self) -> float:
+        return _pooled([run.noise_floor_deg_h for run in self.runs])
+
+    @property
+    def held_out(self) -> bool:
+        """Whether none of the runs was trained on, as far as their averages tell."""
+        return not any(run.trained_on for run in self.runs)
+
+    @property
+    def title(self) -> str:
+        """Of the table of bias stability."""
+        return f"Bias stability{' held out' if self.held_out else ''} ({self.averaging_s:g} s means), deg/h"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a careful reader would say of these results, in sentences: what is no proof, where nothing was gained, and what
+        stands in the way.
+        """
+        said = list(self.noticed)
+        for run in self.runs:
+            if run.trained_on:
+                said.append(no_proof(run.run))
+            if run.factor_high < 1.0:
+                said.append(
+                    f"{run.run}: compensation makes this run worse; the 95 % interval of the factor, {run.factor_low:.2f} to "
+                    f"{run.factor_high:.2f}, lies below 1."
+                )
+            elif run.factor_low <= 1.0:
+                said.append(
+                    f"{run.run}: no gain in stability can be claimed; the 95 % interval of the factor, {run.factor_low:.2f} to "
+                    f"{run.factor_high:.2f}, includes 1."
+                )
+            if abs(run.residual_mean_deg_h) > 2.0 * run.residual_std_deg_h:
+                said.append(
+                    f"{run.run}: a mean of {run.residual_mean_deg_h:+.3g} deg/h is left, more than the scatter about it: an offset "
+                    "since training (switch-on, mounting, Earth rate) that no monitor explains."
+                )
+            if run.out_of_range > OFTEN_OUT_OF_RANGE:
+                said.append(
+                    f"{run.run}: {100 * run.out_of_range:.0f} % of the samples lie outside the training range, where the model "
+                    "extrapolates."
+                )
+        if not self.comparison.empty:
+            plain = self.comparison[self.comparison["model"] == "cubic"].iloc[0]
+            if plain["residual_rms_deg_h"] <= self.residual_rms_deg_h:
+                said.append(
+                    f"A cubic in {plain['features']} alone leaves {plain['residual_rms_deg_h']:.3g} deg/h rms, no more than this "
+                    "model: nothing is gained over it."
+                )
+        return tuple(said)
+
+    def __repr__(self) -> str:
+        return _as_text(self)
+
+    def shown(self) -> pd.DataFrame:
+        return pd.DataFrame(stability_rows(self))
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a run."""
+        return pd.DataFrame([{**dataclasses.asdict(run), "floor_ratio": run.floor_ratio} for run in self.runs])
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Everything as plain data."""
+        return {
+            "schema": "rlgcomp.evaluation/1",
+            "unit": "deg/h",
+            "averaging_s": self.averaging_s,
+            "pooled": {
+                "raw_std_deg_h": self.raw_std_deg_h,
+                "residual_std_deg_h": self.residual_std_deg_h,
+                "residual_rms_deg_h": self.residual_rms_deg_h,
+                "noise_floor_deg_h": self.noise_floor_deg_h,
+                "factor": self.raw_std_deg_h / self.residual_std_deg_h,
+                "floor_ratio": self.residual_std_deg_h / self.noise_floor_deg_h,
+            },
+            "remarks": list(self.remarks),
+            "runs": self.to_frame().to_dict("records"),
+            "correlation": self.correlation.to_dict("records"),
+            "comparison": self.comparison.to_dict("records"),
+            "traces": [
+                {
+                    **{name: getattr(trace, name) for name in ("run", "time_s", "raw_deg_h", "bias_deg_h", "temperature_degC")},
+                    **{
+                        name: {"tau_s": curve.tau_s, "deviation_deg_h": curve.deviation_deg_h}
+                        for name, curve in (("allan_raw", trace.allan_raw), ("allan_residual", trace.allan_residual))
+                    },
+                }
+                for trace in self.traces
+            ],
+        }
+
+
+def stability_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """Bias stability before and after, a row a run, for people; in deg/h where nothing else is said."""
+    return [
+        {
+            "run": run.run,
+            "before": run.raw_std_deg_h,
+            "after": run.residual_std_deg_h,
+            "better by": run.factor,
+            "95 % interval": f"{run.factor_low:.2f} – {run.factor_high:.2f}",
+            "noise floor": run.noise_floor_deg_h,
+            "after / floor": run.floor_ratio,
+            "rms left": run.residual_rms_deg_h,
+            "out of range": f"{100 * run.out_of_range:.1f} %",
+            "in the interval": f"{100 * run.in_interval:.1f} %",
+        }
+        for run in evaluation.runs
+    ]
+
+
+def _as_text(evaluation: Evaluation) -> str:
+    """A row a run, all of them together, and the remarks."""
+    lines = [evaluation.title, pd.DataFrame(stability_rows(evaluation)).to_string(index=False, float_format="{:.3g}".format)]
+    if len(evaluation.runs) > 1:
+        lines.append(
+            f"together: {evaluation.raw_std_deg_h:.3g} before, {evaluation.residual_std_deg_h:.3g} after, noise floor "
+            f"{evaluation.noise_floor_deg_h:.3g}"
+        )
+    return "\n".join([*lines, *(f"- {remark}" for remark in evaluation.remarks)])
+
+
+def no_proof(run: str) -> str:
+    """What is said of a run that was trained on."""
+    return f"{run} was trained on, at least in part: what is left of it is no proof."
+
+
+def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bool = True, n_jobs: int = 1) -> Evaluation:
+    """Evaluate a compensation on runs it was not trained on; of one that it was trained on that is said.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Fitted.
+    runs : sequence of Recording
+    compare : bool
+        Also fit the cubic, the LS-SVM and the compensation's own kind of model on each feature group alone, on the same training
+        rows, and compare them here.
+    n_jobs : int
+        Worker processes of their selection.
+
+    Raises
+    ------
+    InputError
+        The compensation is not fitted; no runs, or one is too short, lacks a monitor or was compensated already.
+    """
+    compensator.require_fitted()
+    runs, n_jobs = require_recordings(runs, "runs"), require_workers(n_jobs)
+    if not runs:
+        raise InputError("no runs to evaluate on; give at least one recording")
+    for run in runs:
+        require_raw(run.name, run.columns)
+    calm = [without_knocks(run, compensator.gyro) for run in runs]
+    runs, noticed = [run for run, _ in calm], [said for _, said in calm if said is not None]
+    doubts = [(run.name, other_unit(compensator, run.metadata.unit)) for run in runs]
+    noticed += [f"{name}: {doubt}" for name, doubt in doubts if doubt is not None]
+    noticed += [
+        f"{run.name}: {column} has {said}: faults of the logger, which a compensation that runs sample by sample follows."
+        for run in runs
+        for column, (_, said) in spikes_in(run).items()
+        if column in compensator.recipe_.columns
+    ]
+    results, traces = zip(*(_evaluate_run(compensator, run) for run in runs), strict=True)
+    held_out = [rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs]
+    return Evaluation(
+        averaging_s=compensator.averaging_s,
+        runs=results,
+        traces=traces,
+        correlation=correlation_table(held_out, compensator.recipe_.names),
+        comparison=comparison_table(compensator, held_out, n_jobs=n_jobs) if compare else pd.DataFrame(),
+        noticed=tuple(noticed),
+    )
+
+
+def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, Trace]:
+    predicted = compensator.predict(run)
+    averaged = run.averaged(compensator.averaging_s, extra=predicted.astype(np.float64))
+    raw = averaged.column(rate_name(run.gyro_column(compensator.gyro)))
+    bias = averaged.column("bias_deg_h")
+    residual = raw - bias
+    samples = run.scored
+    rate = run.rate_deg_h(compensator.gyro)
+    allan_raw = allan_deviation(rate[samples], run.time_s[samples])
+    allan_residual = allan_deviation((rate - predicted["bias_deg_h"].to_numpy())[samples], run.time_s[samples])
+    own = rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro)
+    noise = own.noise_deg_h
+    pulse_arcsec = run.metadata.pulse_arcsec if run.gyro_column(compensator.gyro).endswith("_pulses") else None
+    allan_floor = allan_residual.noise_of_means_deg_h(compensator.averaging_s, pulse_arcsec)
+    floor = float(np.std(noise, ddof=1)) if noise is not None else allan_floor
+    factor, low, high = improvement(raw, residual, block=round(BLOCK_S / compensator.averaging_s))
+    result = RunResult(
+        run=run.name,
+        windows=len(raw),
+        raw_std_deg_h=float(np.std(raw, ddof=1)),
+        residual_std_deg_h=float(np.std(residual, ddof=1)),
+        residual_mean_deg_h=float(residual.mean()),
+        residual_rms_deg_h=float(np.sqrt(np.mean(residual**2))),
+        noise_floor_deg_h=floor,
+        factor=factor,
+        factor_low=low,
+        factor_high=high,
+        out_of_range=float(predicted["out_of_range"][samples].mean()),
+        in_interval=float((np.abs(residual) <= averaged.column("half_width_deg_h")).mean()),
+        trained_on=trained_on(compensator, own),
+    )
+    try:
+        temperature = averaged.column(run.temperature_column)
+    except InputError:
+        temperature = None
+    return result, Trace(run.name, averaged.time_s, raw, bias, temperature, allan_raw, allan_residual)
+
+
+def trained_on(compensator: Compensator, own: Rows) -> bool:
+    """Whether averages of a run are among those that the compensation was trained on."""
+    return any(_same_run(own, part, compensator.averaging_s) for part in compensator.training_)
+
+
+def _same_run(one: Rows, other: Rows, averaging_s: float) -> bool:
+    """Whether most averages at common times are the same, were they rounded; at the edges of a part they may differ."""
+    at, at_too = (np.round(part.time_s / (ROUNDED * averaging_s)) for part in (one, other))
+    _, ours, theirs = np.intersect1d(at, at_too, return_indices=True)
+    if len(ours) < FEWEST_COMMON:
+        return False
+    apart = np.median(np.abs(one.y_deg_h[ours] - other.y_deg_h[theirs]))
+    return bool(apart <= ROUNDED * np.median(np.abs(np.diff(one.y_deg_h))) > 0.0)
+
+
+def improvement(raw: Array, residual: Array, *, block: int, seed: int = 0) -> tuple[float, float, float]:
+    """Ratio of standard deviations before and after, with its 95 % interval by circular block bootstrap.
+
+    Parameters
+    ----------
+    raw, residual : ndarray, shape (n,)
+        Averages of one run before and after compensation, drawn together.
+    block : int
+        Length of a block in averages; at most a fifth of the run is used.
+    seed : int
+
+    Returns
+    -------
+    factor, low, high : float
+    """
+    _, (before, after) = drawn_squares([raw, residual], block=block, rng=np.random.default_rng(seed))
+    factors = np.sqrt(before / after)
+    low, high = np.quantile(factors, [0.025, 0.975])
+    return float(raw.std() / residual.std()), float(low), float(high)
+
+
+def _pooled(deviations: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(deviations))))

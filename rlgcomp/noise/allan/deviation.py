@@ -1,0 +1,387 @@
+r"""Allan and Hadamard deviations of a rate, on data with gaps, with their confidence intervals.
+
+With the angle :math:`\theta_k = \tau_0 \sum_{i<k} \Omega_i` and :math:`\tau = m \tau_0`,
+
+.. math::
+
+    \sigma^2(\tau) = \frac{1}{2 \tau^2 M} \sum_k (\theta_{k+2m} - 2\theta_{k+m} + \theta_k)^2, \qquad
+    \sigma_H^2(\tau) = \frac{1}{6 \tau^2 M} \sum_k (\theta_{k+3m} - 3\theta_{k+2m} + 3\theta_{k+m} - \theta_k)^2
+
+over the M differences whose samples are all there: at every k (overlapping), or at every m-th (plain). The Hadamard variance does
+not see a linear drift. :math:`\nu \hat\sigma^2 / \sigma^2` is taken to be chi-square with :math:`\nu` equivalent degrees of
+freedom, those of the power-law noise identified at that tau. The parts between gaps are taken as independent, so that
+:math:`M^2/\nu = \sum_i M_i^2/\nu_i`.
+
+References
+----------
+IEEE Std 647-2006, annex C. W. J. Riley, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008), sections 5.2 to 5.5.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy import stats
+
+from rlgcomp.errors import InputError
+from rlgcomp.noise.allan import wording
+from rlgcomp.noise.allan.floor import lowest
+from rlgcomp.noise.allan.power_law import NAMES, degrees_of_freedom, identify
+from rlgcomp.noise.allan.sums import angle_of, sums_of_squares
+from rlgcomp.recording import Recording
+from rlgcomp.recording.sampling import Sampling
+from rlgcomp.report.notebook import ShownAsTable
+
+if TYPE_CHECKING:
+    from rlgcomp.noise.allan.coefficients import NoiseCoefficients
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
+FEWEST_SAMPLES: Final = 5
+_ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
+_IDENTIFIED: Final = 1 << 20  # means, whose autocorrelation is then known to a thousandth
+_ROUNDING: Final = 1e-9  # of averaging times
+_GROUPS: Final = 64  # of parts of about one length, for the degrees of freedom
+
+
+@dataclasses.dataclass(frozen=True)
+class AllanDeviation(ShownAsTable):
+    """Allan (or Hadamard) deviation against averaging time, with its uncertainty.
+
+    Parameters
+    ----------
+    tau_s, deviation_deg_h : ndarray, shape (m,)
+    differences : ndarray of int, shape (m,)
+        Number of differences that each value rests on.
+    edf : ndarray, shape (m,)
+        Equivalent degrees of freedom.
+    lower_deg_h, upper_deg_h : ndarray, shape (m,)
+        Confidence interval.
+    alpha : ndarray of int, shape (m,)
+        Exponent of the rate's power-law spectrum identified at that tau (see `power_law`).
+    estimator : {"overlapping", "plain", "hadamard", "plain-hadamard"}
+    confidence : float
+        Probability of the interval.
+    period_s : float
+        Sample period.
+    parts : ndarray of int
+        Numbers of samples between gaps.
+    """
+
+    tau_s: Array
+    deviation_deg_h: Array
+    differences: Whole
+    edf: Array
+    lower_deg_h: Array
+    upper_deg_h: Array
+    alpha: Whole
+    estimator: Estimator
+    confidence: float
+    period_s: float
+    parts: Whole
+
+    def __repr__(self) -> str:
+        return wording.deviation_text(self)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row an averaging time."""
+        columns = ("tau_s", "deviation_deg_h", "lower_deg_h", "upper_deg_h", "differences", "edf")
+        frame = pd.DataFrame({name: getattr(self, name) for name in columns})
+        return frame.assign(noise=[NAMES[int(alpha)] for alpha in self.alpha])
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain mapping, for JSON."""
+        return {
+            "estimator": self.estimator,
+            "confidence": self.confidence,
+            "period_s": self.period_s,
+            "samples": int(self.parts.sum()),
+            "parts": len(self.parts),
+            "table": self.to_frame().to_dict("records"),
+        }
+
+    @property
+    def order(self) -> int:
+        """Order of the differences: 2 for Allan, 3 for Hadamard."""
+        return _ORDER[self.estimator]
+
+    @property
+    def overlapping(self) -> bool:
+        return not self.estimator.startswith("plain")
+
+    def noise(self) -> NoiseCoefficients:
+        """Q, N, B, K and R with their standard errors; see :func:`rlgcomp.noise.allan.coefficients.fit_coefficients`.
+
+        Raises
+        ------
+        InputError
+            The estimator does not overlap, or there are too few averaging times.
+        """
+        from rlgcomp.noise.allan.coefficients import fit_coefficients
+
+        return fit_coefficients(self)
+
+    def at(self, tau_s: float) -> float:
+        """Deviation at tau in deg/h, interpolated on the logarithmic plot.
+
+        Raises
+        ------
+        InputError
+            tau lies outside the curve's averaging times.
+        """
+        first, last = float(self.tau_s[0]), float(self.tau_s[-1])
+        if not first * (1.0 - _ROUNDING) <= tau_s <= last * (1.0 + _ROUNDING):
+            raise InputError(
+                f"the deviation at {tau_s:g} s was asked for; this curve goes from {first:g} to {last:g} s: give a time within it, "
+                "or a recording that is sampled faster or lasts longer"
+            )
+        return float(np.exp(np.interp(np.log(tau_s), np.log(self.tau_s), np.log(self.deviation_deg_h))))
+
+    def noise_of_means_deg_h(self, averaging_s: float, pulse_arcsec: float | None = None) -> float:
+        r"""Standard deviation that noise alone gives means over `averaging_s`: what no compensation can remove.
+
+        Counting whole pulses of :math:`q` leaves each end of a mean off by up to half a pulse, a variance of :math:`Q^2 = q^2/12`.
+        Means over T have :math:`2 Q^2 / T^2` of it, while the Allan variance, of differences of two means, has
+        :math:`3 Q^2 / \tau^2`; the difference is taken off :meth:`white_noise_deg_h`, with no more of it than the curve can hold.
+
+        Parameters
+        ----------
+        averaging_s : float
+            T.
+        pulse_arcsec : float, optional
+            q, where the gyro counts pulses.
+        """
+        if pulse_arcsec is None:
+            return self.white_noise_deg_h(averaging_s)
+        tau_s, level = self._lowest(averaging_s)
+        rounding = min(pulse_arcsec**2 / 12.0, level**2 * tau_s / 3.0)  # arcsec²; deg/h is arcsec/s
+        return float(np.sqrt(level**2 / averaging_s - rounding * (3.0 / (tau_s * averaging_s) - 2.0 / averaging_s**2)))
+
+    def white_noise_deg_h(self, averaging_s: float) -> float:
+        r"""Noise that no compensation can remove from means over `averaging_s`.
+
+        The lowest :math:`\sigma(\tau)\sqrt{\tau / T}` over :math:`\tau \le T`, of the curve fitted there; see
+        :mod:`rlgcomp.noise.allan.floor`.
+        """
+        return self._lowest(averaging_s)[1] / float(np.sqrt(averaging_s))
+
+    def _lowest(self, averaging_s: float) -> tuple[float, float]:
+        """Averaging time in s, up to `averaging_s`, at which deviation times root of time is lowest, and how low, in deg/h √s."""
+        within = self.tau_s <= averaging_s * (1.0 + _ROUNDING)
+        if not within.any():  # of the shortest mean there is
+            return float(self.tau_s[0]), float(self.deviation_deg_h[0] * np.sqrt(averaging_s))
+        k, level = lowest(self.tau_s[within], self.deviation_deg_h[within], self.edf[within])
+        return float(self.tau_s[k]), level
+
+
+def allan_deviation(
+    rate_deg_h: Recording | npt.ArrayLike,
+    time_s: npt.ArrayLike | None = None,
+    tau_s: npt.ArrayLike | None = None,
+    *,
+    gyro: str | None = None,
+    estimator: Estimator = "overlapping",
+    confidence: float = 0.683,
+    per_decade: float = 10.0,
+) -> AllanDeviation:
+    """Allan or Hadamard deviation of a recording's gyro, or of rates at times.
+
+    Parameters
+    ----------
+    rate_deg_h : Recording or array_like, shape (n,)
+        Of a recording the lead-in is left out. Gaps are allowed; no difference spans one.
+    time_s : array_like, shape (n,)
+        Of rates in an array; a recording has its own.
+    tau_s : array_like, optional
+        Averaging times, rounded to whole periods; by default `per_decade` a decade, up to a fifth of the record.
+    gyro : str, optional
+        Gyro column of a recording that has several.
+    estimator : {"overlapping", "plain", "hadamard", "plain-hadamard"}
+    confidence : float
+        Probability of the intervals; 0.683 is one sigma.
+    per_decade : float
+        Averaging times a decade where `tau_s` is not given.
+
+    Returns
+    -------
+    AllanDeviation
+
+    Raises
+    ------
+    InputError
+        Fewer than five samples, a rate that is not finite, times that do not increase, an unknown estimator, no averaging time
+        that the record can hold, times beside a recording or none beside an array, or a gyro that cannot be told.
+    """
+    if isinstance(rate_deg_h, Recording):
+        if time_s is not None:
+            raise InputError(
+                f"{rate_deg_h.name}: times were given beside a Recording, which has its own; give averaging times as tau_s="
+            )
+        scored = rate_deg_h.scored
+        time_s, rate_deg_h = rate_deg_h.time_s[scored], rate_deg_h.rate_deg_h(gyro)[scored]
+    elif time_s is None or gyro is not None:
+        received = "rates without their times" if time_s is None else f"gyro={gyro!r} beside an array of rates"
+        raise InputError(f"{received}; give a Recording, with gyro= where it has several, or rates in deg/h and their times in s")
+    rate = np.asarray(rate_deg_h, dtype=np.float64)
+    time = np.asarray(time_s, dtype=np.float64)
+    if rate.ndim != 1 or rate.shape != time.shape or len(rate) < FEWEST_SAMPLES:
+        raise InputError(
+            f"rates of shape {rate.shape} at times of shape {time.shape}; an Allan deviation needs one column of each, at least "
+            f"{FEWEST_SAMPLES} samples"
+        )
+    if not np.isfinite(rate).all():
+        raise InputError("some rates are not finite; leave those samples out: gaps are allowed")
+    period_s, ends = _parts(time)
+    return deviation_of_angle(
+        angle_of(rate), ends, period_s, tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade
+    )
+
+
+def deviation_of_angle(
+    angle: Array,
+    ends: Whole,
+    period_s: float,
+    tau_s: npt.ArrayLike | None = None,
+    *,
+    estimator: Estimator = "overlapping",
+    confidence: float = 0.683,
+    per_decade: float = 10.0,
+) -> AllanDeviation:
+    """Allan or Hadamard deviation of an angle, in memory or mapped from disk: overlapping estimators copy none of it.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n + 1,)
+        Cumulative sums of the rate in deg/h, in periods, from zero; parts between gaps in one row, without their gaps.
+    ends : ndarray of int, shape (parts,)
+        Where each part ends, the last at n.
+    period_s : float
+    tau_s, estimator, confidence, per_decade
+        As `allan_deviation` takes them.
+    """
+    if estimator not in get_args(Estimator):
+        raise InputError(f"estimator {estimator!r} is unknown; known are {', '.join(get_args(Estimator))}")
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence is {confidence}; it must lie between 0 and 1, as 0.683 for one sigma")
+    parts = np.diff(np.r_[0, ends])
+    order, overlapping = _ORDER[estimator], not estimator.startswith("plain")
+    if not 0.0 < per_decade < math.inf:
+        raise InputError(f"per_decade is {per_decade}; it must be a positive number of averaging times, as 10")
+    counts = _counts(tau_s, period_s, int(parts.max()), per_decade)
+    counts = counts[order * counts <= int(parts.max())]
+    if overlapping:
+        sums, numbers = sums_of_squares(angle, ends, counts, order)
+    rows: list[tuple[float, float, int, float, int]] = []
+    alpha = 0
+    for k, m in enumerate(counts.tolist()):
+        total, taken = (float(sums[k]), int(numbers[k])) if overlapping else _sum_of_squares_plain(angle, parts, m, order)
+        deviation = float(np.sqrt(total / taken / (2.0 if order == 2 else 6.0))) / m
+        found = identify(*_means(angle, parts, m), lowest=-2 if order == 2 else -4)
+        alpha = alpha if found is None else found
+        if alpha > 0 and not _steep(rows, m * period_s, deviation):
+            alpha = 0
+        rows.append((m * period_s, deviation, taken, _edf(parts, m, alpha, order, overlapping), alpha))
+    if not rows:
+        raise InputError(f"no averaging time fits a record of {len(angle) - 1} samples every {period_s:g} s")
+    taus, deviations, differences, edf, alphas = (np.array(column) for column in zip(*rows, strict=True))
+    tails = stats.chi2.ppf([[0.5 + 0.5 * confidence], [0.5 - 0.5 * confidence]], edf)
+    lower, upper = deviations * np.sqrt(edf / tails)
+    return AllanDeviation(
+        taus, deviations, differences, edf, lower, upper, alphas, estimator, confidence, period_s, parts.astype(np.int64)
+    )
+
+
+def angle_rate_deg_h(angle_arcsec: npt.ArrayLike, time_s: npt.ArrayLike) -> tuple[Array, Array]:
+    """Rates between the samples of an angle, and the times they end at: what `allan_deviation` takes.
+
+    Parameters
+    ----------
+    angle_arcsec, time_s : array_like, shape (n,)
+        An angle (or the phase of an oscillator, in any unit u; the rates are then in u/s). Steps across a gap are left out.
+
+    Returns
+    -------
+    rate_deg_h, time_s : ndarray
+    """
+    angle = np.asarray(angle_arcsec, dtype=np.float64)
+    time = np.asarray(time_s, dtype=np.float64)
+    if angle.ndim != 1 or angle.shape != time.shape or len(angle) <= FEWEST_SAMPLES:
+        raise InputError(f"angles of shape {angle.shape} at times of shape {time.shape}; give one of each, six samples or more")
+    period_s, ends = _parts(time)
+    inside = np.ones(len(angle) - 1, dtype=np.bool_)
+    inside[ends[:-1] - 1] = False
+    return np.diff(angle)[inside] / period_s, time[1:][inside]
+
+
+def _steep(rows: list[tuple[float, float, int, float, int]], tau_s: float, deviation: float) -> bool:
+    """Whether the curve falls as white noise of the angle makes it: a few means in a row may look like it by chance."""
+    before = [row for row in rows if row[0] <= tau_s / 1.8] or rows[:1]
+    if not before or deviation == 0.0 or before[-1][1] == 0.0:
+        return True
+    return float(np.log(deviation / before[-1][1]) / np.log(tau_s / before[-1][0])) < -0.75
+
+
+def _parts(time: Array) -> tuple[float, Whole]:
+    """Sample period, and where each part without gaps ends."""
+    steps = np.diff(time)
+    if not (np.isfinite(time).all() and float(steps.min()) > 0.0):
+        raise InputError("the times do not increase, or are not finite; sort the samples and leave repeated ones out")
+    gaps = Sampling.of(time).gaps
+    inside = float(steps.sum() - steps[gaps].sum()) / (len(steps) - len(gaps))
+    return float(f"{inside:.9g}"), np.r_[gaps + 1, len(time)]
+
+
+def _counts(tau_s: npt.ArrayLike | None, period_s: float, longest: int, per_decade: float) -> Whole:
+    """Averaging times in samples."""
+    if tau_s is not None:
+        counts = np.rint(np.atleast_1d(np.asarray(tau_s, dtype=np.float64)) / period_s)
+        if not np.isfinite(counts).all():
+            raise InputError("an averaging time is not finite; give times in s")
+    else:
+        last = max(1, longest // 5)
+        counts = np.rint(np.geomspace(1, last, max(2, 1 + round(per_decade * float(np.log10(last))))))
+    counts = np.unique(counts)
+    return counts[counts >= 1].astype(np.int64)
+
+
+def _sum_of_squares_plain(angle: Array, parts: Whole, m: int, order: int) -> tuple[float, int]:
+    """Sum of squared differences at every m-th sample of each part, and how many they are."""
+    first, _ = _starts(parts, m, order)
+    difference = np.diff(angle[first[:, None] + m * np.arange(order + 1)], order)[:, 0]
+    return float(np.dot(difference, difference)), len(difference)
+
+
+def _means(angle: Array, parts: Whole, m: int) -> tuple[Array, Whole]:
+    """Means over m samples, one after the other, and the part of each: no more than tell the noise's exponent for sure."""
+    if len(parts) == 1:
+        means = np.diff(angle[: _IDENTIFIED * m + 1 : m]) / m
+        return means, np.zeros(len(means), dtype=np.int64)
+    first, groups = _starts(parts, m, 1, _IDENTIFIED)
+    return (angle[first + m] - angle[first]) / m, groups
+
+
+def _starts(parts: Whole, m: int, spanned: int, most: int | None = None) -> tuple[Whole, Whole]:
+    """First samples of spans of `spanned` m samples, one every m in each part, and the part of each; at most the first so many."""
+    counts = np.maximum(parts // m - spanned + 1, 0)
+    if most is not None:
+        counts = np.clip(most - (np.cumsum(counts) - counts), 0, counts)
+    part = np.repeat(np.arange(len(parts)), counts)
+    within = np.arange(len(part)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return (np.cumsum(parts) - parts)[part] + m * within, part
+
+
+def _edf(parts: Whole, m: int, alpha: int, order: int, overlapping: bool) -> float:
+    lengths, copies = np.unique(parts[parts >= order * m], return_counts=True)
+    if len(lengths) > _GROUPS:
+        places = np.array_split(np.arange(len(lengths)), _GROUPS)
+        lengths = np.array([round(float(np.average(lengths[place], weights=copies[place]))) for place in places])
+        copies = np.array([copies[place].sum() for place in places])
+    taken = lengths - order * m + 1 if overlapping else lengths // m - order + 1
+    each = np.array([degrees_of_freedom(int(count), m, alpha, order, overlapping=overlapping) for count in taken])
+    return float(np.dot(copies, taken) ** 2 / np.dot(copies, taken**2 / each))

@@ -1,0 +1,134 @@
+r"""Overlapping Allan deviations of one long record whose averaging times are short, or multiples of a long one, as octaves are.
+
+The angle is never stored. A record is cut into cells, and the angle at the start of each is kept; whatever part of the angle is
+wanted is summed up anew from there, in the processor's cache. Short averaging times take stretches of the record. Long ones take
+columns: samples so many apart, a cell at a time, hold all that differences of multiples of that number ask for. So every rate is
+read three times, and no more memory is taken than a few megabytes.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.errors import InputError
+from rlgcomp.noise.allan.sums import BLOCK, MANY, aligned, angle_of, squares_2, sums_of_squares
+from rlgcomp.numerics.compiled import available, compiled, in_threads, threads
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+_CELL: Final = 512  # samples
+_STRIDE: Final = 1 << 15  # samples from which on an averaging time is long; a whole number of cells, like a stretch
+_STRETCH: Final = 1 << 17
+_LONG: Final = 1 << 23  # samples that two threads add up sooner than one
+
+
+def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None) -> Array:
+    """Overlapping Allan deviations alone, of a record without gaps: no intervals, no noise identified.
+
+    For many records, or one that is very long; :func:`rlgcomp.allan_deviation` says how sure they are.
+
+    Parameters
+    ----------
+    rate : ndarray, shape (n,)
+    counts : ndarray of int, shape (m,)
+        Averaging times in samples, at most n / 2.
+    workers : int, optional
+        Threads; by default the cores that this process has.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        In the unit of the rate.
+
+    Raises
+    ------
+    InputError
+        An averaging time is no whole number of samples, or longer than half the record.
+    """
+    rate, counts = np.ascontiguousarray(rate, dtype=np.float64), np.asarray(counts)
+    whole = rate.ndim == counts.ndim == 1 and counts.dtype.kind in "iu" and counts.size
+    if not whole or counts.min() < 1 or 2 * int(counts.max()) > len(rate):
+        raise InputError(
+            f"a rate of shape {rate.shape} and averaging times of {counts.tolist()[:8] if counts.ndim else counts} samples; give "
+            "one column, and whole numbers from 1 to half its length"
+        )
+    taken = len(rate) - 2 * counts + 1
+    fits = bool(((2 * counts <= _STRIDE) | (counts % _STRIDE == 0)).all())
+    if fits and len(rate) >= MANY and available():
+        sums = _sums(rate, counts, threads() if workers is None else workers)
+    else:
+        sums, _ = sums_of_squares(angle_of(rate, workers), np.array([len(rate)]), counts, 2, workers)
+    return np.sqrt(sums / (2.0 * taken)) / counts
+
+
+def _sums(rate: Array, counts: Whole, workers: int) -> Array:
+    cells, apart = -(-(len(rate) + 1) // _CELL), _STRIDE // _CELL
+    totals, starts = np.empty(cells), np.zeros(cells)
+    pieces = [(rate, k, k + apart, _CELL, totals) for k in range(0, cells, apart)]
+    in_threads(_totals, pieces, workers if len(rate) >= _LONG else 1)
+    mean = float(totals.sum()) / len(rate)
+    np.cumsum(totals[:-1] - mean * _CELL, out=starts[1:])
+
+    short = counts < _STRIDE
+    stretches, column = range(0, len(rate), _STRETCH), -(-cells // apart)  # a column's cells
+    tiles = [
+        *((first // _CELL, 1, (_STRETCH + _STRIDE) // _CELL, _STRETCH, counts[short]) for first in stretches),
+        *((first, apart, column, column * _CELL, counts[~short] // apart) for first in range(apart if not short.all() else 0)),
+    ]
+    sums = [np.zeros(len(tile[-1])) for tile in tiles]
+    rooms = [aligned(max(_STRETCH + _STRIDE, column * _CELL)) for _ in range(workers)]
+    fill, squares, begin = _fill.fast(), squares_2.fast(), np.array([0])
+
+    def sum_up(first: int, step: int, many: int, taken: int, lags: Whole, total: Array) -> None:
+        room = rooms.pop()
+        size = fill(rate, mean, starts, first, step, many, _CELL, room)
+        squares(room[:size], begin, np.array([size - 1]), lags, 0, taken, BLOCK, total)
+        rooms.append(room)
+
+    in_threads(sum_up, [(*tile, total) for tile, total in zip(tiles, sums, strict=True)], workers)
+    whole = np.empty(len(counts))
+    whole[short] = np.sum(sums[: len(stretches)], axis=0)
+    whole[~short] = np.sum(sums[len(stretches) :], axis=0)
+    return whole
+
+
+@compiled(reassociate=True)
+def _totals(rate: Array, first: int, last: int, cell: int, totals: Array) -> None:
+    for c in range(first, min(last, len(totals))):
+        part = rate[c * cell : (c + 1) * cell]  # counted from its start, the loop goes in vectors
+        total = 0.0
+        for k in range(len(part)):
+            total += part[k]
+        totals[c] = total
+
+
+@compiled()
+def _fill(rate: Array, mean: float, starts: Array, first: int, step: int, many: int, cell: int, room: Array) -> int:
+    """Angles of so many cells, a step apart, into the room; how many angles they are. Four sums go side by side."""
+    done, apart = 0, step * cell
+    while done + 4 <= many and (first + (done + 3) * step + 1) * cell <= len(rate):
+        c = first + done * step
+        a, b, d, e = starts[c], starts[c + step], starts[c + 2 * step], starts[c + 3 * step]
+        from_a, to_a = rate[c * cell :], room[done * cell :]
+        from_b, from_d, from_e = from_a[apart:], from_a[2 * apart :], from_a[3 * apart :]
+        to_b, to_d, to_e = to_a[cell:], to_a[2 * cell :], to_a[3 * cell :]
+        for k in range(cell):
+            to_a[k], to_b[k], to_d[k], to_e[k] = a, b, d, e
+            a += from_a[k] - mean
+            b += from_b[k] - mean
+            d += from_d[k] - mean
+            e += from_e[k] - mean
+        done += 4
+    size = done * cell
+    while done < many and (first + done * step) * cell <= len(rate):
+        at = (first + done * step) * cell
+        total = starts[first + done * step]
+        for k in range(at, min(at + cell, len(rate) + 1)):
+            room[size] = total
+            size += 1
+            total += rate[k] - mean if k < len(rate) else 0.0
+        done += 1
+    return size

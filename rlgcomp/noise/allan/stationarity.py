@@ -1,0 +1,231 @@
+r"""Is the noise of a record the same all along, and where it is not, do the accelerometers see the same?
+
+The record is cut into segments of equal duration. At each averaging time the segments' Allan variances :math:`s_i^2` with
+:math:`\nu_i` degrees of freedom are compared by Bartlett's test, the F test of more than two variances,
+
+.. math::
+
+    T = \frac{\sum \nu_i \ln \bar s^2 - \sum \nu_i \ln s_i^2}{1 + (\sum 1/\nu_i - 1/\sum \nu_i) / (3 (n - 1))} \sim \chi^2_{n-1},
+
+the degrees of freedom divided by :math:`1 + \kappa/2` for differences with excess kurtosis :math:`\kappa`. They are never more than
+those of white noise of the rate: a wrong guess of white angle noise would accuse a healthy gyro. The smallest p-value counts, times
+the number of averaging times.
+
+References
+----------
+M. S. Bartlett, Proc. R. Soc. A 160, 268 (1937).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy import stats
+
+from rlgcomp.errors import InputError
+from rlgcomp.noise.allan.base_motion import SIGNIFICANT, Lines, Motion, compare, find_lines, probability
+from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
+from rlgcomp.noise.allan.power_law import degrees_of_freedom
+
+Array = npt.NDArray[np.float64]
+SEGMENTS: Final = 8
+_LEAST_EDF: Final = 5.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Stationarity:
+    """Comparison of a record's segments.
+
+    Parameters
+    ----------
+    tau_s : float
+        Averaging time at which they differ most significantly.
+    start_s, deviation_deg_h : ndarray, shape (segments,)
+        Where each begins and its Allan deviation at that averaging time.
+    p_value : float
+        Probability of differences as large if the noise is the same all along.
+    excess_kurtosis : float
+        Of the differences over that averaging time within segments; zero for Gaussian noise.
+    furthest_s : float
+        Time about which two neighbouring means over `tau_s` differ most.
+    lines : Lines
+        Narrow lines of the gyro.
+    beat_hz : float
+        Pulses a second that the mean rate makes; zero where the gyro does not count pulses.
+    motions : tuple of Motion
+        One an accelerometer.
+    """
+
+    tau_s: float
+    start_s: Array
+    deviation_deg_h: Array
+    p_value: float
+    excess_kurtosis: float
+    furthest_s: float
+    lines: Lines
+    beat_hz: float
+    motions: tuple[Motion, ...]
+
+    @property
+    def stationary(self) -> bool:
+        return self.p_value >= SIGNIFICANT
+
+    @property
+    def base_motion(self) -> bool:
+        """Whether an accelerometer sees what the gyro sees."""
+        return any(motion.significant for motion in self.motions)
+
+    def findings(self) -> tuple[str, ...]:
+        """What it says, in sentences."""
+        said = []
+        if not self.stationary:
+            high, low = int(np.argmax(self.deviation_deg_h)), int(np.argmin(self.deviation_deg_h))
+            largest = f", in bursts (excess kurtosis {self.excess_kurtosis:.1f}), the largest at {self.furthest_s:.6g} s"
+            bursts = largest if self.excess_kurtosis > 1.0 else ""
+            said.append(
+                f"the noise is not stationary: at {self.tau_s:.3g} s the deviation is {self.deviation_deg_h[high]:.3g} deg/h from "
+                f"{self.start_s[high]:.4g} s on and {self.deviation_deg_h[low]:.3g} deg/h from {self.start_s[low]:.4g} s on "
+                f"({probability(self.p_value)}){bursts}; one set of coefficients does not describe this record"
+            )
+        if self.lines.significant:
+            said.append(self._of_lines())
+        said.extend(
+            f"base motion: {motion.accelerometer} sees it too (coherence {motion.coherence:.2f} at {motion.frequency_hz:.3g} Hz, "
+            f"{100 * motion.share:.0f} % of the gyro's variance; rank correlation of their powers {motion.power_correlation:.2f}, "
+            f"{probability(motion.power_p)})"
+            for motion in self.motions
+            if motion.significant
+        )
+        if self.base_motion:
+            said.append("what moves the base is no noise of the gyro: take these deviations as upper limits, or isolate the base")
+        elif not self.stationary:
+            said.append(
+                "no accelerometer sees the base move"
+                if self.motions
+                else "no accelerometer was recorded, so motion of the base cannot be told from a gyro that changes"
+            )
+        return tuple(said)
+
+    def _of_lines(self) -> str:
+        too = [motion.accelerometer for motion in self.motions if motion.line_share >= 0.5 * self.lines.share]
+        seen = f", which {', '.join(too)} {'shows' if len(too) == 1 else 'show'} too" if too else ""
+        at = ", ".join(f"{frequency:.3g}" for frequency in self.lines.frequency_hz)
+        said = f"{100 * self.lines.share:.0f} % of the variance is in narrow lines (at {at} Hz, as sampled){seen}"
+        if not too and self.beat_hz > 0.0 and self.lines.all_multiples_of(self.beat_hz):
+            return (
+                f"{said}: the mean rate makes {self.beat_hz:.4g} pulses a second, and these are multiples of it: the beat of "
+                "counting whole pulses, no motion; in longer averages it fades"
+            )
+        return f"{said}: residual dither of this gyro or its neighbours, or a steady vibration"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a segment."""
+        return pd.DataFrame({"start_s": self.start_s, "deviation_deg_h": self.deviation_deg_h})
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain mapping, for JSON."""
+        return {**dataclasses.asdict(self), "stationary": self.stationary, "base_motion": self.base_motion}
+
+
+def check_stationarity(
+    rate_deg_h: npt.ArrayLike,
+    time_s: npt.ArrayLike,
+    accelerometers: Mapping[str, npt.ArrayLike] | None = None,
+    *,
+    segments: int = SEGMENTS,
+    pulse_arcsec: float | None = None,
+) -> Stationarity:
+    """Compare the segments of a record, and the gyro with the accelerometers.
+
+    Parameters
+    ----------
+    rate_deg_h, time_s : array_like, shape (n,)
+        Gaps are allowed.
+    accelerometers : mapping of str to array_like, optional
+        Their outputs at the same times, in any unit. They are compared on the longest part without gaps.
+    segments : int
+    pulse_arcsec : float, optional
+        Where the gyro counts pulses.
+
+    Raises
+    ------
+    InputError
+        The record is too short to be cut into that many segments.
+    """
+    rate = np.asarray(rate_deg_h, dtype=np.float64)
+    time = np.asarray(time_s, dtype=np.float64)
+    if segments < 2:
+        raise InputError(f"segments is {segments}; at least two are needed to compare")
+    whole = allan_deviation(rate, time, per_decade=3.0)
+    edges = np.searchsorted(time, np.linspace(time[0], time[-1] + whole.period_s, segments + 1))
+    angle = np.r_[0.0, np.cumsum(rate - rate.mean())]
+    part = np.repeat(np.arange(len(whole.parts)), whole.parts)
+    best: tuple[float, float, Array, Array, float, float] | None = None
+    tested = 0
+    for tau_s, alpha in zip(whole.tau_s, whole.alpha, strict=True):
+        compared = _compare(angle, part, edges, round(tau_s / whole.period_s), min(int(alpha), 0))
+        if compared is None:
+            continue
+        tested += 1
+        log_p, segment, rms, kurtosis, row = compared
+        if best is None or log_p < best[0]:
+            deviations = rms * whole.period_s / (math.sqrt(2.0) * tau_s)
+            best = (log_p, float(tau_s), time[edges[segment]], deviations, kurtosis, float(time[row]))
+    if best is None:
+        raise InputError(f"{len(rate)} samples are too few to compare {segments} segments; give a longer record, or fewer segments")
+    log_p, tau_s, start_s, deviations, kurtosis, furthest_s = best
+    longest = _longest_part(whole)
+    lines = find_lines(rate[longest], whole.period_s)
+    motions = tuple(
+        compare(name, rate[longest], np.asarray(values, dtype=np.float64)[longest], whole.period_s, tau_s)
+        for name, values in (accelerometers or {}).items()
+    )
+    beat_hz = abs(float(rate.mean())) / pulse_arcsec if pulse_arcsec is not None else 0.0  # deg/h is arcsec/s
+    p_value = min(1.0, tested * math.exp(log_p))
+    return Stationarity(tau_s, start_s, deviations, p_value, kurtosis, furthest_s, lines, beat_hz, motions)
+
+
+def _compare(
+    angle: Array, part: npt.NDArray[np.int64], edges: npt.NDArray[np.intp], m: int, alpha: int
+) -> tuple[float, npt.NDArray[np.intp], Array, float, int] | None:
+    """Bartlett's test of the segments at one averaging time: log p-value, segments compared, rms difference, excess kurtosis.
+
+    Last the row about which the largest difference is.
+    """
+    difference = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
+    whole = part[2 * m - 1 :] == part[: len(difference)]
+    segments, squares, fourths, counts = [], [], [], []
+    for k, (start, stop) in enumerate(itertools.pairwise(edges)):
+        inside = slice(start, max(start, stop - 2 * m + 1))
+        square = difference[inside][whole[inside]] ** 2
+        if len(square) and square.any():
+            segments.append(k)
+            squares.append(float(square.mean()))
+            fourths.append(float(np.mean(square**2)) / squares[-1] ** 2)
+            counts.append(len(square))
+    if len(segments) < 2:
+        return None
+    degrees = [degrees_of_freedom(count, m, alpha, 2, overlapping=True) for count in counts]
+    if min(degrees) < _LEAST_EDF:
+        return None
+    kurtosis = float(np.mean(fourths)) - 3.0
+    nu = np.array(degrees) / (1.0 + 0.5 * max(kurtosis, 0.0))
+    s2 = np.array(squares)
+    pooled = float(nu @ s2) / float(nu.sum())
+    statistic = float(nu.sum() * math.log(pooled) - nu @ np.log(s2))
+    statistic /= 1.0 + (float((1.0 / nu).sum()) - 1.0 / float(nu.sum())) / (3.0 * (len(nu) - 1))
+    furthest = m + int(np.argmax(np.where(whole, np.abs(difference), 0.0)))
+    return float(stats.chi2.logsf(statistic, len(nu) - 1)), np.array(segments), np.sqrt(s2), kurtosis, furthest
+
+
+def _longest_part(whole: AllanDeviation) -> slice:
+    ends = np.cumsum(whole.parts)
+    k = int(np.argmax(whole.parts))
+    return slice(int(ends[k] - whole.parts[k]), int(ends[k]))

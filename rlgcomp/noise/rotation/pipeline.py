@@ -1,0 +1,121 @@
+r"""Angle random walk of gyros that turn at constant rate on a table, with its standard error and an independent check.
+
+1. Stretches of constant rate are found on the encoder. The mean rate and a fifth-order trend (in time or in temperature, fitted to
+   means over whole revolutions of at least 6 s) are taken out.
+2. What repeats with the angle is found and fitted (:mod:`rlgcomp.noise.rotation.harmonics`). Where the angle that is left jumps,
+samples
+   are left out (:mod:`rlgcomp.noise.rotation.knocks`), and the run is taken anew.
+3. The table's own motion: a gyro feels it, an encoder of 3 arcsec shows it only below some 0.1 Hz. Subtracting the encoder always
+   would put its noise, a thousand times a sample's random walk, on every sample; never subtracting it would take a wandering
+   speed for noise of the gyro. So it is subtracted, scaled by the ratio of the mean rates, only if in some octave of frequency
+   gyro and encoder are coherent (the encoder proves that the table moved) and their difference is quieter than the gyro. What a
+   servo leaves below the encoder's noise is bounded in angle, looks like quantisation, and is fitted as such.
+4. N is estimated from the spectrum (:mod:`rlgcomp.noise.rotation.spectral`), up to 2 Hz or as far as its shape is that of noise;
+the
+   five-term fit of the Allan variance of 1 s means, the paper's estimator, stands beside it.
+5. Cross-check without any harmonic fit: angles averaged over whole revolutions, in which all that repeats cancels, and the white
+   noise of their second differences, the (modified) Allan variance at whole revolutions, all of whose averaging times are fitted
+   at once by their spectrum.
+
+References
+----------
+Liu et al., Sensors 19, 4754 (2019), section 5.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from rlgcomp.errors import InputError
+from rlgcomp.noise.rotation.encoder import Delay, delay_from_changes, find_legs, table_angle_deg
+from rlgcomp.noise.rotation.harmonics import Progress
+from rlgcomp.noise.rotation.knocks import knocks_in
+from rlgcomp.noise.rotation.results import AngleRandomWalk, RotationNoise
+from rlgcomp.noise.rotation.stretch import Stretch, Trend, revolutions
+from rlgcomp.recording import Recording
+
+FEWEST_REVOLUTIONS: Final = 120
+
+
+def angle_random_walk(
+    runs: Recording | Sequence[Recording],
+    *,
+    gyros: Sequence[str] | None = None,
+    trend: Trend = "time",
+    advance: Progress = lambda done, total: None,
+) -> RotationNoise:
+    """Angle random walk under rotation, all gyros of one or more runs.
+
+    Parameters
+    ----------
+    runs : Recording or sequence of Recording
+        With the table's angle; several rates, in one run or in several, give the encoder's delay.
+    gyros : sequence of str, optional
+        Gyro columns; by default all.
+    trend : {"time", "temperature"}
+        Variable of the fifth-order trend.
+    advance : callable
+        Told the steps done and the steps in all.
+
+    Raises
+    ------
+    InputError
+        No encoder, a table at rest, too few revolutions, or a gyro that does not feel the rotation.
+    """
+    recordings = [runs] if isinstance(runs, Recording) else list(runs)
+    return RotationNoise.together(
+        [
+            _run(recording, gyros or recording.gyro_columns, trend, _part(advance, k, len(recordings)))
+            for k, recording in enumerate(recordings)
+        ]
+    )
+
+
+def _run(recording: Recording, gyros: Sequence[str], trend: Trend, advance: Progress) -> RotationNoise:
+    for column in gyros:
+        recording.gyro_column(column)
+    angle = table_angle_deg(recording)
+    legs = find_legs(recording.time_s, angle)
+    turning = [leg for leg in legs if leg.turning]
+    fastest = max((abs(leg.rate_deg_s) for leg in legs), default=0.0)
+    if not turning:
+        raise InputError(
+            f"{recording.name}: the table is at rest (at most {fastest:.3g} deg/s for six seconds); ARW under rotation needs a "
+            "constant rate; for a static run use rlgcomp allan"
+        )
+    long_enough = [leg for leg in turning if revolutions(angle[leg.rows]) >= FEWEST_REVOLUTIONS]
+    if not long_enough:
+        most = max(revolutions(angle[leg.rows]) for leg in turning)
+        raise InputError(
+            f"{recording.name}: the longest stretch of constant rate has {most:.1f} revolutions; at least {FEWEST_REVOLUTIONS} are "
+            "needed, and an hour or more for a useful N; record longer"
+        )
+    found: list[AngleRandomWalk] = []
+    delays: list[Delay] = []
+    for k, leg in enumerate(long_enough):
+        one = Stretch(recording, leg, angle, gyros, trend, _part(advance, k, len(long_enough)))
+        knocked, said = knocks_in(one)
+        if said:
+            calm = np.ones(len(recording), dtype=np.bool_)
+            calm[leg.rows] = ~knocked
+            left = recording.replace(table=recording.table[calm], truth=None if recording.truth is None else recording.truth[calm])
+            result = _run(left, gyros, trend, advance)
+            return dataclasses.replace(result, left_out=(*said, *result.left_out))
+        found += one.results()
+        strongest = int(np.argmax(np.abs(one.gains)))
+        delay = delay_from_changes(recording, legs, angle, gyros[strongest], one.harmonics[strongest])
+        delays += [delay] if delay is not None else []
+    return RotationNoise(tuple(found), min(delays, key=lambda delay: delay.sd_s) if delays else None)
+
+
+def _part(advance: Progress, k: int, parts: int) -> Progress:
+    """Progress of part k of several."""
+
+    def told(done: int, total: int) -> None:
+        advance(k * total + done, parts * total)
+
+    return told

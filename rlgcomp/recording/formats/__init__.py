@@ -1,0 +1,265 @@
+"""Reading and writing recordings. One file here = one file format; to add one, write it and name it in `FORMATS`.
+
+A format is a module with three names: `SUFFIXES`, the endings it answers to; `load(path) -> (table, metadata mapping)`; and
+`save(path, table, metadata mapping)`. What all formats share stands in this file: column mapping, repair, truth, whole writing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from rlgcomp.errors import InputError
+from rlgcomp.files import from_yaml, require_writable, whole_file, write_text
+from rlgcomp.recording import TIME, Metadata, Recording
+from rlgcomp.recording.formats import csv, hdf5, matlab, parquet
+from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable
+from rlgcomp.recording.repair import repair
+from rlgcomp.units import column_unit
+
+FORMATS: Final[tuple[ModuleType, ...]] = (parquet, csv, hdf5, matlab)
+TRUTH_PREFIX: Final = "truth_"
+TRUTH_SUFFIX: Final = "_deg_h"
+TABLE_COLUMNS: Final = ("table_rate_deg_s", "table_angle_deg")  # what has one was recorded on a turntable, unless it says otherwise
+
+
+def read(
+    path: str | Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    drop: Sequence[str] = (),
+    metadata: Mapping[str, Any] | None = None,
+    period_s: float | None = None,
+    computed: bool = False,
+) -> Recording:
+    """Read a recording, mend what can be mended, and say so.
+
+    Parameters
+    ----------
+    path : path
+        A .parquet, .csv, .csv.gz, .h5, .hdf5 or .mat file. A `name.yaml` beside it may hold the metadata and, under `columns:`, a
+        mapping like the one below.
+    columns : mapping of str to str, optional
+        Contract name to the file's own name, with its unit where that differs: `{"gyro_deg_h": "Gyro Z [deg/s]"}`.
+    drop : sequence of str
+        Columns to leave out.
+    metadata : mapping, optional
+        Values that go before those of the file.
+    period_s : float, optional
+        Sample period of a file without time stamps, whose rows are taken to follow each other without gaps. The .yaml may give it.
+    computed : bool
+        The file is a simulator's output: its gyro may stand still and need have no noise.
+
+    Returns
+    -------
+    Recording
+        What was repaired or noted is in its `findings`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or mended; everything that is wrong is in one list.
+    """
+    path = Path(path)
+    form = _readable(path)
+    table, stored = form.load(path)
+    beside = read_sidecar(path)
+    mapping = column_mapping(beside, path) | dict(columns or {})
+    period_s = beside.pop("period_s", None) if period_s is None else period_s
+    said = {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
+    merged = Metadata.from_mapping(said)
+    require_droppable(drop, table.columns, path)
+    table = table.drop(columns=list(drop))
+    table, vouched = apply_mapping(table, mapping, name=path.name)
+    if period_s is not None:
+        table = _with_time(table, period_s, path.name)
+    if "kind" not in said and any(column in table for column in TABLE_COLUMNS):
+        merged = dataclasses.replace(merged, kind="turntable")
+    table, findings = repair(table, merged, name=path.name, vouched=vouched, computed=computed)
+    truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
+    truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
+    rest = table.drop(columns=truths)
+    return Recording.repaired(rest, merged, name=_stem(path), truth=truth if truths else None, findings=findings)
+
+
+def column_names(path: str | Path) -> list[str]:
+    """A file's own names of its columns.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    path = Path(path)
+    form = _readable(path)
+    if form is parquet:
+        return parquet.header(path)[0]
+    return csv.header(path) if form is csv else [str(name) for name in form.load(path)[0].columns]
+
+
+def write(recording: Recording, path: str | Path) -> None:
+    """Write a recording, whole or not at all; the ending of `path` chooses the format.
+
+    Raises
+    ------
+    InputError
+        As :func:`require_recordable`.
+    """
+    path = Path(path)
+    require_recordable(path)
+    form = _format_of(path)
+    table = recording.table
+    if recording.truth is not None:
+        truth = recording.truth.rename(columns=lambda mechanism: f"{TRUTH_PREFIX}{mechanism}{TRUTH_SUFFIX}")
+        table = pd.concat([table, truth], axis=1)
+    metadata = recording.metadata.to_mapping()
+    with whole_file(path) as scratch:
+        form.save(scratch, table, metadata)
+    if form is csv:
+        write_sidecar(path, metadata)
+
+
+def require_recordable(path: Path) -> None:
+    """Raise unless a recording of this name could be written: said before the work, not after it.
+
+    Raises
+    ------
+    InputError
+        The ending is unknown, the place cannot be written to, or the .yaml beside it is something else.
+    """
+    form = _format_of(path)
+    require_writable(path)
+    if form is csv:
+        require_sidecar(path)
+
+
+def written_beside(path: Path) -> tuple[Path, ...]:
+    """The files that :func:`write` makes of a recording of this name."""
+    return (path, sidecar(path)) if _format_of(path) is csv else (path,)
+
+
+def require_sidecar(path: Path) -> None:
+    """Raise where the .yaml beside a recording that is to be written holds what :func:`write_sidecar` never wrote.
+
+    Raises
+    ------
+    InputError
+        It does; it may be a simulator's file.
+    """
+    beside = sidecar(path)
+    try:
+        foreign = sorted(read_sidecar(path).keys() - {field.name for field in dataclasses.fields(Metadata)})
+        unreadable = beside.exists() and not beside.is_file()
+    except (InputError, OSError):
+        foreign, unreadable = [], True
+    if foreign or unreadable:
+        holds = f" that was written here: it holds {', '.join(foreign)}" if foreign else ""
+        raise InputError(
+            f"{beside}, which would hold the metadata of {path.name}, exists and is no recording's metadata{holds}; "
+            "give another name"
+        )
+
+
+def write_sidecar(path: Path, metadata: Mapping[str, Any]) -> None:
+    """Write the .yaml beside a recording."""
+    write_text(sidecar(path), yaml.safe_dump(dict(metadata), sort_keys=False, allow_unicode=True))
+
+
+def column_mapping(beside: dict[str, Any], path: Path) -> dict[str, str]:
+    """The mapping of columns, taken out of what the .yaml beside a recording says; empty where it says nothing of it.
+
+    Raises
+    ------
+    InputError
+        It is no mapping of names to names, or one stands under another key.
+    """
+    misplaced = [key for key, value in beside.items() if key != "columns" and _maps_columns(value)]
+    if misplaced:
+        raise InputError(f"{sidecar(path)}: {misplaced[0]} maps columns, which nobody reads there; write it under 'columns:'")
+    said = beside.pop("columns", None)
+    if said is None:
+        return {}
+    if not isinstance(said, dict) or not all(isinstance(source, str | int | float) for source in said.values()):
+        raise InputError(
+            f"{sidecar(path)}: columns is {str(said)[:80]!r}, a {type(said).__name__}; it must map contract names to the file's "
+            "own; write a line such as 'columns: {gyro_deg_h: \"Gyro Z [deg/s]\"}'"
+        )
+    return {str(target): str(source) for target, source in said.items()}
+
+
+def _maps_columns(said: Any) -> bool:
+    if not isinstance(said, dict) or not all(isinstance(source, str) for source in said.values()):
+        return False
+    return any(str(target) == TIME or column_unit(str(target)) is not None for target in said)
+
+
+def _with_time(table: pd.DataFrame, period_s: Any, name: str) -> pd.DataFrame:
+    """The table with the time stamps that it lacks."""
+    if TIME in table:
+        raise InputError(f"{name}: has a column {TIME} already; a sample period is for files without one")
+    if not (isinstance(period_s, int | float) and 0.0 < period_s < math.inf):
+        raise InputError(f"{name}: the sample period is {period_s!r}; it must be a positive number of seconds")
+    return table.assign(**{TIME: period_s * np.arange(len(table))})
+
+
+def _format_of(path: Path) -> ModuleType:
+    for form in FORMATS:
+        if path.name.lower().endswith(form.SUFFIXES):
+            return form
+    known = ", ".join(suffix for form in FORMATS for suffix in form.SUFFIXES)
+    raise InputError(f"{path}: the ending {path.suffix!r} is no known format; known endings are {known}")
+
+
+def _readable(path: Path) -> ModuleType:
+    """The format of a file that is there and holds something."""
+    form = _format_of(path)
+    if not path.exists():
+        raise InputError(f"{path} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give a recording's file")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path} is empty (0 bytes)")
+    return form
+
+
+def _stem(path: Path) -> str:
+    name = path.name
+    for suffix in sorted((suffix for form in FORMATS for suffix in form.SUFFIXES), key=len, reverse=True):
+        if name.lower().endswith(suffix):
+            return name[: -len(suffix)]
+    return path.stem
+
+
+def sidecar(path: Path) -> Path:
+    """The .yaml beside a recording, whether it is there or not."""
+    return path.with_name(_stem(path) + ".yaml")
+
+
+def read_sidecar(path: Path) -> dict[str, Any]:
+    """What the .yaml beside a recording says; nothing where there is none.
+
+    Raises
+    ------
+    InputError
+        It is not readable.
+    """
+    beside = sidecar(path)
+    if not beside.is_file():
+        return {}
+    try:
+        content = from_yaml(beside.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{beside}: not readable as YAML: {error}") from None
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise InputError(f"{beside}: holds a {type(content).__name__}; expected lines such as 'pulse_arcsec: 0.84'")
+    return {str(key): value for key, value in content.items()}

@@ -1,0 +1,66 @@
+"""MATLAB .mat files: one variable a column, or one struct of columns; metadata as a JSON text in `rlgcomp_metadata`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from rlgcomp.errors import InputError
+from rlgcomp.files import from_json, to_json
+from rlgcomp.recording.formats import hdf5
+
+SUFFIXES: Final = (".mat",)
+_METADATA: Final = "rlgcomp_metadata"
+
+
+def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Table and metadata of a .mat file of any version."""
+    from scipy.io import loadmat
+
+    with path.open("rb") as stream:
+        if b"MATLAB 7.3" in stream.read(128):
+            return hdf5.load(path)
+    try:
+        content = loadmat(path, simplify_cells=True)
+    except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
+        raise InputError(f"{path} is not readable as a MATLAB file: {(str(error).splitlines() or ['damaged'])[0]}") from None
+    variables = {name: value for name, value in content.items() if not name.startswith("__")}
+    structs = [value for value in variables.values() if isinstance(value, dict)]
+    if len(structs) == 1:
+        variables = {**variables, **structs[0]}
+    metadata: dict[str, Any] = {}
+    stored = variables.pop(_METADATA, None)
+    if isinstance(stored, str):
+        try:
+            metadata = from_json(stored)
+        except ValueError:
+            raise InputError(f"{path}: {_METADATA} is no JSON text") from None
+    columns: dict[str, np.ndarray] = {}
+    for name, value in variables.items():
+        if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size == max(value.shape, default=0):
+            columns[name] = value.astype(np.float64).ravel()
+        elif isinstance(value, int | float | str) and not isinstance(value, bool):
+            metadata.setdefault(name, value)
+    return hdf5.commonest_length(columns, path), metadata
+
+
+def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
+    """Write one variable a column.
+
+    Raises
+    ------
+    InputError
+        A column's name is too long for MATLAB (63 characters).
+    """
+    from scipy.io import savemat
+
+    long = [column for column in table.columns if len(column) > 63]
+    if long:
+        raise InputError(f"MATLAB allows names of 63 characters; too long: {', '.join(long)}; write Parquet instead")
+    content: dict[str, Any] = {column: table[column].to_numpy(dtype=np.float64) for column in table.columns}
+    savemat(
+        path, {**content, _METADATA: to_json(metadata, indent=None)}, do_compression=True, long_field_names=True, oned_as="column"
+    )

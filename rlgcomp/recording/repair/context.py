@@ -1,0 +1,64 @@
+"""What the checks share: metadata, what a scan of each column has shown, and the growing list of findings."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.numerics.column_ranges import Extent, extents, step_extent
+from rlgcomp.recording import TIME, Finding, Metadata
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.bool_]
+FEW: Final = 0.001  # share of rows that may be out of order and still be mended
+
+
+@dataclasses.dataclass
+class Context:
+    """What the checks share: the metadata, columns whose unit the user vouched for, and the growing list of findings.
+
+    A gyro that was computed, not recorded, may stand still and need have no noise.
+    """
+
+    metadata: Metadata
+    vouched: frozenset[str] = frozenset()
+    computed: bool = False
+    findings: list[Finding] = dataclasses.field(default_factory=list)
+    _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
+    _steps: tuple[Array, Extent] | None = None
+    _last: tuple[pd.DataFrame, dict[str, Extent]] | None = None
+
+    def extents(self, table: pd.DataFrame) -> dict[str, Extent]:
+        """Extent of every column; a column that was seen before and still is that very array is not read again."""
+        if self._last is not None and self._last[0] is table:
+            return self._last[1]
+        columns = {str(name): table[name].to_numpy() for name in table.columns}
+        places = {name: (values.__array_interface__["data"][0], len(values)) for name, values in columns.items()}
+        new = {place: columns[name] for name, place in places.items() if place not in self._seen}
+        self._seen |= {place: (new[place], extent) for place, extent in zip(new, extents(list(new.values())), strict=True)}
+        self._last = table, {name: self._seen[place][1] for name, place in places.items()}
+        return self._last[1]
+
+    def steps(self, table: pd.DataFrame) -> Extent:
+        """Extent of the steps of time."""
+        time_s = table[TIME].to_numpy()
+        if self._steps is None or not (self._steps[0].ctypes.data == time_s.ctypes.data and len(self._steps[0]) == len(time_s)):
+            self._steps = (time_s, step_extent(time_s))
+        return self._steps[1]
+
+    def add(
+        self,
+        severity: Literal["repaired", "noted", "refused"],
+        message: str,
+        column: str | None = None,
+        row: int | np.integer | None = None,
+    ) -> None:
+        self.findings.append(Finding(severity, message, column, None if row is None else int(row)))
+
+    @property
+    def refused(self) -> bool:
+        return any(finding.severity == "refused" for finding in self.findings)

@@ -1,0 +1,107 @@
+"""Columns whose numbers contradict the unit in their name: kelvin for degC, rad/s for deg/h."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from rlgcomp import units
+from rlgcomp.recording import TIME, is_gyro
+from rlgcomp.recording.repair.context import Array, Context
+
+QUIETEST_DEG_SQRT_H: Final = 2e-6  # two orders below the quantum limit of the best navigation-grade gyros
+LARGEST_STATIC_RATE_DEG_H: Final = 100.0
+_SOME: Final = 1 << 16  # samples whose noise may speak for the whole record's
+
+
+def units_meant(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    for column, extent in context.extents(table).items():
+        values = table[column].to_numpy()
+        if column in context.vouched or (extent.missing and np.isnan(values).all()):
+            continue
+        if column.endswith("_degC") and not extent.greatest <= 180.0:
+            median = float(np.nanmedian(values))
+            if 180.0 < median < 400.0:
+                context.add(
+                    "refused",
+                    f"the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{column} [K]'",
+                    column,
+                )
+        elif is_gyro(column) and not column.endswith("_pulses") and not _plainly_in_its_unit(table, column, context):
+            _gyro_unit(table, column, context)
+    return table
+
+
+def _plainly_in_its_unit(table: pd.DataFrame, column: str, context: Context) -> bool:
+    """Whether bounds suffice to see that a gyro is noisy and slow enough, no table contradicting.
+
+    Squares of some steps sum up to no more than those of all, and no mean exceeds the greatest value.
+    """
+    if "table_rate_deg_s" in table:
+        return False
+    scale = float(units.convert(1.0, units.column_unit(column) or "deg/h", "deg/h"))
+    steps = scale * np.diff(table[column].to_numpy()[:_SOME])
+    sample_sd_deg_h = float(np.sqrt(np.dot(steps, steps) / (2.0 * len(table))))
+    noisy = sample_sd_deg_h * float(np.sqrt(context.steps(table).least)) / 60.0 >= QUIETEST_DEG_SQRT_H
+    slow = context.extents(table)[column].within(LARGEST_STATIC_RATE_DEG_H / scale)
+    return (noisy or context.computed) and (slow or context.metadata.kind == "turntable")
+
+
+def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
+    unit = units.column_unit(column) or "deg/h"
+    rate_deg_h = units.convert(table[column].to_numpy(), unit, "deg/h")
+    period_s = float(np.median(np.diff(table[TIME].to_numpy())))
+    right = f"if the unit is right, say --map {column}='{column} [{unit}]'"
+    noise = None if context.computed else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
+    if noise is not None and noise < QUIETEST_DEG_SQRT_H:
+        maps = [f"--map {column}='{column} [{other}]'" for other in _quiet_enough(noise, unit)]
+        context.add(
+            "refused",
+            f"its white noise would be {noise:.1e} deg/sqrt(h), less than any gyro's, so it is hardly in {unit}; "
+            f"say what it is in: {' or '.join(maps)}; {right}",
+            column,
+        )
+        return
+    if "table_rate_deg_s" in table and (table["table_rate_deg_s"].std() or 0.0) > 0.0:
+        table_rate_deg_h = table["table_rate_deg_s"].to_numpy() * units.SECONDS_PER_HOUR
+        slope = float(np.nanmean((rate_deg_h - np.nanmean(rate_deg_h)) * table_rate_deg_h) / np.nanvar(table_rate_deg_h))
+        for other in ("rad/s", "deg/s", "deg/h", "arcsec/s"):
+            expected = float(units.convert(1.0, unit, "deg/h")) / float(units.convert(1.0, other, "deg/h"))
+            if other != unit and abs(abs(slope) / expected - 1.0) < 0.05 and abs(expected - 1.0) > 0.1:
+                context.add(
+                    "refused",
+                    f"against the table it reads {slope:.4g} times the rate, as if the gyro were in {other}: then say "
+                    f"--map {column}='{column} [{other}]'; or else table_rate_deg_s is in another unit; {right}",
+                    column,
+                )
+                return
+    mean = float(np.nanmean(rate_deg_h))
+    if context.metadata.kind != "turntable" and abs(mean) > LARGEST_STATIC_RATE_DEG_H:
+        context.add(
+            "noted", f"the mean is {mean:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map", column
+        )
+
+
+def _quiet_enough(noise_deg_sqrt_h: float, unit: str) -> list[str]:
+    """Units in which such noise would be a gyro's, the likeliest first."""
+    ratios = {other: float(units.convert(1.0, other, unit)) for other in ("deg/s", "rad/s", "arcsec/s", "deg/h")}
+    found = [other for other, ratio in ratios.items() if ratio > 1.0 and noise_deg_sqrt_h * ratio >= QUIETEST_DEG_SQRT_H]
+    return found or ["rad/s"]
+
+
+def _white_noise_deg_sqrt_h(rate_deg_h: Array, period_s: float) -> float | None:
+    """White noise of a rate from its first differences, or None where these do not look white.
+
+    Differences of white noise have a lag-one correlation of -1/2; those of a smooth, noise-free curve are near +1.
+    """
+    steps = np.diff(rate_deg_h)
+    steps = steps[np.isfinite(steps)]
+    if len(steps) < 50 or not steps.any():
+        return None
+    correlation = float(np.mean(steps[1:] * steps[:-1]) / np.mean(steps**2))
+    if not -0.7 < correlation < -0.3:
+        return None
+    sample_sd_deg_h = float(np.sqrt(np.mean(steps**2) / 2.0))
+    return sample_sd_deg_h * float(np.sqrt(period_s)) / 60.0

@@ -1,0 +1,118 @@
+"""What a recording holds: rows, gyros with their noise, channels, thermal legs, and what was found wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from typing import Any, Final
+
+import numpy as np
+
+from rlgcomp.errors import InputError
+from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.numerics.hysteresis import Play
+from rlgcomp.recording import DEFAULT_AVERAGING_S, Finding, Recording
+from rlgcomp.recording.outliers import knocks_in, spikes_in
+from rlgcomp.recording.sample_and_hold import held_in, said_of
+from rlgcomp.units import SECONDS_PER_HOUR
+
+TURN: Final = 0.1  # of the span of temperature: smaller ups and downs are no turning points
+
+
+def summarise(recording: Recording) -> dict[str, Any]:
+    """Everything worth knowing of a recording, as plain data.
+
+    Returns
+    -------
+    dict
+        `name`, `kind`, `unit`, `rows`, `period_s`, `hours`, `gaps`, and lists of `gyros`, `columns`, `legs` and `findings`.
+    """
+    table = recording.table
+    return {
+        "name": recording.name,
+        "kind": recording.metadata.kind,
+        "unit": recording.metadata.unit,
+        "rows": len(recording),
+        "period_s": recording.period_s,
+        "hours": recording.duration_s / SECONDS_PER_HOUR,
+        "gaps": len(recording.gaps),
+        "gyros": [_gyro(recording, column) for column in recording.gyro_columns],
+        "columns": [
+            {
+                "column": column,
+                "min": float(table[column].min()),
+                "mean": float(table[column].mean()),
+                "max": float(table[column].max()),
+                "distinct values": int(np.unique(table[column].to_numpy()).size),
+            }
+            for column in recording.columns
+        ],
+        "legs": legs(recording),
+        "findings": [str(finding) for finding in (*recording.findings, *wild_samples(recording), *held_monitors(recording))],
+    }
+
+
+def wild_samples(recording: Recording) -> list[Finding]:
+    """Samples of gyros and monitors that lie far beyond any noise."""
+    found = []
+    for column in recording.gyro_columns:
+        with contextlib.suppress(InputError):  # pulses of unknown size
+            far, said = knocks_in(recording, column)
+            if said:
+                turning = recording.metadata.kind == "turntable"
+                then = "evaluation and diagnosis mend them" if turning else "training, evaluation and diagnosis leave them out"
+                remark = f"{said}; {then}"
+                found.append(Finding("noted", remark, column, int(np.argmax(far))))
+    for column, (spikes, said) in spikes_in(recording).items():
+        remark = f"has {said}: faults of the logger; training and diagnosis put them between their neighbours"
+        found.append(Finding("noted", remark, column, int(np.argmax(spikes))))
+    return found
+
+
+def held_monitors(recording: Recording) -> list[Finding]:
+    """Monitors that a slower logger reads, in one line."""
+    held = held_in(recording)
+    return [Finding("noted", f"{said_of(held)}; a diagnosis goes straight from reading to reading")] if held else []
+
+
+def legs(recording: Recording) -> list[dict[str, Any]]:
+    """Stretches in which the temperature goes one way, between turning points larger than a tenth of its span."""
+    try:
+        temperature_degC, time_s = recording.column(recording.temperature_column), recording.time_s
+    except InputError:
+        return []
+    span_K = float(np.ptp(temperature_degC))
+    if span_K == 0.0:
+        return []
+    play = Play((0.5 * TURN * span_K,))
+    states, _ = play.run(play.init(temperature_degC[0]), temperature_degC)
+    steps = np.diff(states[:, 0])
+    moving = np.flatnonzero(steps)
+    turns = moving[1:][np.sign(steps[moving[1:]]) != np.sign(steps[moving[:-1]])]
+    last = moving[np.searchsorted(moving, turns) - 1] + 1  # where the operator stopped before it turned
+    return [
+        {
+            "from_s": float(time_s[start]),
+            "to_s": float(time_s[stop]),
+            "from_degC": float(temperature_degC[start]),
+            "to_degC": float(temperature_degC[stop]),
+            "going": "up" if temperature_degC[stop] > temperature_degC[start] else "down",
+        }
+        for start, stop in itertools.pairwise([0, *last.tolist(), len(time_s) - 1])
+    ]
+
+
+def _gyro(recording: Recording, column: str) -> dict[str, Any]:
+    found: dict[str, Any] = {"gyro": column}
+    try:
+        rate = recording.rate_deg_h(column)
+        curve = allan_deviation(rate, recording.time_s)
+    except InputError as error:
+        return {**found, "note": str(error)}
+    white = curve.white_noise_deg_h(DEFAULT_AVERAGING_S)
+    return {
+        **found,
+        "mean, deg/h": float(rate.mean()),
+        "std, deg/h": float(rate.std()),
+        f"white noise of {DEFAULT_AVERAGING_S:g} s means, deg/h": white,
+    }

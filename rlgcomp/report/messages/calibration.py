@@ -1,0 +1,8 @@
+"""Messages of calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+TEXTS: Final[dict[str, str | Callable[..., str]]] = {}
