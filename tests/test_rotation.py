@@ -14,6 +14,15 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from experiments.liu_2019.rotation_table import (
+    LIU_DELAY_S,
+    LIU_ORDERS,
+    LIU_PULSE_ARCSEC,
+    RotatingGyro,
+    RotationTable,
+    liu_harmonics,
+    simulate_rotation,
+)
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.noise.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
@@ -28,15 +37,6 @@ from rlgcomp.noise.rotation.encoder import (
 from rlgcomp.noise.rotation.harmonics import Harmonics, fit_harmonics, spectra, without
 from rlgcomp.noise.rotation.pipeline import angle_random_walk
 from rlgcomp.noise.rotation.spectral import Periodogram, fit_spectrum, fit_widest, periodogram, shapes
-from rlgcomp.simulation.rotation import (
-    LIU_DELAY_S,
-    LIU_ORDERS,
-    LIU_PULSE_ARCSEC,
-    RotatingGyro,
-    RotationTable,
-    liu_harmonics,
-    simulate_rotation,
-)
 
 IDEAL = RotationTable(jitter_deg_s=0.0, encoder_noise_arcsec=0.0, encoder_resolution_arcsec=0.0)
 STEADY = RotationTable(jitter_deg_s=0.0)

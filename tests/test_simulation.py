@@ -15,8 +15,7 @@ from scipy.integrate import solve_ivp
 
 import rlgcomp as rlg
 from rlgcomp.noise.processes import NOISES
-from rlgcomp.simulation.monitors import AMBIENT, Beams, Monitors, wander
-from rlgcomp.simulation.optics import Readout
+from rlgcomp.simulation.monitors import AMBIENT, Beams, Monitors, Readout, wander
 from rlgcomp.simulation.plant import (
     PlatinumThermometer,
     ThermalPlant,

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from experiments.liu_2019.first_step import first_step
 from rlgcomp import units
 from rlgcomp.calibration.file import Calibration, triad_content, write_calibration
 from rlgcomp.calibration.navigator import largest, worse
@@ -23,7 +24,6 @@ from rlgcomp.calibration.triad.calibrate import calibrate_turntable, predicted
 from rlgcomp.calibration.triad.estimate import TriadCalibration, calibrate_triad
 from rlgcomp.calibration.triad.information import Noise
 from rlgcomp.calibration.triad.knocks import without_knocks
-from rlgcomp.calibration.triad.liu_first_step import first_step
 from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.triad.rate_bias import rate_bias
 from rlgcomp.calibration.triad.run import TableRun
@@ -147,7 +147,7 @@ def test_sensitivities_are_the_derivatives(name: str) -> None:
 
 def test_on_a_flat_earth_at_rest_the_first_step_has_the_papers_corrected_form(monkeypatch: pytest.MonkeyPatch) -> None:
     """delta V_E = g (dk_z int phi dt + eps_z t²/2) and delta V_N = g (beta_gx int (1 - cos phi) dt - beta_gy int sin phi dt)."""
-    from rlgcomp.calibration.triad.liu_first_step import NAMES, regressors
+    from experiments.liu_2019.first_step import NAMES, regressors
 
     programme = SHORT["step-1"]
     monkeypatch.setattr(frames, "earth_rate_n_rad_s", lambda latitude_deg: np.zeros(3))

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from experiments.liu_2019.alignment_spread import AlignmentFit, arcsec_per_deg_h, fit_alignment, simulate_spreads
 from experiments.tables import published, show_list, show_table
-from rlgcomp.calibration.alignment import AlignmentFit, arcsec_per_deg_h, fit_alignment, simulate_spreads
 from rlgcomp.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 
 LATITUDE_DEG = 39.98  # Beijing; the paper states none

@@ -8,6 +8,15 @@ import numpy as np
 import pandas as pd
 
 from experiments.liu_2019.harmonic_failures import failure_row
+from experiments.liu_2019.rotation_table import (
+    LIU_DELAY_S,
+    LIU_ORDERS,
+    LIU_PULSE_ARCSEC,
+    RotatingGyro,
+    RotationTable,
+    liu_harmonics,
+    simulate_rotation,
+)
 from experiments.tables import published, show_frame
 from experiments.work import Work
 from rlgcomp.noise.allan.deviation import allan_deviation
@@ -17,15 +26,6 @@ from rlgcomp.noise.rotation.encoder import find_legs, table_angle_deg
 from rlgcomp.noise.rotation.pipeline import angle_random_walk
 from rlgcomp.noise.rotation.results import AngleRandomWalk
 from rlgcomp.recording import Recording
-from rlgcomp.simulation.rotation import (
-    LIU_DELAY_S,
-    LIU_ORDERS,
-    LIU_PULSE_ARCSEC,
-    RotatingGyro,
-    RotationTable,
-    liu_harmonics,
-    simulate_rotation,
-)
 
 STEADY = RotationTable(jitter_deg_s=0.0)
 WANDERING = RotationTable(wander_deg_s=3e-4)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from experiments.liu_2019.first_step import first_step
 from experiments.liu_2019.monte_carlo import STEPS, study, summary
 from experiments.tables import published, show_list, show_table
 from experiments.work import Work
 from rlgcomp.calibration.triad.calibrate import predicted
 from rlgcomp.calibration.triad.estimate import calibrate_triad
 from rlgcomp.calibration.triad.information import Noise
-from rlgcomp.calibration.triad.liu_first_step import first_step
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.rate_table import Triad, drawn_triads
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors

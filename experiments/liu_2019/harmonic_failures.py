@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 from scipy import optimize
 
+from experiments.liu_2019.rotation_table import LIU_ORDERS
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan.coefficients import fit_coefficients
 from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
@@ -14,7 +15,6 @@ from rlgcomp.noise.rotation.encoder import middle_deg, table_angle_deg
 from rlgcomp.noise.rotation.harmonics import fit_harmonics, spectra, without
 from rlgcomp.noise.rotation.spectral import fit_widest, periodogram
 from rlgcomp.recording import Recording
-from rlgcomp.simulation.rotation import LIU_ORDERS
 
 
 def failure_row(made: Recording, treatment: str) -> dict[str, float]:

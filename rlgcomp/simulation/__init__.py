@@ -1,1 +1,1 @@
-"""Simulation of chamber runs: programmes, thermal plant, readout optics, monitors, and the simulator that joins them."""
+"""Simulation of runs: programmes, thermal plant, monitors, turntables, and the simulator that joins them."""

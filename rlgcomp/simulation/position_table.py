@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Literal, Self, get_args
+from typing import Final, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -33,10 +33,10 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
 from rlgcomp.recording import Metadata, Recording
-from rlgcomp.simulation.to_and_fro import to_and_fro
 from rlgcomp.units import (
     ARCSEC_PER_DEG,
     ARCSEC_PER_TURN,
+    DEG_PER_TURN,
     EARTH_RATE_DEG_H,
     RAD_PER_ARCSEC,
     RAD_PER_DEG,
@@ -45,6 +45,9 @@ from rlgcomp.units import (
 
 Array = npt.NDArray[np.float64]
 Reading = Literal["uniform", "gaussian"]
+ACCELERATION_DEG_S2: Final = 1000.0
+RUN_IN_S: Final = 0.05  # at the full rate before the mark and beyond it, or so many degrees if that is longer
+RUN_IN_DEG: Final = 5.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -241,7 +244,7 @@ class PositionTable:
         name : str
         """
         rates = np.repeat(np.atleast_1d(np.asarray(rates_deg_s, dtype=np.float64)), repeats)
-        time_s, angle_deg, _, _ = to_and_fro(rates, revolutions, step_s)
+        time_s, angle_deg, _, _ = _reversing_motion(rates, revolutions, step_s)
         gamma = np.full(len(time_s), self.mounting_arcsec * RAD_PER_ARCSEC)
         pulses, actual_deg = self._pulses(time_s, angle_deg, gamma, seed)
         marks = self._error("sync_arcsec", stream(seed, "sync"), actual_deg.shape) / ARCSEC_PER_DEG
@@ -263,7 +266,7 @@ class PositionTable:
         Columns `angle_inner_deg` (rate-biasing table, at rest at beta), `angle_outer_deg` (position table) and `gyro_pulses`.
         """
         setting = np.atleast_1d(np.asarray(beta_deg, dtype=np.float64))
-        time_s, angle_deg, leg, share = to_and_fro(np.full(len(setting), rate_deg_s), revolutions, step_s)
+        time_s, angle_deg, leg, share = _reversing_motion(np.full(len(setting), rate_deg_s), revolutions, step_s)
         rng = stream(seed, "position table")
         beta = (setting + self.phase_deg) * RAD_PER_DEG + RAD_PER_ARCSEC * self._error("setting_arcsec", rng, setting.shape)
         gamma = self._gamma(np.repeat(beta, 2), rng)
@@ -299,3 +302,53 @@ class PositionTable:
         if self.errors.counting:
             phase = np.floor(phase)
         return np.diff(phase, prepend=phase[0]), actual_deg
+
+
+def _reversing_motion(rates_deg_s: Array, revolutions: int, step_s: float) -> tuple[Array, Array, npt.NDArray[np.int64], Array]:
+    """Motion of a table at each rate in turn: whole revolutions forwards from mark to mark, and back.
+
+    Between the rates the acceleration is constant; the table runs in before each mark and beyond it.
+
+    Parameters
+    ----------
+    rates_deg_s : ndarray, shape (p,)
+    revolutions : int
+    step_s : float
+        Sample period.
+
+    Returns
+    -------
+    time_s, angle_deg : ndarray
+    leg : ndarray of int
+        Even forwards, odd backwards.
+    share : ndarray
+        Angle since the leg's first mark as a share of its whole revolutions; negative backwards, beyond ±1 after the last mark.
+
+    Raises
+    ------
+    InputError
+        A rate, the revolutions or the period are not positive.
+    """
+    if revolutions < 1 or not step_s > 0.0 or not (rates_deg_s > 0.0).all():
+        raise InputError(f"{revolutions} revolutions at {rates_deg_s} deg/s every {step_s} s; all must be positive")
+    turned_deg = revolutions * DEG_PER_TURN
+    run_in_deg = rates_deg_s**2 / (2.0 * ACCELERATION_DEG_S2) + np.maximum(RUN_IN_DEG, RUN_IN_S * rates_deg_s)
+    next_deg = np.r_[run_in_deg[1:], run_in_deg[-1]]  # a run back ends where the next one forwards begins
+    knots_s, rate, starts_s = [0.0], [0.0], []
+    for rate_deg_s, here_deg, there_deg in zip(rates_deg_s.tolist(), run_in_deg.tolist(), next_deg.tolist(), strict=True):
+        ramp_s = rate_deg_s / ACCELERATION_DEG_S2
+        for sign, beyond_deg in ((1.0, here_deg), (-1.0, there_deg)):
+            starts_s.append(knots_s[-1])
+            steady_s = (turned_deg + here_deg + beyond_deg) / rate_deg_s - ramp_s
+            for lasted_s, reached in ((ramp_s, sign * rate_deg_s), (steady_s, sign * rate_deg_s), (ramp_s, 0.0)):
+                knots_s.append(knots_s[-1] + lasted_s)
+                rate.append(reached)
+    at_s, speed = np.array(knots_s), np.array(rate)
+    at_deg = -run_in_deg[0] + np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(at_s))]
+    time_s: Array = step_s * np.arange(int(at_s[-1] / step_s) + 1, dtype=np.float64)
+    knot = np.clip(np.searchsorted(at_s, time_s, side="right") - 1, 0, len(at_s) - 2)
+    since_s = time_s - at_s[knot]
+    slope = (speed[knot + 1] - speed[knot]) / (at_s[knot + 1] - at_s[knot])
+    angle_deg = at_deg[knot] + speed[knot] * since_s + 0.5 * slope * since_s**2
+    leg = np.clip(np.searchsorted(np.array(starts_s), time_s, side="right") - 1, 0, 2 * len(rates_deg_s) - 1)
+    return time_s, angle_deg, leg.astype(np.int64), np.where(leg % 2 == 0, angle_deg, angle_deg - turned_deg) / turned_deg

@@ -7,6 +7,7 @@ add, but for what acts on the total rate (lock-in): that sees the rate with all 
 from __future__ import annotations
 
 import dataclasses
+import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, Self, get_args
@@ -20,11 +21,10 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, write_text
 from rlgcomp.noise.processes import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
-from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism
+from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism, Parameter
 from rlgcomp.recording import PREDICTED, Metadata, Recording
 from rlgcomp.recording.argument_checks import require_seed
 from rlgcomp.recording.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
-from rlgcomp.simulation import wording
 from rlgcomp.simulation.monitors import Beams, Monitors
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import PRESETS, Programme, name_of
@@ -39,6 +39,7 @@ Kind = Literal["chamber", "turntable"]
 TYPICAL_NOISE: Final = NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
 _SECTIONS: Final = ("kind", "mechanisms", "noise", "plant", "beams", "table", "unit")
 _USUAL_PROGRAMME: Final = {"chamber": "paper", "turntable": "rates"}
+_LINE_WIDTH: Final = 110  # of a simulator as text
 _GYRO_UNITS: Final = {"gyro_deg_h": "deg/h", "gyro_deg_s": "deg/s"}
 
 
@@ -88,7 +89,11 @@ class Simulator:
             raise InputError(f"simulator of kind {self.kind!r}: {', '.join(foreign)} belong to the other kind; write kind: first")
 
     def __repr__(self) -> str:
-        return wording.as_text(self)
+        """One line a mechanism with its parameters, and the noise."""
+        count = len(self.mechanisms)
+        head = f"Simulator of a {self.kind} gyro {self.unit!r}: {count} mechanism{'' if count == 1 else 's'}"
+        lines = [_mechanism_text(mechanism, self.free.get(mechanism.name, frozenset())) for mechanism in self.mechanisms]
+        return "\n  ".join([head, *lines, f"noise: {_noise_text(self.noise)}"])
 
     # --- running it --------------------------------------------------------------------------------------------------------
 
@@ -384,3 +389,30 @@ def _made(form: Any, values: Mapping[str, Any] | None, section: str) -> Any:
     if unknown:
         raise InputError(f"{section}: unknown {', '.join(unknown)}; allowed are {', '.join(allowed)}")
     return form(**(values or {}))
+
+
+def _mechanism_text(mechanism: Mechanism, free: frozenset[str]) -> str:
+    idle = mechanism.idle_parameters()
+    parameters = [_parameter_text(mechanism, p, p.name in free) for p in mechanism.parameters() if p not in idle]
+    return _wrapped(f"{mechanism.name}{': ' if parameters else ''}{', '.join(parameters)}")
+
+
+def _parameter_text(mechanism: Mechanism, parameter: Parameter, free: bool) -> str:
+    unit = f" {parameter.unit}" if parameter.unit else ""
+    return f"{parameter.name} = {_value_text(getattr(mechanism, parameter.name))}{unit}{' (free)' if free else ''}"
+
+
+def _noise_text(noise: NoiseModel | None) -> str:
+    if noise is None:
+        return "to be estimated"
+    idle = "" if noise.dither_residual_arcsec else "dither_residual_frequency_hz"
+    coefficients = [f"{name} = {_value_text(value)}" for name, value in noise.to_mapping().items() if value and name != idle]
+    return _wrapped(", ".join(coefficients) or "none")
+
+
+def _value_text(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, _LINE_WIDTH, subsequent_indent=" " * 6)

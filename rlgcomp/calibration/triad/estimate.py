@@ -10,7 +10,7 @@ with the rows of :mod:`rlgcomp.calibration.triad.information`. The linear model 
 Gauss-Newton pass restores: the runs are integrated again with the estimate taken out.
 
 Source: Z. Liu et al., Sensors 19, 4754 (2019), section 4; its regressors are replaced by the whole linear model, its recursion by a
-square-root information filter (:mod:`rlgcomp.calibration.triad.recursive` keeps the printed one beside it).
+square-root information filter (:mod:`rlgcomp.calibration.triad.information_filter`).
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from rlgcomp.calibration.triad.information import (
     rate_information,
     velocity_information,
 )
+from rlgcomp.calibration.triad.information_filter import SquareRootInformation
 from rlgcomp.calibration.triad.latitude import Latitude, latitude_of
 from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
-from rlgcomp.calibration.triad.recursive import SquareRootInformation
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.calibration.triad.strapdown import Sensitivity, fastest_deg
 from rlgcomp.errors import InputError

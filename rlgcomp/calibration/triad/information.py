@@ -37,7 +37,7 @@ import numpy.typing as npt
 
 from rlgcomp import units
 from rlgcomp.calibration.triad import strapdown
-from rlgcomp.calibration.triad.recursive import SquareRootInformation
+from rlgcomp.calibration.triad.information_filter import SquareRootInformation
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.numerics import frames
 from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, TriadErrors

@@ -6,9 +6,20 @@ With the inner axis level, X_b starting downward, and phi the inner angle from t
           \delta V_N = g\,[\beta_{gx} \textstyle\int (1 - \cos\phi)\, dt - \beta_{gy} \int \sin\phi\, dt].
 
 Printed, east and north stand exchanged, a minus is lost in beta_gy's term, and the scale factor's regressor is one power of T
-short. It is kept beside :mod:`rlgcomp.calibration.triad.estimate` to show what it leaves out: Earth's rotation, which carries an
-azimuth error into velocity, the table's tilt, the accelerometers' residuals, and that angle random walk, integrated twice, is
-not white.
+short. Compared with :mod:`rlgcomp.calibration.triad.estimate` it leaves out Earth's rotation, which carries an azimuth error into
+velocity, the table's tilt, the accelerometers' residuals, and that angle random walk, integrated twice, is not white.
+
+For measurements :math:`Z_k = H_k X + V_k` with unit noise, the recursion (eq. 12, its minus and plus signs restored) is
+
+.. math:: P^+ = P - P H^T (I + H P H^T)^{-1} H P, \qquad X^+ = X + P^+ H^T (Z - H X).
+
+The subtraction loses P's symmetry and sign to rounding, and the gain built from the new P repeats the loss. Joseph's form, a sum of
+squares, gives the same numbers in exact arithmetic.
+
+References
+----------
+Z. Liu et al., Sensors 19, 4754 (2019), section 4, eqs. 6 to 12.
+G. J. Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977), chapters III and VI.
 """
 
 from __future__ import annotations
@@ -20,11 +31,11 @@ import numpy.typing as npt
 
 from rlgcomp import units
 from rlgcomp.calibration.triad import strapdown
-from rlgcomp.calibration.triad.recursive import printed_least_squares
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.numerics import frames
 
 Array = npt.NDArray[np.float64]
+Real = npt.NDArray[np.floating]
 NAMES: Final = ("scale_z_ppm", "bias_z_deg_h", "beta_gx_arcsec", "beta_gy_arcsec")
 _SI: Final = np.array([1e-6, units.RAD_PER_DEG / units.SECONDS_PER_HOUR, units.RAD_PER_ARCSEC, units.RAD_PER_ARCSEC])
 
@@ -70,3 +81,33 @@ def first_step(run: TableRun, *, every: int = 20) -> dict[str, float]:
     H = regressors(phi, run.step_s, g)[every - 1 :: every]
     found = printed_least_squares(H * _SI, velocity[every - 1 :: every], np.eye(4) * 1e12)
     return dict(zip(NAMES, (float(value) for value in found), strict=True))
+
+
+def printed_least_squares(H: Real, Z: Real, P: Real) -> Real:
+    """X after all measurements by the printed recursion, from X = 0.
+
+    Parameters
+    ----------
+    H : ndarray, shape (n, m, states)
+    Z : ndarray, shape (n, m)
+    P : ndarray, shape (states, states)
+        Covariance at the start. Everything is computed in the type of these arrays.
+    """
+    X = np.zeros(P.shape[0], dtype=P.dtype)
+    one = np.eye(H.shape[1], dtype=P.dtype)
+    for h, z in zip(H, Z, strict=True):
+        P = P - P @ h.T @ np.linalg.inv(one + h @ P @ h.T) @ h @ P
+        X = X + P @ h.T @ (z - h @ X)
+    return X
+
+
+def joseph_least_squares(H: Real, Z: Real, P: Real) -> Real:
+    """The same by Joseph's form, with the gain from the old P."""
+    X = np.zeros(P.shape[0], dtype=P.dtype)
+    one, unit = np.eye(H.shape[1], dtype=P.dtype), np.eye(P.shape[0], dtype=P.dtype)
+    for h, z in zip(H, Z, strict=True):
+        gain = np.linalg.solve(one + h @ P @ h.T, h @ P).T
+        X = X + gain @ (z - h @ X)
+        rest = unit - gain @ h
+        P = rest @ P @ rest.T + gain @ gain.T
+    return X

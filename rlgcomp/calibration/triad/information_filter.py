@@ -1,20 +1,13 @@
-r"""Recursive least squares: the printed form, and forms that rounding does not hurt.
-
-For measurements :math:`Z_k = H_k X + V_k` with unit noise, the gain form of Liu 2019, eq. 12 (its minus and plus signs restored) is
-
-.. math:: P^+ = P - P H^T (I + H P H^T)^{-1} H P, \qquad X^+ = X + P^+ H^T (Z - H X).
-
-The subtraction loses P's symmetry and sign to rounding, and the gain built from the new P repeats the loss. Two ways around it give
-the same numbers in exact arithmetic: Joseph's form, a sum of squares, and the information form kept as a square root,
+r"""Recursive least squares as a square-root information filter, which rounding does not hurt.
 
 .. math:: \begin{pmatrix} R^+ & z^+ \\ 0 & e \end{pmatrix} = Q^T \begin{pmatrix} R & z \\ H & Z \end{pmatrix}, \qquad X = R^{-1} z,
           \quad P = (R^T R)^{-1}
 
-which never forms a difference and takes states driven by noise as well.
+for measurements :math:`Z_k = H_k X + V_k` with unit noise. It never forms a difference, as the covariance form does, and takes
+states driven by noise as well.
 
 References
 ----------
-Z. Liu et al., Sensors 19, 4754 (2019), eq. 12.
 G. J. Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977), chapters III and VI.
 """
 
@@ -25,37 +18,6 @@ import numpy.typing as npt
 from scipy import linalg
 
 Array = npt.NDArray[np.float64]
-Real = npt.NDArray[np.floating]
-
-
-def printed_least_squares(H: Real, Z: Real, P: Real) -> Real:
-    """X after all measurements by the printed recursion, from X = 0.
-
-    Parameters
-    ----------
-    H : ndarray, shape (n, m, states)
-    Z : ndarray, shape (n, m)
-    P : ndarray, shape (states, states)
-        Covariance at the start. Everything is computed in the type of these arrays.
-    """
-    X = np.zeros(P.shape[0], dtype=P.dtype)
-    one = np.eye(H.shape[1], dtype=P.dtype)
-    for h, z in zip(H, Z, strict=True):
-        P = P - P @ h.T @ np.linalg.inv(one + h @ P @ h.T) @ h @ P
-        X = X + P @ h.T @ (z - h @ X)
-    return X
-
-
-def joseph_least_squares(H: Real, Z: Real, P: Real) -> Real:
-    """The same by Joseph's form, with the gain from the old P."""
-    X = np.zeros(P.shape[0], dtype=P.dtype)
-    one, unit = np.eye(H.shape[1], dtype=P.dtype), np.eye(P.shape[0], dtype=P.dtype)
-    for h, z in zip(H, Z, strict=True):
-        gain = np.linalg.solve(one + h @ P @ h.T, h @ P).T
-        X = X + gain @ (z - h @ X)
-        rest = unit - gain @ h
-        P = rest @ P @ rest.T + gain @ gain.T
-    return X
 
 
 class SquareRootInformation:

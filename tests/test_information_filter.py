@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rlgcomp.calibration.triad.liu_first_step import regressors
-from rlgcomp.calibration.triad.recursive import SquareRootInformation, joseph_least_squares, printed_least_squares
+from experiments.liu_2019.first_step import joseph_least_squares, printed_least_squares, regressors
+from rlgcomp.calibration.triad.information_filter import SquareRootInformation
 
 
 def problem(seed: int, epochs: int = 40, states: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rlgcomp.calibration.alignment import arcsec_per_deg_h, fit_alignment, simulate_spreads
+from experiments.liu_2019.alignment_spread import arcsec_per_deg_h, fit_alignment, simulate_spreads
 from rlgcomp.errors import InputError
 
 TIMES_S = 60.0 * np.arange(12.0, 41.0, 4.0)
