@@ -15,7 +15,7 @@ from rlgcomp.diagnosis.posed import Asked, Posed
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
-from tests.test_turntable_diagnosis import SIMULATOR, runs
+from tests.small_table_runs import SIMULATOR, runs
 
 
 def together(*effects: tuple[str, float]) -> list[rlg.Recording]:

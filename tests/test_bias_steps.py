@@ -11,7 +11,7 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.naming.explain import explain
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
-from tests.test_evidence import SIMULATOR, runs, with_effect
+from tests.small_chamber_runs import SIMULATOR, runs, with_effect
 
 AT_S = 15_000.0
 STEP_DEG_H = 0.006  # three times the noise of a window

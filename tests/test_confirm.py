@@ -22,8 +22,8 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
-from tests.test_evidence import runs as small_runs
-from tests.test_evidence import with_effect
+from tests.small_chamber_runs import runs as small_runs
+from tests.small_chamber_runs import with_effect
 
 STEP_S = 10.0
 WEAK = 0.9e-4  # deg/h/uT: with the seed below, training runs leave it at even odds

@@ -9,7 +9,7 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.question.conventions import as_meant, conventions_of
 from rlgcomp.simulation.table_programme import TableProgramme
-from tests.test_turntable_diagnosis import NOISE_1S_DEG_H, SIMULATOR
+from tests.small_table_runs import NOISE_1S_DEG_H, SIMULATOR
 
 PROGRAMME = TableProgramme.parse("rate 3 200, rate -3 200, rate 10 200, rate -10 200, rate 30 200, rate -30 200, rest 60")
 

@@ -12,7 +12,7 @@ from rlgcomp.diagnosis.naming.explain import explain
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
-from tests.test_evidence import SIMULATOR, runs, with_effect
+from tests.small_chamber_runs import SIMULATOR, runs, with_effect
 
 
 @pytest.mark.parametrize(("warming_degC", "dead_band_K"), [(14.3, 4.1), (2.7, 9.6), (21.2, 0.7)])

@@ -12,7 +12,7 @@ from rlgcomp.diagnosis.naming.own_bias import own_bias
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.numerics.filters import lag
 from rlgcomp.physics import CATALOGUE
-from tests.test_evidence import SIMULATOR, runs, with_effect
+from tests.small_chamber_runs import SIMULATOR, runs, with_effect
 
 APART_DEG_H = 0.008  # four times the noise of a window
 

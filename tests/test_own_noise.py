@@ -13,7 +13,7 @@ from rlgcomp.diagnosis.naming.telegraph import best_path
 from rlgcomp.diagnosis.noise.whitening import Rows
 from rlgcomp.diagnosis.question.own_noise import Level, differing
 from rlgcomp.diagnosis.question.problem import Problem
-from tests.test_evidence import SIMULATOR, runs
+from tests.small_chamber_runs import SIMULATOR, runs
 
 Runs = list[rlg.Recording]
 

@@ -11,7 +11,7 @@ from rlgcomp.diagnosis.naming.explain import explain
 from rlgcomp.diagnosis.partly import sought
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.physics import CATALOGUE
-from tests.test_evidence import SIMULATOR, runs
+from tests.small_chamber_runs import SIMULATOR, runs
 
 HOURS = 8.0
 

@@ -27,7 +27,7 @@ from rlgcomp.diagnosis.remarks.noise import as_noise, correlation_time_s, other_
 from rlgcomp.diagnosis.result import Alternative, Estimate, Fit, RunFit, Trace, Verdict
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
-from tests.test_evidence import SIMULATOR, runs
+from tests.small_chamber_runs import SIMULATOR, runs
 
 
 def found(mechanism: Mechanism) -> FittedCause:

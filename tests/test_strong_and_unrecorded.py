@@ -9,8 +9,8 @@ import rlgcomp as rlg
 from experiments.concealed.operators import Relays
 from rlgcomp.diagnosis.conclusion import concluded_noise
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
-from tests.test_evidence import SIMULATOR as DRIFTING
-from tests.test_evidence import runs as walking
+from tests.small_chamber_runs import SIMULATOR as DRIFTING
+from tests.small_chamber_runs import runs as walking
 
 STEP_S = 10.0
 PROGRAMMES = ("paper", "minor-loops")

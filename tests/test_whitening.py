@@ -7,6 +7,7 @@ import pytest
 
 from rlgcomp.diagnosis.naming.two_levels import Models, smoothed
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, Whitener, simulate, whiten
+from tests.dense_noise import dense
 
 SHAPES = (
     NoiseShape(),
@@ -29,20 +30,6 @@ def rows(*lengths: int, contrasts: int = 0) -> Rows:
     run_of_all, white = np.r_[run, more + 9].astype(int), np.r_[white, more + 1.0]
     rate_deg_s = np.resize(RATES_DEG_S, len(run))
     return Rows(np.r_[np.concatenate(times), more], run_of_all, white, 100.0, contrasts, rate_deg_s)
-
-
-def dense(rows: Rows, shape: NoiseShape) -> np.ndarray:
-    """Covariance by its definition."""
-    covariance = np.diag(rows.white).astype(float)
-    for part in rows.runs:
-        time_s = rows.time_s[part]
-        lag = np.abs(time_s[:, None] - time_s)
-        since = np.minimum(time_s[:, None], time_s) - time_s[0] + rows.window_s
-        for time_constant, stationary, diffusion, swing, at_deg_s in zip(*shape.processes(rows.window_s), strict=True):
-            by_rate = rows.rate_deg_s[part] / at_deg_s if at_deg_s else np.ones(len(time_s))
-            kept = np.exp(-lag / time_constant) * np.cos(swing * lag)
-            covariance[part, part] += diffusion * since + stationary * kept * np.outer(by_rate, by_rate)
-    return covariance
 
 
 @pytest.mark.parametrize("shape", SHAPES)
