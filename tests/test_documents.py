@@ -1,0 +1,70 @@
+"""Documents name what exists: files, modules of experiments, commands and their options; their lines fit a screen."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "models/README.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
+FOLDERS = ("rlgcomp/", "tests/", "experiments/", "models/", "docs/")
+EXAMPLES = ("your_", "unit-", "fleet")  # files of the reader's own
+WIDEST = 132
+
+
+@pytest.fixture(params=DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def document(request: pytest.FixtureRequest) -> Path:
+    return Path(request.param)
+
+
+@pytest.fixture(scope="module")
+def commands() -> dict[str, Any]:
+    register_commands()
+    return dict(get_command(app).commands)  # type: ignore[attr-defined]
+
+
+def _command_lines(document: Path) -> list[tuple[str, str]]:
+    """Name and arguments of each command, in blocks and between backticks."""
+    text = document.read_text(encoding="utf-8")
+    return re.findall(r"(?:^|`|&& )(?:[\w./]*/)?rlgcomp ([a-z][a-z-]*)([^`\n#&|]*)", text, re.MULTILINE)
+
+
+def test_paths_exist(document: Path) -> None:
+    quoted = re.findall(r"`([^`\n ]+)`", document.read_text(encoding="utf-8"))
+    paths = {path.rstrip("/") for path in quoted if path.startswith(FOLDERS) and not any(mark in path for mark in EXAMPLES)}
+    assert not {path for path in paths if not (ROOT / path).exists()}
+
+
+def test_links_lead_to_files(document: Path) -> None:
+    links = re.findall(r"\]\(([^)#]+)[^)]*\)", document.read_text(encoding="utf-8"))
+    assert not [link for link in links if "://" not in link and not (document.parent / link).exists()]
+
+
+def test_experiments_exist(document: Path) -> None:
+    modules = set(re.findall(r"python -m (experiments[\w.]*\w)", document.read_text(encoding="utf-8")))
+    files = {name: ROOT / name.replace(".", "/") for name in modules}
+    assert not [name for name, path in files.items() if not (path / "__main__.py").exists() and not path.with_suffix(".py").exists()]
+
+
+def test_commands_and_options_exist(document: Path, commands: dict[str, Any]) -> None:
+    unknown = []
+    for name, arguments in _command_lines(document):
+        known = {option for parameter in commands[name].params for option in parameter.opts} if name in commands else set()
+        unknown += [f"{name} {option}" for option in re.findall(r"(?<!\S)--[a-z-]+", arguments) if option not in known | {"--help"}]
+        unknown += [] if name in commands else [name]
+    assert not unknown
+
+
+def test_lines_fit_a_screen(document: Path) -> None:
+    prose = re.sub(r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    assert not [line for line in prose.splitlines() if len(line) > WIDEST and not line.startswith("|")]
