@@ -52,8 +52,8 @@ def test_links_lead_to_files(document: Path) -> None:
 
 def test_experiments_exist(document: Path) -> None:
     modules = set(re.findall(r"python -m (experiments[\w.]*\w)", document.read_text(encoding="utf-8")))
-    files = {name: ROOT / name.replace(".", "/") for name in modules}
-    assert not [name for name, path in files.items() if not (path / "__main__.py").exists() and not path.with_suffix(".py").exists()]
+    places = {name: ROOT / name.replace(".", "/") for name in modules}
+    assert not [name for name, at in places.items() if not ((at / "__main__.py").exists() or at.with_suffix(".py").exists())]
 
 
 def test_commands_and_options_exist(document: Path, commands: dict[str, Any]) -> None:
