@@ -1,7 +1,7 @@
-"""What acts on a ring laser gyro: one file = one cause. To add one, write its file and its line in `CATALOGUE`.
+"""Error mechanisms of a ring laser gyro, one file each. To add one, write its file and its line in `CATALOGUE`.
 
-The simulator and diagnosis read this list and know no mechanism by name. A test walks the folder and holds every mechanism to
-the contract of :mod:`rlgcomp.physics.mechanism`.
+The simulator and diagnosis read this list and know no mechanism by name. A test walks the folder and checks every mechanism
+against the contract of :mod:`rlgcomp.physics.mechanism`.
 """
 
 from __future__ import annotations

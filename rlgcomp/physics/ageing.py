@@ -10,7 +10,7 @@ from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_DAY
 
-_TOGETHER_S: Final = 1.0  # recordings whose clocks begin so alike were set to zero
+_TOGETHER_S: Final = 1.0  # recordings whose first times differ by less each start a clock of their own
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Ageing(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """From each start; also by the clock, where recordings begin at different times of it."""
+        """From the start of each recording; also by the clock, where the recordings begin at different times of it."""
         begun = [float(recording.time_s[0]) for recording in recordings]
         return (cls(),) if max(begun) - min(begun) <= _TOGETHER_S else (cls(), cls(since="clock", begun_s=min(begun)))
 

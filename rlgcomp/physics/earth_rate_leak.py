@@ -1,4 +1,4 @@
-"""The Earth's horizontal rate, seen once a turn by an axis that does not stand upright."""
+"""Horizontal Earth rate, sensed once a turn by an inclined axis."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class EarthRateLeak(Mechanism):
 
     .. math:: b = a \cos\theta + c \sin\theta, \qquad \sqrt{a^2 + c^2} = \Omega_E \cos\varphi \, \sin\delta
 
-    with the latitude phi and the lean delta: one minute of arc makes 3.1e-3 deg/h at 45 degrees. It is as large at every rate, at
-    rest too, and what it averages to in whole turns is nothing.
+    with the latitude phi and the inclination delta: one minute of arc makes 3.1e-3 deg/h at 45 degrees. Its size does not depend on
+    the rate; its mean over whole turns is zero.
     """
 
     name = "earth_rate_leak"
@@ -39,7 +39,7 @@ class EarthRateLeak(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The ways to take the angle within a sample, where they differ."""
+        """The conventions for the angle within a sample, where they differ."""
         return tuple(cls(taken=taken) for taken in worth_trying(recordings, 1))
 
     def basis(self, recording: Recording) -> Array:

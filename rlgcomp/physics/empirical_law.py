@@ -1,4 +1,4 @@
-"""A law that was found in recordings and not in a book: one term in one or two recorded quantities."""
+"""An empirical law: one regression term in one or two recorded quantities."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from rlgcomp.recording import Recording
 from rlgcomp.recording.motion import rate_deg_s
 from rlgcomp.units import column_unit
 
-SMOOTHING_S: Final = 20.0  # a law answers to the quantity, not to the noise of its reading
+SMOOTHING_S: Final = 20.0  # a law follows the quantity, not its read noise
 MEMORIES: Final = ("static", "lag", "rate", "play", "plays")
 PARITIES: Final = ("none", "even", "odd")
 FORMS: Final = ("power", "above", "below", "step", "saturation", "bump", "resonance", "dispersion", "periodic")
 NARROW: Final = ("saturation", "bump", "resonance", "dispersion", "periodic")  # forms that have a width
 RATE_INDEPENDENT: Final = ("play", "plays")
 _SHARES: Final = -np.log1p(-(np.arange(8) + 0.5) / 8)  # radii at equal steps of an exponential distribution of mean one
-_ROUNDING: Final = 1e-9  # of half the range: a middle that is nearer to nought is nought
-_FURTHER: Final = 0.2  # of the range of a driver: beyond it by more, a law is said to be extrapolated
+_ROUNDING: Final = 1e-9  # of half the range: a middle nearer to zero is zero
+_FURTHER: Final = 0.2  # of the range of a driver: further beyond, a law is called extrapolated
 _LARGEST: Final = 1e9
 _UNITS: Final = {TEMPERATURE: "degC", TABLE_RATE: "deg/s"}
 _AS_THEY_ARE: Final = ("deg", "deg/s")
@@ -32,32 +32,31 @@ _AS_THEY_ARE: Final = ("deg", "deg/s")
 
 @dataclasses.dataclass(frozen=True)
 class EmpiricalLaw(Mechanism):
-    r"""One term: an amplitude times a form of what is remembered of a driver, times a second driver where there is one.
+    r"""One term: an amplitude times a form of a driver's memory, times a second driver where there is one.
 
     .. math:: b = A \, f(m) \, \frac{u_2 - a_2}{h_2}, \qquad m = M[u + \tau_s \dot u]
 
-    u is a recorded column (`driver`), or the difference of two (`driver` less `less`), its mean over 20 s taken; or "table_rate",
-    in deg/s, which an encoder's angle tells where no rate was recorded. Of a sensor that
-    is late by :math:`\tau_s` (`lead_s`), what it will read. The memory M is "static" (m = u), "lag"
-    (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the given radius: rate independent) or "plays"
-    (the mean of play operators whose radii are distributed as exp(-r / radius): a Prandtl-Ishlinskii operator, and what relays
-    that are the rarer the wider they are add up to); what these hold at first is told by `start`. With a `parity` the law is one of
-    \|u\|, the same for either sign ("even"), or turned round with it ("odd"), as laws of a rate are. With x = (m - at) / h,
-    z = (m - at) / width and h half the range that m had where the law was found, the form f is
+    u is a recorded column (`driver`), or the difference of two (`driver` less `less`), averaged over 20 s; or "table_rate" in
+    deg/s, derived from the encoder's angle where no rate was recorded. A sensor that lags by :math:`\tau_s` (`lead_s`) is read
+    ahead. The memory M is "static" (m = u), "lag" (:math:`\tau \dot m = u - m`), "rate" (du/dt per minute), "play" (backlash of the
+    given radius: rate independent) or "plays" (the mean of play operators whose radii are distributed as exp(-r / radius): a
+    Prandtl-Ishlinskii operator). `start` is their history before the run. With a `parity` the law is one of \|u\|, equal for both
+    signs ("even") or of opposite sign ("odd"), as laws of a rate are. With x = (m - at) / h, z = (m - at) / width and h half the
+    range of m where the law was found, the form f is
 
     =============  ==========================  ================================================
-    power          x^exponent                  beyond the range it goes on straight
-    above, below   max(0, x), max(0, -x)       a threshold from which on it acts
+    power          x^exponent                  continued straight beyond the range
+    above, below   max(0, x), max(0, -x)       a threshold, linear beyond
     step           1 where m > at, else 0      a threshold that switches; with play, a relay
     saturation     tanh z
     bump           exp(-z²/2)                  0 far from `at`
     resonance      1 / (1 + z²)                likewise
     dispersion     2 z / (1 + z²)              likewise
-    periodic       cos(2 pi z)                 beyond the range it stays as at the edge
+    periodic       cos(2 pi z)                 constant beyond the range
     =============  ==========================  ================================================
 
-    Nothing is known of a law outside the range in which it was found, so nothing grows there faster than straight: a straight
-    line is what most causes are over a little more range, and a square or a cosine continued would be a guess.
+    A law is not known outside the range in which it was found, so no form grows there faster than linearly. Most effects are nearly
+    linear over a little more range; a square or a cosine continued would be a guess.
     """
 
     name = "empirical_law"
@@ -103,7 +102,7 @@ class EmpiricalLaw(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Any) -> tuple[EmpiricalLaw, ...]:
-        """None: laws are found by :mod:`rlgcomp.diagnosis.laws.discover`."""
+        """Empty: :mod:`rlgcomp.diagnosis.laws.discover` finds the laws."""
         del recordings
         return ()
 
@@ -111,12 +110,12 @@ class EmpiricalLaw(Mechanism):
         return tuple(name for pair in self._quantities() for name in pair if name)
 
     def _quantities(self) -> tuple[tuple[str, str], ...]:
-        """The columns of each factor: the second of a pair is taken off the first, where there is one."""
+        """The columns of each factor, a pair each: the second, where there is one, is subtracted from the first."""
         pairs = (self.driver, self.less), (self.driver_2, self.less_2)
         return pairs if self.driver_2 else pairs[:1]
 
     def _read_from(self, recording: Recording) -> list[str]:
-        """What it reads of a recording: columns, and the table's rate, whichever column tells that."""
+        """The columns that it reads of a recording; the table's rate by its own name, whichever column gives it."""
         columns = zip(self.driver_names(), self.driver_columns(recording), strict=True)
         return [name if name == TABLE_RATE else column for name, column in columns]
 
@@ -136,24 +135,24 @@ class EmpiricalLaw(Mechanism):
         quantities = [tuple(next(columns) for name in pair if name) for pair in self._quantities()]
         learnt = [] if self.memory == "rate" else [(quantities[0], self.low, self.high)]
         learnt += [(quantity, self.low_2, self.high_2) for quantity in quantities[1:]]
-        said = []
+        notes = []
         for quantity, low, high in learnt:
             values = reading(recording, *quantity)
             values = np.abs(values) if self.parity != "none" and quantity is quantities[0] else values
             if max(low - values.min(), values.max() - high) > _FURTHER * (high - low):
                 unit = self._unit(self.driver if quantity is quantities[0] else self.driver_2)
-                said.append(
+                notes.append(
                     f"{named(*quantity)} goes from {values.min():.4g} to {_with(float(values.max()), unit)}, and the law "
                     f"{self.stated()} was learnt from {low:.4g} to {_with(high, unit)}: it is extrapolated, and may be wrong there"
                 )
-        return "; ".join(said)
+        return "; ".join(notes)
 
     def shaped(self, m: Array) -> Array:
-        """The form of what is remembered, dimensionless."""
+        """The form of the memory, dimensionless."""
         return form_of(m, self.form, self.exponent, (self.low, self.high), self.at, self.width)
 
     def factor(self, second: Array) -> Array:
-        """What the second driver multiplies with, dimensionless."""
+        """The factor of the second driver, dimensionless."""
         return np.asarray((second - self.at_2) / (0.5 * (self.high_2 - self.low_2)))
 
     def stated(self) -> str:
@@ -193,7 +192,7 @@ class EmpiricalLaw(Mechanism):
         return f"b = {self.amplitude_deg_h:.4g} deg/h * {text}"
 
     def unit_of(self, parameter: str) -> str:
-        """Unit of one of its parameters, which is that of the columns that it reads.
+        """Unit of one of its parameters, derived from the columns that it reads.
 
         >>> EmpiricalLaw(driver="pressure_hPa").unit_of("at"), EmpiricalLaw().unit_of("lag_s")
         ('hPa', 's')
@@ -212,7 +211,7 @@ class EmpiricalLaw(Mechanism):
 
 
 def named(column: str, less: str = "") -> str:
-    """What a quantity is called: a column, or the difference of two.
+    """Name of a quantity: a column, or the difference of two.
 
     >>> named("readout_a_V", "readout_b_V")
     '(readout_a_V - readout_b_V)'
@@ -221,13 +220,13 @@ def named(column: str, less: str = "") -> str:
 
 
 def reading(recording: Recording, column: str, less: str = "") -> Array:
-    """A quantity: a column, or the difference of two, less the noise of their readings."""
+    """A quantity: a column, or the difference of two, smoothed against read noise."""
     values = smoothed(recording, column)
     return values - smoothed(recording, less) if less else values
 
 
 def smoothed(recording: Recording, column: str) -> Array:
-    """A driver less the noise of its reading: its mean over 20 s; an angle, which wraps, and a rate, which jumps, as they are."""
+    """A driver smoothed against read noise by a mean over 20 s; an angle, which wraps, and a rate, which steps, unchanged."""
     if column == TABLE_RATE:
         return rate_deg_s(recording)
     values = recording.column(column)
@@ -235,7 +234,21 @@ def smoothed(recording: Recording, column: str) -> Array:
 
 
 def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: float, swept: float = 0.0) -> Array:
-    """What a memory holds of a driver, in the driver's unit; per minute for "rate". `swept` as for plays."""
+    """State of a memory of a driver, in the driver's unit, per minute for "rate".
+
+    Parameters
+    ----------
+    values, time_s : ndarray, shape (n,)
+        Driver, and times in s.
+    memory : str
+        One of `MEMORIES`.
+    lag_s : float
+        Time constant of "lag".
+    radius : float
+        Of "play" and "plays", in the driver's unit.
+    swept : float
+        History before the first value, as for :class:`rlgcomp.numerics.hysteresis.Play`.
+    """
     if memory == "lag":
         return lag(values, time_s, lag_s)
     if memory == "rate":
@@ -246,7 +259,7 @@ def remembered(values: Array, time_s: Array, memory: str, lag_s: float, radius: 
 
 
 def played(values: Array, memory: str, radii: Array, swept: Array) -> Array:
-    """What "play" or "plays" holds of several drivers at once, each for one radius and start.
+    """States of "play" or "plays" for several drivers at once, each with its radius and history.
 
     Parameters
     ----------
@@ -265,7 +278,7 @@ def played(values: Array, memory: str, radii: Array, swept: Array) -> Array:
 
 
 def form_of(m: Array, form: str, exponent: int, span: tuple[float, float], at: float | Array, width: float | Array) -> Array:
-    """A form of what is remembered; `at` and `width` may be arrays that broadcast against it.
+    """A form of a memory; `at` and `width` may be arrays that broadcast against it.
 
     Parameters
     ----------
@@ -300,10 +313,10 @@ def form_of(m: Array, form: str, exponent: int, span: tuple[float, float], at: f
             return np.cos(2.0 * math.pi * (np.clip(m, low, high) - at) / width)
     if exponent == 1:
         return np.asarray(z)
-    held = np.clip(m, low, high)
-    beyond = (m - held) / (0.5 * (high - low))
-    inside = z - beyond
-    return np.asarray(inside**exponent + exponent * inside ** (exponent - 1) * beyond)
+    clipped = np.clip(m, low, high)
+    excess = (m - clipped) / (0.5 * (high - low))
+    inside = z - excess
+    return np.asarray(inside**exponent + exponent * inside ** (exponent - 1) * excess)
 
 
 def _with(value: float, unit: str) -> str:

@@ -1,4 +1,4 @@
-"""An encoder that is read late: an error only while the table accelerates."""
+"""Delay of the encoder: an error while the table accelerates."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class EncoderDelay(Mechanism):
 
     .. math:: b = \tau \, \dot W
 
-    Of a sample's mean it is :math:`\tau` times what the rate changes by from one end of the sample to the other, per time.
-    At constant rate nothing is seen; speeding up and slowing down push in opposite directions. A positive delay: the encoder lags.
+    The mean over a sample is :math:`\tau` times the change of the rate from one end of the sample to the other, per time. It is
+    zero at constant rate, and changes sign between acceleration and deceleration. A positive delay means that the encoder lags.
     """
 
     name = "encoder_delay"

@@ -10,7 +10,7 @@ from rlgcomp.recording import Recording
 
 @dataclasses.dataclass(frozen=True)
 class LightIntensity(Mechanism):
-    r"""The path-length control holds the intensity at its maximum; where it is off, intensity and bias move together.
+    r"""The path-length control holds the intensity at its maximum; off this maximum, intensity and bias change together.
 
     .. math:: b = k \, (I - I_0)
     """

@@ -14,7 +14,7 @@ class MagneticField(Mechanism):
 
     .. math:: b = k \, (B - B_0)
 
-    B is the component along the sensitive direction; it does not depend on the rate of rotation.
+    B is the component along the sensitive direction. The bias does not depend on the rate of rotation.
     """
 
     name = "magnetic_field"

@@ -1,7 +1,7 @@
 """The contract of a mechanism: one physical cause of error, used alike by the simulator and by diagnosis.
 
 A mechanism is a frozen dataclass whose fields are its parameters, each made by :func:`amplitude` (the output is linear in it),
-:func:`shape` (it is not) or :func:`setting` (a choice that is not estimated). What it does is said once, in
+:func:`shape` (it is not) or :func:`setting` (a choice that is not estimated). Its effect is defined once, in
 :meth:`Mechanism.basis`: the columns, computed from a recording's monitors, that the amplitudes multiply. The simulator adds them
 up; an estimator solves for the amplitudes and searches over the shapes.
 """
@@ -24,12 +24,12 @@ from rlgcomp.recording.motion import ANGLES, RATE, angle_column, angle_deg, rate
 
 Array = npt.NDArray[np.float64]
 Role = Literal["amplitude", "shape", "setting"]
-# Drivers that stand for the recording's own choice of column.
+# Drivers for which each recording chooses its column.
 TEMPERATURE = "temperature"
 TABLE_RATE = "table_rate"
 TABLE_ANGLE = "table_angle"
-TURNING = frozenset((TABLE_RATE, TABLE_ANGLE, RATE, *ANGLES))  # what says how a table turned
-FELT_RATE_DEG_S = "felt_rate_deg_s"  # what the simulator adds for mechanisms of stage "lock_in": all that turns the light
+TURNING = frozenset((TABLE_RATE, TABLE_ANGLE, RATE, *ANGLES))  # columns of the table's motion
+FELT_RATE_DEG_S = "felt_rate_deg_s"  # added by the simulator for stage "lock_in": the total rate of the light
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,33 +46,41 @@ class Parameter:
 
     @property
     def whole(self) -> bool:
-        """Whether it counts: a degree, an order."""
+        """Whether it is a whole number: a degree, an order."""
         return self.role == "setting" and isinstance(self.typical, int)
 
     @property
     def allowed(self) -> str:
-        """Which values it may take, in words."""
+        """The allowed values, in words."""
         unit = f" {self.unit}" if self.unit else ""
         if math.isinf(self.low) and math.isinf(self.high):
             return f"a finite number{' of' * bool(unit)}{unit}, as {self.typical:g}"
         return f"a {'whole' if self.whole else 'finite'} number from {self.low:g} to {self.high:g}{unit}"
 
     def allows(self, value: object) -> bool:
-        """Whether it is a number within the bounds, finite, and whole where it must be."""
+        """Whether a value is a finite number within the bounds, and whole where required."""
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             return False
         return self.low <= value <= self.high and (not self.whole or value == round(value))
 
     def spread(self, points: int = 10) -> tuple[float, ...]:
-        """Values from bound to bound: in equal ratios where both are positive, in equal steps elsewhere."""
+        """Values from bound to bound, in equal ratios where both are positive and in equal steps otherwise."""
         space = np.geomspace if self.low > 0.0 else np.linspace
         return tuple(float(min(max(value, self.low), self.high)) for value in space(self.low, self.high, points))
 
 
 def amplitude(typical: float, unit: str, *, limit: float | None = None, positive: bool = False) -> Any:
-    """A parameter that the output is proportional to; by default up to a million times the usual size: MEMS are no ring lasers.
+    """A parameter in which the output is linear, by default bounded at a million times its usual size, which admits MEMS gyros.
 
-    With `positive` it cannot be negative, as a friction cannot.
+    Parameters
+    ----------
+    typical : float
+        Usual size.
+    unit : str
+    limit : float, optional
+        Bound of its size.
+    positive : bool
+        Whether it cannot be negative, such as a friction.
     """
     bound = 1e6 * abs(typical) if limit is None else limit
     low = 0.0 if positive else -bound
@@ -80,12 +88,32 @@ def amplitude(typical: float, unit: str, *, limit: float | None = None, positive
 
 
 def shape(typical: float, unit: str, low: float, high: float) -> Any:
-    """A parameter that the output is not proportional to: a time constant, a threshold, a frequency."""
+    """A parameter in which the output is not linear: a time constant, a threshold, a frequency.
+
+    Parameters
+    ----------
+    typical : float
+        Usual value.
+    unit : str
+    low, high : float
+        Bounds.
+    """
     return dataclasses.field(default=typical, metadata={"role": "shape", "unit": unit, "low": low, "high": high})
 
 
 def setting(default: Any, unit: str = "", *, choices: tuple[str, ...] = (), low: float = -math.inf, high: float = math.inf) -> Any:
-    """A choice that is made, not estimated: a degree, a reference, a law; whole where its default is an int, as 3 and not 3.0."""
+    """A choice that is not estimated: a degree, a reference, a law.
+
+    Parameters
+    ----------
+    default : object
+        The parameter is whole where this is an int, 3 and not 3.0.
+    unit : str
+    choices : tuple of str
+        The allowed texts.
+    low, high : float
+        Bounds of a number.
+    """
     return dataclasses.field(
         default=default, metadata={"role": "setting", "unit": unit, "low": low, "high": high, "choices": choices}
     )
@@ -100,25 +128,25 @@ class Mechanism(abc.ABC):
         As in simulator files and in a diagnosis.
     kind : {"chamber", "turntable", "any"}
     equation : str
-        In the parameters' own names.
+        With the names of the parameters.
     reference : str
-        Where the physics is written down.
+        Source of the physics.
     drivers : tuple of str
-        Columns it needs; "temperature", "table_rate" and "table_angle" stand for the recording's own choice of thermometer and of
-        the column that says how the table turned: :meth:`Mechanism.read` gives them in degC, deg/s and deg.
+        Columns that it needs. For "temperature", "table_rate" and "table_angle" each recording chooses its thermometer and the
+        column of the table's motion; :meth:`Mechanism.read` returns them in degC, deg/s and deg.
     stage : {"light", "lock_in", "readout"}
-        Where it acts. What adds to the rate that the light feels ("light") is felt by those that act on the total ("lock_in").
+        Where it acts. Errors of stage "light" add to the rate of the light; those of stage "lock_in" act on the total.
     fast : bool
-        Its columns vary within an averaging window, so they are computed at the full rate; unless it is said, where it reads how a
-        table turned.
+        Its columns vary within an averaging window, so they are computed at the full rate. By default true for drivers of the
+        table's motion.
     each_run : bool
-        Its amplitudes are drawn anew in each run, as the phase of something that knows nothing of when a run begins.
+        Each run has its own amplitudes, as for a phase that is not synchronised with the runs.
     open_set : bool
-        Not a candidate when a cause is to be named: it describes, it does not explain.
+        An empirical form, not a candidate for naming.
     constant : str
-        The amplitude that is a constant bias; "" where it has none.
+        The amplitude of a constant bias; "" where it has none.
     constant_alone : mapping
-        Settings with which it is that constant and nothing else.
+        Settings with which it is that constant alone.
     """
 
     name: ClassVar[str]
@@ -133,8 +161,8 @@ class Mechanism(abc.ABC):
     constant: ClassVar[str] = ""
     constant_alone: ClassVar[Mapping[str, Any]] = {}
 
-    def __init_subclass__(cls, **given: Any) -> None:
-        super().__init_subclass__(**given)
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
         drivers = getattr(cls, "drivers", ())
         if "fast" not in vars(cls) and isinstance(drivers, tuple) and not TURNING.isdisjoint(drivers):
             cls.fast = True
@@ -155,7 +183,7 @@ class Mechanism(abc.ABC):
             if not parameter.allows(value):
                 raise InputError(f"{self.name}: {parameter.name} is {value!r}; it must be {parameter.allowed}")
 
-    # --- what a mechanism says ---------------------------------------------------------------------------------------------
+    # --- definition --------------------------------------------------------------------------------------------------------
 
     @abc.abstractmethod
     def basis(self, recording: Recording) -> Array:
@@ -164,8 +192,8 @@ class Mechanism(abc.ABC):
         Parameters
         ----------
         recording : Recording
-            Only its monitors are read, never its gyro. Of the same run it may hold rows or means over some, so lags and rates are
-            reckoned in seconds (`recording.time_s`, `recording.period_s`), never in rows.
+            Only its monitors are read, never its gyro. It may hold samples or means over windows, so lags and rates are computed in
+            seconds (`recording.time_s`, `recording.period_s`), never in rows.
 
         Returns
         -------
@@ -173,27 +201,27 @@ class Mechanism(abc.ABC):
         """
 
     def amplitude_parameters(self) -> tuple[Parameter, ...]:
-        """The amplitudes that are in use, in the order of the basis."""
+        """The amplitudes in use, in the order of the basis."""
         return tuple(parameter for parameter in self.parameters() if parameter.role == "amplitude")
 
     def shape_parameters(self) -> tuple[Parameter, ...]:
-        """The shapes that are in use."""
+        """The shapes in use."""
         return tuple(parameter for parameter in self.parameters() if parameter.role == "shape")
 
     def idle_parameters(self) -> tuple[Parameter, ...]:
-        """The amplitudes and shapes that are not in use."""
+        """The amplitudes and shapes not in use."""
         used = {*self.amplitude_parameters(), *self.shape_parameters()}
         return tuple(parameter for parameter in self.parameters() if parameter.role != "setting" and parameter not in used)
 
     def repeats(self) -> bool:
-        """Whether amplitudes found in some runs foretell others: it has some, and none is a run's own."""
+        """Whether its amplitudes are the same in all runs, so that some runs predict others."""
         return bool(self.amplitude_parameters()) and not self.each_run
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The shapes and settings that diagnosis tries; each counts before the data are seen by its :meth:`prior_odds`.
+        """The shapes and settings that diagnosis tries, each weighted by its :meth:`prior_odds`.
 
-        Unless a mechanism knows better: ten points between the bounds of each shape, in equal ratios where the bounds are positive.
+        By default ten points between the bounds of each shape, in equal ratios where the bounds are positive.
         """
         del recordings
         axes = [
@@ -202,113 +230,112 @@ class Mechanism(abc.ABC):
         return tuple(cls(**dict(point)) for point in itertools.product(*axes))
 
     def prior_odds(self) -> float:
-        """Of this point of the grid against an ordinary one, before the data are seen."""
+        """Prior odds of this point of the grid against an ordinary one."""
         return 1.0
 
     @classmethod
     def proposals(cls, time_s: Sequence[Array], left: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
-        """Shapes that a residual suggests, where there are too many to try all, and how many there are.
+        """Shapes that a residual suggests, where a grid would be too large, and the number of all.
 
         Parameters
         ----------
         time_s, left : sequence of ndarray
-            Times from the beginning of each run, and what is left of each run's gyro, whitened.
+            Times from the start of each run, and each run's whitened residual.
         """
         del time_s, left
         return (), 1.0
 
     @classmethod
     def at_line(cls, frequency_hz: float, resolution_hz: float) -> tuple[Self, ...]:
-        """Shapes about a line of the spectrum, for a mechanism that makes one."""
+        """Shapes around a spectral line, for a mechanism that has one."""
         del frequency_hz, resolution_hz
         return ()
 
     def edges(self) -> tuple[float, ...]:
-        """Levels of its driver at which it switches; a fit has a valley at many levels, so they are sought one by one."""
+        """Levels of its driver at which it switches. The misfit has many minima over them, so they are searched one by one."""
         return ()
 
     def with_edges(self, edges: Sequence[float]) -> Self | None:
-        """The same with other levels; None where there can be none."""
+        """The same with other levels; None where they are out of bounds."""
         del edges
         return None
 
     @classmethod
     def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
-        """The mechanism that jumps between two values at random times; None for one that does not jump."""
+        """The mechanism as a random telegraph between two values; None for any other."""
         del half_step_deg_h, dwell_s
         return None
 
     @classmethod
     def named_for(cls, kind: str) -> bool:
-        """Whether it may be named as a cause in recordings of a kind, "chamber" or "turntable"."""
+        """Whether it is a candidate in recordings of a kind, "chamber" or "turntable"."""
         return cls.kind in (kind, "any") and not cls.open_set
 
     @classmethod
     def jumps(cls) -> bool:
-        """Whether it does."""
+        """Whether it is a random telegraph."""
         return cls.jumping(1.0, 3600.0) is not None
 
     def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Richer forms of the same cause, to be tried where the simulator has it in this form, or where it is likely."""
+        """Higher-order forms of this mechanism, tried where the simulator has it in this form or where it is likely."""
         del recordings
         return ()
 
     def covariance(self, lag_s: Array) -> Array | None:
-        """Autocovariance in (deg/h)² at time lags of a cause that no two runs repeat; None where the monitors determine it."""
+        """Autocovariance in (deg/h)² at time lags, for a mechanism that does not repeat between runs; None for any other."""
         del lag_s
         return None
 
     def stated(self) -> str:
-        """Its equation; with its numbers, drivers and units where the class cannot say them."""
+        """Its equation; with numbers, drivers and units where they depend on its settings."""
         return self.equation
 
     def driver_names(self) -> tuple[str, ...]:
-        """What this instance reads: the class's `drivers`, unless they are a setting."""
+        """Drivers of this instance: those of the class, unless they are a setting."""
         return self.drivers
 
     def settled(self) -> Self:
-        """The same error in the numbers that people use, where two parameters trade against each other when fitted."""
+        """The same error in canonical parameters, where two parameters are confounded when fitted."""
         return self
 
     def beyond(self, recording: Recording) -> str:
-        """What to say of a recording that goes where its law was not learnt; "" where it does not, and of laws of physics."""
+        """A note on a recording outside the range in which an empirical law was found; "" otherwise, and for laws of physics."""
         del recording
         return ""
 
     def acting(self) -> Self:
-        """As it acts on the quantities themselves, which a simulator has, and not as recordings read them."""
+        """The mechanism for true quantities, as a simulator has them, instead of recorded ones."""
         return self
 
     def informed_by(self, recordings: Sequence[Recording]) -> Self:
-        """With what recordings of a real gyro tell in place of what the simulator knows when it simulates."""
+        """The mechanism conditioned on recordings of a real gyro, which replace knowledge that only a simulation has."""
         del recordings
         return self
 
     @classmethod
     def standing_out(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """As recordings show it beyond doubt at first sight, where its law leaves something open (:meth:`scatter`); else none."""
+        """The mechanism where recordings show it significantly and it has unmodelled variance (:meth:`scatter`); else none."""
         del recordings
         return ()
 
     @classmethod
     def not_shown(cls, recordings: Sequence[Recording]) -> str:
-        """What of it recordings sampled like these do not show, and what would, as the rest of a sentence; empty where there is
-        nothing."""
+        """The part that these recordings cannot resolve, and the remedy, as the end of a sentence; "" where there is none."""
         del recordings
         return ""
 
     def scatter(self, recording: Recording) -> Array | None:
-        """What the law leaves open: independent disturbances in deg/h, of unit variance each, shape (n, k); None where nothing.
+        """Unmodelled variance: independent disturbances of unit variance in deg/h, shape (n, k); None where there is none.
 
-        Every recording of a mechanism has the same number of them.
+        Every recording has the same number of columns.
         """
         del recording
         return None
 
-    # --- what follows from it ----------------------------------------------------------------------------------------------
+    # --- derived -----------------------------------------------------------------------------------------------------------
 
     def contribution(self, recording: Recording, rng: np.random.Generator) -> Array:
-        """Error in deg/h, shape (n,): the basis times the amplitudes. `rng` serves those that no two runs repeat."""
+        """Error in deg/h, shape (n,): the basis times the amplitudes. `rng` serves mechanisms that do not repeat between runs."""
         del rng
         weights = np.array([getattr(self, parameter.name) for parameter in self.amplitude_parameters()], dtype=np.float64)
         return np.asarray(self.basis(recording) @ weights)
@@ -331,7 +358,7 @@ class Mechanism(abc.ABC):
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
-        """Mechanism from parameters by name; those not given take their usual size.
+        """Mechanism from parameters by name; absent ones take their usual size.
 
         Raises
         ------
@@ -354,7 +381,7 @@ class Mechanism(abc.ABC):
         Raises
         ------
         InputError
-            One of them is not there.
+            The recording lacks one of them.
         """
         columns = tuple(_OWN_CHOICE[driver](recording) if driver in _OWN_CHOICE else driver for driver in self.driver_names())
         missing = [column for column in columns if column not in recording]
@@ -366,7 +393,7 @@ class Mechanism(abc.ABC):
         return columns
 
     def readable_in(self, recording: Recording) -> bool:
-        """Whether a recording has all columns that it reads."""
+        """Whether a recording has all of its columns."""
         try:
             self.driver_columns(recording)
         except InputError:
@@ -376,8 +403,8 @@ class Mechanism(abc.ABC):
     def read(self, recording: Recording) -> tuple[Array, ...]:
         """The drivers as arrays, in the order of `drivers`.
 
-        Columns are as recorded; "table_rate" is in deg/s and "table_angle" in deg, running on past a turn, each from the other
-        where it was not recorded.
+        Columns are as recorded. "table_rate" is in deg/s and "table_angle" in deg, unwrapped; each is derived from the other where
+        it was not recorded.
         """
         columns = zip(self.driver_names(), self.driver_columns(recording), strict=True)
         return tuple(

@@ -16,12 +16,12 @@ from rlgcomp.units import RAD_PER_ARCSEC, SECONDS_PER_HOUR
 
 @dataclasses.dataclass(frozen=True)
 class Misalignment(Mechanism):
-    r"""The axis that the gyro turns about wobbles once a turn against the axis that the encoder reads, or the bracket gives.
+    r"""The axis of rotation wobbles once a turn against the axis of the encoder, or of the bracket.
 
     .. math:: b = W \, (\epsilon_c \cos\theta + \epsilon_s \sin\theta)
 
-    An axis inclined by a fixed angle changes the scale factor and lets the Earth's horizontal rate in (`earth_rate_leak`); only
-    what changes with the angle of the table appears here.
+    A fixed inclination changes the scale factor and admits the horizontal Earth rate (`earth_rate_leak`); only errors that change
+    with the angle of the table belong here.
     """
 
     name = "misalignment"
@@ -40,7 +40,7 @@ class Misalignment(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The ways to take the angle within a sample, where they differ."""
+        """The conventions for the angle within a sample, where they differ."""
         return tuple(cls(taken=taken) for taken in worth_trying(recordings, 1))
 
     def basis(self, recording: Recording) -> Array:

@@ -14,7 +14,7 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, 
 from rlgcomp.recording import Recording
 
 _THRESHOLDS: Final = 36
-_HOPS: Final = (2, 3, 4)  # that are tried
+_HOPS: Final = (2, 3, 4)  # tried
 _SPACINGS_K: Final = (6.0, 10.0, 16.0, 24.0, 36.0)
 _ONE: Final = "b = step_deg_h * relay(T; up at threshold_degC, down at dead_band_K below)"
 _SEVERAL: Final = "b = step_deg_h * sum over k < hops of relay(T; up at threshold_degC + k spacing_K, down at dead_band_K below)"
@@ -26,10 +26,9 @@ class ModeHop(Mechanism):
 
     .. math:: b = \Delta b \; h(T), \qquad h = 1 \text{ once } T \ge T_h, \quad h = 0 \text{ once } T \le T_h - d
 
-    The step comes back at the same temperature, later by the dead band d on the way down. Of several `hops` each is as far from the
-    one before as warming moves the mirrors by a wavelength, and as large. A run that begins within the dead band does not say which
-    mode it begins in: `start` says that the gyro had come from below or from above to the first temperature, or that it had rested,
-    and the nearer of the two levels decides.
+    The step is undone at a temperature lower by the dead band d. Several `hops` are equal, and equally spaced by the warming that
+    moves the mirrors by a wavelength. A run that begins within the dead band does not determine its first mode: `start` gives its
+    history, from below or from above; for a gyro that had rested the nearer of the two levels decides.
     """
 
     name = "mode_hop"
@@ -63,7 +62,7 @@ class ModeHop(Mechanism):
         return (*rested, *(dataclasses.replace(hop, start=start) for hop in within for start in list(STARTS)[1:]))
 
     def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Of several hops, of which this is one."""
+        """Ladders of several hops, this one among them."""
         del recordings
         if self.hops > 1:
             return ()
@@ -79,7 +78,7 @@ class ModeHop(Mechanism):
         return (_ONE if self.hops == 1 else _SEVERAL) + BEGUN[self.start]
 
     def edges(self) -> tuple[float, ...]:
-        """Of warming and of cooling; of several hops, of warming at the next."""
+        """Levels for warming and for cooling; of several hops also that for warming at the next."""
         own = self.threshold_degC, self.threshold_degC - self.dead_band_K
         return own if self.hops == 1 else (*own, self.threshold_degC + self.spacing_K)
 
@@ -106,7 +105,7 @@ class ModeHop(Mechanism):
 
 @compiled()
 def _relay(values: Array, up: float, down: float, begun: bool, hopped: Array) -> None:
-    """Add 1 to `hopped` from where values have come up to a level until they have gone down to another."""
+    """Add 1 to `hopped` where a relay is on, which switches on at one level of the values and off at another."""
     on = 1.0 if begun else 0.0
     for k in range(len(values)):
         if values[k] >= up:

@@ -1,4 +1,4 @@
-"""Bias that repeats with a period of its own."""
+"""Bias that repeats with a fixed period."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class PeriodicInterference(Mechanism):
 
     .. math:: b = a \cos 2\pi f t + c \sin 2\pi f t
 
-    with t counted from the beginning of the recording. With phase "start" every run has the same a and c; with phase "random" the
-    source knows nothing of when a run begins: each run has its own, of the same size, and none can be predicted.
+    with t counted from the start of the recording. With phase "start" every run has the same a and c. With phase "random" the
+    source is not synchronised with the runs: each run has its own a and c, of the same size, which cannot be predicted.
     """
 
     name = "periodic_interference"
@@ -50,7 +50,7 @@ class PeriodicInterference(Mechanism):
 
     @classmethod
     def proposals(cls, time_s: Sequence[Array], left: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
-        """The highest peaks of the periodogram, phases kept and phases drawn anew, with the frequencies beside them."""
+        """The highest peaks of the periodogram and their neighbouring frequencies, with a common phase and with a phase per run."""
         longest = max(float(t[-1] - t[0]) for t in time_s)
         step_hz = 1.0 / (_OVERSAMPLING * longest)
         highest_hz = min(0.5, 0.5 / max(float(np.median(np.diff(t))) for t in time_s))

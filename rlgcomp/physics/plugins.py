@@ -1,4 +1,4 @@
-"""A user's own Python file, loaded as a module: mechanisms to try, or a simulator to judge."""
+"""A Python file of the user's, loaded as a module: mechanisms to try, or a simulator to test."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ _PREFIX: Final = "rlgcomp_plugin_"
 def load_python(path: str | Path) -> types.ModuleType:
     """Run a Python file and return it as a module.
 
-    Its folder is searched while it runs, so it may import files beside it. The same file, unchanged, gives the same module again.
+    While it runs its folder is on the import path, so it may import its neighbours. The same file, unchanged, gives the same
+    module.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def load_python(path: str | Path) -> types.ModuleType:
         exec(code, module.__dict__)  # noqa: S102 - the file is the user's, given by name to be run
     except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it raises is the file's fault
         del sys.modules[name]
-        raise InputError(f"{path}{said_line(error, path)}: {type(error).__name__}: {error}; correct the file") from None
+        raise InputError(f"{path}{error_line(error, path)}: {type(error).__name__}: {error}; correct the file") from None
     finally:
         sys.path.remove(folder)
     return module
@@ -66,13 +67,13 @@ def load_python(path: str | Path) -> types.ModuleType:
 
 @dataclasses.dataclass(frozen=True)
 class LoadedFirst:
-    """Files that another process loads as it receives this, so that it knows what they define in whatever comes after."""
+    """Files that another process loads when it receives this object, so that later objects can refer to their classes."""
 
     paths: tuple[Path, ...]
 
     @classmethod
     def of(cls, defined: Iterable[type]) -> Self:
-        """The users' files in which classes are defined; those of the package are passed over."""
+        """The files of the user's in which these classes are defined; classes of the package are ignored."""
         modules = {one.__module__ for one in defined if one.__module__.startswith(_PREFIX)}
         return cls(tuple(Path(str(sys.modules[name].__file__)).resolve() for name in sorted(modules)))
 
@@ -86,7 +87,7 @@ def _loaded_first(paths: tuple[Path, ...]) -> LoadedFirst:
     return LoadedFirst(paths)
 
 
-def said_line(error: BaseException, path: str | Path) -> str:
-    """Where in a user's file an exception arose, as ", line 12"; nothing where it did not pass through that file."""
+def error_line(error: BaseException, path: str | Path) -> str:
+    """The line of a user's file in which an exception arose, as ", line 12"; empty where it did not pass through that file."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     return f", line {lines[-1]}" if lines else ""

@@ -13,11 +13,11 @@ from rlgcomp.recording import Recording
 
 @dataclasses.dataclass(frozen=True)
 class RandomTelegraph(Mechanism):
-    r"""A defect with two states (a contact, a mode on the edge, a discharge that moves) flips as a Poisson process.
+    r"""A defect with two states (a contact, a marginal mode, a discharge that moves) flips as a Poisson process.
 
     .. math:: b = \pm a, \qquad P(\text{no flip within } t) = e^{-t/\tau}, \qquad \langle b(t)\, b(t+s) \rangle = a^2 e^{-2|s|/\tau}
 
-    No two runs repeat it, so it has a covariance and no basis.
+    It does not repeat between runs, so it has a covariance and no basis.
     """
 
     name = "random_telegraph"

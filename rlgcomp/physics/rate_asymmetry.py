@@ -1,4 +1,4 @@
-"""Bias that tells heating from cooling beyond a change of sign."""
+"""Bias that differs between heating and cooling by more than its sign."""
 
 from __future__ import annotations
 

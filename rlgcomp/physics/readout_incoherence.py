@@ -1,4 +1,4 @@
-"""Bias that follows the shift of the two beams, which the readout difference senses."""
+"""Bias that follows the common shift of the two beams, as the readout difference measures it."""
 
 from __future__ import annotations
 

@@ -13,13 +13,13 @@ from rlgcomp.recording import Recording
 from rlgcomp.recording.motion import TAKEN, harmonic, rate_deg_s, reference_rate_deg_s, taken_at_deg, told_by_values, worth_trying
 from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR
 
-LOWER: Final = 12  # orders that are tried one by one; there are too many of the others to try in vain
+LOWER: Final = 12  # orders tried one by one; higher ones only where the spectrum shows them
 HIGHEST: Final = 80
 MOST: Final = 4  # orders at once
 _BINS: Final = 2048  # of a turn
 _STEADY: Final = 0.01  # of the highest rate: above, the table turns
-_SLOWEST_SHARE: Final = 0.2  # of the turning rows: an order must be sampled twice a cycle in so many
-_PLAIN: Final = 40.0  # power over that of noise from which an order is beyond doubt
+_SLOWEST_SHARE: Final = 0.2  # of the turning rows in which an order must be sampled twice a cycle
+_PLAIN: Final = 40.0  # power over that of noise from which an order is significant
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +77,7 @@ class RotationHarmonics(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The lower orders that the sampling shows, one by one; of the higher ones, those beyond doubt, alone and together."""
+        """The lower orders that the sampling resolves, one by one; of the higher ones the significant, alone and together."""
         highest = highest_order(recordings)
         points = []
         for scaling in ("constant", "rate"):
@@ -92,7 +92,7 @@ class RotationHarmonics(Mechanism):
         return tuple(points)
 
     def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """With one of the lower orders more."""
+        """The same with one more of the lower orders."""
         if len(self.orders) == MOST:
             return ()
         further = set(range(2, min(highest_order(recordings), LOWER) + 1)) - set(self.orders)
@@ -111,12 +111,12 @@ class RotationHarmonics(Mechanism):
 
 
 def _ways(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
-    """Ways to take a harmonic; values at the samples' ends where these tell it from a constant."""
+    """Conventions for the angle within a sample, as far as the recordings separate them at this order."""
     return worth_trying(recordings, order) if told_by_values(recordings, order) else TAKEN[:1]
 
 
 def highest_order(recordings: Sequence[Recording]) -> int:
-    """The highest order that is sampled twice a cycle in a fair share of the rows in which the table turns."""
+    """The highest order that is sampled twice a cycle in a fifth of the rows in which the table turns."""
     steps = [np.abs(rate_deg_s(run)) * run.period_s for run in recordings]
     top = max(float(step.max()) for step in steps)
     turning = np.concatenate([step[step > _STEADY * top] for step in steps])
@@ -125,13 +125,13 @@ def highest_order(recordings: Sequence[Recording]) -> int:
 
 
 def _plain_orders(recordings: Sequence[Recording], points: Sequence[RotationHarmonics]) -> list[int]:
-    """Orders whose power in what gyros show beyond a scale factor and a bias is far above the noise, each freed of those before it.
+    """Significant orders of the gyros' residuals after a scale factor and a bias; each is subtracted before the next is sought.
 
     Parameters
     ----------
     recordings : sequence of Recording
     points : sequence of RotationHarmonics
-        One order each, alike but for the order.
+        One order each, equal otherwise.
     """
     left, angles, weights = [], [], []
     for run in recordings:

@@ -1,4 +1,4 @@
-"""Output proportional to the rate, and a constant bias: what every turntable run is compared with."""
+"""Scale-factor error and constant bias: the baseline of every turntable run."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 @dataclasses.dataclass(frozen=True)
 class ScaleFactor(Mechanism):
-    r"""The pulse is not worth what it is said to be worth, and the gyro has a bias.
+    r"""The angle per pulse differs from its stated value, and the gyro has a bias.
 
     .. math:: b = k \, W + b_0
 
-    W is the table's rate. The Earth's constant part is in b_0 where no latitude is given.
+    W is the table's rate. The constant part of Earth rate is in b_0 where no latitude is given.
     """
 
     name = "scale_factor"

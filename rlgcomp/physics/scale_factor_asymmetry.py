@@ -14,11 +14,12 @@ from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 @dataclasses.dataclass(frozen=True)
 class ScaleFactorAsymmetry(Mechanism):
-    r"""A pulse is worth more one way than the other.
+    r"""The angle per pulse differs between the two senses of rotation.
 
     .. math:: b = k \, |W|
 
-    The scale factors of the two senses differ by 2 k. At one speed both ways it cannot be told from a bias; two speeds separate it.
+    The scale factors of the two senses differ by 2 k. Runs at one speed in both senses do not separate it from a bias; two speeds
+    do.
     """
 
     name = "scale_factor_asymmetry"

@@ -16,7 +16,7 @@ from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 @dataclasses.dataclass(frozen=True)
 class ScaleFactorNonlinearity(Mechanism):
-    r"""Both senses alike, a pulse is worth more or less the faster the gyro turns.
+    r"""The angle per pulse changes with the speed of rotation, equally in both senses.
 
     .. math:: b = k \, W \, |W / W_r|^{n-1}
 
@@ -39,7 +39,7 @@ class ScaleFactorNonlinearity(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The quadratic that keeps its sign, and the cubic."""
+        """The signed quadratic and the cubic."""
         del recordings
         return cls(order=2), cls(order=3)
 

@@ -12,7 +12,7 @@ from rlgcomp.units import PPM, SECONDS_PER_HOUR
 
 @dataclasses.dataclass(frozen=True)
 class ScaleFactorTemperature(Mechanism):
-    r"""The block expands, the area and the path change, and with them the angle that a pulse stands for.
+    r"""The block expands; area and path length change, and with them the angle per pulse.
 
     .. math:: b = k \, (T - T_0) \, W
     """

@@ -11,11 +11,11 @@ from rlgcomp.recording import Recording
 
 @dataclasses.dataclass(frozen=True)
 class TemperatureRate(Mechanism):
-    r"""Heat flowing through the block deforms it and drives gas flow while it flows.
+    r"""Heat that flows through the block deforms it and drives a gas flow.
 
     .. math:: b = k \, \frac{dT}{dt}
 
-    Heating and cooling push in opposite directions; at constant temperature nothing is left.
+    Heating and cooling have opposite signs; at constant temperature the bias vanishes.
     """
 
     name = "temperature_rate"

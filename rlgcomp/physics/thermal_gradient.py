@@ -10,8 +10,8 @@ from rlgcomp.numerics.filters import ahead
 from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, shape
 from rlgcomp.recording import Recording
 
-_LATE_S: Final = (0.0, 12.0, 30.0)  # thermometers as they are glued to a gyro
-_RARELY: Final = 0.01  # odds against such that read at once
+_LATE_S: Final = (0.0, 12.0, 30.0)  # lags of thermometers glued to a gyro
+_RARELY: Final = 0.01  # prior odds of lagging thermometers
 _OF_LATE_ONES: Final = "b = k_deg_h_K * (D + thermometers_late_s * dD/dt) with D = temperature_block_degC - temperature_shell_degC"
 
 
@@ -21,8 +21,7 @@ class ThermalGradient(Mechanism):
 
     .. math:: b = k \, (D + \tau \dot D), \qquad D = T_\mathrm{block} - T_\mathrm{shell}
 
-    of the temperatures as they are read, by thermometers that follow late by tau. What is simulated has the temperatures
-    themselves: there tau is 0.
+    with the recorded temperatures, whose thermometers lag by tau. The simulator has the true temperatures: there tau is 0.
     """
 
     name = "thermal_gradient"
@@ -43,12 +42,12 @@ class ThermalGradient(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Thermometers that read at once, and such that do not."""
+        """Thermometers without and with lag."""
         del recordings
         return tuple(cls(thermometers_late_s=late_s) for late_s in _LATE_S)
 
     def prior_odds(self) -> float:
-        """That they are late, only an effect far above the noise can show; a smaller one that needs it is another."""
+        """Lag is rare beforehand: only an effect far above the noise can show it."""
         return _RARELY if self.thermometers_late_s else 1.0
 
     def acting(self) -> Self:

@@ -1,4 +1,4 @@
-"""Bias that remembers the path of temperature, not its speed."""
+"""Bias that depends on the path of temperature, not on its speed."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, 
 from rlgcomp.recording import Recording
 
 _RADII: Final = 12  # of the law "plays"
-_NOISE: Final = 4.0  # standard deviations of read noise, that hardly a reading is off by
+_NOISE: Final = 4.0  # standard deviations of read noise, which hardly a reading exceeds
 _CONCENTRATION: Final = 4.0  # of relays about narrow loops
-_RADII_OF_SPAN: Final = (0.08, 0.16)  # of the temperatures that runs go through, tried with the law "coleman_hodgdon"
+_RADII_OF_SPAN: Final = (0.08, 0.16)  # of the range of temperature, tried with the law "coleman_hodgdon"
 _CENTRES_OF_SPAN: Final = (-0.25, 0.0, 0.25)
 _CURVES_OF_SPAN: Final = (0.35, 0.8)
 _EQUATIONS: Final = {
@@ -40,12 +40,12 @@ class ThermalHysteresis(Mechanism):
 
     .. math:: b = \sum_{j=1}^{3} k_j \, (P_{r_j}[T] - T), \qquad r_j = r \, (1/4,\, 1/2,\, 1)
 
-    P_r is the play operator of radius r. The width of the loop does not depend on the ramp rate, and a turning point is
-    remembered until the temperature passes it. The law "plays" is the mean over radii spread exponentially about `radius_K`, as of
-    relays that are the rarer the wider they are. The laws "preisach" (relays on a triangle of thresholds `span_K` wide about
-    `centre_degC`) and "bouc_wen" (saturating over `radius_K`) give loops of other forms; "coleman_hodgdon" gives one that follows a
-    curve and is narrow where that saturates, away from `curve_centre_degC`. These use k1 alone. What was before a run is in it:
-    `start` says that the gyro had rested, or come from below or from above to the first temperature.
+    P_r is the play operator of radius r. The width of the loop does not depend on the ramp rate; a turning point keeps its effect
+    until the temperature passes it. The law "plays" is the mean over radii spread exponentially about `radius_K`, a density of
+    relays that falls with their width. The laws "preisach" (relays on a triangle of thresholds `span_K` wide about `centre_degC`)
+    and "bouc_wen" (saturating over `radius_K`) give loops of other forms; "coleman_hodgdon" follows a curve and is narrow where the
+    curve saturates, away from `curve_centre_degC`. These use k1 alone. `start` is the history before the run: the gyro had rested,
+    or had come from below or from above to the first temperature.
     """
 
     name = "thermal_hysteresis"
@@ -90,7 +90,7 @@ class ThermalHysteresis(Mechanism):
         return (*few, *plays, *smooth, *relays, *swept)
 
     def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Of a loop that is narrower where it is cold or hot."""
+        """Loops that are narrower where it is cold or hot."""
         if self.law == "coleman_hodgdon":
             return ()
         middle, span = _range(recordings)
@@ -102,7 +102,7 @@ class ThermalHysteresis(Mechanism):
                 curve_centre_degC=middle + centre * span,
                 curve_K=float(np.clip(curve * span, 2.0, 400.0)),
                 law="coleman_hodgdon",
-                centre_degC=type(self).centre_degC,  # of another law, and no reason to try the same twice
+                centre_degC=type(self).centre_degC,  # not used by this law: equal candidates are not tried twice
                 span_K=type(self).span_K,
             )
             for radius, centre, curve in narrowing
@@ -135,14 +135,14 @@ class ThermalHysteresis(Mechanism):
 
 
 def _range(recordings: Sequence[Recording]) -> tuple[float, float]:
-    """Middle and span of the temperatures that runs went through."""
+    """Middle and span of the temperatures of the runs."""
     readings = [recording.column(recording.temperature_column) for recording in recordings]
     coldest, warmest = min(float(r.min()) for r in readings), max(float(r.max()) for r in readings)
     return 0.5 * (coldest + warmest), max(1.0, warmest - coldest)
 
 
 def _stilled(temperature: Array) -> Array:
-    """A temperature less its read noise, as a wider play makes it: by noise a law that any movement wears down would forget."""
+    """The temperature without its read noise, by a play operator wider than the noise, which would else erase the memory."""
     width = _NOISE * read_noise(temperature)
     play = Play((width,))
     return play.run(play.init(temperature[0]), temperature)[0][:, 0] if width > 0.0 else temperature

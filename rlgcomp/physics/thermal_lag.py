@@ -1,4 +1,4 @@
-"""Bias that answers to a part of the gyro which follows the thermometer late."""
+"""Bias that follows a part of the gyro whose temperature lags the thermometer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rlgcomp.numerics.filters import lag
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, shape
 from rlgcomp.recording import Recording
 
-_SHORTEST: Final = 0.02  # of the longest tried: shorter, it is the temperature rate that a late thermometer shows
+_SHORTEST: Final = 0.02  # of the longest tried: a shorter lag is the temperature rate as a lagging thermometer shows it
 
 
 @dataclasses.dataclass(frozen=True)

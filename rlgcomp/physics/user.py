@@ -1,4 +1,4 @@
-"""A user's own mechanisms, from a Python file of theirs, held to the contract before anything is computed with them."""
+"""Mechanisms of the user's, from a Python file, checked against the contract before use."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_ANGLE, TABLE_RATE, TEMPERATURE, TURNING, Array, Mechanism, Role
-from rlgcomp.physics.plugins import load_python, said_line
+from rlgcomp.physics.plugins import error_line, load_python
 from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.recording.motion import ANGLES, RATE
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 _KINDS: Final = ("chamber", "turntable", "any")
 _ROWS: Final = 64
-_SCALES: Final = (1.0, -1.0, 10.0, 100.0, 1000.0)  # of what monitors read: thresholds are anywhere
-_LARGEST: Final = 1e50  # of a column: its square and sums of it are numbers still
+_SCALES: Final = (1.0, -1.0, 10.0, 100.0, 1000.0)  # of the monitors' values: a threshold may be anywhere
+_LARGEST: Final = 1e50  # of a column: its square and sums of it stay finite
 _MEAN_S: Final = 20.0
-_MEAN_ROWS: Final = (2, 10)  # that a mean over so long may have, at least and at most
-_NODES: Final = (8, 64)  # between which the smooth course of a run's monitors is straight
-_APART: Final = 5  # means from node to node
+_MEAN_ROWS: Final = (2, 10)  # of one mean, at least and at most
+_NODES: Final = (8, 64)  # of the piecewise linear monitors of a smoothed run
+_APART: Final = 5  # means between two nodes
 _UNLIKE: Final = 0.1  # of a column's standard deviation
 _IN_SECONDS: Final = (
     "diagnosis computes it from both: let its basis reckon in seconds (recording.time_s, recording.period_s), not in rows, or "
@@ -42,18 +42,19 @@ _EXAMPLE: Final = "see 'Add a mechanism' in CONTRIBUTING.md, and rlgcomp/physics
 def user_catalogue(
     paths: Sequence[str | Path], catalogue: Mapping[str, type[Mechanism]] = CATALOGUE
 ) -> MappingProxyType[str, type[Mechanism]]:
-    """A catalogue with the mechanisms that Python files define added to it.
+    """A catalogue extended by the mechanisms of Python files.
 
     Parameters
     ----------
     paths : sequence of str or Path
-        Files that define subclasses of :class:`rlgcomp.physics.mechanism.Mechanism`. Those that a file imports do not count.
+        Files that define subclasses of :class:`rlgcomp.physics.mechanism.Mechanism`. Imported classes do not count.
     catalogue : mapping of str to type
 
     Raises
     ------
     InputError
-        A file cannot be run or defines no mechanism, a name is taken, or a mechanism breaks the contract: all its faults are named.
+        A file cannot be run or defines no mechanism, a name is taken, or a mechanism breaks the contract; all its faults are
+        listed.
     """
     extended = dict(catalogue)
     for path in paths:
@@ -78,14 +79,14 @@ def user_catalogue(
 
 
 def require_computable(mechanisms: Mapping[str, type[Mechanism]], runs: Sequence[Recording]) -> None:
-    """Refuse a mechanism of the user's that fails on the runs themselves, with its usual shapes or with one of them at a bound.
+    """Refuse a mechanism of the user's that fails on the runs, with its usual shapes or with one of them at a bound.
 
-    Mechanisms of the catalogue, and those whose columns a run lacks, are passed over.
+    Mechanisms of the catalogue are not checked, nor are those whose columns a run lacks.
 
     Raises
     ------
     InputError
-        A basis raises, is not a finite real number a row and amplitude, or says something else of means over rows.
+        A basis raises, is not one finite real number for each row and amplitude, or differs between samples and means over windows.
     """
     for mechanism in mechanisms.values():
         if CATALOGUE.get(mechanism.name) is mechanism:
@@ -93,18 +94,20 @@ def require_computable(mechanisms: Mapping[str, type[Mechanism]], runs: Sequence
         usual = mechanism()
         forms = _forms(usual)
         for run in (run for run in runs if _readable(usual, run)):
-            for said, form in forms.items():
+            for phrase, form in forms.items():
                 fault = _fault_on(form, run)
                 if fault is not None:
-                    raise InputError(f"{mechanism.name} cannot be tried{said}: {fault}; correct the mechanism, or its bounds")
+                    raise InputError(f"{mechanism.name} cannot be tried{phrase}: {fault}; correct the mechanism, or its bounds")
             fault = None if usual.fast else _fault_on_means(usual, run)
             if fault is not None:
                 raise InputError(f"{mechanism.name} cannot be tried: {fault}")
 
 
 def _fault_on_means(mechanism: Mechanism, run: Recording) -> str | None:
-    """What is wrong where columns of means over rows are not the means of columns, the monitors made smooth, so that one that is
-    not linear in them is not blamed for their noise; nothing on a run too short to tell."""
+    """The fault where columns of means over rows are not the means of columns; None on a run too short to show it.
+
+    Monitors are smoothed first, so that a nonlinear mechanism does not fail by their noise.
+    """
     rows = min(max(round(_MEAN_S / run.period_s), _MEAN_ROWS[0]), _MEAN_ROWS[1])
     nodes = min(len(run) // (_APART * rows), _NODES[1])
     if nodes < _NODES[0]:
@@ -117,9 +120,9 @@ def _fault_on_means(mechanism: Mechanism, run: Recording) -> str | None:
         means = smooth.averaged(rows * run.period_s, extra=columns)
         if _fault_on(mechanism, means) is not None:
             return f"of means over {rows} rows, {_fault_on(mechanism, means)}; {_IN_SECONDS}"
-        wanted = np.column_stack([np.empty((len(means), 0)), *(means.column(str(name)) for name in columns)])
-        unlike = np.std(mechanism.basis(means) - wanted, axis=0)
-    size = np.std(wanted, axis=0)
+        averaged = np.column_stack([np.empty((len(means), 0)), *(means.column(str(name)) for name in columns)])
+        unlike = np.std(mechanism.basis(means) - averaged, axis=0)
+    size = np.std(averaged, axis=0)
     if not (unlike > _UNLIKE * size)[size > 0.0].any():
         return None
     share = np.max(unlike[size > 0.0] / size[size > 0.0])
@@ -130,7 +133,7 @@ def _fault_on_means(mechanism: Mechanism, run: Recording) -> str | None:
 
 
 def _smooth(run: Recording, nodes: int) -> Recording:
-    """A run whose monitors go straight from mean to mean over so many equal parts, without a lead-in."""
+    """The run with monitors interpolated linearly between means over equal parts, without a lead-in."""
     parts = np.array_split(np.arange(len(run)), nodes)
     at_s = [run.time_s[part].mean() for part in parts]
     monitors = [name for name in run.columns if name != TIME and name not in run.gyro_columns]
@@ -139,7 +142,7 @@ def _smooth(run: Recording, nodes: int) -> Recording:
 
 
 def _forms(usual: Mechanism) -> dict[str, Mechanism]:
-    """The usual shapes, and each of them at either bound, by what is to be said of it."""
+    """The mechanism with its usual shapes, and with each of them at either bound, by a phrase for messages."""
     bounds = [(p.name, bound) for p in usual.parameters() if p.role == "shape" for bound in (p.low, p.high)]
     return {"": usual} | {f" with {name} = {bound:g}": dataclasses.replace(usual, **{name: bound}) for name, bound in bounds}  # type: ignore[type-var]
 
@@ -153,11 +156,11 @@ def _readable(mechanism: Mechanism, run: Recording) -> bool:
 
 
 def _faults(mechanism: type[Mechanism]) -> list[str]:
-    """What breaks the contract; what is computed is tried only once what is said is in order."""
-    return _faults_said(mechanism) or _faults_computed(mechanism)
+    """Violations of the contract; the basis is tried only where the declarations are in order."""
+    return _declaration_faults(mechanism) or _basis_faults(mechanism)
 
 
-def _faults_said(mechanism: type[Mechanism]) -> list[str]:
+def _declaration_faults(mechanism: type[Mechanism]) -> list[str]:
     faults = []
     if inspect.isabstract(mechanism):
         faults.append(f"it lacks {', '.join(sorted(mechanism.__abstractmethods__))}")
@@ -187,7 +190,7 @@ def _faults_said(mechanism: type[Mechanism]) -> list[str]:
     return faults
 
 
-def _faults_computed(mechanism: type[Mechanism]) -> list[str]:
+def _basis_faults(mechanism: type[Mechanism]) -> list[str]:
     try:
         usual = mechanism()
         trial = _trial(usual)
@@ -203,36 +206,36 @@ def _faults_computed(mechanism: type[Mechanism]) -> list[str]:
         return ["it has no amplitude and no covariance; give it one parameter made by amplitude(...)"]
     return [
         f"basis is zero for {parameter.name} whatever the monitors read: it can have no effect; give it a column that is not"
-        for parameter, seen in zip(usual.amplitude_parameters(), _ever_seen(usual), strict=True)
-        if not seen
+        for parameter, nonzero in zip(usual.amplitude_parameters(), _nonzero_amplitudes(usual), strict=True)
+        if not nonzero
     ]
 
 
-def _ever_seen(usual: Mechanism) -> list[bool]:
-    """Of each amplitude, whether its column is ever anything but zero: usual shapes or one at a bound, monitors of any size."""
-    seen = np.zeros(len(usual.amplitude_parameters()), dtype=np.bool_)
+def _nonzero_amplitudes(usual: Mechanism) -> list[bool]:
+    """For each amplitude, whether its column is ever non-zero: with usual shapes or one at a bound, for monitors of any size."""
+    nonzero = np.zeros(len(usual.amplitude_parameters()), dtype=np.bool_)
     for form, scale in itertools.product(_forms(usual).values(), _SCALES):
-        if seen.all():
+        if nonzero.all():
             break
         trial = _trial(usual, scale)
         if _fault_on(form, trial) is None:
             with np.errstate(all="ignore"):
-                seen |= np.asarray(form.basis(trial) != 0.0).any(axis=0)
-    return seen.tolist()
+                nonzero |= np.asarray(form.basis(trial) != 0.0).any(axis=0)
+    return nonzero.tolist()
 
 
 def _fault_on(mechanism: Mechanism, run: Recording) -> str | None:
-    """What is wrong with its columns on a run; its own warnings are not shown, since what they warn of is told."""
+    """The fault of its columns on a run; its own warnings are silenced, because the fault states their reason."""
     try:
         with np.errstate(all="ignore"):
             basis: Any = mechanism.basis(run)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it raises is the file's fault
         return f"it fails on {run.name}{_line(type(mechanism), error)}: {type(error).__name__}: {error}"
-    wanted = (len(run), len(mechanism.amplitude_parameters()))
-    if getattr(basis, "shape", None) != wanted:
+    expected = (len(run), len(mechanism.amplitude_parameters()))
+    if getattr(basis, "shape", None) != expected:
         return (
-            f"basis returns {getattr(basis, 'shape', type(basis).__name__)!s} for {wanted[0]} rows and {wanted[1]} amplitudes; it "
-            f"must return an array of shape {wanted}, a column an amplitude"
+            f"basis returns {getattr(basis, 'shape', type(basis).__name__)!s} for {expected[0]} rows and {expected[1]} amplitudes; "
+            f"it must return an array of shape {expected}, a column an amplitude"
         )
     if basis.dtype.kind not in "fiub":
         return f"basis returns {basis.dtype} values; it must return real numbers"
@@ -243,12 +246,12 @@ def _fault_on(mechanism: Mechanism, run: Recording) -> str | None:
 
 
 def _line(mechanism: type[Mechanism], error: BaseException) -> str:
-    return said_line(error, getattr(sys.modules.get(mechanism.__module__), "__file__", None) or "")
+    return error_line(error, getattr(sys.modules.get(mechanism.__module__), "__file__", None) or "")
 
 
 def _trial(mechanism: Mechanism, scale: float = 1.0) -> Recording:
-    """Every column that it reads, each moving in its own way about a scale, or about 20 where it is a temperature; of a turntable
-    also how the table turned, to and fro, by rate and angle."""
+    """A trial recording: each driver swings with its own period about a scale, temperatures about 20 degC; on a turntable also rate
+    and angle of a table that turns to and fro."""
     turns = mechanism.kind == "turntable" or not TURNING.isdisjoint(mechanism.driver_names())
     step_s = 1.0 if turns else 10.0
     time_s = step_s * np.arange(_ROWS)

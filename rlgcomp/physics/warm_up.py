@@ -12,7 +12,7 @@ import numpy as np
 from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
-_RATIOS: Final = (1.0, 4.0, 10.0, 25.0)  # of time constants that are tried to that of one term
+_RATIOS: Final = (1.0, 4.0, 10.0, 25.0)  # of the time constants tried to that of one term
 _SHARES: Final = (0.25, 0.5, 0.75)
 _EQUATIONS: Final = {
     "one": "b = initial_deg_h * exp(-t / time_constant_s)",
@@ -24,12 +24,12 @@ _EQUATIONS: Final = {
 
 @dataclasses.dataclass(frozen=True)
 class WarmUp(Mechanism):
-    r"""The discharge heats the bore; until the gas and the mirrors settle, the bias drifts, whatever the chamber does.
+    r"""The discharge heats the bore; the bias drifts until gas and mirrors settle, independently of the chamber.
 
     .. math:: b = A \sum_i s_i \, e^{-t/\tau_i}, \qquad \sum_i s_i = 1, \quad s_i \ge 0
 
-    with t counted from the beginning of the recording; of one term, or of two where the bore settles first and the block later.
-    Terms of opposite signs would take the place of whatever is slow.
+    with t counted from the start of the recording; one term, or two where the bore settles first and the block later. Both terms
+    have the same sign: terms of opposite signs would fit any slow course.
     """
 
     name = "warm_up"
@@ -59,7 +59,7 @@ class WarmUp(Mechanism):
         return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(max(60.0, 0.01 * longest), longest, 10))
 
     def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Of two terms, of which this is one."""
+        """Two terms, this one among them."""
         del recordings
         if self.terms != "one":
             return ()

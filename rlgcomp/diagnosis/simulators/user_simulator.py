@@ -21,7 +21,7 @@ from rlgcomp.diagnosis.result import Alignment, Estimate
 from rlgcomp.diagnosis.simulators.align import CLOCK_DRIFT, clock_of, no_clocks
 from rlgcomp.diagnosis.simulators.resampling import on_rows, same_axis, turning_evenly
 from rlgcomp.errors import InputError
-from rlgcomp.physics.plugins import load_python, said_line
+from rlgcomp.physics.plugins import error_line, load_python
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.recording.motion import ANGLES, RATE, angle_deg
 from rlgcomp.simulation.simulator import Simulator
@@ -338,7 +338,7 @@ class PythonSimulator:
             with contextlib.redirect_stdout(sys.stderr):  # standard output is for results
                 answer = self.function(blind)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever the user's code raises is the input's fault
-            place = said_line(error, self.name.rpartition(":")[0])
+            place = error_line(error, self.name.rpartition(":")[0])
             raise InputError(
                 f"{self.name} failed on {recording.name}{place}: {type(error).__name__}: {error}; it gets a Recording, of which "
                 ".column(NAME) is an array and .table a pandas table; correct it, or try it by itself on rlgcomp.read(RUN)"
