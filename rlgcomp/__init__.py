@@ -96,9 +96,9 @@ if TYPE_CHECKING:
     from rlgcomp.recording.formats import write as write
     from rlgcomp.simulation.programme import Programme as Programme
     from rlgcomp.simulation.random_units import simulated_unit as simulated_unit
-    from rlgcomp.simulation.rate_table import Triad as Triad
     from rlgcomp.simulation.simulator import Simulator as Simulator
     from rlgcomp.simulation.triad_errors import TriadErrors as TriadErrors
+    from rlgcomp.simulation.two_axis_table import Triad as Triad
 
 __version__ = "0.1.0"
 
@@ -124,7 +124,7 @@ _HOMES = {
     "Recording": "recording",
     "SequenceRegressor": "compensation.sequence",
     "Simulator": "simulation.simulator",
-    "Triad": "simulation.rate_table",
+    "Triad": "simulation.two_axis_table",
     "TriadErrors": "simulation.triad_errors",
     "adapt": "compensation.adaptation",
     "allan_deviation": "noise.allan.deviation",

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rlgcomp.calibration.budget import error_budget, monte_carlo
-from rlgcomp.calibration.mounting import mounting_angle, mounting_angle_of, printed_four_positions
+from experiments.zhan_2010.monte_carlo import monte_carlo, printed_four_positions
+from rlgcomp.calibration.mounting import error_budget, mounting_angle, mounting_angle_of
 from rlgcomp.errors import InputError
 from rlgcomp.simulation.position_table import PositionTable, TableErrors
 from rlgcomp.units import ARCSEC_PER_TURN, RAD_PER_ARCSEC
@@ -189,7 +189,7 @@ def test_files_in_any_order_and_split_are_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    ("beta", "pulses", "said"),
+    ("beta", "pulses", "text"),
     [
         ([0.0, 90.0], [1.0, 1.0], "cannot separate"),
         ([10.0, 10.0, 10.0, 10.0], [1.0] * 4, "cannot separate"),
@@ -200,8 +200,8 @@ def test_files_in_any_order_and_split_are_the_same() -> None:
         ([0.0, 120.0, 240.0], [1.0, 2.0], "one count an angle"),
     ],
 )
-def test_what_cannot_give_an_angle_is_refused(beta: list[float], pulses: list[float], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_cannot_give_an_angle_is_refused(beta: list[float], pulses: list[float], text: str) -> None:
+    with pytest.raises(InputError, match=text):
         mounting_angle(beta, pulses, 0.8427948)
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
-from rlgcomp.calibration.turns import pairs, stretches, whole_turns
+from rlgcomp.calibration.revolutions import constant_rate_segments, direction_pairs, whole_revolutions
 from rlgcomp.errors import InputError
 from rlgcomp.simulation.position_table import PositionTable, TableErrors
 from rlgcomp.units import ARCSEC_PER_TURN, EARTH_RATE_RAD_S, RAD_PER_ARCSEC
@@ -73,14 +73,14 @@ def test_square_part_of_earth_rate_by_direct_integration() -> None:
 def test_recording_counts_what_direct_integration_gives(beta_deg: float) -> None:
     """One revolution, from 100 Hz samples: half a sample's rounding of the perpendicular Earth rate is all that differs."""
     table = dataclasses.replace(IDEAL, bias_deg_h=0.0)
-    turns = whole_turns(table.position_recording(beta_deg, 1), "angle_outer_deg")
+    turns = whole_revolutions(table.position_recording(beta_deg, 1), "angle_outer_deg")
     for sign, counts in zip(turns["direction"], turns["pulses"], strict=True):
         assert table.scale_arcsec * counts == pytest.approx(integrated_arcsec(table, beta_deg, 36.0, sign=sign), abs=2e-3)
 
 
 def test_rate_recording_has_every_revolution_and_the_rate_that_was_asked_for() -> None:
     recording = PositionTable().rate_recording(2, 3, rates_deg_s=[20.0, 90.0], revolutions=3, step_s=0.02)
-    found = stretches(whole_turns(recording, "table_angle_deg"))
+    found = constant_rate_segments(whole_revolutions(recording, "table_angle_deg"))
     assert found["turns"].tolist() == [3] * 8
     assert found["direction"].tolist() == [1, -1] * 4
     assert found["rate_deg_s"].abs().to_numpy() == pytest.approx(np.repeat([20.0, 90.0], 4), rel=1e-4)
@@ -88,8 +88,10 @@ def test_rate_recording_has_every_revolution_and_the_rate_that_was_asked_for() -
 
 def test_lock_in_lowers_a_steady_rate_by_the_root() -> None:
     table = dataclasses.replace(IDEAL, lock_in_deg_s=0.5, latitude_deg=0.0, mounting_arcsec=0.0, bias_deg_h=0.0)
-    runs = stretches(whole_turns(table.rate_recording(1, 0, rates_deg_s=5.0, revolutions=2), "table_angle_deg")).assign(run=0)
-    (pulses,) = pairs(runs, ["run"])["pulses_plus"]
+    runs = constant_rate_segments(
+        whole_revolutions(table.rate_recording(1, 0, rates_deg_s=5.0, revolutions=2), "table_angle_deg")
+    ).assign(run=0)
+    (pulses,) = direction_pairs(runs, ["run"])["pulses_plus"]
     assert pulses * table.scale_arcsec / ARCSEC_PER_TURN == pytest.approx(math.sqrt(1.0 - 0.01), abs=1e-6)
 
 

@@ -13,7 +13,7 @@ import pytest
 from sklearn.base import clone
 
 import rlgcomp as rlg
-from rlgcomp.simulation.rate_table import reversing
+from rlgcomp.simulation.two_axis_table import reversing
 
 NAMES = (
     "read", "Compensator", "LSSVMRegressor", "load", "Simulator", "diagnose", "allan_deviation", "Mechanism", "CATALOGUE",

@@ -44,12 +44,12 @@ def test_published_spreads_are_sample_spreads_but_one(published: RateTable) -> N
 
 
 def test_published_rule_of_the_operating_rate(published: RateTable) -> None:
-    """Less than 1 ppm from 12 deg/s on; settled to 1 ppm only at 40, to 1.2 ppm at the 24 to 30 deg/s that the paper chose from."""
-    assert published.quiet_from_deg_s() == 12.0
-    assert published.settled_from_deg_s(1.0) == 40.0
-    assert published.settled_from_deg_s(1.2) == 24.0
+    """Less than 1 ppm from 12 deg/s on; constant to 1 ppm only at 40, to 1.2 ppm at the paper's choice of 24 to 30 deg/s."""
+    assert published.repeatable_from_deg_s() == 12.0
+    assert published.constant_from_deg_s(1.0) == 40.0
+    assert published.constant_from_deg_s(1.2) == 24.0
     assert published.operating_rate_deg_s() == 40.0
-    assert math.isnan(published.quiet_from_deg_s(0.01))
+    assert math.isnan(published.repeatable_from_deg_s(0.01))
 
 
 @pytest.mark.parametrize(
@@ -73,12 +73,19 @@ def test_published_table_fits_as_it_should(
         assert fit.residuals["residual_ppm"].pow(2).mean() ** 0.5 == pytest.approx(7.3, abs=0.05)
 
 
-def test_what_lock_in_leaves_is_said(published: RateTable) -> None:
-    said = fit_lock_in(published).leftover
-    assert "lock-in alone does not explain" in said
-    assert "6 to 30 deg/s" in said
-    clean = fit_lock_in(drawn(np.random.default_rng(0), by_run=0.0, offset_ppm=0.0)).leftover
-    assert "nothing is left" in clean
+def test_a_hump_above_the_plateau_is_not_explained_by_lock_in(published: RateTable) -> None:
+    assessment = fit_lock_in(published).assessment
+    assert assessment.code == "calibration.lock_in_does_not_explain_the_curve"
+    assert assessment.data["hump_rates_deg_s"] == [6.0, 30.0]
+    clean = fit_lock_in(drawn(np.random.default_rng(0), by_run=0.0, offset_ppm=0.0)).assessment
+    assert clean.code == "calibration.lock_in_explains_the_curve"
+
+
+def test_repeatability_is_a_message(published: RateTable) -> None:
+    assert published.repeatability.data == {"rate_deg_s": 40.0}
+    assert RateTable(RATES, published.error_ppm[:, :1]).repeatability.code == "calibration.one_repeat"
+    noisy = RateTable(RATES, 100.0 * published.error_ppm)
+    assert noisy.repeatability.code == "calibration.no_operating_rate"
 
 
 def test_published_runs_differ_as_a_whole(published: RateTable) -> None:

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from rlgcomp.calibration.revolutions import constant_rate_segments, whole_revolutions
 from rlgcomp.calibration.scale_factor import conventional_scale_factor, conventional_scale_factors
 from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
-from rlgcomp.calibration.turns import stretches, whole_turns
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError
@@ -41,7 +41,7 @@ def turntable(time_s: np.ndarray, angle_deg: np.ndarray, pulses: np.ndarray, **o
 def test_every_revolution_of_an_ideal_table_counts_the_same() -> None:
     """Reversals just beyond the mark, low rates and high: the interpolation at the mark must not see the run-in."""
     recording = IDEAL.rate_recording(2, 0, rates_deg_s=[1.0, 6.0, 30.0, 150.0], revolutions=2, step_s=0.02)
-    turns = whole_turns(recording, "table_angle_deg")
+    turns = whole_revolutions(recording, "table_angle_deg")
     assert len(turns) == 2 * 4 * 2 * 2
     earth = (EARTH_RATE_DEG_H * math.sin(math.radians(IDEAL.latitude_deg)) * math.cos(math.radians(646.75 / 3600.0)) + 0.02) * (
         turns["stop_s"] - turns["start_s"]
@@ -56,7 +56,7 @@ def test_wrapped_and_running_encoders_are_the_same(reference_deg: float) -> None
     recording = TABLE.rate_recording(1, 1, revolutions=4)
     table = recording.table
     wrapped = recording.replace(table=table.assign(table_angle_deg=table["table_angle_deg"] % 360.0))
-    one, other = (whole_turns(run, "table_angle_deg", reference_deg=reference_deg) for run in (recording, wrapped))
+    one, other = (whole_revolutions(run, "table_angle_deg", reference_deg=reference_deg) for run in (recording, wrapped))
     pd.testing.assert_frame_equal(one, other, atol=1e-6)
     assert len(one) == (8 if reference_deg == 0.0 else 6)
 
@@ -64,39 +64,39 @@ def test_wrapped_and_running_encoders_are_the_same(reference_deg: float) -> None
 def test_a_gap_costs_its_revolution_and_no_other() -> None:
     recording = TABLE.rate_recording(1, 1, revolutions=4)
     time_s = recording.time_s
-    turns = whole_turns(recording, "table_angle_deg")
+    turns = whole_revolutions(recording, "table_angle_deg")
     middle = float(turns["start_s"][1]) + 1.0
     broken = recording.replace(table=recording.table[(time_s < middle) | (time_s > middle + 0.2)])
-    left = whole_turns(broken, "table_angle_deg")
+    left = whole_revolutions(broken, "table_angle_deg")
     assert left["start_s"].to_numpy() == pytest.approx(turns["start_s"].drop(1).to_numpy(), abs=1e-9)
     assert left["pulses"].to_numpy() == pytest.approx(turns["pulses"].drop(1).to_numpy(), abs=1e-9)
-    assert stretches(left)["turns"].tolist() == [1, 2, 4]
+    assert constant_rate_segments(left)["turns"].tolist() == [1, 2, 4]
 
 
 def test_an_uneven_revolution_is_left_out() -> None:
     time_s = 0.01 * np.arange(6001)
     speed = np.where(time_s < 30.0, 30.0, np.where(time_s < 36.0, 30.0 + 3.0 * (time_s - 30.0), 48.0))
     angle = -5.0 + np.r_[0.0, np.cumsum(0.01 * 0.5 * (speed[1:] + speed[:-1]))]
-    turns = whole_turns(turntable(time_s, angle, np.ones(6001)), "table_angle_deg")
+    turns = whole_revolutions(turntable(time_s, angle, np.ones(6001)), "table_angle_deg")
     rates = turns["rate_deg_s"].round(2).tolist()
     assert rates == [30.0, 30.0, 48.0, 48.0]
-    assert stretches(turns)["turns"].tolist() == [2, 2]
+    assert constant_rate_segments(turns)["turns"].tolist() == [2, 2]
 
 
 def test_a_noisy_encoder_standing_on_the_mark_makes_no_revolutions() -> None:
     rng = np.random.default_rng(0)
     still = turntable(0.01 * np.arange(3000), 0.01 * rng.standard_normal(3000), rng.integers(0, 2, 3000).astype(float))
     with pytest.raises(InputError, match="no whole revolution"):
-        whole_turns(still, "table_angle_deg")
+        whole_revolutions(still, "table_angle_deg")
 
 
 def test_cutting_into_repeats() -> None:
-    turns = whole_turns(TABLE.rate_recording(1, 1, revolutions=7), "table_angle_deg")
-    assert stretches(turns, 3)["turns"].tolist() == [3, 3, 3, 3]
+    turns = whole_revolutions(TABLE.rate_recording(1, 1, revolutions=7), "table_angle_deg")
+    assert constant_rate_segments(turns, 3)["turns"].tolist() == [3, 3, 3, 3]
     with pytest.raises(InputError, match="the longest has 7"):
-        stretches(turns, 8)
+        constant_rate_segments(turns, 8)
     with pytest.raises(InputError, match="at least 1"):
-        stretches(turns, 0)
+        constant_rate_segments(turns, 0)
 
 
 # --- the conventional scale factor ---------------------------------------------------------------------------------------------
@@ -191,9 +191,11 @@ def test_a_spike_or_a_dead_counter_costs_its_revolutions_alone_and_is_named() ->
     pulses, time_s = recording.column("gyro_pulses"), recording.time_s
     spike = np.where(np.arange(len(time_s)) == 1500, pulses + 5000.0, pulses)
     dead = np.where((time_s > 40.0) & (time_s < 60.0), 0.0, pulses)
-    for spoilt, when in ((spike, f"at {time_s[1500]:.6g} s"), (dead, "between 40")):
-        (found,), remarks = conventional_scale_factors([recording.replace(table=recording.table.assign(gyro_pulses=spoilt))])
-        assert any(when in remark and "does not follow table_angle_deg" in remark for remark in remarks)
+    for faulty, first_s, last_s in ((spike, time_s[1500], time_s[1500]), (dead, 40.0, 60.0)):
+        (found,), remarks = conventional_scale_factors([recording.replace(table=recording.table.assign(gyro_pulses=faulty))])
+        (remark,) = [remark for remark in remarks if remark.code == "calibration.counter_does_not_follow"]
+        assert remark.data["column"] == "table_angle_deg"
+        assert (remark.data["first_s"], remark.data["last_s"]) == pytest.approx((first_s, last_s), abs=0.3)
         assert abs(found.scale_arcsec / TABLE.conventional_arcsec - 1.0) < 4.0 * found.relative_sd
         assert found.relative_sd < 5e-8
 
@@ -219,8 +221,8 @@ def test_a_repeat_beyond_the_scatter_of_the_others_is_named() -> None:
     recording = TABLE.rate_recording(5, 3, rates_deg_s=60.0)
     few = np.where(np.arange(len(recording)) == 1500, 30.0, 0.0)  # too few to be seen sample by sample
     more = recording.table.assign(gyro_pulses=recording.column("gyro_pulses") + few)
-    _, (said,) = conventional_scale_factors([recording.replace(table=more)])
-    assert "off the mean of the 4 others" in said
+    _, (remark,) = conventional_scale_factors([recording.replace(table=more)])
+    assert (remark.code, remark.data["others"]) == ("calibration.outlying_repeat", 4)
     assert not conventional_scale_factors([recording])[1]
 
 
@@ -235,10 +237,11 @@ def test_angle_random_walk_is_in_the_standard_error_of_few_repeats() -> None:
     assert 0.7 < math.sqrt(np.mean(np.square(scores))) < 1.35
 
 
-def test_one_revolution_each_way_tells_no_random_walk_and_says_so() -> None:
-    (found,), (said,) = conventional_scale_factors([TABLE.rate_recording(1, 0, revolutions=1)])
+def test_one_revolution_each_way_does_not_determine_random_walk() -> None:
+    (found,), (remark,) = conventional_scale_factors([TABLE.rate_recording(1, 0, revolutions=1)])
     assert math.isnan(found.angle_random_walk_deg_sqrt_h)
-    assert "lacks angle random walk" in said
+    assert remark.code == "calibration.random_walk_unknown"
+    assert remark.data["rates_deg_s"] == pytest.approx([150.0], rel=1e-3)
 
 
 # --- together, and from files --------------------------------------------------------------------------------------------------
@@ -287,7 +290,8 @@ def test_positions_during_which_the_inner_table_crept_are_left_out() -> None:
     )
     found = calibrate_scale_factor([held.replace(table=crept)], conventional_arcsec=TABLE.conventional_arcsec)
     assert len(found.mounting.positions) == 4
-    assert any("angle_inner_deg moved" in remark for remark in found.remarks)
+    moved = [remark.data for remark in found.remarks if remark.code == "calibration.table_moved"]
+    assert [(data["column"], data["segments"]) for data in moved] == [("angle_inner_deg", 2)]
 
 
 def test_positions_more_than_once_round_are_no_conventional_measurement() -> None:
@@ -299,10 +303,10 @@ def test_positions_more_than_once_round_are_no_conventional_measurement() -> Non
     assert found.mounting.theta_arcsec == pytest.approx(TABLE.mounting_arcsec, abs=1.0)
 
 
-def test_a_gyro_along_its_table_is_not_told_from_zero() -> None:
+def test_a_gyro_along_its_table_has_no_significant_mounting_angle() -> None:
     aligned = dataclasses.replace(TABLE, mounting_arcsec=0.1)
     found = calibrate_scale_factor([aligned.position_recording(POSITIONS, 3)], conventional_arcsec=TABLE.scale_arcsec)
-    assert any("not told from zero" in remark for remark in found.remarks)
+    assert "calibration.mounting_angle_near_zero" in [remark.code for remark in found.remarks]
 
 
 @settings(max_examples=60, deadline=None)
@@ -388,8 +392,8 @@ def test_command_gives_k_from_one_file_or_many(folder: Path, tmp_path: Path) -> 
 def test_command_for_people(folder: Path) -> None:
     result = command(folder / "turning.parquet", folder / "positions.parquet")
     assert result.exit_code == 0
-    for said in ("Conventional scale factor", "theta, arcsec", "Error budget", "K = 0.84279"):
-        assert said in result.output
+    for text in ("Conventional scale factor", "theta, arcsec", "Error budget", "K = 0.84279"):
+        assert text in result.output
     helped = command("--help")
     assert "rlgcomp scale-factor" in " ".join(helped.output.split())
 

@@ -18,20 +18,17 @@ import rlgcomp as rlg
 from experiments.liu_2019.first_step import first_step
 from rlgcomp import units
 from rlgcomp.calibration.file import Calibration, triad_content, write_calibration
-from rlgcomp.calibration.navigator import largest, worse
 from rlgcomp.calibration.triad import strapdown
-from rlgcomp.calibration.triad.calibrate import calibrate_turntable, predicted
+from rlgcomp.calibration.triad.calibrate import calibrate_turntable, navigator_remarks, predicted, rate_bias
 from rlgcomp.calibration.triad.estimate import TriadCalibration, calibrate_triad
-from rlgcomp.calibration.triad.information import Noise
+from rlgcomp.calibration.triad.information import Noise, angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.triad.knocks import without_knocks
-from rlgcomp.calibration.triad.noise import angle_random_walk_deg_sqrt_h
-from rlgcomp.calibration.triad.rate_bias import rate_bias
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.numerics import frames
 from rlgcomp.recording.formats import write
 from rlgcomp.report.calibration import render
-from rlgcomp.simulation.rate_table import PROGRAMMES, TableProgramme, Triad, drawn_triads, reversing
 from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, M12, TriadErrors
+from rlgcomp.simulation.two_axis_table import PROGRAMMES, Triad, TwoAxisProgramme, drawn_triads, reversing
 
 PUBLISHED = TriadErrors(  # means of Liu 2019, Table 4
     {
@@ -85,7 +82,7 @@ def found(recordings: list[rlg.Recording]) -> TriadCalibration:
 # --- the table and the strapdown solution -----------------------------------------------------------------------------------
 
 
-def solution(programme: TableProgramme, samples: int | None = None) -> strapdown.Trajectory:
+def solution(programme: TwoAxisProgramme, samples: int | None = None) -> strapdown.Trajectory:
     run = TableRun.of(SILENT.simulate(programme))
     part = slice(None, samples)
     return strapdown.integrate(
@@ -263,11 +260,11 @@ def readings(table: pd.DataFrame, **other: np.ndarray | pd.Series) -> rlg.Record
     return rlg.Recording(table.assign(**other), SILENT.simulate(SHORT["step-2"]).metadata)
 
 
-def test_accelerometers_and_encoders_that_disagree_are_told_with_what_would_make_them_agree() -> None:
+def test_accelerometers_and_encoders_that_disagree_are_refused_with_the_change_that_makes_them_agree() -> None:
     """Each passed for vibration, or for a triad that stands turned by as much."""
     level = SILENT.simulate(SHORT["step-1"]).table
     both = SILENT.simulate(SHORT["step-3"]).table
-    for table, other, said in (
+    for table, other, text in (
         (level, {"accel_x_m_s": -level["accel_x_m_s"]}, "agree with x = -accel_x;"),
         (level, {"accel_x_m_s": level["accel_y_m_s"], "accel_y_m_s": level["accel_x_m_s"]}, "agree with x = accel_y, y = accel_x;"),
         (both, {f"accel_{axis}_m_s": -both[f"accel_{axis}_m_s"] for axis in "xyz"}, "x = -accel_x, y = -accel_y, z = -accel_z or"),
@@ -276,7 +273,7 @@ def test_accelerometers_and_encoders_that_disagree_are_told_with_what_would_make
         (level, {"angle_inner_deg": level["angle_inner_deg"] + 37.0}, "agree with -37 deg added to angle_inner_deg;"),
         (both, {"accel_y_m_s": 0.0 * both["accel_x_m_s"]}, "no order, sign or zero"),
     ):
-        with pytest.raises(rlg.InputError, match=re.escape(said)):
+        with pytest.raises(rlg.InputError, match=re.escape(text)):
             TableRun.of(readings(table, **other))
 
 
@@ -322,12 +319,13 @@ def test_gyros_turned_about_z_against_the_accelerometers_change_nothing_but_alph
     assert np.abs(off / found.sd).max() < 0.1
 
 
-def test_orthogonal_gyros_that_do_not_turn_are_said() -> None:
+def test_orthogonal_gyros_that_do_not_turn_are_reported() -> None:
     orthogonal = dataclasses.replace(SILENT, gyro_axes="orthogonal", angle_random_walk_deg_sqrt_h=0.0004)
     bias = rate_bias(TableRun.of(orthogonal.simulate(SHORT["step-2"])))
     assert bias.idle == "xy"
     assert bias.crossings[:2] == (0, 0)
-    assert "x and y stay below" in str(bias)
+    assert bias.remark.code == "calibration.gyros_hardly_turn"
+    assert bias.remark.data["axes"] == ["x", "y"]
 
 
 def test_the_order_of_the_runs_does_not_matter(recordings: list[rlg.Recording], found: TriadCalibration) -> None:
@@ -376,18 +374,18 @@ def test_orthogonal_gyros_are_recognised() -> None:
         TableRun.of(SILENT.simulate(SHORT["step-3"]), gyro_axes="orthogonal")
 
 
-def test_both_axes_reversing_together_cannot_tell_x_from_y() -> None:
-    together = TableProgramme.of([(60.0 * s, 30.0 * s, 24.0) for s in (1, -1, 1, -1)])
+def test_both_axes_reversing_together_cannot_separate_x_from_y() -> None:
+    together = TwoAxisProgramme.of([(60.0 * s, 30.0 * s, 24.0) for s in (1, -1, 1, -1)])
     runs = [TableRun.of(SILENT.simulate(p)) for p in (SHORT["step-1"], SHORT["step-2"], together)]
     poor = calibrate_triad(runs, noise=Noise(), passes=1).sd[:2]
     runs[2] = TableRun.of(SILENT.simulate(SHORT["step-3"]))
     assert (poor > 5.0 * calibrate_triad(runs, noise=Noise(), passes=1).sd[:2]).all()
 
 
-# --- what is said about it ----------------------------------------------------------------------------------------------------
+# --- remarks and refusals ----------------------------------------------------------------------------------------------------
 
 
-def test_the_third_step_is_told_to_cross_zero_rate(recordings: list[rlg.Recording]) -> None:
+def test_the_third_step_crosses_zero_rate(recordings: list[rlg.Recording]) -> None:
     biases = {recording.name: rate_bias(TableRun.of(recording)) for recording in recordings}
     assert not biases["step-1"].violated
     assert not biases["step-2"].violated
@@ -402,25 +400,28 @@ def test_the_alternatives_stay_out_of_lock_in(name: str) -> None:
     assert bias.slowest_deg_s == pytest.approx(10.15, abs=0.1)
 
 
-def test_alternatives_come_with_what_they_cost() -> None:
+def test_alternatives_come_with_their_standard_deviations() -> None:
     table = predicted(Noise(), 39.98).set_index("third step")
     assert table.loc["step-3", "scale_x_ppm"] < 0.015
     assert table.loc["step-3-modulated", "scale_x_ppm"] == pytest.approx(0.04, abs=0.01)
     assert 0.3 < table.loc["step-3-slow-outer", "scale_x_ppm"] < 0.8
 
 
-def test_a_knock_is_told_with_its_time_and_the_run_is_cut_there(recordings: list[rlg.Recording], found: TriadCalibration) -> None:
+def test_an_outlier_has_a_remark_with_its_time_and_the_run_is_cut_there(
+    recordings: list[rlg.Recording], found: TriadCalibration
+) -> None:
     """It passed for noise of the accelerometers in every run, and the errors stated were thirty times what they are."""
     table = recordings[0].table.copy()
     table.loc[9000:9003, "accel_x_m_s"] += 3.0 * STEP_S
-    knocked = calibrate_turntable([recordings[0].replace(table=table), *recordings[1:]])
-    assert knocked.remarks[0].startswith("step-1: gyros or accelerometers stand 30 standard deviations off the encoders 45")
-    assert [run.name for run in knocked.triad.runs] == ["step-1 from 0 s", "step-1 from 46.02 s", "step-2", "step-3"]
-    assert (knocked.triad.sd < 2.0 * found.sd).all()  # two halves of the run, each with a tilt of its own
+    cut = calibrate_turntable([recordings[0].replace(table=table), *recordings[1:]])
+    assert cut.remarks[0].code == "calibration.outliers"
+    assert cut.remarks[0].text.startswith("step-1: gyros or accelerometers stand 30 standard deviations off the encoders 45")
+    assert [run.name for run in cut.triad.runs] == ["step-1 from 0 s", "step-1 from 46.02 s", "step-2", "step-3"]
+    assert (cut.triad.sd < 2.0 * found.sd).all()  # two halves of the run, each with a tilt of its own
     assert all(without_knocks(TableRun.of(recording))[1] is None for recording in recordings)
 
 
-def test_biases_that_change_from_run_to_run_widen_what_is_said_of_them() -> None:
+def test_biases_that_change_from_run_to_run_widen_their_standard_deviations() -> None:
     """Each step twice, the biases 0.02 deg/h apart: 0.003 deg/h was stated."""
     runs = []
     for k, sign in enumerate((1.0, -1.0)):
@@ -438,7 +439,7 @@ def test_biases_that_change_from_run_to_run_widen_what_is_said_of_them() -> None
 
 @pytest.mark.parametrize("stated_deg", [40.98, 39.48, -39.98])
 def test_a_wrong_latitude_is_refused_with_the_one_that_the_runs_show(recordings: list[rlg.Recording], stated_deg: float) -> None:
-    """It went into ε_z and the scale factors by a hundred standard deviations, and nothing was said."""
+    """It went into ε_z and the scale factors by a hundred standard deviations, without a remark."""
     wrong = [run.replace(metadata=dataclasses.replace(run.metadata, latitude_deg=stated_deg)) for run in recordings]
     with pytest.raises(rlg.InputError, match=r"as at latitude (39\.9|40\.0)\d* ± 0\.0\d+ deg, and -?\d+\.\d+ deg is stated"):
         calibrate_turntable(wrong)
@@ -561,10 +562,13 @@ def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: li
     assert "pass through zero rate" in result.output
     assert "alpha_gy_arcsec" in result.output
     assert "condition number" in result.output
-    said = invoke("calibrate", *files, "--out", tmp_path / "cal.json", "--report", tmp_path)
-    assert said.exit_code == 2
-    assert "left untouched" in said.output
+    refused = invoke("calibrate", *files, "--out", tmp_path / "cal.json", "--report", tmp_path)
+    assert refused.exit_code == 2
+    assert "left untouched" in refused.output
     content = json.loads((tmp_path / "cal.json").read_text())
+    remarks = {remark["code"]: remark["data"] for remark in content["remarks"]}
+    assert remarks["calibration.gyros_cross_zero_rate"]["run"] == "step-3"
+    assert remarks["calibration.angle_random_walk"]["estimated"]
     assert {row["parameter"] for row in content["parameters"]} == {parameter.name for parameter in GYRO}
     assert np.isfinite([row["sd"] for row in content["parameters"]]).all()
     page = (tmp_path / "report" / "report.html").read_text()
@@ -576,16 +580,14 @@ def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: li
     assert json.loads(again.stdout)["schema"] == "rlgcomp.calibration/1"
 
 
-def test_the_largest_error_is_of_any_run_and_a_run_made_worse_is_told(found: TriadCalibration) -> None:
-    """The run that was worst before gains; another loses and is the worst after."""
+def test_a_run_whose_navigator_is_made_worse_has_a_remark(found: TriadCalibration) -> None:
+    """Another run that was worse before gains."""
     run = next(run for run in found.runs if run.shows == "velocity")
     better = dataclasses.replace(run, name="better", before_m_s=np.full((2, 2), -0.052), after_m_s=np.full((2, 2), 0.009))
     lost = dataclasses.replace(run, name="lost", before_m_s=np.full((2, 2), 0.022), after_m_s=np.full((2, 2), -0.027))
-    assert largest([lost, better]) == (0.052, 0.027)
-    assert largest([]) is None
-    (said,) = worse([better, lost])
-    assert said.startswith("lost: the calibration makes its navigator worse")
-    assert "0.027" in said
+    (remark,) = navigator_remarks([better, lost])
+    assert remark.code == "calibration.navigator_worse"
+    assert remark.data == {"run": "lost", "before_m_s": 0.022, "after_m_s": 0.027}
 
 
 def test_the_report_says_where_nothing_is_better(recordings: list[rlg.Recording]) -> None:

@@ -13,8 +13,8 @@ from rlgcomp.calibration.triad.calibrate import predicted
 from rlgcomp.calibration.triad.estimate import calibrate_triad
 from rlgcomp.calibration.triad.information import Noise
 from rlgcomp.calibration.triad.run import TableRun
-from rlgcomp.simulation.rate_table import Triad, drawn_triads
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
+from rlgcomp.simulation.two_axis_table import Triad, drawn_triads
 
 LATITUDE_DEG = 39.98
 LOCK_IN_DEG_S = 0.0173

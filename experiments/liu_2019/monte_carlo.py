@@ -10,8 +10,8 @@ import pandas as pd
 from experiments.work import Work
 from rlgcomp.calibration.triad.estimate import calibrate_triad
 from rlgcomp.calibration.triad.run import TableRun
-from rlgcomp.simulation.rate_table import Triad, drawn_triads
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
+from rlgcomp.simulation.two_axis_table import Triad, drawn_triads
 
 STEPS = ("step-1", "step-2", "step-3")
 

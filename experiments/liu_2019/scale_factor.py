@@ -55,14 +55,14 @@ def show(quick: bool) -> None:
             {
                 "rule": "std of repeats below 1 ppm from here on",
                 "published": "12 (text: beyond 12, so more than 15)",
-                "ours": f"{table.quiet_from_deg_s():g}",
+                "ours": f"{table.repeatable_from_deg_s():g}",
             },
             {
                 "rule": "mean within 1 ppm of the mean of all higher rates",
                 "published": "30 chosen ('around 3 ppm' from 30 on)",
-                "ours": f"{table.settled_from_deg_s():g}",
+                "ours": f"{table.constant_from_deg_s():g}",
             },
-            {"rule": "the same within 1.2 ppm", "published": "", "ours": f"{table.settled_from_deg_s(1.2):g}"},
+            {"rule": "the same within 1.2 ppm", "published": "", "ours": f"{table.constant_from_deg_s(1.2):g}"},
         ],
     )
     show_table(
@@ -85,7 +85,7 @@ def show(quick: bool) -> None:
     show_list(
         "What the table supports",
         [
-            f"{plain.leftover}.",
+            f"{plain.assessment}.",
             f"The models put Ω_L between {min(lock_ins):.4f} and {max(lock_ins):.4f} deg/s; this, not the repeatability, is its "
             "error.",
             f"b/Ω takes most of what is left but would be a bias of {bias_deg_h:.2f} deg/h, {bias_deg_h / 0.02:.0f} times the 0.02 "
@@ -124,7 +124,7 @@ def _simulated(lock_in_deg_s: float, quick: bool) -> None:
                 "Ω_L put in, deg/s": f"{lock_in_deg_s:.4f}",
                 "found": f"{fit.lock_in_deg_s:.4f} ± {fit.lock_in_sd_deg_s:.4f}",
                 "χ²/dof": f"{fit.chi2:.1f}/{fit.freedom}",
-                "what is left": fit.leftover,
+                "what is left": fit.assessment.text,
             }
         ],
     )

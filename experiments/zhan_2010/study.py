@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from experiments.tables import published
-from rlgcomp.calibration.budget import error_budget, monte_carlo
-from rlgcomp.calibration.mounting import mounting_angle
+from experiments.zhan_2010.monte_carlo import monte_carlo
+from rlgcomp.calibration.mounting import error_budget, mounting_angle
 from rlgcomp.calibration.scale_factor import conventional_scale_factor
 from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
 from rlgcomp.noise.processes import stream

@@ -1,9 +1,9 @@
-"""The calibration file: what a calibration found, as JSON, and its application to raw recordings.
+"""The calibration file: result of a calibration as JSON, and its application to raw recordings.
 
 Schema `rlgcomp.calibration/1` holds a triad (its axes, eleven parameters with standard deviations, their covariance) or a single
-gyro (its scale factor and bias), and from which runs it came. Applied, a triad's `gyro_x_...`, `gyro_y_...`, `gyro_z_...` become
-body rates `gyro_x_deg_h`, ...; a single gyro's pulses become `gyro_deg_h`. Earth's rotation stays in both: a table or a chamber
-knows where it points, a gyro does not.
+gyro (its scale factor and bias), and the runs that it comes from. Applied, a triad's `gyro_x_...`, `gyro_y_...`, `gyro_z_...`
+become body rates `gyro_x_deg_h`, ...; a single gyro's pulses become `gyro_deg_h`. Earth's rotation stays in both: its part depends
+on the orientation, which a table or a chamber knows.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, sha256, write_json
 from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording, rate_name
+from rlgcomp.report.messages import Message
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]
@@ -33,7 +34,7 @@ PULSE_AGREEMENT: Final = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What is applied to raw recordings.
+    """A calibration, to be applied to raw recordings.
 
     Parameters
     ----------
@@ -44,11 +45,11 @@ class Calibration:
     errors : TriadErrors
         Of a triad.
     bias_deg_h : float
-        Of a single gyro; zero where Earth's rotation could not be told from it.
+        Of a single gyro; zero where it could not be separated from Earth's rotation.
     content : mapping
         The whole file.
     identity : str
-        SHA-256 of the file, "" of one that has not been written.
+        SHA-256 of the file, "" before it is written.
     """
 
     pulse_arcsec: float | None = None
@@ -68,8 +69,8 @@ class Calibration:
             It is of another schema, or a value is missing or out of bounds.
         """
         if not isinstance(content, Mapping) or content.get("schema") != SCHEMA:
-            found = content.get("schema") if isinstance(content, Mapping) else type(content).__name__
-            raise InputError(f"its schema is {found!r}; this version reads {SCHEMA!r}; write it again with rlgcomp calibrate")
+            schema = content.get("schema") if isinstance(content, Mapping) else type(content).__name__
+            raise InputError(f"its schema is {schema!r}; this version reads {SCHEMA!r}; write it again with rlgcomp calibrate")
         try:
             pulse = content.get("pulse_arcsec")
             pulse = None if pulse is None else _number(pulse, "pulse_arcsec", 1e-9, 1e3)
@@ -124,13 +125,13 @@ class Calibration:
         Raises
         ------
         InputError
-            The recording holds other gyros than were calibrated, or pulses of another size, or the gyro cannot be told.
+            The recording holds other gyros than the calibrated ones, or pulses of another size, or several gyros fit.
         """
         if "calibration" in recording.metadata.notes:
             raise InputError(f"{recording.name} is calibrated already (notes: calibration)")
         columns = [_raw_column(recording, gyro)] if self.gyro_axes is None else self._triad_columns(recording)
         others_count = any(column.endswith("_pulses") and column not in columns for column in recording.gyro_columns)
-        left = recording.metadata.pulse_arcsec if others_count else None
+        remaining_pulse = recording.metadata.pulse_arcsec if others_count else None
         recording = self._with_pulse(recording, columns)
         table = recording.table
         calibrated = self.rates_deg_h(np.stack([recording.rate_deg_h(column) for column in columns], axis=1))
@@ -138,7 +139,9 @@ class Calibration:
             table = table.rename(columns={column: rate_name(column)})
             table[rate_name(column)] = values
         notes = {**recording.metadata.notes, "calibration": self.identity or "unsaved"}
-        return recording.replace(table=table, metadata=dataclasses.replace(recording.metadata, pulse_arcsec=left, notes=notes))
+        return recording.replace(
+            table=table, metadata=dataclasses.replace(recording.metadata, pulse_arcsec=remaining_pulse, notes=notes)
+        )
 
     def rates_deg_h(self, rates_deg_h: Array) -> Array:
         """Calibrated rates of raw ones, shape (n, gyros): the triad's x, y and z, or the single gyro."""
@@ -166,27 +169,36 @@ class Calibration:
         return recording.replace(metadata=dataclasses.replace(recording.metadata, pulse_arcsec=self.pulse_arcsec))
 
     def _triad_columns(self, recording: Recording) -> list[str]:
-        found = [[column for column in recording.gyro_columns if column.startswith(f"gyro_{axis}_")] for axis in AXES]
-        if any(len(columns) != 1 for columns in found):
+        by_axis = [[column for column in recording.gyro_columns if column.startswith(f"gyro_{axis}_")] for axis in AXES]
+        if any(len(columns) != 1 for columns in by_axis):
             raise InputError(
                 f"{recording.name} holds {', '.join(recording.gyro_columns)}; the calibration is of a triad and needs one each of "
                 "gyro_x_..., gyro_y_..., gyro_z_..."
             )
-        return [columns[0] for columns in found]
+        return [columns[0] for columns in by_axis]
 
 
 def _raw_column(recording: Recording, gyro: str | None) -> str:
-    """The gyro that is meant by the name of its own column, or by the name that it gets once it is in deg/h."""
+    """The gyro column of that name, or of that name once it is in deg/h."""
     if gyro is None or gyro in recording:
         return recording.gyro_column(gyro)
-    meant = [column for column in recording.gyro_columns if rate_name(column) == rate_name(gyro)]
-    return recording.gyro_column(meant[0] if len(meant) == 1 else gyro)
+    matching = [column for column in recording.gyro_columns if rate_name(column) == rate_name(gyro)]
+    return recording.gyro_column(matching[0] if len(matching) == 1 else gyro)
 
 
 def triad_content(
-    found: TriadCalibration, recordings: list[Recording], remarks: list[str], version: str, made: str
+    triad: TriadCalibration, recordings: Sequence[Recording], remarks: Sequence[Message], version: str, made: str
 ) -> dict[str, Any]:
-    """Content of the file of a triad's calibration."""
+    """Content of the file of a triad's calibration.
+
+    Parameters
+    ----------
+    triad : TriadCalibration
+    recordings : sequence of Recording
+    remarks : sequence of Message
+    version, made : str
+        Version of rlgcomp, and time in ISO 8601.
+    """
     return {
         "schema": SCHEMA,
         "kind": "triad",
@@ -194,22 +206,22 @@ def triad_content(
         "version": version,
         "unit": recordings[0].metadata.unit,
         "pulse_arcsec": recordings[0].metadata.pulse_arcsec,
-        "gyro_axes": found.gyro_axes,
-        "latitude_deg": found.latitude_deg,
-        "parameters": found.to_frame().to_dict("records"),
-        "covariance": {"order": [parameter.name for parameter in GYRO], "values": found.covariance},
-        "accelerometer_residuals": dict(found.accelerometer.values),
-        "mount_arcsec": {"value": found.mount_arcsec, "sd": found.mount_sd_arcsec},
-        "noise": dataclasses.asdict(found.noise)
+        "gyro_axes": triad.gyro_axes,
+        "latitude_deg": triad.latitude_deg,
+        "parameters": triad.to_frame().to_dict("records"),
+        "covariance": {"order": [parameter.name for parameter in GYRO], "values": triad.covariance},
+        "accelerometer_residuals": dict(triad.accelerometer.values),
+        "mount_arcsec": {"value": triad.mount_arcsec, "sd": triad.mount_sd_arcsec},
+        "noise": dataclasses.asdict(triad.noise)
         | {
-            "angle_random_walk_estimated": found.noise_estimated,
-            "velocity_random_walk_estimated": found.velocity_noise_estimated,
+            "angle_random_walk_estimated": triad.noise_estimated,
+            "velocity_random_walk_estimated": triad.velocity_noise_estimated,
         },
         "runs": [
             {"run": run.name, "shows": run.shows, "hours": run.hours, "chi_squared_ratio": run.chi_squared_ratio}
-            for run in found.runs
+            for run in triad.runs
         ],
-        "remarks": remarks,
+        "remarks": [remark.to_mapping() for remark in remarks],
     }
 
 

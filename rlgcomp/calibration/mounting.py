@@ -1,8 +1,8 @@
-r"""The mounting angle between a gyro's axis and its rate-biasing table's, measured on a position table (Zhan et al. 2010).
+r"""The mounting angle between a gyro's axis and its rate-biasing table's, and its error budget (Zhan et al. 2010).
 
-The rate-biasing table is held at :math:`\beta_i = \beta_0 + b_i` (encoder :math:`b_i`), tilted by :math:`\alpha` on a position
-table that turns n revolutions (:math:`\phi = 1296000 n`) forwards and back. Half the difference of both counts is, with what does
-not turn with the table cancelled,
+Measured on a position table: the rate-biasing table is held at :math:`\beta_i = \beta_0 + b_i` (encoder :math:`b_i`), tilted by
+:math:`\alpha` on a position table that turns n revolutions (:math:`\phi = 1296000 n`) forwards and back. Half the difference of
+both counts is, with what does not turn with the table cancelled,
 
 .. math:: K N_i = \phi (\cos\alpha \cos\theta - \sin\alpha \cos\beta_i \sin\theta),
 
@@ -13,8 +13,24 @@ angles, with the conventional :math:`\tilde K = K / \cos\theta` in place of the 
 .. math:: \cos\alpha = a / \phi, \qquad \tan\theta = \frac{c}{\sqrt{\phi^2 - a^2}}, \qquad K = \tilde K \cos\theta .
 
 For four angles 90 degrees apart this is the paper's (18), whose right-hand side it calls :math:`\theta`: it is :math:`\tan\theta`
-exactly, since :math:`\tilde K` absorbs the :math:`\cos\theta` that was said to be neglected. Both are kept side by side. (16) gives
+exactly, since :math:`\tilde K` absorbs the :math:`\cos\theta` that was said to be neglected. Both are reported. (16) gives
 only :math:`\sin\beta_0`; :math:`\cos\beta_0 = -K (N_1 - N_3) / (2 \phi \sin\alpha \sin\theta)` gives the quadrant.
+
+The error budget (eqs. 5 and 19 to 21) bounds the angle's error by
+
+.. math:: d\theta \le \sqrt 2 \left(\left|\frac{\Delta\phi}{1296000 n}\right| + |\Delta\alpha| + |\sin\theta\, \Delta\beta| +
+          |\Delta\theta| \right)
+
+(the first term an angle in rad, to be turned into arcsec like the rest) and the scale factor's by :math:`\Delta K / K \le (P^+ -
+P^-) / 2592000 m + |\sin\theta\, \Delta\theta|`; exactly, :math:`K = \tilde K \cos\theta` changes by :math:`\tan\theta\,
+\Delta\theta`. A bound adds every error at its worst. The expected error of one angle is their sum in quadrature: over a fit to
+p equally spaced angles, and on average over :math:`\beta_0`,
+
+.. math:: \sigma_\theta^2 = \frac{1}{p} \left[ \frac{2 \sigma_N^2}{(\phi \sin\alpha)^2} + \sigma_\alpha^2 +
+          \tfrac{3}{4} \sigma_{\Delta\theta}^2 + \tfrac{1}{2} \sin^2\theta\, \sigma_\beta^2 \right]
+
+with :math:`\sigma_N` the error of half the difference of two counts (positioning and rounding); wobble and runout are drawn anew in
+each direction and halved by that, the setting is not. "Largest" is read as a uniform distribution's half-width or as three sigma.
 
 References
 ----------
@@ -33,23 +49,34 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.stats import chi2
 
-from rlgcomp.calibration.turns import INNER, OUTER, grouped, pairs, stretches, while_at_rest, whole_turns
+from rlgcomp.calibration.revolutions import (
+    INNER,
+    OUTER,
+    constant_rate_segments,
+    direction_pairs,
+    group_means,
+    while_at_rest,
+    whole_revolutions,
+)
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
 from rlgcomp.simulation.position_table import PositionTable
 from rlgcomp.units import ARCSEC_PER_TURN, DEG_PER_TURN, RAD_PER_ARCSEC, RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]
-ENOUGH: Final = 12  # positions from which the scatter about the fit says more than the stated errors
+ENOUGH: Final = 12  # positions from which the scatter about the fit is the better measure than the stated errors
 NEGLIGIBLE_ARCSEC: Final = 1e-6
-IMPLAUSIBLE: Final = 0.01  # probability of the scatter below which the stated errors are not believed
+IMPLAUSIBLE: Final = 0.01  # probability of the scatter below which the stated errors are not used
 SAME_POSITION_DEG: Final = 0.5
 WORST_CONDITION: Final = 30.0
+UNIFORM_VARIANCE: Final = 1.0 / 3.0  # of an error whose largest value is 1
+THREE_SIGMA_VARIANCE: Final = 1.0 / 9.0
 
 
 @dataclasses.dataclass(frozen=True)
 class MountingAngle:
-    """The mounting angle and what was found with it; every `_sd` is a standard error.
+    """The mounting angle, with tilt and phase; every `_sd` is a standard error.
 
     Parameters
     ----------
@@ -64,7 +91,7 @@ class MountingAngle:
     revolutions : float
         Of the position table, each direction.
     sd_from : str
-        Where the standard errors come from.
+        Source of the standard errors: the stated errors of the tables, or the scatter about the fit.
     positions : DataFrame
         `beta_deg` (encoder), `pulses` (half the difference of both directions), `fitted_pulses`, `residual_arcsec`.
     """
@@ -88,7 +115,7 @@ class MountingAngle:
 
     @property
     def scale_relative_sd(self) -> float:
-        """What the error of theta does to K, tan(theta) times it; the paper's (5) has the sine."""
+        """Relative standard error of K from that of theta, tan(theta) times it; the paper's (5) has the sine."""
         return math.tan(self.theta_arcsec * RAD_PER_ARCSEC) * self.theta_sd_arcsec * RAD_PER_ARCSEC
 
     def to_frame(self) -> pd.DataFrame:
@@ -118,9 +145,10 @@ def mounting_angle(
     conventional_arcsec : float
         Conventional scale factor, arcsec per pulse.
     revolutions : float
+        Of the position table, each direction.
     stated : PositionTable, optional
-        Tables whose stated errors say how the variance depends on beta (runout acts by its cosine, setting by its sine) and, with
-        fewer than twelve positions, how large it is; by default the paper's. From twelve on, or where it is far beyond the stated
+        Tables whose stated errors give the variance as a function of beta (runout acts by its cosine, setting by its sine) and,
+        with fewer than twelve positions, its size; by default the paper's. From twelve on, or where it is far beyond the stated
         errors, the size comes from the scatter about the fit.
 
     Raises
@@ -192,25 +220,6 @@ def mounting_angle(
     )
 
 
-def printed_four_positions(pulses: npt.ArrayLike, conventional_arcsec: float, revolutions: float = 1.0) -> Array:
-    """The right-hand side of eq. (18) as printed, in rad, from counts at beta0 + 0, 90, 180, 270 degrees.
-
-    Parameters
-    ----------
-    pulses : array_like, shape (..., 4)
-    conventional_arcsec : float
-    revolutions : float
-
-    Returns
-    -------
-    ndarray
-        tan(theta); the paper takes it for theta.
-    """
-    n1, n2, n3, n4 = np.moveaxis(np.asarray(pulses, dtype=np.float64), -1, 0)
-    across = np.sqrt((2.0 * ARCSEC_PER_TURN * revolutions) ** 2 - conventional_arcsec**2 * (n1 + n3) ** 2)
-    return np.asarray(conventional_arcsec * np.hypot(n1 - n3, n2 - n4) / across)
-
-
 def mounting_angle_of(
     recordings: Sequence[Recording],
     conventional_arcsec: float,
@@ -218,48 +227,157 @@ def mounting_angle_of(
     gyro: str | None = None,
     reference_deg: float = 0.0,
     stated: PositionTable | None = None,
-) -> tuple[MountingAngle, tuple[str, ...]]:
+) -> tuple[MountingAngle, tuple[Message, ...]]:
     """Mounting angle from recordings with `angle_inner_deg` at rest and `angle_outer_deg` turning, in one file or many.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    conventional_arcsec : float
+        Conventional scale factor, arcsec per pulse.
+    gyro : str, optional
+        Column of pulses, where there are several.
+    reference_deg : float
+        Encoder reading at which revolutions begin and end.
+    stated : PositionTable, optional
+        Tables whose stated errors are used; see :func:`mounting_angle`.
 
     Returns
     -------
     MountingAngle
-    remarks : tuple of str
-        What was not used.
+    remarks : tuple of Message
+        Parts of the recordings that were not used.
 
     Raises
     ------
     InputError
         No whole revolution, no position with both directions, or positions that cannot separate.
     """
-    found = []
-    remarks: list[str] = []
+    parts = []
+    remarks: list[Message] = []
     for recording in recordings:
-        turns = stretches(whole_turns(recording, OUTER, gyro=gyro, reference_deg=reference_deg))
-        runs, remark = while_at_rest(recording, turns, INNER)
-        found.append(runs)
-        remarks += [remark] if remark else []
-    runs = pd.concat(found, ignore_index=True)
-    if runs.empty:
+        turning = constant_rate_segments(whole_revolutions(recording, OUTER, gyro=gyro, reference_deg=reference_deg))
+        segments, new_remarks = while_at_rest(recording, turning, INNER)
+        parts.append(segments)
+        remarks += new_remarks
+    segments = pd.concat(parts, ignore_index=True)
+    if segments.empty:
         raise InputError(f"{INNER} was at rest in no revolution of {OUTER}; hold one table while the other turns")
-    runs["position"] = grouped(runs["held_deg"], SAME_POSITION_DEG)
-    both = pairs(runs, ["position"])
-    unpaired = len(runs) - 2 * len(both)
+    segments["position"] = group_means(segments["rest_deg"], SAME_POSITION_DEG)
+    both = direction_pairs(segments, ["position"])
+    unpaired = len(segments) - 2 * len(both)
     if both.empty:
         raise InputError(
             "no position was turned both forwards and backwards; the difference of both directions removes Earth rate and bias, "
             "so turn the position table whole revolutions in each direction at every position"
         )
     if unpaired:
-        remarks.append(f"{unpaired} runs of the position table have no partner in the other direction and were left out")
+        remarks.append(message("calibration.positions_unpaired", segments=unpaired))
     half = 0.5 * (both["pulses_plus"] - both["pulses_minus"]).to_numpy()
     return mounting_angle(both["position"].to_numpy(), half, conventional_arcsec, stated=stated), tuple(remarks)
+
+
+@dataclasses.dataclass(frozen=True)
+class ErrorBudget:
+    """Errors of the mounting angle by term, and of the scale factor.
+
+    Parameters
+    ----------
+    terms : DataFrame
+        Row by row `term`, `largest_arcsec` (stated), `bound_arcsec` (its term of (21), before the root of two), `uniform_arcsec`
+        and `three_sigma_arcsec` (standard deviation of theta by both readings of "largest").
+    bound_arcsec : float
+        Eq. (21).
+    uniform_arcsec, three_sigma_arcsec : float
+        Standard deviation of theta, all terms together.
+    scale_per_arcsec, scale_per_arcsec_printed : float
+        Relative error of K for one arcsec of theta: by tan(theta), and by the paper's (5), sin(theta).
+    marks_relative_bound : float
+        (P+ - P-) / 2592000 m with each of its four passages of the mark at its worst: P+ and P- are the differences of two.
+    """
+
+    terms: pd.DataFrame
+    bound_arcsec: float
+    uniform_arcsec: float
+    three_sigma_arcsec: float
+    scale_per_arcsec: float
+    scale_per_arcsec_printed: float
+    marks_relative_bound: float
+
+    def to_frame(self) -> pd.DataFrame:
+        return self.terms.copy()
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain mapping, the terms as a list."""
+        named = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "terms"}
+        return {**named, "terms": self.terms.to_dict("records")}
+
+
+def error_budget(
+    tables: PositionTable | None = None, *, positions: int = 4, revolutions: int = 1, conventional_revolutions: int = 5
+) -> ErrorBudget:
+    """Budget of a set-up.
+
+    Parameters
+    ----------
+    tables : PositionTable, optional
+        Angles and stated errors; by default the paper's.
+    positions : int
+        Equally spaced angles of the rate-biasing table in one fit.
+    revolutions : int
+        Of the position table, each direction.
+    conventional_revolutions : int
+        Of the rate-biasing table, each direction.
+
+    Raises
+    ------
+    InputError
+        Fewer than three positions, or no revolution.
+    """
+    tables = tables or PositionTable()
+    if positions < 3 or revolutions < 1 or conventional_revolutions < 1:
+        raise InputError(
+            f"{positions} positions, {revolutions} and {conventional_revolutions} revolutions; at least 3, 1 and 1 are needed"
+        )
+    errors, theta, alpha = tables.errors, tables.mounting_arcsec * RAD_PER_ARCSEC, tables.tilt_deg * RAD_PER_DEG
+    turned_rad = ARCSEC_PER_TURN * revolutions * RAD_PER_ARCSEC
+    counting = errors.counting * tables.scale_arcsec / math.sqrt(12.0) / (turned_rad * math.sin(alpha)) * math.sqrt(2.0)
+    rows = []
+    for term, largest, bound, share in (  # share: of the variance of one largest error, before division by the positions
+        (
+            "positioning of the position table",
+            errors.positioning_arcsec,
+            errors.positioning_arcsec / turned_rad,
+            1.0 / (turned_rad * math.tan(alpha)) ** 2,
+        ),
+        ("wobble of the position table's axis", errors.wobble_arcsec, errors.wobble_arcsec, 1.0),
+        (
+            "setting of the rate-biasing table",
+            errors.setting_arcsec,
+            errors.setting_arcsec * abs(math.sin(theta)),
+            0.5 * math.sin(theta) ** 2,
+        ),
+        ("runout of the rate-biasing table", errors.runout_arcsec, errors.runout_arcsec, 0.75),
+    ):
+        sds = [largest * math.sqrt(variance * share / positions) for variance in (UNIFORM_VARIANCE, THREE_SIGMA_VARIANCE)]
+        rows.append((term, largest, bound, *sds))
+    rows.append(("rounding to whole pulses", errors.counting * tables.scale_arcsec, 0.0, *[counting / math.sqrt(positions)] * 2))
+    terms = pd.DataFrame(rows, columns=["term", "largest_arcsec", "bound_arcsec", "uniform_arcsec", "three_sigma_arcsec"])
+    return ErrorBudget(
+        terms=terms,
+        bound_arcsec=math.sqrt(2.0) * float(terms["bound_arcsec"].sum()),
+        uniform_arcsec=float(np.hypot.reduce(terms["uniform_arcsec"].to_numpy())),
+        three_sigma_arcsec=float(np.hypot.reduce(terms["three_sigma_arcsec"].to_numpy())),
+        scale_per_arcsec=math.tan(theta) * RAD_PER_ARCSEC,
+        scale_per_arcsec_printed=math.sin(theta) * RAD_PER_ARCSEC,
+        marks_relative_bound=4.0 * errors.sync_arcsec / (2.0 * ARCSEC_PER_TURN * conventional_revolutions),
+    )
 
 
 def _stated_variance(tables: PositionTable, beta: Array, theta: float, alpha: float, revolutions: float) -> Array:
     """Variance in arcsec² of K N at each angle, from the tables' stated errors and the rounding to pulses."""
     largest = tables.errors
-    share = 1.0 / 3.0 if tables.reading == "uniform" else 1.0 / 9.0  # variance of an error whose largest value is 1
+    share = UNIFORM_VARIANCE if tables.reading == "uniform" else THREE_SIGMA_VARIANCE
     turned = ARCSEC_PER_TURN * revolutions * RAD_PER_ARCSEC
     by_run = [  # half the difference of two runs has half the variance of one
         math.cos(alpha) * largest.positioning_arcsec * np.ones_like(beta),

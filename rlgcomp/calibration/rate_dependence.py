@@ -5,11 +5,11 @@ Lock-in of a steady rate :math:`\Omega` lowers the output to :math:`\sqrt{\Omega
 
 .. math:: k(\Omega) = k_0 + \sqrt{1 - \Omega_L^2 / \Omega^2} - 1 \; [+\, b / \Omega] \approx k_0 - \frac{\Omega_L^2}{2 \Omega^2}
 
-with a bias b as an option. The rates are weighted by the standard errors of their means, with a floor.
+with an optional bias b. The rates are weighted by the standard errors of their means, with a floor.
 
 Repeats are not independent noise: a power-up changes :math:`\Omega_L` itself, and with it the whole curve. So the standard errors
 come from fits run by run (a run is one repeat at every rate), which no correlation between rates can spoil; chi-square of the fit
-to the means only says how much the model leaves.
+to the means only measures the residual of the model.
 
 References
 ----------
@@ -32,11 +32,12 @@ from scipy.stats import chi2
 
 from rlgcomp.calibration.scale_factor import ConventionalScaleFactor, sd_of_mean
 from rlgcomp.errors import InputError
+from rlgcomp.report.messages import Message, message
 from rlgcomp.units import PPM
 
 Array = npt.NDArray[np.float64]
 FLOOR_PPM: Final = 0.2
-UNEXPLAINED: Final = 0.01  # probability of chi-square below which the model is said to leave something
+UNEXPLAINED: Final = 0.01  # probability of chi-square below which lock-in alone does not explain the curve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,19 +88,29 @@ class RateTable:
         """Correlation of the repeats between rates, shape (r, r): near one where runs differ as a whole."""
         return np.asarray(np.corrcoef(self.error_ppm))
 
-    def quiet_from_deg_s(self, largest_std_ppm: float = 1.0) -> float:
+    def repeatable_from_deg_s(self, largest_std_ppm: float = 1.0) -> float:
         """Lowest rate from which on all rates repeat to better than `largest_std_ppm`; NaN where the highest does not."""
         return self._from_on(self.std_ppm < largest_std_ppm)
 
-    def settled_from_deg_s(self, within_ppm: float = 1.0) -> float:
+    def constant_from_deg_s(self, within_ppm: float = 1.0) -> float:
         """Lowest rate from which on every mean lies within `within_ppm` of the mean over all higher rates; NaN where none does."""
         mean = self.mean_ppm[:-1]
         higher = np.array([self.mean_ppm[k:].mean() for k in range(1, len(self.rate_deg_s))])
         return self._from_on(np.abs(mean - higher) <= within_ppm)
 
     def operating_rate_deg_s(self, largest_std_ppm: float = 1.0, within_ppm: float = 1.0) -> float:
-        """Lowest rate at which the scale factor repeats and has settled, by both rules; NaN where no rate satisfies them."""
-        return float(np.maximum(self.quiet_from_deg_s(largest_std_ppm), self.settled_from_deg_s(within_ppm)))
+        """Lowest rate at which the scale factor is repeatable and constant, by both rules; NaN where no rate satisfies them."""
+        return float(np.maximum(self.repeatable_from_deg_s(largest_std_ppm), self.constant_from_deg_s(within_ppm)))
+
+    @property
+    def repeatability(self) -> Message:
+        """From which rate on the scale factor is repeatable and constant to 1 ppm."""
+        if self.error_ppm.shape[1] < 2:
+            return message("calibration.one_repeat")
+        rate_deg_s = self.operating_rate_deg_s()
+        if math.isnan(rate_deg_s):
+            return message("calibration.no_operating_rate")
+        return message("calibration.operating_rate", rate_deg_s=rate_deg_s)
 
     def _from_on(self, good: npt.NDArray[np.bool_]) -> float:
         bad = np.flatnonzero(~good)
@@ -145,29 +156,32 @@ class LockInFit:
         return self.residuals.copy()
 
     def to_mapping(self) -> dict[str, Any]:
-        """Plain mapping, the tables left out, the statement included."""
+        """Plain mapping, the tables left out, the assessment of the residual included."""
         tables = ("runs", "residuals")
         named = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in tables}
-        return {**named, "leftover": self.leftover}
+        return {**named, "leftover": self.assessment.to_mapping()}
 
     @property
-    def leftover(self) -> str:
-        """What lock-in leaves, in a sentence."""
+    def assessment(self) -> Message:
+        """Whether lock-in explains the curve, with the largest residual."""
         worst = self.residuals.iloc[int(np.argmax(np.abs(self.residuals["residual_ppm"])))]
-        said = f"chi-square {self.chi2:.3g} with {self.freedom} degrees of freedom; the largest residual is "
-        said += f"{worst['residual_ppm']:+.2g} ppm at {worst['rate_deg_s']:g} deg/s"
+        fit = {
+            "chi2": self.chi2,
+            "freedom": self.freedom,
+            "largest_residual_ppm": float(worst["residual_ppm"]),
+            "rate_deg_s": float(worst["rate_deg_s"]),
+        }
         if not self.freedom or chi2.sf(self.chi2, self.freedom) > UNEXPLAINED:
-            return f"{said}: nothing is left that the repeats' scatter does not explain"
+            return message("calibration.lock_in_explains_the_curve", **fit)
         rates = self.residuals["rate_deg_s"].to_numpy()
-        plateau_ppm = float(self.residuals["mean_ppm"].iloc[-1])
-        above = self.residuals["mean_ppm"].to_numpy() - plateau_ppm
+        above = self.residuals["mean_ppm"].to_numpy() - float(self.residuals["mean_ppm"].iloc[-1])
         hump = above > 3.0 * np.hypot(self.residuals["sd_ppm"].to_numpy(), self.residuals["sd_ppm"].iloc[-1])
-        if hump.any():
-            said += (
-                f"; the means at {rates[hump].min():g} to {rates[hump].max():g} deg/s lie {above[hump].min():+.2g} to "
-                f"{above[hump].max():+.2g} ppm above that at the highest rate, which lock-in, lowering every output, cannot do"
-            )
-        return f"{said}: lock-in alone does not explain the curve, and the standard error of lock_in_deg_s does not cover that"
+        return message(
+            "calibration.lock_in_does_not_explain_the_curve",
+            **fit,
+            hump_rates_deg_s=[rates[hump].min(), rates[hump].max()] if hump.any() else None,
+            hump_ppm=[above[hump].min(), above[hump].max()] if hump.any() else None,
+        )
 
 
 def fit_lock_in(
@@ -200,21 +214,21 @@ def fit_lock_in(
     sem = table.std_ppm / math.sqrt(runs) if runs > 1 else np.full(len(rate), floor_ppm)
     sd = np.maximum(sem, floor_ppm) if weighted else np.full(len(rate), 1.0)
     best, fitted = _fit(rate, table.mean_ppm, sd, form, with_bias)
-    each = pd.DataFrame([_fit(rate, errors, sd, form, with_bias)[0] for errors in table.error_ppm.T], columns=names)
-    sds = {name: sd_of_mean(each[name]) for name in names}
-    found = dict(zip(names, best.tolist(), strict=True))
+    by_run = pd.DataFrame([_fit(rate, errors, sd, form, with_bias)[0] for errors in table.error_ppm.T], columns=names)
+    sds = {name: sd_of_mean(by_run[name]) for name in names}
+    values = dict(zip(names, best.tolist(), strict=True))
     residual = table.mean_ppm - fitted
     return LockInFit(
-        lock_in_deg_s=found["lock_in_deg_s"],
+        lock_in_deg_s=values["lock_in_deg_s"],
         lock_in_sd_deg_s=sds["lock_in_deg_s"],
-        offset_ppm=found["offset_ppm"],
+        offset_ppm=values["offset_ppm"],
         offset_sd_ppm=sds["offset_ppm"],
-        bias_ppm_deg_s=found.get("bias_ppm_deg_s", 0.0),
+        bias_ppm_deg_s=values.get("bias_ppm_deg_s", 0.0),
         bias_sd_ppm_deg_s=sds.get("bias_ppm_deg_s", 0.0),
         form=form,
         chi2=float(np.sum((residual / sd) ** 2)),
         freedom=len(rate) - len(names),
-        runs=each,
+        runs=by_run,
         residuals=pd.DataFrame(
             {"rate_deg_s": rate, "mean_ppm": table.mean_ppm, "fitted_ppm": fitted, "residual_ppm": residual, "sd_ppm": sd}
         ),
@@ -229,14 +243,14 @@ def rate_table(factors: Sequence[ConventionalScaleFactor], nominal_arcsec: float
     factors : sequence of ConventionalScaleFactor
         As :func:`~rlgcomp.calibration.scale_factor.conventional_scale_factors` returns them.
     nominal_arcsec : float, optional
-        What the errors are relative to: the value of a pulse in use; by default that at the highest rate.
+        Value of a pulse in use, to which the errors are relative; by default that at the highest rate.
 
     Returns
     -------
     RateTable
         With a column a recording where every recording holds every rate; otherwise a column a repeat.
-    columns : str
-        What a column is.
+    columns : {"recording", "repeat"}
+        Meaning of a column.
 
     Raises
     ------
@@ -261,17 +275,17 @@ def _fit(rate: Array, error_ppm: Array, sd: Array, form: str, with_bias: bool) -
     """Parameters (lock-in, offset and bias) and fitted values; the lock-in's strength a = Omega_L² / 2 is kept non-negative."""
     linear = [np.ones(len(rate)), 1.0 / rate][: 2 if with_bias else 1]
 
-    def columns(strength: float) -> Array:
+    def lock_in_ppm(strength: float) -> Array:
         if form == "series":
             return -strength / rate**2 / PPM
         return (np.sqrt(np.maximum(0.0, 1.0 - 2.0 * strength / rate**2)) - 1.0) / PPM
 
-    def rest(strength: float) -> tuple[Array, Array]:
-        """The linear parameters in closed form, given the lock-in."""
+    def linear_fit(strength: float) -> tuple[Array, Array]:
+        """The linear parameters in closed form for a lock-in strength, and the residual."""
         design = np.column_stack(linear)
-        wanted = error_ppm - columns(strength)
-        coefficients = np.linalg.lstsq(design / sd[:, None], wanted / sd, rcond=None)[0]
-        return np.asarray(coefficients), np.asarray(wanted - design @ coefficients)
+        target = error_ppm - lock_in_ppm(strength)
+        coefficients = np.linalg.lstsq(design / sd[:, None], target / sd, rcond=None)[0]
+        return np.asarray(coefficients), np.asarray(target - design @ coefficients)
 
     series = np.column_stack([-1.0 / rate**2 / PPM, *linear])
     start = max(float(np.linalg.lstsq(series / sd[:, None], error_ppm / sd, rcond=None)[0][0]), 0.0)
@@ -280,9 +294,9 @@ def _fit(rate: Array, error_ppm: Array, sd: Array, form: str, with_bias: bool) -
         scale = start
 
         def weighted(share: Array) -> Array:
-            return np.asarray(rest(float(share[0]) * scale)[1] / sd)
+            return np.asarray(linear_fit(float(share[0]) * scale)[1] / sd)
 
-        found = least_squares(weighted, [min(1.0, 0.5 * largest / scale)], bounds=(0.0, largest / scale), xtol=1e-14)
-        start = float(found.x[0]) * scale
-    coefficients, left = rest(start)
-    return np.array([math.sqrt(2.0 * start), *coefficients]), error_ppm - left
+        solution = least_squares(weighted, [min(1.0, 0.5 * largest / scale)], bounds=(0.0, largest / scale), xtol=1e-14)
+        start = float(solution.x[0]) * scale
+    coefficients, residual = linear_fit(start)
+    return np.array([math.sqrt(2.0 * start), *coefficients]), error_ppm - residual

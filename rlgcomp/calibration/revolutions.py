@@ -1,7 +1,12 @@
-r"""What the course of the counts within revolutions says: whether the counter follows the encoder, and angle random walk.
+r"""Whole revolutions in a turntable recording, and what the counts within them say of counter and angle random walk.
 
-With q pulses a degree, r = pulses - q angle stays level but for noise. Rounding, and the encoder's noise, leave it where it was;
-angle random walk leads it away. A turn is cut into B equal blocks; between means of r over neighbouring blocks
+A revolution counts from one passage of the encoder's reference mark to the next, at a steady rate. Assumed of a recording: a row's
+pulses were counted during the sample that ends at its `time_s`, when the encoder was read. Between two rows the angle, the time and
+the pulses counted so far are interpolated linearly, so that a passage of the mark costs no more than the rounding to whole pulses.
+A delay of the encoder shifts both ends of a revolution alike and cancels at a steady rate.
+
+Within a revolution of q pulses a degree, r = pulses - q angle stays level but for noise: rounding and the encoder's noise are
+bounded, angle random walk is not. A revolution is cut into B equal blocks; between means of r over neighbouring blocks
 
 .. math:: \langle \Delta_b^2 \rangle = \tfrac23 a + 2 w, \qquad \langle \Delta_b \Delta_{b+1} \rangle = \tfrac16 a - w
 
@@ -13,6 +18,7 @@ the mean rate) is taken off first, block by block; that needs two revolutions in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -20,113 +26,376 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.fft import dst
 
-from rlgcomp.calibration.turns import SAME_RATE, STEADY, grouped, pulses_column
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.robust import SD_OF_MAD
 from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
 from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]
 
-FAR: Final = 30.0  # standard deviations of a sample,
-FAR_DEG: Final = 0.05  # and more than the steps of any encoder fit to calibrate with
+TABLE: Final = "table_angle_deg"  # one table
+INNER: Final = "angle_inner_deg"  # two: the rate-biasing table on
+OUTER: Final = "angle_outer_deg"  # the position table
+SAME_RATE: Final = 0.02
+STEADY: Final = 0.01  # the four quarters of a revolution, and the revolutions of a segment, agree in duration to this share
+QUARTER_DEG: Final = DEG_PER_TURN / 4.0
+AT_REST_DEG: Final = 0.2
+REVERSAL_DEG: Final = 45.0  # going back by less is the encoder's noise or a table settling
+
+OUTLIER_SD: Final = 30.0  # standard deviations of a sample,
+OUTLIER_DEG: Final = 0.05  # and more than the steps of any encoder fit to calibrate with
 MOST_BLOCKS: Final = 32
-FEWEST_BLOCKS: Final = 6  # fewer hardly tell walk from rounding
+FEWEST_BLOCKS: Final = 6  # fewer hardly separate random walk from rounding
 RATIOS: Final = np.r_[0.0, np.logspace(-6.0, 0.0, 121)]  # of a to a + w
 
 
-class Courses:
-    """A recording's counts against its encoder, revolution by revolution."""
+# --- from mark to mark -----------------------------------------------------------------------------------------------------------
 
-    def __init__(self, recording: Recording, turns: pd.DataFrame, angle: str, gyro: str | None) -> None:
+
+def pulses_column(recording: Recording, gyro: str | None = None) -> str:
+    """Name of the gyro column to use, which must hold pulses.
+
+    Raises
+    ------
+    InputError
+        Several gyros fit, or the gyro is not recorded in pulses.
+    """
+    column = recording.gyro_column(gyro)
+    if not column.endswith("_pulses"):
+        raise InputError(
+            f"{recording.name}: {column} is not in pulses; a scale factor is arcsec per pulse, so record the counter's output, "
+            "and map it with --map gyro_pulses=NAME"
+        )
+    return column
+
+
+def whole_revolutions(recording: Recording, angle: str, *, gyro: str | None = None, reference_deg: float = 0.0) -> pd.DataFrame:
+    """Every whole revolution at a steady rate.
+
+    Parameters
+    ----------
+    recording : Recording
+    angle : str
+        Encoder column; wrapped or running on.
+    gyro : str, optional
+        Column of pulses, where there are several.
+    reference_deg : float
+        Encoder reading of the mark at which revolutions begin and end.
+
+    Returns
+    -------
+    DataFrame
+        A row a revolution: `start_s`, `stop_s`, `start_row`, `stop_row`, `direction` (+1, -1), `rate_deg_s` (signed) and `pulses`,
+        signed as they were counted. Revolutions with a gap or an uneven rate are left out.
+
+    Raises
+    ------
+    InputError
+        The gyro is not in pulses, or there is no whole revolution.
+    """
+    counted = np.cumsum(recording.column(pulses_column(recording, gyro)))
+    angle_deg = np.unwrap(recording.column(angle), period=DEG_PER_TURN) - reference_deg
+    gaps = recording.gaps
+    rows: list[tuple[float, ...]] = []
+    broken = uneven = 0
+    for start, stop, direction in _between_reversals(angle_deg):
+        row, time_s, pulses, level_deg = _quarter_passages(angle_deg, recording.time_s, counted, start, stop, direction)
+        marks = np.flatnonzero(np.rint(level_deg / QUARTER_DEG).astype(np.int64) % 4 == 0)
+        for first in marks[marks + 4 < len(level_deg)].tolist():
+            last = first + 4
+            quarters_s = np.diff(time_s[first : last + 1])
+            if np.searchsorted(gaps, row[first]) != np.searchsorted(gaps, row[last], side="right"):
+                broken += 1
+            elif np.abs(quarters_s / quarters_s.mean() - 1.0).max() > STEADY:
+                uneven += 1
+            else:
+                rate_deg_s = direction * DEG_PER_TURN / (time_s[last] - time_s[first])
+                difference = pulses[last] - pulses[first]
+                rows.append((time_s[first], time_s[last], row[first], row[last], direction, rate_deg_s, difference))
+    if not rows:
+        raise InputError(
+            f"{recording.name}: no whole revolution: {angle} spans {np.ptp(angle_deg):.6g} deg, with {broken} revolutions broken "
+            f"by a gap and {uneven} not at a steady rate (quarters within {100 * STEADY:g} %); a revolution counts from one "
+            f"passage of {reference_deg:g} deg to the next at a steady rate: let the table run in before the mark and beyond it, "
+            "or choose another mark with --reference-deg"
+        )
+    columns = ["start_s", "stop_s", "start_row", "stop_row", "direction", "rate_deg_s", "pulses"]
+    return pd.DataFrame(rows, columns=columns).astype({"start_row": np.int64, "stop_row": np.int64, "direction": np.int64})
+
+
+def constant_rate_segments(revolutions: pd.DataFrame, length: int | None = None) -> pd.DataFrame:
+    """Revolutions that follow each other in one direction at one rate, taken together.
+
+    Parameters
+    ----------
+    revolutions : DataFrame
+        From :func:`whole_revolutions`.
+    length : int, optional
+        Cut every segment into pieces of so many revolutions (a shorter rest is not used); by default it stays whole.
+
+    Returns
+    -------
+    DataFrame
+        A row a segment: `start_s`, `stop_s`, `start_row`, `stop_row`, `direction`, `rate_deg_s`, `turns`, `pulses_per_turn`.
+
+    Raises
+    ------
+    InputError
+        `length` is not positive, or no segment is so long.
+    """
+    if length is not None and length < 1:
+        raise InputError(f"{length} revolutions a measurement; it must be at least 1")
+    rate = revolutions["rate_deg_s"].to_numpy()
+    adjacent = revolutions["start_s"].to_numpy()[1:] == revolutions["stop_s"].to_numpy()[:-1]
+    continues = adjacent & (np.abs(rate[1:] / rate[:-1] - 1.0) <= STEADY)
+    segment = np.r_[0, np.cumsum(~continues)]
+    place = pd.Series(segment).groupby(segment).cumcount().to_numpy()
+    piece = np.zeros_like(place) if length is None else place // length
+    segments = (
+        revolutions.groupby([segment, piece], sort=True)
+        .agg(
+            start_s=("start_s", "first"),
+            stop_s=("stop_s", "last"),
+            start_row=("start_row", "first"),
+            stop_row=("stop_row", "last"),
+            direction=("direction", "first"),
+            turns=("pulses", "size"),
+            pulses_per_turn=("pulses", "mean"),
+        )
+        .reset_index(drop=True)
+    )
+    segments["rate_deg_s"] = segments["direction"] * segments["turns"] * DEG_PER_TURN / (segments["stop_s"] - segments["start_s"])
+    if length is not None:
+        longest = int(segments["turns"].max())
+        segments = segments[segments["turns"] == length].reset_index(drop=True)
+        if segments.empty:
+            raise InputError(f"no stretch of {length} revolutions at one rate; the longest has {longest}")
+    return segments
+
+
+def while_at_rest(recording: Recording, segments: pd.DataFrame, angle: str) -> tuple[pd.DataFrame, list[Message]]:
+    """The segments during which another table stood still, with its mean angle as `rest_deg`.
+
+    Parameters
+    ----------
+    recording : Recording
+    segments : DataFrame
+        From :func:`constant_rate_segments`.
+    angle : str
+        Encoder column of the other table.
+
+    Returns
+    -------
+    DataFrame
+    remarks : list of Message
+        How many were left out because it moved, if any.
+    """
+    angle_deg = np.unwrap(recording.column(angle), period=DEG_PER_TURN)
+    during = [angle_deg[start : stop + 1] for start, stop in zip(segments["start_row"], segments["stop_row"], strict=True)]
+    still = np.array([np.ptp(angles) <= AT_REST_DEG for angles in during])
+    segments = segments.assign(rest_deg=[float(angles.mean()) % DEG_PER_TURN for angles in during])[still]
+    moving = int((~still).sum())
+    if not moving:
+        return segments, []
+    return segments, [message("calibration.table_moved", run=recording.name, segments=moving, column=angle, limit_deg=AT_REST_DEG)]
+
+
+def direction_pairs(segments: pd.DataFrame, group: Sequence[str]) -> pd.DataFrame:
+    """The k-th segment forwards with the k-th backwards of each group; segments without a partner are left out.
+
+    Returns
+    -------
+    DataFrame
+        The group's columns, `start_s`, `turns_plus`, `turns_minus`, `pulses_plus`, `pulses_minus` (per revolution), `rate_deg_s`
+        (size, mean of both directions), `period_plus_s` and `period_minus_s` (per revolution), in order of time.
+    """
+    segments = segments.assign(
+        order=segments.groupby([*group, "direction"]).cumcount(),
+        period=(segments["stop_s"] - segments["start_s"]) / segments["turns"],
+    )
+    plus, minus = segments[segments["direction"] > 0], segments[segments["direction"] < 0]
+    both = plus.merge(minus, on=[*group, "order"], suffixes=("_plus", "_minus"))
+    table = both[list(group)].copy()
+    table["start_s"] = both[["start_s_plus", "start_s_minus"]].min(axis=1)
+    table["rate_deg_s"] = 0.5 * (both["rate_deg_s_plus"] - both["rate_deg_s_minus"])
+    for side in ("plus", "minus"):
+        table[f"turns_{side}"] = both[f"turns_{side}"]
+        table[f"pulses_{side}"] = both[f"pulses_per_turn_{side}"]
+        table[f"period_{side}_s"] = both[f"period_{side}"]
+    first = [column for column in ("run",) if column in table]
+    return table.sort_values([*first, "start_s"]).reset_index(drop=True)
+
+
+def group_means(values: npt.ArrayLike, tolerance: float, *, relative: bool = False) -> Array:
+    """The mean of the group of each value; a step larger than the tolerance between sorted neighbours starts another group.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+    tolerance : float
+        In the unit of the values, or a share of them.
+    relative : bool
+        Whether the tolerance is a share.
+
+    >>> group_means([30.0, 10.0, 30.1, 9.99], 0.01, relative=True).round(3).tolist()
+    [30.05, 9.995, 30.05, 9.995]
+    """
+    array = np.asarray(values, dtype=np.float64)
+    order = np.argsort(array)
+    steps = np.diff(array[order])
+    limit = tolerance * np.abs(array[order][:-1]) if relative else np.full(len(steps), tolerance)
+    label = np.empty(len(array), dtype=np.int64)
+    label[order] = np.r_[0, np.cumsum(steps > limit)]
+    return (np.bincount(label, array) / np.bincount(label))[label]
+
+
+def _between_reversals(angle_deg: Array) -> list[tuple[int, int, int]]:
+    """Rows between reversals, with the direction; determined on the passages of quarter turns, which are few."""
+    quarter = np.floor(angle_deg / QUARTER_DEG)
+    passages = np.r_[0, np.flatnonzero(np.diff(quarter)) + 1, len(angle_deg) - 1]
+    parts = []
+    start = farthest = direction = 0
+    for row in passages.tolist():
+        moved_deg = angle_deg[row] - angle_deg[farthest]
+        if direction == 0:
+            if abs(moved_deg) >= REVERSAL_DEG:
+                direction, farthest = int(np.sign(moved_deg)), row
+        elif moved_deg * direction >= 0.0:
+            farthest = row
+        elif abs(moved_deg) >= REVERSAL_DEG:
+            parts.append((start, farthest, direction))
+            start, farthest, direction = farthest, row, -direction
+    if direction:
+        parts.append((start, len(angle_deg) - 1, direction))
+    return parts
+
+
+def _quarter_passages(
+    angle_deg: Array, time_s: Array, counted: Array, start: int, stop: int, direction: int
+) -> tuple[npt.NDArray[np.int64], Array, Array, Array]:
+    """Row before, time, pulses so far and level (in the direction of motion) of every passage of a quarter turn."""
+    forward = np.maximum.accumulate(direction * angle_deg[start : stop + 1])
+    level_deg = QUARTER_DEG * np.arange(np.ceil(forward[0] / QUARTER_DEG), np.ceil(forward[-1] / QUARTER_DEG))
+    after = np.searchsorted(forward, level_deg, side="right")
+    before_deg, after_deg = (direction * angle_deg[start + after + shift] for shift in (-1, 0))
+    share = (level_deg - before_deg) / (after_deg - before_deg)
+    row = start + after - 1
+    between_s = time_s[row] + share * (time_s[row + 1] - time_s[row])
+    return row.astype(np.int64), between_s, counted[row] + share * (counted[row + 1] - counted[row]), level_deg
+
+
+# --- within revolutions ----------------------------------------------------------------------------------------------------------
+
+
+class CountsWithinRevolutions:
+    """A recording's counts against its encoder, revolution by revolution.
+
+    Parameters
+    ----------
+    recording : Recording
+    revolutions : DataFrame
+        From :func:`whole_revolutions`.
+    angle : str
+        Encoder column.
+    gyro : str or None
+        Column of pulses, where there are several.
+    """
+
+    def __init__(self, recording: Recording, revolutions: pd.DataFrame, angle: str, gyro: str | None) -> None:
         self.recording, self.angle = recording, angle
-        self.pulses = recording.column(pulses_column(recording, gyro))
-        self.counted = np.cumsum(self.pulses)
+        self.counted = np.cumsum(recording.column(pulses_column(recording, gyro)))
         self.angle_deg = np.unwrap(recording.column(angle), period=DEG_PER_TURN)
-        self.turns = turns.assign(speed=grouped(turns["rate_deg_s"].abs(), SAME_RATE, relative=True))
+        self.revolutions = revolutions.assign(speed=group_means(revolutions["rate_deg_s"].abs(), SAME_RATE, relative=True))
 
-    def followed(self) -> tuple[pd.DataFrame, str | None]:
-        """The revolutions in which the counter follows the encoder, and what to say of the others.
+    def consistent(self) -> tuple[pd.DataFrame, list[Message]]:
+        """The revolutions in which the counter follows the encoder, and a remark on the others.
 
         Raises
         ------
         InputError
             There is none.
         """
-        turns = self.turns
-        per_deg = turns["pulses"].abs().groupby(turns["speed"]).transform("median") / DEG_PER_TURN
-        sense = np.sign(turns["pulses"].groupby(turns["direction"]).transform("median")) * turns["direction"]
+        table = self.revolutions
+        per_deg = table["pulses"].abs().groupby(table["speed"]).transform("median") / DEG_PER_TURN
+        sense = np.sign(table["pulses"].groupby(table["direction"]).transform("median")) * table["direction"]
         scales = (sense * per_deg).tolist()
-        rows_of = turns[["start_row", "stop_row"]].to_numpy().tolist()
-        lost = [
-            self._lost(start, stop, abs(pulses), scale)
-            for (start, stop), pulses, scale in zip(rows_of, turns["pulses"].tolist(), scales, strict=True)
+        ends = table[["start_row", "stop_row"]].to_numpy().tolist()
+        errors = [
+            self._errors(start, stop, abs(pulses), scale)
+            for (start, stop), pulses, scale in zip(ends, table["pulses"].tolist(), scales, strict=True)
         ]
-        kept = np.array([not len(rows) for rows in lost])
-        if kept.all():
-            return turns, None
-        rows = np.concatenate(lost)
-        first_s, last_s = self.recording.time_s[[rows.min(), rows.max()]]
-        when = f"at {first_s:.6g} s" if first_s == last_s else f"between {first_s:.6g} and {last_s:.6g} s"
-        said = f"{self.recording.name}: {when} the counter does not follow {self.angle}"
-        if not kept.any():
+        good = np.array([not len(rows) for rows in errors])
+        if good.all():
+            return table, []
+        rows = np.concatenate(errors)
+        remark = message(
+            "calibration.counter_does_not_follow",
+            run=self.recording.name,
+            column=self.angle,
+            first_s=self.recording.time_s[rows.min()],
+            last_s=self.recording.time_s[rows.max()],
+            left_out=int((~good).sum()),
+            revolutions=len(table),
+        )
+        if not good.any():
             raise InputError(
-                f"{said}, in none of {len(turns)} revolutions; a row needs the pulses counted since the row before, with their "
-                "sign: is the counter reset, overflowing, or dead?"
+                f"{remark}; a row needs the pulses counted since the row before, with their sign: is the counter reset, "
+                "overflowing, or dead?"
             )
-        return turns[kept], f"{said}; left out: {len(turns) - int(kept.sum())} of {len(turns)} revolutions"
+        return table[good], [remark]
 
-    def _lost(self, start: int, stop: int, pulses: float, per_deg: float) -> npt.NDArray[np.intp]:
+    def _errors(self, start: int, stop: int, pulses: float, per_deg: float) -> npt.NDArray[np.intp]:
         """Rows of a revolution at which the counts leave the encoder for good; all of them, where the whole count is wrong."""
         rows = np.arange(start, min(stop + 2, len(self.counted)))
         level = self.counted[rows] - per_deg * self.angle_deg[rows]
         steps = np.diff(level)
         noise = SD_OF_MAD * float(np.median(np.abs(steps - np.median(steps))))
-        turned_deg = 3.0 * float(np.abs(np.diff(self.angle_deg[rows])).max())
-        far = max(FAR * noise, abs(per_deg) * max(FAR_DEG, STEADY * turned_deg))
-        held = np.pad(level, (1, 1), mode="edge")  # an encoder's wrong reading steps back in the next row
-        lost = rows[1:][(np.abs(steps) > far) & (np.abs(held[3:] - held[:-3]) > far)]
+        fastest_deg = 3.0 * float(np.abs(np.diff(self.angle_deg[rows])).max())
+        limit = max(OUTLIER_SD * noise, abs(per_deg) * max(OUTLIER_DEG, STEADY * fastest_deg))
+        padded = np.pad(level, (1, 1), mode="edge")  # an encoder's wrong reading steps back in the next row
+        errors = rows[1:][(np.abs(steps) > limit) & (np.abs(padded[3:] - padded[:-3]) > limit)]
         wrong = not abs(pulses - DEG_PER_TURN * abs(per_deg)) <= STEADY * DEG_PER_TURN * abs(per_deg)
-        return rows if wrong and not len(lost) else lost
+        return rows if wrong and not len(errors) else errors
 
-    def walks(self, turns: pd.DataFrame) -> pd.DataFrame:
+    def random_walk_by_rate(self, revolutions: pd.DataFrame) -> pd.DataFrame:
         """Angle random walk at each rate: `rate_deg_s`, `pulses2_s` (variance a second) and `freedom` (revolutions but one)."""
-        found = []
-        for speed in np.unique(turns["speed"]).tolist():
-            part = turns[turns["speed"] == speed]
+        result = []
+        for speed in np.unique(revolutions["speed"]).tolist():
+            part = revolutions[revolutions["speed"] == speed]
             rows = int((part["stop_row"] - part["start_row"]).min())
             blocks = min(MOST_BLOCKS, rows // 2)
-            senses = [sense for _, sense in part.groupby("direction") if len(sense) > 1]
-            if blocks < FEWEST_BLOCKS or not senses:
+            directions = [one_way for _, one_way in part.groupby("direction") if len(one_way) > 1]
+            if blocks < FEWEST_BLOCKS or not directions:
                 continue
-            courses = [np.diff(self._blocks(sense, blocks), axis=1) for sense in senses]
-            spectra = [dst(course - course.mean(axis=0), type=1, norm="ortho", axis=1) for course in courses]
-            freedom = sum(len(course) - 1 for course in courses)
+            differences = [np.diff(self._block_means(one_way, blocks), axis=1) for one_way in directions]
+            spectra = [dst(each - each.mean(axis=0), type=1, norm="ortho", axis=1) for each in differences]
+            freedom = sum(len(each) - 1 for each in differences)
             power = np.sum([np.sum(spectrum**2, axis=0) for spectrum in spectra], axis=0) / freedom
             block_s = DEG_PER_TURN / speed / blocks
-            found.append((speed, random_walk(power) / block_s, freedom))
-        return pd.DataFrame(found, columns=["rate_deg_s", "pulses2_s", "freedom"])
+            result.append((speed, random_walk_variance(power) / block_s, freedom))
+        return pd.DataFrame(result, columns=["rate_deg_s", "pulses2_s", "freedom"])
 
-    def _blocks(self, turns: pd.DataFrame, blocks: int) -> Array:
-        """Mean over each block of each revolution of pulses less what the mean revolution gives that angle."""
-        per_deg = float((turns["pulses"] * turns["direction"]).mean()) / DEG_PER_TURN
-        course = np.empty((len(turns), blocks))
-        for k, (start, stop) in enumerate(turns[["start_row", "stop_row"]].to_numpy().tolist()):
+    def _block_means(self, revolutions: pd.DataFrame, blocks: int) -> Array:
+        """Mean over each block of each revolution of the pulses less those that the mean revolution gives that angle."""
+        per_deg = float((revolutions["pulses"] * revolutions["direction"]).mean()) / DEG_PER_TURN
+        means = np.empty((len(revolutions), blocks))
+        for k, (start, stop) in enumerate(revolutions[["start_row", "stop_row"]].to_numpy().tolist()):
             rows = slice(start + 1, stop + 1)
             angle_deg = self.angle_deg[rows]
             block = np.floor(np.abs(angle_deg - angle_deg[0]) * (blocks / DEG_PER_TURN)).astype(np.int64).clip(0, blocks - 1)
             level = self.counted[rows] - per_deg * angle_deg
-            course[k] = np.bincount(block, level - level[0], blocks) / np.bincount(block, minlength=blocks)
-        return course
+            means[k] = np.bincount(block, level - level[0], blocks) / np.bincount(block, minlength=blocks)
+        return means
 
 
-def random_walk(power: npt.ArrayLike) -> float:
-    """The variance a in a block's time that is likeliest, from the mean squares of the sine transform of the differences."""
+def random_walk_variance(power: npt.ArrayLike) -> float:
+    """The likeliest variance a in a block's time, from the mean squares of the sine transform of the differences."""
     mean_squares = np.asarray(power, dtype=np.float64)
     cosine = np.cos(np.pi * np.arange(1, len(mean_squares) + 1) / (len(mean_squares) + 1))
-    shape = RATIOS[:, None] * (2.0 + cosine) / 3.0 + (1.0 - RATIOS[:, None]) * 2.0 * (1.0 - cosine)
-    total = np.mean(mean_squares / shape, axis=1)
+    spectrum = RATIOS[:, None] * (2.0 + cosine) / 3.0 + (1.0 - RATIOS[:, None]) * 2.0 * (1.0 - cosine)
+    total = np.mean(mean_squares / spectrum, axis=1)
     if not total.all():
         return 0.0  # no noise at all
-    likeliest = int(np.argmin(np.log(total) + np.mean(np.log(shape), axis=1)))
+    likeliest = int(np.argmin(np.log(total) + np.mean(np.log(spectrum), axis=1)))
     return float(RATIOS[likeliest] * total[likeliest])

@@ -30,17 +30,28 @@ import pandas as pd
 from scipy.stats import chi2
 from scipy.stats import t as student_t
 
-from rlgcomp.calibration.revolutions import Courses
-from rlgcomp.calibration.turns import INNER, OUTER, SAME_RATE, TABLE, grouped, pairs, stretches, while_at_rest, whole_turns
+from rlgcomp.calibration.revolutions import (
+    INNER,
+    OUTER,
+    SAME_RATE,
+    TABLE,
+    CountsWithinRevolutions,
+    constant_rate_segments,
+    direction_pairs,
+    group_means,
+    while_at_rest,
+    whole_revolutions,
+)
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
 from rlgcomp.units import ARCSEC_PER_DEG, ARCSEC_PER_TURN, DEG_PER_TURN, EARTH_RATE_DEG_H, PPM, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 ROUNDED_AT_BOTH_ENDS: Final = 2.0 / 12.0  # variance in pulses² of a count that begins and ends between two pulses
 INTERPOLATED: Final = 2.0 / 3.0  # of it, on average, where each end lies between two samples rounded independently
 BATCHES: Final = 20
-FEW: Final = 30  # repeats below which the expected spread is believed, unless theirs is implausible beside it
+FEW: Final = 30  # repeats below which the expected spread is used, unless it makes theirs implausible
 IMPLAUSIBLE: Final = 0.01
 FEWEST_TO_JUDGE: Final = 3
 FALSE_ALARM: Final = 1e-3
@@ -60,16 +71,16 @@ class ConventionalScaleFactor:
         Sample standard deviation of one repeat, over the mean; NaN for one repeat.
     relative_sd : float
         Standard error of the mean, over the mean: from means of batches, so that a slow drift counts; with fewer than thirty
-        repeats from the expected spread, unless theirs is implausible beside it.
+        repeats from the expected spread, unless that makes theirs implausible.
     relative_expected : float
-        What the rounding to whole pulses, the stated error of the reference mark and angle random walk would spread one repeat by.
+        Spread of one repeat by the rounding to whole pulses, the stated error of the reference mark and angle random walk.
     angle_random_walk_deg_sqrt_h : float
-        From the course of the counts within revolutions; NaN where no two revolutions in one direction show it, and then left
-        out of what is expected.
+        From the counts within revolutions; NaN where no two revolutions in one direction determine it, and then not in
+        `relative_expected`.
     rate_deg_s : float
         Size of the rate; NaN where counts were given without their period.
     axis_rate_deg_h : float
-        Earth rate along the gyro's axis and bias, with whatever else is even in the rate; NaN likewise.
+        Earth rate along the gyro's axis and bias, with all other parts that are even in the rate; NaN likewise.
     repeats : DataFrame
         Row by row `turns_plus`, `turns_minus`, `pulses_plus`, `pulses_minus` (per revolution), `scale_arcsec`, and where known
         `start_s`, `rate_deg_s`, `axis_rate_deg_h`.
@@ -141,7 +152,7 @@ def conventional_scale_factors(
     revolutions: int | None = None,
     reference_deg: float = 0.0,
     sync_arcsec: float = 0.1,
-) -> tuple[list[ConventionalScaleFactor], tuple[str, ...]]:
+) -> tuple[list[ConventionalScaleFactor], tuple[Message, ...]]:
     """Conventional scale factor at each rate that the recordings hold in both directions.
 
     Parameters
@@ -150,96 +161,101 @@ def conventional_scale_factors(
         With `gyro_pulses` and the rate-biasing table's encoder: `table_angle_deg`, or else `angle_inner_deg`, whose revolutions
         count while `angle_outer_deg` is at rest.
     gyro : str, optional
+        Column of pulses, where there are several.
     revolutions : int, optional
         Revolutions of one repeat and direction; by default as many as follow each other.
     reference_deg : float
         Encoder reading of the reference mark.
     sync_arcsec : float
+        Largest error of a passage of the reference mark.
 
     Returns
     -------
     list of ConventionalScaleFactor
         By increasing rate; their `repeats` name the recording by its number in `run`.
-    remarks : tuple of str
-        What was not used.
+    remarks : tuple of Message
+        Parts of the recordings that were not used, repeats that stand out.
 
     Raises
     ------
     InputError
         No whole revolution, one direction only, or no pulses.
     """
-    found, walks, remarks = [], [], []
+    parts, walks, remarks = [], [], list[Message]()
     for run, recording in enumerate(recordings):
         angle = TABLE if TABLE in recording else INNER
-        courses = Courses(recording, whole_turns(recording, angle, gyro=gyro, reference_deg=reference_deg), angle, gyro)
-        followed, remark = courses.followed()
-        remarks += [remark] if remark else []
-        walks.append(courses.walks(followed))
-        turns = stretches(followed, revolutions).assign(run=run)
+        complete = whole_revolutions(recording, angle, gyro=gyro, reference_deg=reference_deg)
+        counts = CountsWithinRevolutions(recording, complete, angle, gyro)
+        consistent, new_remarks = counts.consistent()
+        remarks += new_remarks
+        walks.append(counts.random_walk_by_rate(consistent))
+        segments = constant_rate_segments(consistent, revolutions).assign(run=run)
         if angle == INNER:
-            turns, remark = while_at_rest(recording, turns, OUTER)
-            remarks += [remark] if remark else []
-        found.append(turns)
-    runs = pd.concat(found, ignore_index=True)
-    if runs.empty:
+            segments, new_remarks = while_at_rest(recording, segments, OUTER)
+            remarks += new_remarks
+        parts.append(segments)
+    segments = pd.concat(parts, ignore_index=True)
+    if segments.empty:
         raise InputError(f"{OUTER} was at rest in no revolution of {INNER}; hold one table while the other turns")
-    runs["speed"] = grouped(runs["rate_deg_s"].abs(), SAME_RATE, relative=True)
-    both = pairs(runs, ["speed", "run"])
+    segments["speed"] = group_means(segments["rate_deg_s"].abs(), SAME_RATE, relative=True)
+    both = direction_pairs(segments, ["speed", "run"])
     if both.empty:  # each direction may be a file of its own
-        both = pairs(runs, ["speed"]).assign(run=0)
+        both = direction_pairs(segments, ["speed"]).assign(run=0)
     if both.empty:
-        listed = ", ".join(f"{rate:+.4g}" for rate in np.unique(runs["rate_deg_s"].round(3))[:12])
+        listed = ", ".join(f"{rate:+.4g}" for rate in np.unique(segments["rate_deg_s"].round(3))[:12])
         raise InputError(
             f"one direction only: whole revolutions at {listed} deg/s and none at the opposite rate; Earth rate and bias "
             "cancel only between both directions, so turn the table as many revolutions back"
         )
-    unpaired = len(runs) - 2 * len(both)
+    unpaired = len(segments) - 2 * len(both)
     if unpaired:
-        remarks.append(f"{unpaired} stretches have no partner in the other direction at their rate and were left out")
+        remarks.append(message("calibration.segments_unpaired", segments=unpaired))
     rounding = INTERPOLATED * ROUNDED_AT_BOTH_ENDS
     walk = pd.concat(walks, ignore_index=True)
     factors = []
     for speed in np.unique(both["speed"]).tolist():
         part = both[both["speed"] == speed].reset_index(drop=True)
         factors.append(_from_pairs(part, sync_arcsec, rounding, _walk_at(walk, speed)))
-        remarks += _departures(factors[-1])
-    blind = [f"{one.rate_deg_s:.4g}" for one in factors if len(one.repeats) == 1 and math.isnan(one.angle_random_walk_deg_sqrt_h)]
-    if blind:
-        remarks.append(
-            f"at {', '.join(blind)} deg/s the standard error lacks angle random walk, which one repeat does not show there; turn "
-            "two revolutions or more in each direction, and sample them finely"
-        )
+        remarks += _outlying_repeats(factors[-1])
+    unknown = [one.rate_deg_s for one in factors if len(one.repeats) == 1 and math.isnan(one.angle_random_walk_deg_sqrt_h)]
+    if unknown:
+        remarks.append(message("calibration.random_walk_unknown", rates_deg_s=unknown))
     return factors, tuple(remarks)
 
 
 def _walk_at(walks: pd.DataFrame, rate_deg_s: float) -> float:
-    """Variance in pulses² a second that random walk adds, mean of the recordings at this rate; NaN where none tells it."""
+    """Variance in pulses² a second of the random walk, mean of the recordings at this rate; NaN where none determines it."""
     here = walks[(walks["rate_deg_s"] / rate_deg_s - 1.0).abs() <= SAME_RATE]
     return float(np.average(here["pulses2_s"], weights=here["freedom"])) if len(here) else math.nan
 
 
-def _departures(factor: ConventionalScaleFactor) -> list[str]:
-    """What to say of a repeat that is beyond the scatter of the others: Student's t of its departure from their mean.
+def _outlying_repeats(factor: ConventionalScaleFactor) -> list[Message]:
+    """A remark on each repeat beyond the scatter of the others, by Student's t of its departure from their mean.
 
-    The others scatter by no less than rounding; one healthy set of repeats in a thousand has such a one. The random walk found is
-    no yardstick here, since pulses lost in a revolution raise it.
+    The others scatter by no less than rounding; one healthy set of repeats in a thousand has such a repeat. The estimated random
+    walk is no yardstick here, since pulses lost in a revolution raise it.
     """
     turns = factor.repeats[["turns_plus", "turns_minus"]].to_numpy(dtype=np.float64)
     rounded = math.sqrt(INTERPOLATED * ROUNDED_AT_BOTH_ENDS * float(np.sum(turns**-2.0, axis=1).mean()))  # pulses a revolution
     rounded_ppm = abs(factor.scale_arcsec) * rounded / (2.0 * ARCSEC_PER_TURN * PPM)
     departure = factor.to_frame()["departure_ppm"].to_numpy()
-    n, said = len(departure), []
+    n, remarks = len(departure), []
     for k in range(n if n >= FEWEST_TO_JUDGE else 0):
         others = np.delete(departure, k)
         sd = max(float(others.std(ddof=1)), rounded_ppm) * math.sqrt(1.0 + 1.0 / (n - 1))
         off = departure[k] - float(others.mean())
         if 2.0 * student_t.sf(abs(off) / sd, n - 2) < FALSE_ALARM / n:
-            begun_s = factor.repeats["start_s"].iloc[k]
-            said.append(
-                f"at {factor.rate_deg_s:.4g} deg/s the repeat that begins at {begun_s:.6g} s is {off:+.3g} ppm off the mean of the "
-                f"{n - 1} others, which scatter by {sd:.2g} ppm; it counts in the mean: leave it out with RUN@START:STOP"
+            remarks.append(
+                message(
+                    "calibration.outlying_repeat",
+                    rate_deg_s=factor.rate_deg_s,
+                    start_s=factor.repeats["start_s"].iloc[k],
+                    departure_ppm=off,
+                    others=n - 1,
+                    scatter_ppm=sd,
+                )
             )
-    return said
+    return remarks
 
 
 def sd_of_mean(values: npt.ArrayLike) -> float:

@@ -1,8 +1,8 @@
 r"""The scale factor of a rate-biased gyro from its recordings: conventional, mounting angle, and :math:`K = \tilde K \cos\theta`.
 
-What a recording is for is told by what turns in it: `table_angle_deg` (or `angle_inner_deg` with the outer table at rest) turning
-is a conventional measurement, `angle_outer_deg` turning with the inner table at rest is a mounting angle's. How the measurements
-are split over files does not matter.
+The encoders decide the use of a recording: `table_angle_deg` (or `angle_inner_deg` with the outer table at rest) turning is a
+conventional measurement, `angle_outer_deg` turning with the inner table at rest is one of the mounting angle. The measurements may
+be split over files in any way.
 
 References
 ----------
@@ -19,15 +19,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rlgcomp.calibration.budget import ErrorBudget, error_budget
 from rlgcomp.calibration.file import SCHEMA
-from rlgcomp.calibration.mounting import MountingAngle, mounting_angle_of
+from rlgcomp.calibration.mounting import ErrorBudget, MountingAngle, error_budget, mounting_angle_of
 from rlgcomp.calibration.rate_dependence import LockInFit, RateTable, fit_lock_in, rate_table
+from rlgcomp.calibration.revolutions import INNER, OUTER, TABLE
 from rlgcomp.calibration.scale_factor import ConventionalScaleFactor, conventional_scale_factors
-from rlgcomp.calibration.turns import INNER, OUTER, TABLE
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings
+from rlgcomp.report.messages import Message, message
 from rlgcomp.simulation.position_table import PositionTable, TableErrors
 from rlgcomp.units import DEG_PER_TURN
 
@@ -36,7 +36,7 @@ FEWEST_RATES_FOR_LOCK_IN = 3
 
 @dataclasses.dataclass(frozen=True)
 class ScaleFactorCalibration:
-    """What recordings of a rate-biased gyro say of its scale factor; parts that they do not hold are None or NaN.
+    """Scale factor of a rate-biased gyro from its recordings; parts that these do not hold are None or NaN.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class ScaleFactorCalibration:
     rates : RateTable or None
         Relative to `pulse_arcsec` where all recordings state the same, or else to the scale factor at the highest rate.
     lock_in : LockInFit or None
-    remarks : tuple of str
+    remarks : tuple of Message
     """
 
     scale_arcsec: float
@@ -63,7 +63,7 @@ class ScaleFactorCalibration:
     factors: tuple[ConventionalScaleFactor, ...]
     rates: RateTable | None
     lock_in: LockInFit | None
-    remarks: tuple[str, ...]
+    remarks: tuple[Message, ...]
 
     def to_frame(self) -> pd.DataFrame:
         """The conventional scale factor, a row a rate."""
@@ -81,7 +81,7 @@ class ScaleFactorCalibration:
             "budget": None if self.budget is None else self.budget.to_mapping(),
             "rates": self.to_frame().to_dict("records"),
             "lock_in": None if self.lock_in is None else self.lock_in.to_mapping(),
-            "remarks": list(self.remarks),
+            "remarks": [remark.to_mapping() for remark in self.remarks],
         }
 
 
@@ -117,11 +117,11 @@ def calibrate_scale_factor(
     Raises
     ------
     InputError
-        No table turns in a recording, or what the measurements' own modules refuse.
+        No table turns in a recording, or a measurement cannot be evaluated.
     """
     recordings = require_recordings(recordings, "recordings")
     stated = PositionTable(errors=errors or TableErrors())
-    remarks: list[str] = []
+    remarks: list[Message] = []
     uses = [_uses(recording) for recording in recordings]
     factors: list[ConventionalScaleFactor] = []
     turning = [
@@ -130,27 +130,31 @@ def calibrate_scale_factor(
         if TABLE in use or use == {INNER} or (INNER in use and _measures(recording, gyro, revolutions, reference_deg))
     ]
     if turning:
-        factors, said = conventional_scale_factors(
+        factors, new_remarks = conventional_scale_factors(
             turning, gyro=gyro, revolutions=revolutions, reference_deg=reference_deg, sync_arcsec=stated.errors.sync_arcsec
         )
-        remarks += said
+        remarks += new_remarks
     rates, lock_in = _against_rate(factors, _stated_pulse(turning), remarks)
     chosen = _chosen(factors, rates, rate_deg_s)
     positions = [recording for recording, use in zip(recordings, uses, strict=True) if OUTER in use]
     if not positions:
         return ScaleFactorCalibration(math.nan, math.nan, chosen, None, None, tuple(factors), rates, lock_in, tuple(remarks))
-    scale = chosen.scale_arcsec if chosen is not None else _given(positions, conventional_arcsec, remarks)
-    mounting, said = mounting_angle_of(positions, scale, gyro=gyro, reference_deg=reference_deg, stated=stated)
-    remarks += said
+    scale = chosen.scale_arcsec if chosen is not None else _stated_scale(positions, conventional_arcsec, remarks)
+    mounting, new_remarks = mounting_angle_of(positions, scale, gyro=gyro, reference_deg=reference_deg, stated=stated)
+    remarks += new_remarks
     if mounting.theta_arcsec < 3.0 * mounting.theta_sd_arcsec:
         remarks.append(
-            "the mounting angle is less than three standard errors: it is not told from zero, and its estimate lies high"
+            message(
+                "calibration.mounting_angle_near_zero",
+                theta_arcsec=mounting.theta_arcsec,
+                theta_sd_arcsec=mounting.theta_sd_arcsec,
+            )
         )
-    found_tables = dataclasses.replace(
+    estimated = dataclasses.replace(
         stated, scale_arcsec=abs(scale), mounting_arcsec=mounting.theta_arcsec, tilt_deg=mounting.alpha_deg
     )
     per_repeat = 5 if chosen is None else int(chosen.repeats[["turns_plus", "turns_minus"]].to_numpy().min())
-    budget = error_budget(found_tables, positions=len(mounting.positions), conventional_revolutions=per_repeat)
+    budget = error_budget(estimated, positions=len(mounting.positions), conventional_revolutions=per_repeat)
     relative_sd = math.nan if chosen is None else math.hypot(chosen.relative_sd, mounting.scale_relative_sd)
     return ScaleFactorCalibration(
         scale * mounting.cosine, relative_sd, chosen, mounting, budget, tuple(factors), rates, lock_in, tuple(remarks)
@@ -164,16 +168,16 @@ def _uses(recording: Recording) -> set[str]:
         for column in (TABLE, INNER, OUTER)
         if column in recording
     }
-    found = {column for column, span in turned.items() if span >= DEG_PER_TURN}
+    turning = {column for column, span in turned.items() if span >= DEG_PER_TURN}
     if not {INNER, OUTER} <= set(turned):
-        found -= {INNER, OUTER}
-    if not found:
+        turning -= {INNER, OUTER}
+    if not turning:
         listed = ", ".join(f"{column} by {span:.4g} deg" for column, span in turned.items()) or "there is no encoder column"
         raise InputError(
             f"{recording.name}: no table turns a whole revolution ({listed}); needed are {TABLE} turning, or {OUTER} turning with "
             f"{INNER} at rest; map an encoder with --map {TABLE}='NAME [deg]'"
         )
-    return found
+    return turning
 
 
 def _measures(recording: Recording, gyro: str | None, revolutions: int | None, reference_deg: float) -> bool:
@@ -191,7 +195,7 @@ def _stated_pulse(recordings: list[Recording]) -> float | None:
 
 
 def _against_rate(
-    factors: list[ConventionalScaleFactor], nominal_arcsec: float | None, remarks: list[str]
+    factors: list[ConventionalScaleFactor], nominal_arcsec: float | None, remarks: list[Message]
 ) -> tuple[RateTable | None, LockInFit | None]:
     if len(factors) < 2:
         return None, None
@@ -199,10 +203,7 @@ def _against_rate(
     if len(factors) < FEWEST_RATES_FOR_LOCK_IN:
         return table, None
     if columns == "repeat" and table.error_ppm.shape[1] > 1:
-        remarks.append(
-            "the standard errors of the lock-in fit come from repeats within a recording; a power-up changes lock-in by more, so "
-            "record every rate anew after each, a recording a power-up"
-        )
+        remarks.append(message("calibration.lock_in_from_one_power_up", repeats=table.error_ppm.shape[1]))
     return table, fit_lock_in(table)
 
 
@@ -217,12 +218,12 @@ def _chosen(
     return min(factors, key=lambda factor: abs(factor.rate_deg_s - rate_deg_s))
 
 
-def _given(positions: list[Recording], conventional_arcsec: float | None, remarks: list[str]) -> float:
+def _stated_scale(positions: list[Recording], conventional_arcsec: float | None, remarks: list[Message]) -> float:
     if conventional_arcsec is not None:
         return conventional_arcsec
     scale = _stated_pulse(positions)
     if scale is not None:
-        remarks.append(f"no conventional measurement among the recordings: pulse_arcsec = {scale:.9g} stands in for it")
+        remarks.append(message("calibration.pulse_taken_as_scale_factor", pulse_arcsec=scale))
         return scale
     raise InputError(
         "the mounting angle needs the conventional scale factor; add a recording with table_angle_deg turning both ways, or give "

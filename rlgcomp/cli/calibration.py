@@ -22,7 +22,7 @@ def calibrate(
     gyro_axes: Annotated[
         str | None, typer.Option(help="oblique or orthogonal; by default whichever agrees with the encoders.")
     ] = None,
-    latitude_deg: Annotated[float | None, typer.Option("--latitude", help="Of the table, where the files do not say.")] = None,
+    latitude_deg: Annotated[float | None, typer.Option("--latitude", help="Of the table, where the files do not state it.")] = None,
     angle_random_walk: Annotated[
         float | None, typer.Option("--angle-random-walk", help="N of the gyros in deg/sqrt(h); by default estimated from the runs.")
     ] = None,
@@ -53,7 +53,7 @@ def calibrate(
         require_folder(report, writes, runs)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, history=False)
     with progress("calibrating") as advance:
-        found = calibrate_turntable(
+        calibration = calibrate_turntable(
             recordings,
             gyro_axes=gyro_axes,
             latitude_deg=latitude_deg,
@@ -62,15 +62,15 @@ def calibrate(
         )
     if report is not None:
         with whole_folder(report, writes=writes) as folder:
-            write_calibration_report(folder, found)
-    write_calibration(out, found.content)
+            write_calibration_report(folder, calibration)
+    write_calibration(out, calibration.content)
     if as_json:
-        show_json(found.content)
+        show_json(calibration.content)
         return
-    frame = found.triad.to_frame()
+    frame = calibration.triad.to_frame()
     printed = [value_and_sd(*both) for both in zip(frame["value"].tolist(), frame["sd"].tolist(), strict=True)]
     show_table(
-        f"{found.triad.gyro_axes} triad, {len(recordings)} runs",
+        f"{calibration.triad.gyro_axes} triad, {len(recordings)} runs",
         [
             {
                 "parameter": row.parameter,
@@ -90,19 +90,19 @@ def calibrate(
                 "compared": "mean rate" if run.shows == "rate" else "velocity",
                 "hours": run.hours,
                 "chi²/dof": "" if run.shows == "rate" else f"{run.chi_squared_ratio:.2f}",
-                "velocity error before, m/s": "" if run.shows == "rate" else f"{abs(run.before_m_s).max():.3g}",
-                "after": "" if run.shows == "rate" else f"{abs(run.after_m_s).max():.2g}",
+                "velocity error before, m/s": "" if run.shows == "rate" else f"{run.largest_before_m_s:.3g}",
+                "after": "" if run.shows == "rate" else f"{run.largest_after_m_s:.2g}",
             }
-            for run in found.triad.runs
+            for run in calibration.triad.runs
         ],
     )
     show_table(
         "What each run determines",
         [
             {"run": run, "determines": names, "condition number": f"{number:.1f}"}
-            for run, names, number in found.observability.itertuples(index=False, name=None)
+            for run, names, number in calibration.observability.itertuples(index=False, name=None)
         ],
     )
-    for remark in found.remarks:
-        typer.echo(f"- {remark}")
+    for remark in calibration.remarks:
+        typer.echo(f"- {remark.text}")
     say(f"{out}: written; give it to train, evaluate and compensate with --calibration {out}")

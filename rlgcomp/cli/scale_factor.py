@@ -56,7 +56,7 @@ def scale_factor(
         require_unread(out, runs)
         require_writable(out)
     errors = _stated(stated or [])
-    found = calibrate_scale_factor(
+    calibration = calibrate_scale_factor(
         read_runs(runs, mapping, drop, pulse_arcsec, history=False),
         gyro=gyro,
         revolutions=revolutions,
@@ -66,11 +66,11 @@ def scale_factor(
         errors=errors,
     )
     if out is not None:
-        write_json(out, found.to_mapping())
+        write_json(out, calibration.to_mapping())
     if as_json:
-        show_json(found.to_mapping())
+        show_json(calibration.to_mapping())
         return
-    _show(found)
+    _show(calibration)
     if out is not None:
         say(f"{out}: written")
 
@@ -92,8 +92,8 @@ def _stated(items: list[str]) -> TableErrors:
     return TableErrors(**values)
 
 
-def _show(found: ScaleFactorCalibration) -> None:
-    if found.factors:
+def _show(calibration: ScaleFactorCalibration) -> None:
+    if calibration.factors:
         show_table(
             "Conventional scale factor, whole revolutions forwards and back",
             [
@@ -106,11 +106,11 @@ def _show(found: ScaleFactorCalibration) -> None:
                     "relative standard error": f"{factor.relative_sd:.2g}",
                     "Earth rate + bias, deg/h": f"{factor.axis_rate_deg_h:.4f}",
                 }
-                for factor in found.factors
+                for factor in calibration.factors
             ],
         )
-    if found.rates is not None:
-        frame = found.rates.to_frame()
+    if calibration.rates is not None:
+        frame = calibration.rates.to_frame()
         show_table(
             "Scale-factor error against rate, relative to the stated pulse_arcsec or else to the highest rate",
             [
@@ -122,16 +122,13 @@ def _show(found: ScaleFactorCalibration) -> None:
                 for row in frame.itertuples()
             ],
         )
-        rate = found.rates.operating_rate_deg_s()
-        settled = "no rate repeats" if math.isnan(rate) else f"from {rate:.4g} deg/s on it repeats"
-        alone = found.rates.error_ppm.shape[1] < 2
-        typer.echo("- one repeat: nothing is known of how it repeats" if alone else f"- {settled} and has settled to 1 ppm")
-    if found.lock_in is not None:
-        fit = found.lock_in
+        typer.echo(f"- {calibration.rates.repeatability}")
+    if calibration.lock_in is not None:
+        fit = calibration.lock_in
         sd = "" if math.isnan(fit.lock_in_sd_deg_s) else f" ± {fit.lock_in_sd_deg_s:.1g}"
-        typer.echo(f"- lock-in {fit.lock_in_deg_s:.5f}{sd} deg/s; {fit.leftover}")
-    if found.mounting is not None and found.budget is not None:
-        mounting, budget = found.mounting, found.budget
+        typer.echo(f"- lock-in {fit.lock_in_deg_s:.5f}{sd} deg/s; {fit.assessment}")
+    if calibration.mounting is not None and calibration.budget is not None:
+        mounting, budget = calibration.mounting, calibration.budget
         show_table(
             f"Mounting angle from {len(mounting.positions)} positions, standard errors from the {mounting.sd_from}",
             [
@@ -153,7 +150,9 @@ def _show(found: ScaleFactorCalibration) -> None:
                 for row in budget.terms.itertuples()
             ],
         )
-        sd = "" if math.isnan(found.relative_sd) else f", relative standard error {found.relative_sd:.2g}"
-        typer.echo(f"K = {found.scale_arcsec:.9f} arcsec/pulse{sd}; {budget.scale_per_arcsec:.2g} of it for an arcsec of theta")
-    for remark in found.remarks:
-        typer.echo(f"- {remark}")
+        sd = "" if math.isnan(calibration.relative_sd) else f", relative standard error {calibration.relative_sd:.2g}"
+        typer.echo(
+            f"K = {calibration.scale_arcsec:.9f} arcsec/pulse{sd}; {budget.scale_per_arcsec:.2g} of it for an arcsec of theta"
+        )
+    for remark in calibration.remarks:
+        typer.echo(f"- {remark.text}")

@@ -1,4 +1,4 @@
-"""The page of a triad's calibration: parameters, a navigator before and after, how the estimates settle."""
+"""The page of a triad's calibration: parameters, a navigator before and after, convergence of the estimates."""
 
 from __future__ import annotations
 
@@ -12,38 +12,37 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import rlgcomp
-from rlgcomp.calibration.navigator import largest
 from rlgcomp.calibration.triad.calibrate import TableCalibration
-from rlgcomp.calibration.triad.estimate import PRIOR_SD, SEEN, RunResult
+from rlgcomp.calibration.triad.estimate import SEEN, RunResult
+from rlgcomp.calibration.triad.joint import PRIOR_SD
 from rlgcomp.files import write_text
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
 from rlgcomp.simulation.triad_errors import GYRO
 from rlgcomp.units import SECONDS_PER_MINUTE, value_and_sd
 
 
-def write_calibration_report(folder: Path, found: TableCalibration) -> None:
+def write_calibration_report(folder: Path, calibration: TableCalibration) -> None:
     """Write `report.html` and `curves.csv` into a folder, which must exist."""
-    write_text(folder / "curves.csv", found.triad.curves.to_csv(index=False))
-    write_text(folder / "report.html", render(found))
+    write_text(folder / "curves.csv", calibration.triad.curves.to_csv(index=False))
+    write_text(folder / "report.html", render(calibration))
 
 
-def render(found: TableCalibration) -> str:
+def render(calibration: TableCalibration) -> str:
     """The page as HTML text."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    shown = [run for run in found.triad.runs if run.shows == "velocity"]
-    errors = largest(shown)
-    frame = found.triad.to_frame()
+    shown = [run for run in calibration.triad.runs if run.shows == "velocity"]
+    frame = calibration.triad.to_frame()
     printed = [value_and_sd(*both) for both in zip(frame["value"].tolist(), frame["sd"].tolist(), strict=True)]
     return environment.get_template("calibration.html").render(
-        title=f"Calibration of {found.content['unit'] or 'a triad'}",
+        title=f"Calibration of {calibration.content['unit'] or 'a triad'}",
         style=importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
         version=rlgcomp.__version__,
-        made=found.content["made"],
-        before_m_s=None if errors is None else errors[0],
-        after_m_s=None if errors is None else errors[1],
-        remarks=found.remarks,
+        made=calibration.content["made"],
+        before_m_s=max((run.largest_before_m_s for run in shown), default=None),
+        after_m_s=max((run.largest_after_m_s for run in shown), default=None),
+        remarks=[remark.text for remark in calibration.remarks],
         parameters=pd.DataFrame(
             {
                 "": frame["symbol"],
@@ -54,9 +53,9 @@ def render(found: TableCalibration) -> str:
             }
         ),
         velocities=[(run.name, velocity(run)) for run in shown],
-        curves=settling(found.triad.curves),
-        observability=found.observability.round({"condition number": 1}),
-        alternatives=None if found.alternatives.empty else _alternatives(found.alternatives),
+        curves=convergence(calibration.triad.curves),
+        observability=calibration.observability.round({"condition number": 1}),
+        alternatives=None if calibration.alternatives.empty else _alternatives(calibration.alternatives),
     )
 
 
@@ -78,7 +77,7 @@ def velocity(run: RunResult) -> str:
         return svg(figure)
 
 
-def settling(curves: pd.DataFrame) -> str:
+def convergence(curves: pd.DataFrame) -> str:
     """Estimates and two-sigma bands, run after run."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 8.2), layout="constrained")

@@ -32,7 +32,7 @@ _DEG_H, _UG = units.RAD_PER_DEG / units.SECONDS_PER_HOUR, 1e-6 * units.STANDARD_
 
 
 @dataclasses.dataclass(frozen=True)
-class Parameter:
+class ErrorParameter:
     """One error: where it stands and the size of its unit.
 
     Parameters
@@ -55,25 +55,25 @@ class Parameter:
 
 
 GYRO: Final = (
-    Parameter("scale_x_ppm", "Δk_x", "ppm", 0, 0, _PPM),
-    Parameter("scale_y_ppm", "Δk_y", "ppm", 1, 1, _PPM),
-    Parameter("scale_z_ppm", "Δk_z", "ppm", 2, 2, _PPM),
-    Parameter("bias_x_deg_h", "ε_x", "deg/h", 0, None, _DEG_H),
-    Parameter("bias_y_deg_h", "ε_y", "deg/h", 1, None, _DEG_H),
-    Parameter("bias_z_deg_h", "ε_z", "deg/h", 2, None, _DEG_H),
-    Parameter("alpha_gy_arcsec", "α_gy", "arcsec", 1, 0, _ARCSEC),
-    Parameter("delta_gx_arcsec", "δ_gx", "arcsec", 2, 1, _ARCSEC),
-    Parameter("delta_gy_arcsec", "δ_gy", "arcsec", 2, 0, -_ARCSEC),
-    Parameter("beta_gx_arcsec", "β_gx", "arcsec", 0, 2, _ARCSEC),
-    Parameter("beta_gy_arcsec", "β_gy", "arcsec", 1, 2, -_ARCSEC),
+    ErrorParameter("scale_x_ppm", "Δk_x", "ppm", 0, 0, _PPM),
+    ErrorParameter("scale_y_ppm", "Δk_y", "ppm", 1, 1, _PPM),
+    ErrorParameter("scale_z_ppm", "Δk_z", "ppm", 2, 2, _PPM),
+    ErrorParameter("bias_x_deg_h", "ε_x", "deg/h", 0, None, _DEG_H),
+    ErrorParameter("bias_y_deg_h", "ε_y", "deg/h", 1, None, _DEG_H),
+    ErrorParameter("bias_z_deg_h", "ε_z", "deg/h", 2, None, _DEG_H),
+    ErrorParameter("alpha_gy_arcsec", "α_gy", "arcsec", 1, 0, _ARCSEC),
+    ErrorParameter("delta_gx_arcsec", "δ_gx", "arcsec", 2, 1, _ARCSEC),
+    ErrorParameter("delta_gy_arcsec", "δ_gy", "arcsec", 2, 0, -_ARCSEC),
+    ErrorParameter("beta_gx_arcsec", "β_gx", "arcsec", 0, 2, _ARCSEC),
+    ErrorParameter("beta_gy_arcsec", "β_gy", "arcsec", 1, 2, -_ARCSEC),
 )
-M12: Final = Parameter("m12_arcsec", "m12", "arcsec", 0, 1, _ARCSEC)
+M12: Final = ErrorParameter("m12_arcsec", "m12", "arcsec", 0, 1, _ARCSEC)
 """The angle that the body frame's convention sets to zero."""
 ACCELEROMETER: Final = (
-    *(Parameter(f"accel_bias_{a}_ug", f"b_{a}", "ug", i, None, _UG) for i, a in enumerate("xyz")),
-    *(Parameter(f"accel_scale_{a}_ppm", f"s_{a}", "ppm", i, i, _PPM) for i, a in enumerate("xyz")),
+    *(ErrorParameter(f"accel_bias_{a}_ug", f"b_{a}", "ug", i, None, _UG) for i, a in enumerate("xyz")),
+    *(ErrorParameter(f"accel_scale_{a}_ppm", f"s_{a}", "ppm", i, i, _PPM) for i, a in enumerate("xyz")),
     *(
-        Parameter(f"accel_{a}{b}_arcsec", f"a_{a}{b}", "arcsec", i, j, _ARCSEC)
+        ErrorParameter(f"accel_{a}{b}_arcsec", f"a_{a}{b}", "arcsec", i, j, _ARCSEC)
         for i, a in enumerate("xyz")
         for j, b in enumerate("xyz")
         if i != j
@@ -89,7 +89,7 @@ class TriadErrors:
     ----------
     values : mapping of str to float
         By parameter name; what is absent is zero.
-    parameters : tuple of Parameter
+    parameters : tuple of ErrorParameter
         `GYRO` or `ACCELEROMETER`.
 
     Raises
@@ -99,7 +99,7 @@ class TriadErrors:
     """
 
     values: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    parameters: tuple[Parameter, ...] = GYRO
+    parameters: tuple[ErrorParameter, ...] = GYRO
 
     def __post_init__(self) -> None:
         names = [parameter.name for parameter in self.parameters]
@@ -111,7 +111,7 @@ class TriadErrors:
                 raise InputError(f"{name} is {value!r}; it must be a number")
 
     @classmethod
-    def of(cls, vector: Iterable[float], parameters: tuple[Parameter, ...] = GYRO) -> Self:
+    def of(cls, vector: Iterable[float], parameters: tuple[ErrorParameter, ...] = GYRO) -> Self:
         """From an array in the order of `parameters`."""
         return cls({parameter.name: float(value) for parameter, value in zip(parameters, vector, strict=True)}, parameters)
 

@@ -1,4 +1,12 @@
-"""From recordings on a table to a calibration: what was found, how sure, and what these runs cannot say."""
+r"""From recordings on a two-axis table to a triad's calibration, with its remarks and the content of its file.
+
+The gyros are kept out of lock-in by turning. A gyro that passes through zero rate with acceleration a is kicked by lock-in, by a
+random angle of rms :math:`\Omega_L \sqrt{\pi / (K a)}`, K = 2 pi pulses per radian. Reversals make a few such passages. With both
+axes turning, an oblique gyro's rate is :math:`\dot\phi / \sqrt 3 + \sqrt{2/3}\, \dot\theta \cos(\cdot)`: it passes through zero
+twice a turn unless :math:`\dot\theta < \dot\phi / \sqrt 2`. Liu's third step (30 and 60 deg/s) violates that.
+
+Source: Z. Liu et al., Sensors 19, 4754 (2019), section 4; kicks: W. W. Chow et al., Rev. Mod. Phys. 57, 61 (1985).
+"""
 
 from __future__ import annotations
 
@@ -8,36 +16,81 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 import rlgcomp
 from rlgcomp import units
 from rlgcomp.calibration.file import triad_content
-from rlgcomp.calibration.navigator import worse
-from rlgcomp.calibration.triad.estimate import SEEN, TriadCalibration, calibrate_triad, joint_information
+from rlgcomp.calibration.triad.estimate import SEEN, RunResult, TriadCalibration, calibrate_triad
 from rlgcomp.calibration.triad.information import START, Noise, RunInformation, linearise, rate_information, velocity_information
+from rlgcomp.calibration.triad.joint import Latitude, joint_information
 from rlgcomp.calibration.triad.knocks import without_knocks
-from rlgcomp.calibration.triad.latitude import Latitude
-from rlgcomp.calibration.triad.rate_bias import RateBias, rate_bias, unseparated
-from rlgcomp.calibration.triad.run import TableRun
+from rlgcomp.calibration.triad.run import AXES, TableRun
 from rlgcomp.errors import InputError
+from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings
-from rlgcomp.simulation.rate_table import Triad
+from rlgcomp.report.messages import Message, message
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
+from rlgcomp.simulation.two_axis_table import Triad
 from rlgcomp.units import value_and_sd
 
+Array = npt.NDArray[np.float64]
 CHI_SQUARED_RATIO: Final = (0.8, 1.25)
 ALTERNATIVES: Final = ("step-3", "step-3-slow-outer", "step-3-modulated")
+LOCK_IN_DEG_S: Final = 0.1
+CORRELATED: Final = 0.95
+_SMOOTHING_S: Final = 0.05
+_TURNING: Final = 0.98
 _LATITUDE_ERROR_DEG: Final = 0.005
 _FAR_SD: Final = 5.0
-_FAR_DEG: Final = 0.1  # 11 km: less may be the vertical's deflection, or a gyro that wanders
+_FAR_DEG: Final = 0.1  # 11 km: less may be the vertical's deflection, or a bias that wanders
 _MOST_NOISE: Final = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
+class RateBias:
+    """How a run keeps its gyros away from zero rate.
+
+    Parameters
+    ----------
+    run : str
+    crossings : tuple of int
+        Passages of each gyro through zero rate.
+    reversals : int
+        Reversals of the table, each of which needs a passage.
+    slowest_deg_s : float
+        Smallest rate of any gyro away from the reversals.
+    idle : str
+        Axes of gyros that hardly turn in this run, "" for none.
+    """
+
+    run: str
+    crossings: tuple[int, ...]
+    reversals: int
+    slowest_deg_s: float
+    idle: str = ""
+
+    @property
+    def violated(self) -> bool:
+        """Whether gyros pass through zero rate more often than the table reverses."""
+        return max(self.crossings) > self.reversals + 1
+
+    @property
+    def remark(self) -> Message | None:
+        """On gyros that are not rate-biased in the run; None where all are."""
+        if self.violated:
+            crossings = dict(zip(AXES, self.crossings, strict=True))
+            return message("calibration.gyros_cross_zero_rate", run=self.run, crossings=crossings, reversals=self.reversals)
+        if self.idle:
+            return message("calibration.gyros_hardly_turn", run=self.run, axes=list(self.idle), limit_deg_s=LOCK_IN_DEG_S)
+        return None
+
+
+@dataclasses.dataclass(frozen=True)
 class TableCalibration:
-    """A calibration with what there is to say about it.
+    """A calibration with its remarks.
 
     Parameters
     ----------
@@ -48,7 +101,7 @@ class TableCalibration:
         By run and for all together: parameters determined, condition number of the information on those.
     alternatives : pandas.DataFrame
         Standard deviations that other third steps would reach with this triad's noise; empty unless rate bias is violated.
-    remarks : list of str
+    remarks : tuple of Message
     content : mapping
         Of the calibration file.
     """
@@ -57,7 +110,7 @@ class TableCalibration:
     rate_biases: tuple[RateBias, ...]
     observability: pd.DataFrame
     alternatives: pd.DataFrame
-    remarks: list[str]
+    remarks: tuple[Message, ...]
     content: dict[str, Any]
 
 
@@ -74,17 +127,19 @@ def calibrate_turntable(
     Parameters
     ----------
     recordings : sequence of Recording
-    gyro_axes : str, optional
+    gyro_axes : {"oblique", "orthogonal"}, optional
+        By default whichever agrees with the encoders.
     latitude_deg : float, optional
-        Of the table, where the recordings do not say.
+        Of the table, where the recordings do not state it.
     angle_random_walk_deg_sqrt_h : float, optional
         Of the gyros; by default estimated.
     progress : callable
+        Called with passes over runs done and in all.
 
     Raises
     ------
     InputError
-        Something is missing or disagrees; the message says what to do.
+        Something is missing or disagrees; the message names the remedy.
     """
     recordings = require_recordings(recordings, "recordings")
     noise = None
@@ -93,42 +148,46 @@ def calibrate_turntable(
             raise InputError(f"the angle random walk is {angle_random_walk_deg_sqrt_h} deg/sqrt(h); it must lie between 0 and 1")
         noise = Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
     if latitude_deg is not None:
-        for recording in recordings:
-            said = recording.metadata.latitude_deg
-            if said is not None and said != latitude_deg:
-                raise InputError(f"{recording.name} says latitude {said} deg, the option {latitude_deg} deg; leave the option out")
-        recordings = [
-            recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg))
-            for recording in recordings
-        ]
-    calm = [without_knocks(TableRun.of(recording, gyro_axes=gyro_axes)) for recording in recordings]
-    runs = [part for parts, _ in calm for part in parts]
+        recordings = [_at_latitude(recording, latitude_deg) for recording in recordings]
+    cut = [without_knocks(TableRun.of(recording, gyro_axes=gyro_axes)) for recording in recordings]
+    runs = [part for parts, _ in cut for part in parts]
     triad = calibrate_triad(runs, noise=noise, velocity_noise=True, progress=progress)
     _require_latitude(triad.latitude)
     biases = tuple(rate_bias(run) for run in runs)
     crossing = triad.gyro_axes == "oblique" and any(bias.violated for bias in biases)
     alternatives = predicted(triad.noise, triad.latitude_deg) if crossing else pd.DataFrame()
     observability = _observability(triad)
-    remarks = [*(said for _, said in calm if said is not None), *_remarks(triad, biases, alternatives), *worse(triad.runs)]
+    remarks = [message("calibration.outliers", text=text) for _, text in cut if text is not None]
+    remarks += [*_remarks(triad, biases, alternatives), *navigator_remarks(triad.runs)]
     if any(run.pushed_m_s is None for run in runs):
-        remarks.append(
-            "no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...): mean rates alone are compared; they show ε_x and ε_y"
-        )
+        remarks.append(message("calibration.no_accelerometers"))
     if any(run.pulse_arcsec is None for run in runs):
-        remarks.append("the gyros came as rates: if they were made from whole pulses, that noise is not in the standard deviations")
+        remarks.append(message("calibration.gyros_came_as_rates"))
     made = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     content = triad_content(triad, list(recordings), remarks, rlgcomp.__version__, made)
     content["observability"] = observability.to_dict("records")
     content["rate_bias"] = [dataclasses.asdict(bias) | {"violated": bias.violated} for bias in biases]
-    return TableCalibration(triad, biases, observability, alternatives, remarks, content)
+    return TableCalibration(triad, biases, observability, alternatives, tuple(remarks), content)
 
 
 def predicted(noise: Noise, latitude_deg: float, thirds: Sequence[str] = ALTERNATIVES) -> pd.DataFrame:
     """Standard deviations that the first two steps and each of the third steps would reach with a triad of this noise.
 
     The programmes are simulated without errors and noise: the filter's covariance does not depend on them.
+
+    Parameters
+    ----------
+    noise : Noise
+    latitude_deg : float
+    thirds : sequence of str
+        Names of programmes of the two-axis table.
+
+    Returns
+    -------
+    DataFrame
+        A row a third step: `third step`, `slowest_deg_s`, `crossings`, and a column a parameter with its standard deviation.
     """
-    silent = Triad(
+    noiseless = Triad(
         angle_random_walk_deg_sqrt_h=0.0,
         velocity_random_walk_ug_sqrt_hz=0.0,
         velocity_noise_m_s=0.0,
@@ -136,10 +195,10 @@ def predicted(noise: Noise, latitude_deg: float, thirds: Sequence[str] = ALTERNA
         latitude_deg=latitude_deg,
         encoder_arcsec=0.0,
     )
-    shared = [_information(silent, step, noise)[1] for step in ("step-1", "step-2")]
+    shared = [_information(noiseless, step, noise)[1] for step in ("step-1", "step-2")]
     rows = []
     for third in thirds:
-        run, information = _information(silent, third, noise)
+        run, information = _information(noiseless, third, noise)
         joint, _ = joint_information([*shared, information], noise, TriadErrors())
         bias = rate_bias(run)
         rows.append(
@@ -147,6 +206,48 @@ def predicted(noise: Noise, latitude_deg: float, thirds: Sequence[str] = ALTERNA
             | dict(zip((parameter.name for parameter in GYRO), np.sqrt(np.diag(joint.covariance())), strict=False))
         )
     return pd.DataFrame(rows)
+
+
+def rate_bias(run: TableRun) -> RateBias:
+    """Passages through zero rate of each gyro of a run."""
+    every = max(1, round(_SMOOTHING_S / run.step_s))
+    windows = len(run.turned_rad) // every
+    axes_rad = run.turned_rad @ frames.GYRO_AXES[run.gyro_axes]
+    rates = axes_rad[: windows * every].reshape(windows, every, 3).mean(axis=1) / (run.step_s * units.RAD_PER_DEG)
+    ends = np.arange(windows + 1) * every
+    ends[-1] = min(ends[-1], len(run.inner_deg) - 1)
+    table = [np.diff(angle[ends]) / (every * run.step_s) for angle in (run.outer_deg, run.inner_deg)]
+    turning = np.ones(windows, dtype=bool)
+    reversals = 0
+    for rate in table:
+        fastest = np.max(np.abs(rate))
+        if fastest > LOCK_IN_DEG_S:
+            slow = np.abs(rate) < _TURNING * np.median(np.abs(rate))
+            turning &= ~slow
+            sense = np.sign(rate[~slow])
+            reversals = max(reversals, int(np.sum(sense[1:] != sense[:-1])))
+    moving = np.max(np.abs(table), axis=0) > LOCK_IN_DEG_S
+    turns = np.max(np.abs(rates), axis=0) > LOCK_IN_DEG_S
+    crossings = [int(np.sum(np.diff(np.signbit(rate[moving])))) if there else 0 for rate, there in zip(rates.T, turns, strict=True)]
+    steady = np.abs(rates[turning & moving][:, turns])
+    idle = "".join(axis for axis, there in zip(AXES, turns, strict=True) if not there)
+    return RateBias(run.name, tuple(crossings), reversals, float(steady.min()) if steady.size else 0.0, idle)
+
+
+def navigator_remarks(runs: Sequence[RunResult]) -> list[Message]:
+    """A remark on each run whose navigator errs more with the calibrated gyros."""
+    return [
+        message("calibration.navigator_worse", run=run.name, before_m_s=run.largest_before_m_s, after_m_s=run.largest_after_m_s)
+        for run in runs
+        if run.shows == "velocity" and run.largest_after_m_s > run.largest_before_m_s
+    ]
+
+
+def _at_latitude(recording: Recording, latitude_deg: float) -> Recording:
+    stated = recording.metadata.latitude_deg
+    if stated is not None and stated != latitude_deg:
+        raise InputError(f"{recording.name} says latitude {stated} deg, the option {latitude_deg} deg; leave the option out")
+    return recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg))
 
 
 def _information(triad: Triad, programme: str, noise: Noise) -> tuple[TableRun, RunInformation]:
@@ -157,19 +258,6 @@ def _information(triad: Triad, programme: str, noise: Noise) -> tuple[TableRun, 
     return run, velocity_information(linearise(run, TriadErrors(), tilt), noise, tilt)
 
 
-def _from_run_to_run(triad: TriadCalibration) -> str:
-    """What is known of biases that change between the runs."""
-    if triad.noise.run_bias_deg_h:
-        return (
-            f"from run to run the biases differ by {triad.noise.run_bias_deg_h:.2g} deg/h (standard deviation), more than noise: ε "
-            "is the mean, its standard deviation holds that of the runs it comes from, and the next run's biases are off by as much"
-        )
-    return (
-        "each bias rests on one kind of run: what it changes by from one switching-on to the next is in its standard deviation "
-        "only where that kind is recorded more than once and the runs differ clearly; here it is not in it"
-    )
-
-
 def _require_latitude(latitude: Latitude) -> None:
     off_sd = latitude.chi_squared**0.5
     if off_sd > _FAR_SD and abs(latitude.seen_deg - latitude.stated_deg) > _FAR_DEG:
@@ -177,8 +265,8 @@ def _require_latitude(latitude: Latitude) -> None:
         raise InputError(
             f"these runs show an Earth that turns as at latitude {seen} deg, and {latitude.stated_deg:g} deg is stated, "
             f"{off_sd:.3g} standard deviations off ({_FAR_SD:g} are allowed); biases and scale factors would be wrong by far "
-            "more than is said of them; check latitude_deg (north is positive) and pulse_arcsec; a table that leans is no cause, "
-            "for the accelerometers show it"
+            "more than their standard deviations; check latitude_deg (north is positive) and pulse_arcsec; a table that leans is "
+            "no cause, for the accelerometers show it"
         )
 
 
@@ -200,62 +288,78 @@ def _observability(triad: TriadCalibration) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: pd.DataFrame) -> list[str]:
-    remarks = []
-    source = "estimated from these runs" if triad.noise_estimated else "as given"
-    remarks.append(f"angle random walk {triad.noise.angle_random_walk_deg_sqrt_h:.3g} deg/sqrt(h), {source}")
-    if triad.velocity_noise_estimated:
-        walk = triad.noise.velocity_random_walk_ug_sqrt_hz
-        remarks.append(
-            f"accelerometers' velocity random walk {walk:.2g} ug/sqrt(Hz), estimated from these runs with all that shakes them; "
-            "if it is far above the data sheet's, look for vibration or flexing"
-        )
+def _remarks(triad: TriadCalibration, biases: Sequence[RateBias], alternatives: pd.DataFrame) -> list[Message]:
+    remarks = _noise_remarks(triad)
     unseen = [parameter.symbol for parameter, seen in zip(GYRO, triad.seen, strict=True) if not seen]
     if unseen:
-        remarks.append(
-            f"these runs do not show {', '.join(unseen)}: taken as zero; the inner axis turned level shows Δk_z, ε_z, β; "
-            "turned upright ε_x, ε_y; both axes turned Δk_x, Δk_y, α, δ"
+        remarks.append(message("calibration.parameters_not_determined", parameters=unseen))
+    remarks += [bias.remark for bias in biases if bias.remark is not None]
+    remarks += [
+        message(
+            "calibration.third_step_predicted",
+            third_step=row["third step"],
+            slowest_deg_s=row["slowest_deg_s"],
+            crossings=int(row["crossings"]),
+            scale_x_sd_ppm=row["scale_x_ppm"],
+            alpha_gy_sd_arcsec=row["alpha_gy_arcsec"],
         )
-    remarks += [str(bias) for bias in biases if bias.violated or bias.idle]
-    for row in alternatives.to_dict("records"):
-        remarks.append(
-            f"third step {row['third step']}: slowest gyro {row['slowest_deg_s']:.1f} deg/s, {row['crossings']:.0f} passages, "
-            f"would give Δk_x to {row['scale_x_ppm']:.2g} ppm and α to {row['alpha_gy_arcsec']:.2g} arcsec without lock-in"
-        )
+        for row in alternatives.to_dict("records")
+    ]
     for run in triad.runs:
         ratio = run.chi_squared_ratio
         if np.isfinite(ratio) and not CHI_SQUARED_RATIO[0] < ratio < CHI_SQUARED_RATIO[1]:
-            remarks.append(
-                f"{run.name}: chi² is {ratio:.2g} of what is expected: "
-                + (
-                    "noise is larger than in the other runs, or something is not in the model (a knock, vibration, flexing): "
-                    "standard deviations may be too small"
-                    if ratio > 1.0
-                    else "noise is smaller than in the other runs: standard deviations are larger than this run deserves"
-                )
-            )
+            remarks.append(message("calibration.chi_squared_unexpected", run=run.name, ratio=ratio))
     if any(triad.seen[-4:]):
-        remarks.append(
-            "β and δ refer to the accelerometers' axes: their standard deviations hold "
-            f"{triad.noise.accelerometer['arcsec']:.3g} arcsec for what the accelerometers were calibrated to"
-        )
+        remarks.append(message("calibration.accelerometer_axes", sd_arcsec=triad.noise.accelerometer["arcsec"]))
     if any(run.shows == "velocity" for run in triad.runs):
-        angles = zip("xyz", triad.mount_arcsec, triad.mount_sd_arcsec, strict=True)
-        turned = ", ".join(f"{axis} {' ± '.join(value_and_sd(angle, sd))}" for axis, angle, sd in angles)
-        remarks.append(f"the triad stands turned from the table's axes by {turned} arcsec; the errors above do not depend on it")
+        remarks.append(message("calibration.triad_mounting", arcsec=triad.mount_arcsec, sd_arcsec=triad.mount_sd_arcsec))
     if triad.seen[6]:
-        remarks.append(
-            "α_gy is the whole sum m12 + m21: gyros alone cannot tell the two apart; the body's x-z plane holds the x gyro"
-        )
-    remarks.append(_from_run_to_run(triad))
-    names = [parameter.symbol for parameter in GYRO]
-    seen_rows = np.flatnonzero(triad.seen)
-    remarks += unseparated(triad.covariance[np.ix_(seen_rows, seen_rows)], [names[k] for k in seen_rows])
+        remarks.append(message("calibration.alpha_gy_is_a_sum"))
+    run_bias_deg_h = triad.noise.run_bias_deg_h
+    if run_bias_deg_h:
+        remarks.append(message("calibration.biases_differ_between_runs", sd_deg_h=run_bias_deg_h))
+    else:
+        remarks.append(message("calibration.biases_between_runs_unknown"))
+    remarks += _correlated(triad)
     if triad.seen[5]:
         shift = units.EARTH_RATE_DEG_H * np.sin(np.deg2rad(triad.latitude_deg)) * np.deg2rad(_LATITUDE_ERROR_DEG)
-        seen = " ± ".join(value_and_sd(triad.latitude.seen_deg, triad.latitude.sd_deg))
         remarks.append(
-            f"latitude is taken as {triad.latitude_deg:g} deg, and these runs show {seen} deg; "
-            f"wrong by {_LATITUDE_ERROR_DEG} deg it shifts ε_z by {shift:.2g} deg/h"
+            message(
+                "calibration.latitude",
+                stated_deg=triad.latitude_deg,
+                estimated_deg=triad.latitude.seen_deg,
+                sd_deg=triad.latitude.sd_deg,
+                error_deg=_LATITUDE_ERROR_DEG,
+                bias_z_shift_deg_h=shift,
+            )
         )
     return remarks
+
+
+def _noise_remarks(triad: TriadCalibration) -> list[Message]:
+    remarks = [
+        message(
+            "calibration.angle_random_walk",
+            angle_random_walk_deg_sqrt_h=triad.noise.angle_random_walk_deg_sqrt_h,
+            estimated=triad.noise_estimated,
+        )
+    ]
+    if triad.velocity_noise_estimated:
+        walk = triad.noise.velocity_random_walk_ug_sqrt_hz
+        remarks.append(message("calibration.velocity_random_walk", velocity_random_walk_ug_sqrt_hz=walk))
+    return remarks
+
+
+def _correlated(triad: TriadCalibration) -> list[Message]:
+    """A remark on each pair of determined parameters whose estimates are strongly correlated."""
+    rows = np.flatnonzero(triad.seen)
+    covariance = triad.covariance[np.ix_(rows, rows)]
+    names = [GYRO[k].symbol for k in rows]
+    sd = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sd, sd)
+    return [
+        message("calibration.parameters_correlated", parameters=[names[i], names[j]], correlation=correlation[i, j])
+        for i in range(len(names))
+        for j in range(i)
+        if abs(correlation[i, j]) > CORRELATED
+    ]

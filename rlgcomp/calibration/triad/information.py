@@ -1,8 +1,8 @@
 r"""The information that one table run holds about a triad's errors.
 
-States: what the noise drives (tilt in arcsec, horizontal velocity in mm/s), the tilt at the start (arcsec), and the constants: the
-gyros' parameters and the accelerometers' residuals in their own units, what is taken for Earth's rotation beyond the truth about
-north and up (deg/h), and the triad's turn on the table (arcsec). Between epochs
+States: those driven by noise (tilt in arcsec, horizontal velocity in mm/s), the tilt at the start (arcsec), and the constants: the
+gyros' parameters and the accelerometers' residuals in their own units, the excess of the assumed Earth rate about north and up
+(deg/h), and the triad's turn on the table (arcsec). Between epochs
 
 .. math:: \varphi' = e^{-\omega_{ie} \times \Delta} \varphi + F_\varphi p + w_\varphi, \qquad
           V' = V + J \varphi + F_V p + w_V
@@ -17,8 +17,8 @@ is bolted to the table once, turned from the table's axes by a vector :math:`\mu
 
 .. math:: \varphi_0 = \varphi_t + C_b^n(0)\, \mu.
 
-With :math:`\mu` free, turning the whole triad moves nothing else. Were it left out, level table and calibrated accelerometers would
-contradict each other, and gyros would seem to have turned by part of it.
+With :math:`\mu` free, turning the whole triad changes no other parameter. Without it, level table and calibrated accelerometers
+would contradict each other, and part of the turn would be attributed to the gyros.
 
 About an upright axis the measurement is the mean rate of the horizontal gyros instead,
 
@@ -30,6 +30,7 @@ with :math:`\mu` the tilt of the gyro to the axis of rotation, a and b Earth's r
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Final, cast
 
 import numpy as np
@@ -38,7 +39,8 @@ import numpy.typing as npt
 from rlgcomp import units
 from rlgcomp.calibration.triad import strapdown
 from rlgcomp.calibration.triad.information_filter import SquareRootInformation
-from rlgcomp.calibration.triad.run import TableRun
+from rlgcomp.calibration.triad.run import STILL_DEG, TableRun
+from rlgcomp.errors import InputError
 from rlgcomp.numerics import frames
 from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, TriadErrors
 
@@ -54,11 +56,14 @@ CURVE_EPOCHS: Final = 10
 SEPARABLE: Final = 1e-9
 SHARES: Final = 8
 _MM: Final = 1e-3
+WALK_WINDOW_S: Final = 2.0
+WALK_LAG: Final = 3
+HARMONICS: Final = 12
 
 
 @dataclasses.dataclass(frozen=True)
 class Noise:
-    """What disturbs a run.
+    """Noise of a run, and priors of its disturbances.
 
     Parameters
     ----------
@@ -66,7 +71,7 @@ class Noise:
     velocity_random_walk_ug_sqrt_hz : float
     velocity_resolution_m_s : float
     tilt_arcsec : tuple of float
-        Standard deviation of the table's base about east, north, up, beyond what the encoders' timing leaves open.
+        Standard deviation of the table's base about east, north, up, beyond the uncertainty of the encoders' timing.
     accelerometer : mapping of str to float
         Standard deviation of the accelerometers' residuals by unit.
     mount_arcsec : float
@@ -74,7 +79,7 @@ class Noise:
     run_bias_deg_h : float
         Standard deviation of each gyro's bias from run to run, about the mean that is calibrated.
     earth_deg_h : float
-        Standard deviation of Earth's rotation about north and up: none to speak of, for the latitude is known.
+        Standard deviation of Earth's rotation about north and up: negligible, for the latitude is known.
     """
 
     angle_random_walk_deg_sqrt_h: float = 0.0004
@@ -87,6 +92,49 @@ class Noise:
     earth_deg_h: float = 1e-6
 
 
+def angle_random_walk_deg_sqrt_h(runs: Sequence[TableRun]) -> float:
+    r"""Angle random walk N of the horizontal gyros, pooled over the runs in which only the inner axis turns.
+
+    With the outer axis still, a horizontal gyro's rate less its mean, its tilt to the axis of rotation and the harmonics of the
+    angle is noise. Its integral is averaged over windows of T; the difference of averages m windows apart has, for random walk of
+    strength q per second and angle noise of standard deviation s in an average (whole pulses),
+
+    .. math:: \operatorname{var} d_m = q T (m - \tfrac{1}{3}) + 2 s^2
+              \quad\Rightarrow\quad q = (\operatorname{var} d_3 - \operatorname{var} d_1) / (2 T)
+
+    in which the angle noise cancels. Averages of the angle, unlike differences of its ends, make coarse pulses harmless; windows of
+    2 s outlast the pattern that a steady rate makes in the rounding.
+
+    Raises
+    ------
+    InputError
+        In every run both axes turn.
+    """
+    still = [run for run in runs if np.ptp(run.outer_deg) < STILL_DEG]
+    if not still:
+        raise InputError(
+            "in every run both axes turn, so that the gyros' noise cannot be told from their motion; "
+            "give --angle-random-walk, or add a run with the outer axis still"
+        )
+    sums = np.zeros(2)
+    for run in still:
+        every = max(1, round(WALK_WINDOW_S / run.step_s))
+        phi = run.inner_middle_rad
+        design = np.stack(
+            [np.ones(len(phi)), run.turned_rad[:, 2]]
+            + [wave(order * phi) for order in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)],
+            axis=1,
+        )
+        turned = run.turned_rad[:, :2] / units.RAD_PER_ARCSEC
+        residual = turned - design @ np.linalg.solve(design.T @ design, design.T @ turned)
+        windows = len(residual) // every
+        angle = np.cumsum(residual, axis=0)[: windows * every].reshape(windows, every, 2).mean(axis=1)
+        variances = [np.mean((angle[lag:] - angle[:-lag]) ** 2) for lag in (1, WALK_LAG)]
+        sums += (variances[1] - variances[0]) * windows, (WALK_LAG - 1) * every * run.step_s * windows
+    white = max(float(sums[0] / sums[1]), 0.0)  # arcsec²/s
+    return float(np.sqrt(white * units.SECONDS_PER_HOUR)) / units.ARCSEC_PER_DEG
+
+
 @dataclasses.dataclass(frozen=True)
 class RunInformation:
     """Rows of information on the tilt at the start and the constants, with unit noise.
@@ -97,7 +145,7 @@ class RunInformation:
     curve : list of (float, ndarray, ndarray)
         Time in s and the rows on the constants alone at that time.
     chi_squared : float
-        Of the measurements, but for what the rows above still hold.
+        Of the measurements, without that of the rows above.
     measurements : int
     """
 
@@ -113,7 +161,7 @@ class RunInformation:
         return self.measurements - int(np.linalg.matrix_rank(self.R))
 
     def solve_tilt(self, constants: Array) -> Array:
-        """Tilt at the start, given the constants; zero where the run does not know it."""
+        """Tilt at the start, given the constants; zero where the run does not determine it."""
         rows = self.R[:START, :START]
         if not np.diag(rows).all():
             return np.zeros(START)
@@ -121,8 +169,8 @@ class RunInformation:
 
     def misfit(self, constants: Array) -> float:
         """Chi squared of the run, given the constants."""
-        left = self.R @ np.r_[self.solve_tilt(constants), constants] - self.z
-        return self.chi_squared + float(left @ left)
+        residual = self.R @ np.r_[self.solve_tilt(constants), constants] - self.z
+        return self.chi_squared + float(residual @ residual)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,7 +193,17 @@ class Linearised:
 
 
 def linearise(run: TableRun, errors: TriadErrors, tilt_arcsec: Array, known: strapdown.Sensitivity | None = None) -> Linearised:
-    """Integrate a run with the given errors taken out of the gyros and the given tilt taken out of the start."""
+    """Integrate a run with errors taken out of the gyros and a tilt taken out of the start.
+
+    Parameters
+    ----------
+    run : TableRun
+    errors : TriadErrors
+    tilt_arcsec : ndarray, shape (3,)
+        About east, north and up.
+    known : Sensitivity, optional
+        Sensitivities at a near value of the errors; by default they are integrated.
+    """
     gravity_m_s2 = run.gravity_m_s2
     every = max(1, round(EPOCH_S / run.step_s))
     parts = strapdown.parts_of(run.turned_rad)
@@ -161,7 +219,7 @@ def linearise(run: TableRun, errors: TriadErrors, tilt_arcsec: Array, known: str
     steps = every * parts
     if known is None:
         earth = strapdown.earth_sensitivity(trajectory, steps, units.RAD_PER_DEG / units.SECONDS_PER_HOUR)
-        known = strapdown.sensitivity(trajectory, steps, GYRO, ACCELEROMETER).beside(earth)
+        known = strapdown.sensitivity(trajectory, steps, GYRO, ACCELEROMETER).joined(earth)
     return Linearised(run, steps, trajectory, known)
 
 
@@ -173,7 +231,7 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     linear : Linearised
     noise : Noise
     tilt_arcsec : ndarray, shape (3,)
-        Tilt already taken out of the start; the prior knows it.
+        Tilt already taken out of the start; the prior is shifted by it.
     """
     run, sensitivity = linear.run, linear.sensitivity
     epoch_s = linear.every * float(linear.trajectory.time_s[1])
@@ -228,7 +286,15 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
 
 
 def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInformation:
-    """Mean rates of the horizontal gyros of a run about an upright axis, and what they show of Earth's rotation."""
+    """Mean rates of the horizontal gyros of a run about an upright axis, and Earth's rotation as measured by them.
+
+    Parameters
+    ----------
+    run : TableRun
+    errors : TriadErrors
+        Taken out of the gyros.
+    noise : Noise
+    """
     turned = errors.correct(run.turned_rad, run.step_s)
     phi = run.inner_middle_rad
     design = np.stack([np.ones(len(phi)), turned[:, 2] / run.step_s, *_waves(run)], axis=1)
@@ -238,12 +304,12 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
     columns = [START + place["bias_x_deg_h"], START + place["bias_y_deg_h"]]
     curve = []
     steps = np.unique(np.r_[np.arange(1, 13) * len(phi) // 12, len(phi)])
-    gram, moment, taken = np.zeros((4, 4)), np.zeros((4, 2)), 0
+    gram, moment, start = np.zeros((4, 4)), np.zeros((4, 2)), 0
     for stop in steps:
-        part = slice(taken, stop)
+        part = slice(start, stop)
         gram += design[part].T @ design[part]
         moment += design[part].T @ rates[part]
-        taken = stop
+        start = stop
         others = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0], rcond=1e-12)[0]
         information = float(gram[0, 0] - gram[0, 1:] @ others)  # on the mean rate, the other regressors fitted too
         R, z = np.zeros((START + 2, START + CONSTANTS)), np.zeros(START + 2)
@@ -267,17 +333,17 @@ def _waves(run: TableRun) -> tuple[Array, Array]:
 
 
 def _north_deg_h(run: TableRun, design: Array, rates: Array, sd_deg_h: float) -> tuple[Array, float]:
-    r"""Earth's rotation about north beyond what was taken for it, as a row of information, from a run about an upright axis.
+    r"""Excess of Earth's rotation about north over the assumed one, as a row of information, from a run about an upright axis.
 
-    Across an axis that leans from the vertical by :math:`\ell`, seen by the accelerometers, it is
+    Across an axis that leans from the vertical by :math:`\ell`, measured by the accelerometers, it is
     :math:`h = \omega_N n + \omega_U \ell`, so that :math:`\omega_N = |h - \omega_U \ell|`, whatever the azimuth. Scale factors of
     x and y enlarge it. Where encoders lag by a sample, reversals make it smaller by the cosine of the turn in one. Whole pulses
-    make patterns that are not white: parts of the run tell by their scatter.
+    make patterns that are not white: the scatter between parts of the run measures them.
     """
     _, north, up = frames.earth_rate_n_rad_s(run.latitude_deg) / GYRO[3].si  # deg/h
     tilting = cast(Array, run.pushed_m_s)[:, :2] / (run.gravity_m_s2 * run.step_s)
     lean = _across(design, tilting)
-    seen = float(np.linalg.norm(_across(design, rates) - up * lean))
+    measured = float(np.linalg.norm(_across(design, rates) - up * lean))
     parts = [
         float(np.linalg.norm(_across(*part) - up * lean))
         for part in zip(np.array_split(design, SHARES), np.array_split(rates, SHARES), strict=True)
@@ -291,11 +357,11 @@ def _north_deg_h(run: TableRun, design: Array, rates: Array, sd_deg_h: float) ->
         k = [parameter.name for parameter in GYRO].index(name)
         row[START + k] = 0.5 * GYRO[k].si * north
     row[START + ERRORS] = -1.0
-    return row / sd, (seen - north) / sd
+    return row / sd, (measured - north) / sd
 
 
 def _across(design: Array, both: Array) -> Array:
-    """The part of a vector across the axis, at inner angle zero, from what the body's turning x and y show of it."""
+    """The part of a vector across the axis, at inner angle zero, from its components along the turning x and y of the body."""
     cosine, sine = np.linalg.lstsq(design, both, rcond=1e-12)[0][2:]
     return np.array([cosine[0] - sine[1], sine[0] + cosine[1]]) / 2.0
 

@@ -1,16 +1,17 @@
-"""A recording of a triad on a two-axis table, made ready for calibration: body increments, encoders, what it is good for."""
+"""A recording of a triad on a two-axis table, made ready for calibration: body increments and encoders that agree."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+from collections.abc import Iterator
 from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import units
-from rlgcomp.calibration.triad.gravity import WORST_AGREEMENT, require_gravity
 from rlgcomp.errors import InputError
 from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording
@@ -21,7 +22,10 @@ STILL_DEG: Final = 1.0
 LEAST_RATE_DEG_S: Final = 0.1
 GRAVITY_M_S2: Final = (9.7, 9.9)
 COARSE_DEG: Final = 3.0
+WORST_AGREEMENT: Final = 0.02
 _AGREEMENT_WINDOW_S: Final = 0.5
+Readings = tuple[Array, Array, Array]
+"""Direction of up in the body by the accelerometers, outer and inner angle in deg."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,8 +72,8 @@ class TableRun:
         Parameters
         ----------
         recording : Recording
-            Columns `gyro_x_...`, `gyro_y_...`, `gyro_z_...`, `angle_inner_deg`, `angle_outer_deg`, and for all that velocity shows
-            `accel_x_m_s` (or `_m_s2`) and its fellows; metadata `latitude_deg`.
+            Columns `gyro_x_...`, `gyro_y_...`, `gyro_z_...`, `angle_inner_deg`, `angle_outer_deg`, and to compare velocities
+            `accel_x_m_s` (or `_m_s2`), `accel_y_...`, `accel_z_...`; metadata `latitude_deg`.
         gyro_axes : {"oblique", "orthogonal"}, optional
             By default whichever agrees with the encoders.
 
@@ -105,7 +109,7 @@ class TableRun:
         chosen = _agreeing_axes(recording.name, axes_rad, outer, inner, step_s, gyro_axes)
         pushed = _pushed(recording, step_s)
         if pushed is not None:
-            require_gravity(recording.name, pushed, outer, inner, step_s)
+            _require_gravity(recording.name, pushed, outer, inner, step_s)
         return cls(
             name=recording.name,
             step_s=step_s,
@@ -122,10 +126,10 @@ class TableRun:
 
     @property
     def shows(self) -> Literal["rate", "velocity"]:
-        """What is compared with the truth: mean rates where the inner axis stands upright or nothing else is there, else velocity.
+        """The quantity that is compared with the truth: velocity, or mean rates with the inner axis upright or no accelerometers.
 
-        About an upright axis that does not move the accelerometers see nothing of the gyros, but each horizontal gyro's bias is its
-        mean rate: Earth's rotation averages out over a turn.
+        About an upright axis that does not move the accelerometers are insensitive to the gyros' errors, but each horizontal gyro's
+        bias is its mean rate: Earth's rotation averages out over a turn.
         """
         if self.pushed_m_s is None:
             if np.ptp(self.outer_deg) > STILL_DEG:
@@ -168,15 +172,15 @@ class TableRun:
 
 
 def _gyro(recording: Recording, axis: str) -> str:
-    found = [column for column in recording.gyro_columns if column.startswith(f"gyro_{axis}_")]
-    if not found:
+    columns = [column for column in recording.gyro_columns if column.startswith(f"gyro_{axis}_")]
+    if not columns:
         raise InputError(
             f"{recording.name} has no gyro_{axis}_pulses (or gyro_{axis}_deg_h); a triad has three gyros; it has "
             f"{', '.join(recording.gyro_columns)}; for a single gyro use rlgcomp scale-factor"
         )
-    if len(found) > 1:
-        raise InputError(f"{recording.name} has {' and '.join(found)} for one axis; leave one out with --drop {found[0]}")
-    return found[0]
+    if len(columns) > 1:
+        raise InputError(f"{recording.name} has {' and '.join(columns)} for one axis; leave one out with --drop {columns[0]}")
+    return columns[0]
 
 
 def _counting_noise_arcsec(recording: Recording, columns: list[str]) -> float:
@@ -195,10 +199,10 @@ def _pushed(recording: Recording, step_s: float) -> Array | None:
     return None
 
 
-def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_s: float, wanted: str | None) -> str:
+def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_s: float, stated: str | None) -> str:
     """The geometry whose body rates are the table's, within 2 %."""
-    if wanted is not None and wanted not in frames.GYRO_AXES:
-        raise InputError(f"gyro axes are {wanted!r}; allowed are {', '.join(frames.GYRO_AXES)}")
+    if stated is not None and stated not in frames.GYRO_AXES:
+        raise InputError(f"gyro axes are {stated!r}; allowed are {', '.join(frames.GYRO_AXES)}")
     every = max(1, round(_AGREEMENT_WINDOW_S / step_s))
     windows = (len(inner) - 1) // every
     phi = 0.5 * (inner[1:] + inner[:-1]) * units.RAD_PER_DEG
@@ -211,7 +215,7 @@ def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_
     misfit = {
         key: float(np.sqrt(np.mean((gyros @ matrix.T - table) ** 2) / np.mean(table**2)))
         for key, matrix in frames.GYRO_AXES.items()
-        if wanted in (None, key)
+        if stated in (None, key)
     }
     best = min(misfit, key=misfit.__getitem__)
     if misfit[best] > WORST_AGREEMENT:
@@ -222,3 +226,76 @@ def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_
             f"order and signs of the axes, pulse_arcsec, and which encoder is inner and outer{sampling}"
         )
     return best
+
+
+def _require_gravity(name: str, pushed_m_s: Array, outer_deg: Array, inner_deg: Array, step_s: float) -> None:
+    """Raise unless accelerometers and encoders agree within 2 % and the turn in a sample: no encoder's instant is known better.
+
+    At rest but for rotation a triad measures gravity alone, so that the accelerometers are to the encoders' angles as the gyros are
+    to their rates. A zero of the outer encoder that is off, or an accelerometer with the wrong sign, would otherwise pass for a
+    triad that stands turned by as much, or for vibration.
+
+    Raises
+    ------
+    InputError
+        They disagree; the message names the change of order, sign or zero with which they would agree.
+    """
+    mean_m_s = float(np.mean(np.linalg.norm(pushed_m_s, axis=1)))
+    if not mean_m_s > 0.0:
+        return
+    up = pushed_m_s[1:] / mean_m_s
+    outer, inner = (0.5 * (angle[1:] + angle[:-1]) for angle in (outer_deg, inner_deg))
+    every = max(1, round(_AGREEMENT_WINDOW_S / step_s))
+    steps = np.diff(np.stack([outer_deg, inner_deg]), axis=1) * units.RAD_PER_DEG
+    allowed = WORST_AGREEMENT + float(np.sqrt(np.mean(np.sum(steps**2, axis=0))))
+    misfit = _misfit(up, outer, inner, every)
+    if misfit <= allowed:
+        return
+    kinds = (_other_axes(up, outer, inner), _other_encoders(up, outer, inner))
+    agreeing = [next((change for change, readings in kind if _misfit(*readings, every) <= allowed), None) for kind in kinds]
+    changes = " or with ".join(change for change in agreeing if change is not None)
+    would = f"they agree with {changes}" if changes else "no order, sign or zero makes them agree"
+    raise InputError(
+        f"{name}: the accelerometers disagree with the encoders by {100 * misfit:.3g} % of gravity, and {100 * allowed:.2g} % is "
+        f"allowed; {would}; check the order and signs of accel_x, accel_y and accel_z, and that the outer encoder is zero with the "
+        "inner axis upright"
+    )
+
+
+def _misfit(up: Array, outer_deg: Array, inner_deg: Array, every: int) -> float:
+    """Rms, over windows, of the measured direction of up less that of the encoders."""
+    residual = up - _encoder_up(outer_deg, inner_deg)
+    windows = len(residual) // every
+    means = residual[: windows * every].reshape(windows, every, 3).mean(axis=1)
+    return float(np.sqrt(np.mean(np.sum(means**2, axis=1))))
+
+
+def _encoder_up(outer_deg: Array, inner_deg: Array) -> Array:
+    """Direction of up in the body by the encoders, shape (n, 3)."""
+    return np.asarray(frames.table_attitude(outer_deg, inner_deg)[:, 2, :])
+
+
+def _other_axes(up: Array, outer: Array, inner: Array) -> Iterator[tuple[str, Readings]]:
+    """Accelerometers taken in another order and with other signs, the fewest changes first: change and readings."""
+    combinations = itertools.product(itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3))
+    changes = {
+        (order, signs): [
+            f"{axis} = {'-' if sign < 0.0 else ''}accel_{AXES[k]}"
+            for axis, k, sign in zip(AXES, order, signs, strict=True)
+            if AXES[k] != axis or sign < 0.0
+        ]
+        for order, signs in combinations
+    }
+    for (order, signs), changed in sorted(changes.items(), key=lambda item: len(item[1])):
+        yield ", ".join(changed), (up[:, order] * np.array(signs), outer, inner)
+
+
+def _other_encoders(up: Array, outer: Array, inner: Array) -> Iterator[tuple[str, Readings]]:
+    """Encoders taken with another sign or zero."""
+    yield "the other sign of angle_outer_deg", (up, -outer, inner)
+    outer_rad, inner_rad = outer * units.RAD_PER_DEG, inner * units.RAD_PER_DEG
+    level = (1j * up[:, 1] - up[:, 0]) * np.exp(-1j * inner_rad)  # sin(outer), were both right; a wrong inner zero turns it
+    off_deg = float(np.angle(np.sum((up[:, 2] + 1j * level.real) * np.exp(-1j * outer_rad)))) / units.RAD_PER_DEG
+    yield f"{off_deg:.4g} deg added to angle_outer_deg", (up, outer + off_deg, inner)
+    off_deg = float(np.angle(np.sum(level * np.sin(outer_rad)))) / units.RAD_PER_DEG
+    yield f"{off_deg:.4g} deg added to angle_inner_deg", (up, outer, inner + off_deg)

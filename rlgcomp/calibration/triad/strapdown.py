@@ -1,4 +1,4 @@
-r"""Strapdown integration of a triad at rest on the Earth but for rotation, and how its errors drive the result.
+r"""Strapdown integration of a triad at rest on the Earth but for rotation, and its sensitivity to errors of the instruments.
 
 Attitude and velocity follow from gyro increments :math:`\Delta\theta_k` and velocity increments :math:`\Delta v_k`,
 
@@ -12,7 +12,7 @@ Attitude and velocity follow from gyro increments :math:`\Delta\theta_k` and vel
 with the coning and sculling terms of Savage, which are exact for rates that change linearly over two samples. Where the triad turns
 by more than :data:`MOST_TURN_DEG` in a sample they are too coarse: at 3 deg they leave 1 ppm in the scale factors of axes that turn
 together. There each sample is divided, both instruments' increments following the polynomial of degree four whose integrals over
-the sample and its four nearest neighbours are what was recorded (:func:`divided`).
+the sample and its four nearest neighbours are the recorded increments (:func:`divided`).
 
 The triad does not move, so the integral of its specific force less gravity is error
 alone. With :math:`\tilde C = (I - [\varphi \times]) C`, and :math:`\delta\omega_b, \delta f_b` the errors of the instruments,
@@ -38,7 +38,7 @@ import numpy.typing as npt
 
 from rlgcomp import units
 from rlgcomp.numerics import frames
-from rlgcomp.simulation.triad_errors import Parameter
+from rlgcomp.simulation.triad_errors import ErrorParameter
 
 Array = npt.NDArray[np.float64]
 MOST_TURN_DEG: Final = 0.4
@@ -82,6 +82,7 @@ def integrate(
     turned_rad, pushed_m_s : ndarray, shape (n, 3)
         Body increments over each sample.
     step_s : float
+        Sample period.
     C_bn : ndarray, shape (3, 3)
         Attitude at the start.
     earth_rad_s : ndarray, shape (3,)
@@ -136,7 +137,7 @@ def divided(increments: Array, parts: int) -> Array:
 
 @dataclasses.dataclass(frozen=True)
 class Sensitivity:
-    """How a trajectory's attitude and velocity at some epochs follow from errors.
+    """Derivatives of a trajectory's attitude and velocity at some epochs with respect to errors.
 
     Parameters
     ----------
@@ -149,15 +150,24 @@ class Sensitivity:
     tilt: Array
     velocity: Array
 
-    def beside(self, other: Sensitivity) -> Sensitivity:
+    def joined(self, other: Sensitivity) -> Sensitivity:
         """This one's parameters, then the other's."""
         return Sensitivity(np.concatenate([self.tilt, other.tilt], axis=2), np.concatenate([self.velocity, other.velocity], axis=2))
 
 
-def sensitivity(trajectory: Trajectory, every: int, gyro: Sequence[Parameter], accelerometer: Sequence[Parameter]) -> Sensitivity:
+def sensitivity(
+    trajectory: Trajectory, every: int, gyro: Sequence[ErrorParameter], accelerometer: Sequence[ErrorParameter]
+) -> Sensitivity:
     """Sensitivities to the gyro's parameters, then the accelerometer's, at every `every`-th sample, the start included.
 
-    The whole linear model is integrated, sample by sample: nothing is neglected but squares of the errors.
+    The whole linear model is integrated, sample by sample: only squares of the errors are neglected.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    every : int
+        Samples from epoch to epoch.
+    gyro, accelerometer : sequence of ErrorParameter
     """
     n = len(trajectory.turned_rad)
     step_s = float(trajectory.time_s[1])
@@ -169,7 +179,7 @@ def sensitivity(trajectory: Trajectory, every: int, gyro: Sequence[Parameter], a
     tilt, velocity = np.zeros((epochs, 3, total)), np.zeros((epochs, 3, total))
     for column, parameter in enumerate(gyro):
         drive = trajectory.turned_rad[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
-        phi, pushed = _leaning(trajectory, turn, middle[:, :, parameter.row] * (-parameter.si * drive)[:, None])
+        phi, pushed = _tilt_response(trajectory, turn, middle[:, :, parameter.row] * (-parameter.si * drive)[:, None])
         tilt[:, :, column], velocity[:, :, column] = phi[::every], pushed[::every]
     for column, parameter in enumerate(accelerometer, start=len(gyro)):
         drive = trajectory.pushed_m_s[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
@@ -181,20 +191,30 @@ def sensitivity(trajectory: Trajectory, every: int, gyro: Sequence[Parameter], a
 
 
 def earth_sensitivity(trajectory: Trajectory, every: int, si: float) -> Sensitivity:
-    r"""Sensitivities to what is taken for Earth's rotation beyond the truth, about north and about up, in units of `si` rad/s.
+    r"""Sensitivities to an excess of the assumed Earth rate, about north and about up, in units of `si` rad/s.
 
+    Parameters
+    ----------
+    trajectory : Trajectory
+    every : int
+        Samples from epoch to epoch.
+    si : float
+        Unit of the excess in rad/s.
+
+    Notes
+    -----
     In :math:`\dot\varphi = -\omega_{ie} \times \varphi + \delta\omega_{ie}` it is to the level frame what a bias is to the body.
     """
     turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s)
     fixed = np.swapaxes(0.5 * (turn[:-1] + turn[1:]), 1, 2)  # from the level frame to that at the start
     step = si * float(trajectory.time_s[1])
-    about = [_leaning(trajectory, turn, step * fixed[:, :, axis]) for axis in (1, 2)]
+    about = [_tilt_response(trajectory, turn, step * fixed[:, :, axis]) for axis in (1, 2)]
     tilt, velocity = (np.stack([parts[k][::every] for parts in about], axis=2) for k in (0, 1))
     return Sensitivity(tilt, velocity)
 
 
-def _leaning(trajectory: Trajectory, turn: Array, driven: Array) -> tuple[Array, Array]:
-    """Tilt in rad and velocity in m/s that increments of the tilt, in the level frame at the start, bring about."""
+def _tilt_response(trajectory: Trajectory, turn: Array, driven: Array) -> tuple[Array, Array]:
+    """Tilt in rad and velocity in m/s caused by increments of the tilt in the level frame at the start."""
     summed = np.zeros((len(driven) + 1, 3))
     np.cumsum(driven, axis=0, out=summed[1:])
     phi = _turned(turn, summed)

@@ -39,7 +39,7 @@ _NODES, _WEIGHTS = (0.5 * np.asarray(part, dtype=np.float64) for part in np.poly
 
 
 @dataclasses.dataclass(frozen=True)
-class TableProgramme:
+class TwoAxisProgramme:
     """Rates of a two-axis table, linear between knots.
 
     Parameters
@@ -108,7 +108,7 @@ class TableProgramme:
 
 def reversing(
     inner_deg_s: float, *, outer_deg_s: float = 0.0, revolutions: int = 10, repeats: int = 5, **start: float
-) -> TableProgramme:
+) -> TwoAxisProgramme:
     """The inner axis turns `revolutions` forward, then as many back, `repeats` times.
 
     With the outer axis turning as well, the two reverse in turn: were they always to reverse together, nothing could tell the scale
@@ -117,10 +117,10 @@ def reversing(
     duration_s = 360.0 * revolutions / inner_deg_s
     senses = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
     turns = [senses[k % 4] if outer_deg_s else (1, (-1) ** k) for k in range(2 * repeats)]
-    return TableProgramme.of([(outer_deg_s * out, inner_deg_s * sense, duration_s) for out, sense in turns], **start)
+    return TwoAxisProgramme.of([(outer_deg_s * out, inner_deg_s * sense, duration_s) for out, sense in turns], **start)
 
 
-PROGRAMMES: Final[dict[str, TableProgramme]] = {
+PROGRAMMES: Final[dict[str, TwoAxisProgramme]] = {
     "step-1": reversing(30.0, outer_start_deg=90.0),
     "step-2": reversing(30.0),
     "step-3": reversing(30.0, outer_deg_s=60.0),
@@ -167,7 +167,9 @@ class Triad:
     gravity_m_s2: float = units.STANDARD_GRAVITY_M_S2
     encoder_arcsec: float = 3.0
 
-    def simulate(self, programme: TableProgramme | str, *, seed: int = 0, step_s: float = 0.005, name: str = "table") -> Recording:
+    def simulate(
+        self, programme: TwoAxisProgramme | str, *, seed: int = 0, step_s: float = 0.005, name: str = "table"
+    ) -> Recording:
         """Make a recording: pulses of three gyros, velocity increments of three accelerometers, both encoders.
 
         Raises
@@ -218,7 +220,7 @@ class Triad:
         )
         return Recording(table, metadata, name=name)
 
-    def _true_increments(self, programme: TableProgramme, samples: int, step_s: float) -> tuple[Array, Array]:
+    def _true_increments(self, programme: TwoAxisProgramme, samples: int, step_s: float) -> tuple[Array, Array]:
         """Integrals of omega_b and f_b over each sample."""
         base = frames.matrix_of(frames.quaternion_of(np.array(self.tilt_arcsec) * units.RAD_PER_ARCSEC))
         earth = base.T @ frames.earth_rate_n_rad_s(self.latitude_deg)
