@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.models import MODELS
 from rlgcomp.export.target import export
 
 FOLDER = Path(__file__).parent

@@ -66,14 +66,14 @@ if TYPE_CHECKING:
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor as calibrate_scale_factor
     from rlgcomp.calibration.triad.calibrate import calibrate_turntable as calibrate_turntable
     from rlgcomp.compensation.adaptation import adapt as adapt
-    from rlgcomp.compensation.baselines import KernelBaselines as KernelBaselines
     from rlgcomp.compensation.compensator import Compensator as Compensator
-    from rlgcomp.compensation.cubic import CubicLeastSquares as CubicLeastSquares
+    from rlgcomp.compensation.compensator import load as load
     from rlgcomp.compensation.feature_pipeline import FeatureRecipe as FeatureRecipe
-    from rlgcomp.compensation.fixed_size import FixedSizeLSSVM as FixedSizeLSSVM
-    from rlgcomp.compensation.lssvm import LSSVMRegressor as LSSVMRegressor
-    from rlgcomp.compensation.sequence import SequenceRegressor as SequenceRegressor
-    from rlgcomp.compensation.serialisation import load as load
+    from rlgcomp.compensation.models.baselines import KernelBaselines as KernelBaselines
+    from rlgcomp.compensation.models.cubic import CubicLeastSquares as CubicLeastSquares
+    from rlgcomp.compensation.models.fixed_size import FixedSizeLSSVM as FixedSizeLSSVM
+    from rlgcomp.compensation.models.lssvm import LSSVMRegressor as LSSVMRegressor
+    from rlgcomp.compensation.models.sequence import SequenceRegressor as SequenceRegressor
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose
     from rlgcomp.diagnosis.result import Diagnosis as Diagnosis
     from rlgcomp.errors import InputError as InputError
@@ -109,20 +109,20 @@ _HOMES = {
     "CATALOGUE": "physics",
     "Calibration": "calibration.file",
     "Compensator": "compensation.compensator",
-    "CubicLeastSquares": "compensation.cubic",
+    "CubicLeastSquares": "compensation.models.cubic",
     "Evaluation": "evaluation.evaluation",
     "FeatureRecipe": "compensation.feature_pipeline",
-    "FixedSizeLSSVM": "compensation.fixed_size",
+    "FixedSizeLSSVM": "compensation.models.fixed_size",
     "InputError": "errors",
-    "KernelBaselines": "compensation.baselines",
-    "LSSVMRegressor": "compensation.lssvm",
+    "KernelBaselines": "compensation.models.baselines",
+    "LSSVMRegressor": "compensation.models.lssvm",
     "Mechanism": "physics.mechanism",
     "Metadata": "recording",
     "NoiseCoefficients": "noise.allan.coefficients",
     "NoiseModel": "noise.processes",
     "Programme": "simulation.programme",
     "Recording": "recording",
-    "SequenceRegressor": "compensation.sequence",
+    "SequenceRegressor": "compensation.models.sequence",
     "Simulator": "simulation.simulator",
     "Triad": "simulation.two_axis_table",
     "TriadErrors": "simulation.triad_errors",
@@ -136,7 +136,7 @@ _HOMES = {
     "diagnose": "diagnosis.diagnose",
     "evaluate": "evaluation.evaluation",
     "fit_coefficients": "noise.allan.coefficients",
-    "load": "compensation.serialisation",
+    "load": "compensation.compensator",
     "overlapping_deviation": "noise.allan.octaves",
     "read": "recording.formats",
     "simulated_unit": "simulation.random_units",

@@ -194,8 +194,8 @@ def train_unit(
     keep_mean: bool = False,
 ) -> dict[str, Any]:
     """A task: train a compensation on the unit's runs."""
-    from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.compensator import Compensator
+    from rlgcomp.compensation.models import MODELS
     from rlgcomp.recording.formats import read
 
     compensator = Compensator(MODELS[model].make(), features=features, averaging_s=averaging_s, keep_mean=keep_mean)

@@ -13,8 +13,8 @@ import rlgcomp as rlg
 from experiments.new_unit.__main__ import main
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.adaptation import Population
+from rlgcomp.compensation.models import MODELS
 
 
 def units_of(

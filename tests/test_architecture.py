@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import rlgcomp
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.models import MODELS
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording.formats import FORMATS
 
@@ -99,9 +99,9 @@ def test_every_format_file_is_in_the_list() -> None:
 
 
 def test_every_model_file_is_in_the_list() -> None:
-    modules = {name: importlib.import_module(f"rlgcomp.compensation.{name}") for name in _names_in("compensation")}
-    assert {name for name, module in modules.items() if hasattr(module, "FORM") or hasattr(module, "FORMS")} == {
-        form.estimator.__module__.rsplit(".", 1)[1] for form in MODELS.values()
+    modules = {name: importlib.import_module(f"rlgcomp.compensation.models.{name}") for name in _names_in("compensation/models")}
+    assert {name for name, module in modules.items() if hasattr(module, "SPECIFICATION") or hasattr(module, "SPECIFICATIONS")} == {
+        specification.estimator.__module__.rsplit(".", 1)[1] for specification in MODELS.values()
     }
 
 

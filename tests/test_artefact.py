@@ -17,8 +17,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.artefact import MANIFEST, SUMS, identity
+from rlgcomp.compensation.models import MODELS
 from rlgcomp.files import sha256
 
 
@@ -44,7 +44,7 @@ def test_it_predicts_the_same_to_the_last_bit(saved: Path, trained: rlg.Compensa
     again = rlg.load(saved)
     for run in short_runs:
         assert again.predict(run).equals(trained.predict(run))
-    assert again.recipe_ == trained.recipe_
+    assert again.pipeline_ == trained.pipeline_
     assert again.selection_.best == trained.selection_.best
     assert len(again.training_) == 2
 
@@ -255,7 +255,7 @@ def test_a_model_may_be_replaced_and_a_failure_leaves_the_old_one(
     trained: rlg.Compensator, copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = identity(copy)
-    monkeypatch.setattr("rlgcomp.compensation.artefact.card", lambda *args: (_ for _ in ()).throw(OSError("disk full")))
+    monkeypatch.setattr("numpy.save", lambda *args, **kwargs: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(OSError, match="disk full"):
         trained.save(copy)
     assert identity(copy) == before
@@ -387,7 +387,7 @@ def test_arrays_of_other_shapes_or_bytes_are_refused(saved: Path, data: st.DataO
 def test_a_model_of_schema_1_is_migrated(
     saved: Path, copy: Path, trained: rlg.Compensator, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """It had no interval: the one calibrated anew from its training rows is that of the fit, and saving it makes schema 2 of it."""
+    """It had no interval: the one calibrated from its training rows is that of the fit, and saving it makes schema 2 of it."""
     manifest = json.loads((copy / MANIFEST).read_text())
     del manifest["interval"], manifest["arrays"]["golden_half_width_deg_h"]
     (copy / "arrays" / "golden_half_width_deg_h.npy").unlink()
@@ -395,7 +395,7 @@ def test_a_model_of_schema_1_is_migrated(
     reseal(copy)
     with caplog.at_level(logging.INFO):
         old = rlg.load(copy)
-    assert "calibrated anew" in caplog.text
+    assert "calibrated from the training rows" in caplog.text
     assert old.schema_ == "rlgcomp.model/1"
     assert old.interval_.to_mapping() == pytest.approx(trained.interval_.to_mapping(), rel=1e-9)
     old.save(copy)
@@ -430,7 +430,7 @@ def test_every_model_kept_compensates(path: Path) -> None:
 
 
 def test_two_forms_are_kept_with_card_and_code() -> None:
-    assert len({rlg.load(path).form_.name for path in MODELS_KEPT}) >= 2
+    assert len({rlg.load(path).specification_.name for path in MODELS_KEPT}) >= 2
     for path in MODELS_KEPT:
         assert (path / "card.md").is_file()
         (header,) = (path / "c").glob("*.h")

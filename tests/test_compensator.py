@@ -10,7 +10,7 @@ import pytest
 from sklearn.neighbors import KNeighborsRegressor
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.models import MODELS
 
 
 def test_it_removes_the_bias_of_a_run_held_out(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
@@ -94,7 +94,7 @@ def test_the_lead_in_is_neither_fitted_nor_scored(short_runs: list[rlg.Recording
 
 def test_dynamics_are_linear_in_the_dynamic_model(short_runs: list[rlg.Recording]) -> None:
     model = rlg.Compensator(MODELS["dynamic"].make()).fit(short_runs[:2])
-    places = model.recipe_.dynamic
+    places = model.pipeline_.dynamic
     assert len(places) > 3
     assert not model.model_.coef_[1:, list(places)].any()
     assert model.model_.coef_[1:, 0].any()

@@ -76,7 +76,7 @@ def test_a_shift_of_the_mean_is_not_instability(trained: rlg.Compensator, short_
 
 def test_correlation_is_pearsons(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
     part = trained.training_[0]
-    table = correlation_table([part], trained.recipe_.names)
+    table = correlation_table([part], trained.pipeline_.names)
     expected = [np.corrcoef(column, part.y_deg_h)[0, 1] for column in part.X.T]
     assert table["correlation"].to_numpy() == pytest.approx(np.array(expected), abs=1e-12)
 

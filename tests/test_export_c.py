@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import rlgcomp as rlg
 from rlgcomp.cli import app, register_commands
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.models import MODELS
 from rlgcomp.export import toolchain as tools
 from rlgcomp.export.accuracy import bounds_of, span_deg_h
 from rlgcomp.export.c_features import identifiers
@@ -102,7 +102,7 @@ def test_every_form_is_among_the_models(models: dict[str, rlg.Compensator]) -> N
 def test_the_expansion_is_the_model(models: dict[str, rlg.Compensator], short_runs: list[rlg.Recording], name: str) -> None:
     model = models[name]
     expansion = expansion_of(model)
-    X = model.recipe_.transform(short_runs[2]).to_numpy()
+    X = model.pipeline_.transform(short_runs[2]).to_numpy()
     stream = stream_of(short_runs[2], model, expansion, full=True)
     off = np.abs(expansion.bias_deg_h(X) - model.predict_rows(X))
     assert (off <= bounds_of(stream, model, expansion, "double").bias_deg_h).all()
@@ -219,7 +219,7 @@ def test_the_golden_recording_holds_what_must_be_tested(trained: rlg.Compensator
 def test_the_golden_answers_are_those_of_step(trained: rlg.Compensator) -> None:
     golden, _ = golden_stream(trained, expansion_of(trained), full=True)
     trained.restart()
-    columns = ("time_s", *trained.recipe_.columns)
+    columns = ("time_s", *trained.pipeline_.columns)
     for k in range(len(golden.time_s)):
         sample = dict(zip(columns, (golden.time_s[k], *golden.monitors[k]), strict=True))
         if golden.status[k] == INVALID:
@@ -241,9 +241,9 @@ def test_an_invalid_sample_changes_nothing(models: dict[str, rlg.Compensator], t
     for file, text in rendered(model, precision).items():
         (tmp_path / file).write_text(text, encoding="ascii")
     usual = {"temperature_block_degC": 20.0, "temperature_shell_degC": 20.0}
-    monitors = [usual.get(column, 1.0) for column in model.recipe_.columns]
-    shell = model.recipe_.columns.index("temperature_shell_degC")
-    block = model.recipe_.columns.index("temperature_block_degC")
+    monitors = [usual.get(column, 1.0) for column in model.pipeline_.columns]
+    shell = model.pipeline_.columns.index("temperature_shell_degC")
+    block = model.pipeline_.columns.index("temperature_block_degC")
     largest = "FLT_MAX" if precision == "float" else "DBL_MAX"
     main = f"""#include <float.h>
 #include <string.h>

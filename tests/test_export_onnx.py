@@ -55,7 +55,7 @@ def test_every_form_answers_as_python_does(
     export(tmp_path / "model", tmp_path / "out", "onnx", Options(precision=precision, name="m"))
     session = onnxruntime.InferenceSession(tmp_path / "out" / "m.onnx", providers=["CPUExecutionProvider"])
     run = short_runs[2]
-    X = model.recipe_.transform(run).to_numpy()[::50].copy()
+    X = model.pipeline_.transform(run).to_numpy()[::50].copy()
     X[-5:] *= 3.0  # beyond the training range
     bias, outside, width = session.run(None, {"features": X.astype(np.float64 if precision == "double" else np.float32)})
     span = model.interval_.per_span_deg_h
@@ -72,7 +72,7 @@ def test_the_file_says_what_it_is(tmp_path: Path) -> None:
     said = {entry.key: entry.value for entry in model.metadata_props}
     assert said["sha256"] == identity(path)
     assert said["unit"] == "deg/h"
-    assert tuple(json.loads(said["features"])) == rlg.load(path).recipe_.names
+    assert tuple(json.loads(said["features"])) == rlg.load(path).pipeline_.names
     assert "Stateless core" in said["what"]
     assert [value.name for value in model.graph.output] == ["bias_deg_h", "out_of_range", "half_width_deg_h"]
 
@@ -89,7 +89,7 @@ def test_the_command_verifies_on_recordings_and_writes_golden_vectors(short_runs
         (stream, how) for stream in ("golden", "new") for how in ("batch", "one by one")
     ]
     golden, model = pd.read_csv(tmp_path / "out" / "golden.csv"), rlg.load(path)
-    X = golden[list(model.recipe_.names)].to_numpy()
+    X = golden[list(model.pipeline_.names)].to_numpy()
     assert golden["bias_deg_h"].to_numpy() == pytest.approx(model.predict_rows(X), rel=0.0, abs=1e-12)
     assert 0 < golden["out_of_range"].sum() < len(golden)
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.compensation.feature_pipeline import GROUPS, recipe_for
+from rlgcomp.compensation.feature_pipeline import GROUPS, pipeline_for
 from rlgcomp.compensation.features import FEATURES, Difference, Lag, Level, Memory, Rate, ReadoutDifference
 
 T = "temperature_block_degC"
@@ -80,8 +80,8 @@ def test_rate_and_lag_of_a_ramp(unit: rlg.Simulator) -> None:
 
     time_s = np.arange(0.0, 20_000.0, 5.0)
     table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": 0.0, T: -40.0 + time_s / 60.0})
-    recipe = rlg.FeatureRecipe((Rate(T), Lag(T, (300.0, 900.0)), Memory(T, (3.0,))))
-    last = recipe.transform(rlg.Recording(table)).iloc[-1]
+    pipeline = rlg.FeatureRecipe((Rate(T), Lag(T, (300.0, 900.0)), Memory(T, (3.0,))))
+    last = pipeline.transform(rlg.Recording(table)).iloc[-1]
     assert last["temperature_block_rate_degC_min"] == pytest.approx(1.0, rel=1e-9)
     assert last["temperature_block_lag_300s_K"] == pytest.approx(-5.0, rel=1e-6)
     assert last["temperature_block_lag_900s_K"] == pytest.approx(-15.0, rel=1e-6)
@@ -93,8 +93,8 @@ def test_readout_difference_is_blind_to_power(short_runs: list[rlg.Recording]) -
     dimmed = run.replace(
         table=run.table.assign(readout_a_V=0.5 * run.column("readout_a_V"), readout_b_V=0.5 * run.column("readout_b_V"))
     )
-    recipe = rlg.FeatureRecipe((ReadoutDifference(),))
-    assert recipe.transform(dimmed).to_numpy() == pytest.approx(recipe.transform(run).to_numpy(), rel=1e-12)
+    pipeline = rlg.FeatureRecipe((ReadoutDifference(),))
+    assert pipeline.transform(dimmed).to_numpy() == pytest.approx(pipeline.transform(run).to_numpy(), rel=1e-12)
 
 
 def test_a_recipe_and_back() -> None:
@@ -108,18 +108,18 @@ def test_a_wrong_recipe_is_refused(items: list[dict[str, object]]) -> None:
 
 
 def test_the_recipe_takes_what_was_recorded(short_runs: list[rlg.Recording]) -> None:
-    everything = recipe_for(short_runs)
+    everything = pipeline_for(short_runs)
     assert {feature.group for feature in everything.features} == set(GROUPS)
     without_light = [run.replace(table=run.table.drop(columns="light_intensity_V")) for run in short_runs]
-    assert "light_intensity" not in {feature.group for feature in recipe_for(without_light).features}
-    assert recipe_for(short_runs, "temperature,supply_voltage_V").names == (T, "supply_voltage_V")
+    assert "light_intensity" not in {feature.group for feature in pipeline_for(without_light).features}
+    assert pipeline_for(short_runs, "temperature,supply_voltage_V").names == (T, "supply_voltage_V")
 
 
 def test_short_runs_have_no_long_lags(short_runs: list[rlg.Recording]) -> None:
     run = short_runs[0].between(0.0, 3000.0)
-    (lag,) = recipe_for([run], "lag").features
+    (lag,) = pipeline_for([run], "lag").features
     assert lag.time_constants_s == (300.0, 900.0)
-    (lag,) = recipe_for([short_runs[0].between(0.0, 600.0)], "lag").features
+    (lag,) = pipeline_for([short_runs[0].between(0.0, 600.0)], "lag").features
     assert lag.time_constants_s == (200.0,)
 
 
@@ -129,21 +129,21 @@ def test_short_runs_have_no_long_lags(short_runs: list[rlg.Recording]) -> None:
 def test_features_that_cannot_be_had(short_runs: list[rlg.Recording], wanted: str, message: str) -> None:
     bare = [run.replace(table=run.table.drop(columns="temperature_shell_degC")) for run in short_runs]
     with pytest.raises(rlg.InputError, match=message):
-        recipe_for(bare, wanted)
+        pipeline_for(bare, wanted)
 
 
 def test_no_monitor_at_all_is_refused(short_runs: list[rlg.Recording]) -> None:
     bare = [run.replace(table=run.table[["time_s", "gyro_deg_h"]]) for run in short_runs]
     with pytest.raises(rlg.InputError, match="no monitor to learn from"):
-        recipe_for(bare)
+        pipeline_for(bare)
 
 
 @pytest.mark.parametrize("change", [{T: float("nan")}, {"time_s": 0.0}, {T: None}, {T: "20.0"}, {T: [20.0]}, {T: pd.NA}])
 def test_a_wrong_sample_is_refused(change: dict[str, object]) -> None:
-    recipe = rlg.FeatureRecipe((Level(T),))
-    _, state = recipe.step(None, {"time_s": 1.0, T: 20.0})
+    pipeline = rlg.FeatureRecipe((Level(T),))
+    _, state = pipeline.step(None, {"time_s": 1.0, T: 20.0})
     sample = {"time_s": 2.0, T: 20.0} | change
     with pytest.raises(rlg.InputError, match="sample"):
-        recipe.step(state, sample)
+        pipeline.step(state, sample)
     with pytest.raises(rlg.InputError, match=f"sample: {T} missing"):
-        recipe.step(state, {"time_s": 2.0})
+        pipeline.step(state, {"time_s": 2.0})

@@ -10,9 +10,9 @@ from sklearn.base import clone
 from sklearn.linear_model import Ridge
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS, fixed_size, lssvm
-from rlgcomp.compensation.fixed_size import fixed_size_rmse, spread_out
-from rlgcomp.compensation.kernels import gaussian
+from rlgcomp.compensation.models import MODELS, fixed_size, lssvm
+from rlgcomp.compensation.models.fixed_size import fixed_size_rmse, spread_out
+from rlgcomp.compensation.models.kernels import gaussian
 from rlgcomp.compensation.selection import select
 from rlgcomp.numerics.compiled import available
 
@@ -68,9 +68,9 @@ def test_folds_are_those_of_fitting_again(groups: np.ndarray) -> None:
 def test_the_selection_of_many_rows_finds_what_the_exact_one_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     X, y = path(700)
     groups = np.arange(700) // 70
-    exact = select(lssvm.FORM, rlg.LSSVMRegressor(), X, y, groups)
+    exact = select(lssvm.SPECIFICATION, rlg.LSSVMRegressor(), X, y, groups)
     monkeypatch.setattr(lssvm, "MANY_ROWS", 600)
-    fast = select(lssvm.FORM, rlg.LSSVMRegressor(), X, y, groups, n_jobs=2)
+    fast = select(lssvm.SPECIFICATION, rlg.LSSVMRegressor(), X, y, groups, n_jobs=2)
     assert fast.best == exact.best
     assert fast.rmse == pytest.approx(exact.rmse, rel=1e-4)
 
@@ -78,11 +78,11 @@ def test_the_selection_of_many_rows_finds_what_the_exact_one_finds(monkeypatch: 
 def test_a_selected_model_predicts_new_rows_to_the_noise() -> None:
     X, y = path(6000)
     groups = np.arange(6000) % 10
-    form = MODELS["fixed-size"]
-    found = select(form, form.make(), X, y, groups, n_jobs=2)
+    specification = MODELS["fixed-size"]
+    found = select(specification, specification.make(), X, y, groups, n_jobs=2)
     assert found.rmse == pytest.approx(0.1, rel=0.05)
-    model = clone(form.make()).set_params(**found.best).fit(X, y)
-    again = form.unpack(*form.pack(model), X.shape[1])
+    model = clone(specification.make()).set_params(**found.best).fit(X, y)
+    again = specification.unpack(*specification.pack(model), X.shape[1])
     assert np.array_equal(again.predict(X[:50]), model.predict(X[:50]))
 
 

@@ -24,8 +24,8 @@ import rlgcomp as rlg
 from rlgcomp.calibration.file import Calibration
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.compensation import MODELS
-from rlgcomp.compensation.fixed_size import FixedSizeLSSVM
+from rlgcomp.compensation.models import MODELS
+from rlgcomp.compensation.models.fixed_size import FixedSizeLSSVM
 from rlgcomp.compensation.streaming import Follower, agrees, to_lines
 
 MONITORS = ("temperature_block_degC", "temperature_shell_degC", "light_intensity_V", "readout_a_V", "readout_b_V")
@@ -45,7 +45,7 @@ ESTIMATORS = {
 def compensators(short_runs: list[rlg.Recording]) -> dict[str, rlg.Compensator]:
     """Every model that answers sample by sample, fitted; its parameters are of no consequence here, so none are searched."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rlgcomp.compensation.compensator.form_of", lambda model: None)
+        patch.setattr("rlgcomp.compensation.compensator.specification_of", lambda model: None)
         return {name: rlg.Compensator(estimator).fit(short_runs[:2]) for name, estimator in ESTIMATORS.items()}
 
 

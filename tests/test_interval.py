@@ -13,7 +13,7 @@ from sklearn.neighbors import KNeighborsRegressor
 import rlgcomp as rlg
 from experiments.coverage.__main__ import main, programme
 from rlgcomp.compensation.interval import Interval, excess, quantile
-from rlgcomp.compensation.rows import rows
+from rlgcomp.compensation.window_means import window_means
 
 
 def test_ninety_percent_of_windows_held_out_by_run_lie_within() -> None:
@@ -24,7 +24,7 @@ def test_ninety_percent_of_windows_held_out_by_run_lie_within() -> None:
         runs = [unit.simulate(programme(rng), seed=k, step_s=20.0, name=f"{k}") for k in range(6)]
         compensator = rlg.Compensator(rlg.CubicLeastSquares(linear="dynamics")).fit(runs[:4])
         for run in runs[4:]:
-            windows = rows(run, compensator.recipe_, 100.0)
+            windows = window_means(run, compensator.pipeline_, 100.0)
             error = np.abs(windows.y_deg_h - compensator.predict_rows(windows.X))
             shares.append(np.mean(error <= compensator.half_widths(windows.X)))
     assert 0.87 < np.mean(shares) < 0.93
@@ -90,7 +90,9 @@ def test_a_model_of_the_users_own_has_one_too(short_runs: list[rlg.Recording]) -
     assert model.interval_.inside_deg_h > 0.0
 
 
-@pytest.mark.parametrize(("runs", "said"), [(1, "no share is promised"), (2, "nothing can be promised"), (12, "holds on average")])
+@pytest.mark.parametrize(
+    ("runs", "said"), [(1, "no share is promised"), (2, "promise no share for the next"), (12, "holds on average")]
+)
 def test_the_card_promises_no_more_than_the_runs_allow(
     trained: rlg.Compensator, tmp_path: object, runs: int, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

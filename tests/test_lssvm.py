@@ -15,10 +15,10 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.linear_model import Ridge
 
 import rlgcomp as rlg
-from rlgcomp.compensation import regularisation_path as path
-from rlgcomp.compensation.kernels import kernel
-from rlgcomp.compensation.lssvm import cross_validation_path
-from rlgcomp.compensation.model_specification import rms
+from rlgcomp.compensation.models import regularisation_path
+from rlgcomp.compensation.models.kernels import kernel
+from rlgcomp.compensation.models.regularisation_path import TridiagonalPath, leave_groups_out_path
+from rlgcomp.compensation.models.specification import rms
 from rlgcomp.numerics.compiled import available
 
 KERNELS = [
@@ -38,21 +38,21 @@ def data() -> tuple[np.ndarray, np.ndarray]:
 
 def gram(model: rlg.LSSVMRegressor, X: np.ndarray) -> np.ndarray:
     """The kernel matrix written out pair by pair."""
-    forms = {
+    kernels = {
         "gaussian": lambda x, z: np.exp(-np.sum((x - z) ** 2) / (2 * model.sigma**2)),
         "linear": lambda x, z: x @ z,
         "polynomial": lambda x, z: (x @ z + model.offset) ** model.degree,
         "sigmoid": lambda x, z: np.tanh(model.slope * (x @ z) + model.offset),
     }
-    return np.array([[forms[model.kernel](x, z) for z in X] for x in X])
+    return np.array([[kernels[model.kernel](x, z) for z in X] for x in X])
 
 
 @pytest.mark.parametrize("settings", KERNELS, ids=lambda settings: settings["kernel"])
-def test_it_solves_the_bordered_system_of_the_paper(data: tuple[np.ndarray, np.ndarray], settings: dict[str, object]) -> None:
+def test_it_solves_the_kkt_system_of_the_paper(data: tuple[np.ndarray, np.ndarray], settings: dict[str, object]) -> None:
     X, y = data
     model = rlg.LSSVMRegressor(c=20.0, **settings).fit(X, y)
-    bordered = np.block([[np.zeros((1, 1)), np.ones((1, 60))], [np.ones((60, 1)), gram(model, X) + np.eye(60) / 20.0]])
-    solution = np.linalg.solve(bordered, np.r_[0.0, y])
+    kkt_matrix = np.block([[np.zeros((1, 1)), np.ones((1, 60))], [np.ones((60, 1)), gram(model, X) + np.eye(60) / 20.0]])
+    solution = np.linalg.solve(kkt_matrix, np.r_[0.0, y])
     assert model.intercept_ == pytest.approx(solution[0], abs=1e-10)
     assert model.alpha_ == pytest.approx(solution[1:], abs=1e-9)
 
@@ -83,7 +83,7 @@ def test_the_linear_one_is_ridge_with_an_intercept(data: tuple[np.ndarray, np.nd
 def test_closed_form_folds_are_those_of_brute_force(
     data: tuple[np.ndarray, np.ndarray], settings: dict[str, object], groups: np.ndarray
 ) -> None:
-    """Leave-one-out, blocks, scattered folds, three and two groups: for the fit's own inverse and for the path over c."""
+    """Leave-one-out, blocks, scattered folds, three and two groups: for the fit's own inverse and for the regularisation path."""
     X, y = data
     model = rlg.LSSVMRegressor(c=20.0, **settings)
     brute = np.empty(60)
@@ -92,7 +92,9 @@ def test_closed_form_folds_are_those_of_brute_force(
         brute[out] = y[out] - clone(model).fit(X[~out], y[~out]).predict(X[out])
     fitted = model.fit(X, y)
     assert fitted.leave_groups_out(groups) == pytest.approx(brute, abs=1e-10)
-    assert cross_validation_path(model, X, y, groups, [3.0, 20.0])[1] == pytest.approx(brute, abs=1e-10)
+    gram = kernel(model.kernel, model.get_params(), X, X)
+    path = leave_groups_out_path(gram, y, groups, [3.0, 20.0], definite=model.kernel == "gaussian")
+    assert path[1] == pytest.approx(brute, abs=1e-10)
     if len(np.unique(groups)) == 60:
         assert fitted.loo_residuals_ == pytest.approx(brute, abs=1e-10)
 
@@ -257,51 +259,52 @@ def test_wrong_parameters_are_refused_at_fit(data: tuple[np.ndarray, np.ndarray]
         rlg.LSSVMRegressor(**parameters).fit(*data)
 
 
-def test_one_row_at_a_time_predicts_the_same(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_row_predictor_predicts_the_same(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
     X, y = data
     model = rlg.LSSVMRegressor(c=1e3, sigma=3.0).fit(X, y)
     at = np.random.default_rng(3).normal(size=(20, 3))
     for compiling in ("1", "0"):
         monkeypatch.setenv("RLGCOMP_NUMBA", compiling)
-        one = model.one()
-        assert [one(row) for row in at] == pytest.approx(model.predict(at), abs=1e-11)
+        predict_row = model.row_predictor()
+        assert [predict_row(row) for row in at] == pytest.approx(model.predict(at), abs=1e-11)
     with pytest.raises(ValueError, match="kernel"):
-        rlg.LSSVMRegressor("linear").fit(X, y).one()
+        rlg.LSSVMRegressor("linear").fit(X, y).row_predictor()
 
 
 @pytest.mark.parametrize("by", ["eigenvectors", "tridiagonal matrix"])
 @pytest.mark.parametrize("sigma", [0.4, 2.0, 60.0])
-def test_the_path_over_c_holds_for_narrow_and_wide_kernels(sigma: float, by: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_regularisation_path_holds_for_narrow_and_wide_kernels(sigma: float, by: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Few eigenvalues above rounding (wide) or all of them (narrow): every way against solving again without the group."""
     if by == "tridiagonal matrix" and not available():
         pytest.skip("Numba is not installed, or switched off")
-    monkeypatch.setattr(path, "_MIDDLING", 1 if by == "tridiagonal matrix" else 1000)
+    monkeypatch.setattr(regularisation_path, "COMPILED_ROWS", 1 if by == "tridiagonal matrix" else 1000)
     rng = np.random.default_rng(5)
     X = rng.normal(size=(90, 2))
     y = np.sin(2.0 * X[:, 0]) + 0.1 * rng.normal(size=90)
     groups = np.arange(90) // 15
     c = 10.0 ** np.arange(-1.0, 7.0)
-    found = cross_validation_path(rlg.LSSVMRegressor(sigma=sigma), X, y, groups, c)
+    path = leave_groups_out_path(kernel("gaussian", {"sigma": sigma}, X, X), y, groups, c, definite=True)
     for k, each in enumerate(c):
         for label in range(6):
             out = groups == label
             brute = y[out] - rlg.LSSVMRegressor(c=each, sigma=sigma).fit(X[~out], y[~out]).predict(X[out])
-            assert found[k, out] == pytest.approx(brute, abs=1e-6 * np.abs(brute).max() + 1e-9)
+            assert path[k, out] == pytest.approx(brute, abs=1e-6 * np.abs(brute).max() + 1e-9)
 
 
 @pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
-def test_a_wide_kernel_is_solved_on_fewer_rows_and_leaves_the_same_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wide_kernel_is_solved_by_a_factor_of_low_rank(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(8)
     X = np.cumsum(rng.normal(size=(410, 12)), axis=0) / 10.0
     y, c, out = np.sin(X[:, 0]), 10.0 ** np.arange(-1.0, 7.0), np.arange(40, 81)
     ranks = []
     for sigma in (1.0, 200.0):
-        thin = path.TridiagonalPath(kernel("gaussian", {"sigma": sigma}, X, X), y, c)
-        ranks.append(len(thin.basis))
+        low_rank = TridiagonalPath(kernel("gaussian", {"sigma": sigma}, X, X), y, c)
+        ranks.append(len(low_rank.basis))
         with monkeypatch.context() as patched:
-            patched.setattr(path, "_THIN", 0.0)
-            full = path.TridiagonalPath(kernel("gaussian", {"sigma": sigma}, X, X), y, c)
-        assert np.abs(thin.left_out(out) - full.left_out(out)).max() <= 1e-6 * np.abs(full.left_out(out)).max()
+            patched.setattr(regularisation_path, "LOW_RANK", 0.0)
+            full = TridiagonalPath(kernel("gaussian", {"sigma": sigma}, X, X), y, c)
+        expected = full.leave_out(out)
+        assert np.abs(low_rank.leave_out(out) - expected).max() <= 1e-6 * np.abs(expected).max()
     assert 0.7 * ranks[0] == 0.7 * 410 > ranks[1]
 
 
@@ -322,8 +325,9 @@ def test_the_compiled_path_gives_the_folds_of_the_plain_one(groups: np.ndarray, 
     c = 10.0 ** np.arange(-1.0, 9.0)
     for sigma in (1.0, 4.0, 50.0, 200.0):
         monkeypatch.setenv("RLGCOMP_NUMBA", "1")
-        fast = cross_validation_path(rlg.LSSVMRegressor(sigma=sigma), X, y, groups, c)
+        gram = kernel("gaussian", {"sigma": sigma}, X, X)
+        fast = leave_groups_out_path(gram.copy(), y, groups, c, definite=True)
         monkeypatch.setenv("RLGCOMP_NUMBA", "0")
-        plain = cross_validation_path(rlg.LSSVMRegressor(sigma=sigma), X, y, groups, c)
+        plain = leave_groups_out_path(gram, y, groups, c, definite=True)
         assert np.abs(fast - plain)[:-2].max() <= 1e-6 * np.abs(plain).max()
         assert rms(fast) == pytest.approx(rms(plain), rel=1e-5)  # c of 1e7 and 1e8 leave ten digits of sixteen to either

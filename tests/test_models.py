@@ -11,7 +11,7 @@ from sklearn.svm import SVR
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS, form_of
+from rlgcomp.compensation.models import MODELS, specification_of
 
 SEQUENCE = "reads rows as a sequence: what a row predicts depends on those before it"
 
@@ -44,9 +44,9 @@ def estimators() -> list[object]:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_what_a_form_makes_is_of_that_form(name: str) -> None:
-    """Two forms that make the same estimator would be one: the wider search of the two."""
-    assert form_of(MODELS[name].make()) is MODELS[name]
+def test_a_specification_is_that_of_what_it_makes(name: str) -> None:
+    """Of two specifications of the same estimator the one with more defaults is the closer."""
+    assert specification_of(MODELS[name].make()) is MODELS[name]
 
 
 def test_the_best_of_three_kernels_is_not_fitted_by_itself(data: tuple[np.ndarray, np.ndarray]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.models import MODELS
 from rlgcomp.report.inspection import legs
 
 # What a cubic in temperature, and one with rate and lags, leave on the last leg (rms, deg/s), as measured before this package.

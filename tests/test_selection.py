@@ -11,7 +11,7 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import GridSearchCV, GroupKFold
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.selection import TIE, select
 
 

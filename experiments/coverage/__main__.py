@@ -13,9 +13,9 @@ import rlgcomp as rlg
 from experiments.mems_thermal_chamber import __main__ as mems
 from experiments.tables import FOLDER, show_table
 from experiments.work import Work
-from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.interval import COVERAGE, excess
-from rlgcomp.compensation.rows import rows
+from rlgcomp.compensation.models import MODELS
+from rlgcomp.compensation.window_means import window_means
 from rlgcomp.noise.processes import stream
 
 HELD_OUT = 3
@@ -45,7 +45,7 @@ def covered(seed: int, model: str, law: str, training: int) -> list[dict[str, fl
     compensator = rlg.Compensator(MODELS[model].make()).fit(runs[:training])
     found = []
     for run in runs[training:]:
-        windows = rows(run, compensator.recipe_, compensator.averaging_s)
+        windows = window_means(run, compensator.pipeline_, compensator.averaging_s)
         outside = excess(windows.X, compensator.scaling_.low, compensator.scaling_.high) > 0.0
         held = np.abs(windows.y_deg_h - compensator.predict_rows(windows.X)) <= compensator.half_widths(windows.X)
         found.append(

@@ -11,7 +11,7 @@ import numpy as np
 
 import rlgcomp as rlg
 from experiments.mems_thermal_chamber.judgement import MEMORY, held_out, judgement
-from rlgcomp.compensation import MODELS
+from rlgcomp.compensation.models import MODELS
 from rlgcomp.units import SECONDS_PER_HOUR
 
 # The first second is a turn-on outlier; then the temperature turns at its lowest and at its highest.

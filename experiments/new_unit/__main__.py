@@ -14,8 +14,8 @@ import pandas as pd
 import rlgcomp as rlg
 from experiments.tables import show_table
 from experiments.work import Work
-from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.models import MODELS
 
 PROGRAMMES = ("paper", "minor-loops")
 SHOWN, HELD_OUT = "minor-loops", "reversed"

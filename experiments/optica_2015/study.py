@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 import rlgcomp as rlg
-from rlgcomp.compensation import MODELS
-from rlgcomp.compensation.feature_pipeline import recipe_for
-from rlgcomp.compensation.rows import rows
+from rlgcomp.compensation.feature_pipeline import pipeline_for
+from rlgcomp.compensation.models import MODELS
+from rlgcomp.compensation.window_means import window_means
 
 # deg/h, section 3.3 of the paper
 PUBLISHED = {
@@ -43,7 +43,7 @@ def study_unit(seed: int) -> dict[str, object]:
     for label, names in SETS.items():
         for name in ("cubic", "lssvm"):
             model = rlg.Compensator(MODELS[name].make(), features=list(names)).fit([train])
-            held_out = rows(test, model.recipe_, model.averaging_s)
+            held_out = window_means(test, model.pipeline_, model.averaging_s)
             bias = model.predict_rows(held_out.X)
             stability[f"{name}, {label}"] = float(np.std(held_out.y_deg_h - bias, ddof=1))
             fits[f"{name}, {label}"] = bias
@@ -52,7 +52,7 @@ def study_unit(seed: int) -> dict[str, object]:
             outside[label] = float(model.scaling_.outside(held_out.X).mean())
     stability["raw"] = float(np.std(held_out.y_deg_h, ddof=1))
     stability["noise floor"] = float(np.std(held_out.noise_deg_h, ddof=1))
-    inputs = recipe_for([test], list(INPUTS))
+    inputs = pipeline_for([test], list(INPUTS))
     return {
         "seed": seed,
         "stability": stability,
@@ -60,7 +60,7 @@ def study_unit(seed: int) -> dict[str, object]:
         "outside": outside,
         "time_s": held_out.time_s,
         "raw_deg_h": held_out.y_deg_h,
-        "inputs": dict(zip(INPUTS, rows(test, inputs, 100.0).X.T, strict=True)),
+        "inputs": dict(zip(INPUTS, window_means(test, inputs, 100.0).X.T, strict=True)),
         "fits": fits,
     }
 

@@ -30,9 +30,9 @@ def _case(factors: int) -> Callable[[bool], Case]:
             import torch
         except ImportError:
             return Case(lambda: None, [Peer("torch Cholesky", _absent, lambda ours, theirs: 0.0, 0.0)])
-        from rlgcomp.compensation.device import DeviceSystem, device_named
-        from rlgcomp.compensation.kernels import kernel
-        from rlgcomp.compensation.lssvm import LSSVMRegressor
+        from rlgcomp.compensation.models.kernels import kernel
+        from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, device_named
+        from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 
         device = device_named("auto")
         n = _rows(device, quick)
@@ -44,7 +44,7 @@ def _case(factors: int) -> Callable[[bool], Case]:
         def ours() -> Array:
             with _one_thread():
                 if factors == 1:
-                    return DeviceSystem("gaussian", {"sigma": SIGMA}, X, str(device), np.full(n, C)).solve(y)[0]
+                    return DeviceKKTSystem("gaussian", {"sigma": SIGMA}, X, str(device), np.full(n, C)).solve(y)[0]
                 return np.asarray(LSSVMRegressor(c=C, sigma=SIGMA, device=str(device)).fit(X, y).alpha_)
 
         def theirs() -> Any:

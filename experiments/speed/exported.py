@@ -20,7 +20,7 @@ def _case(precision: Literal["double", "float"], flags: tuple[str, ...], toleran
         from sklearn.kernel_ridge import KernelRidge
 
         from rlgcomp.compensation.compensator import Compensator
-        from rlgcomp.compensation.lssvm import LSSVMRegressor
+        from rlgcomp.compensation.models.lssvm import LSSVMRegressor
         from rlgcomp.export import toolchain as tools
         from rlgcomp.export.accuracy import bounds_of, span_deg_h
         from rlgcomp.export.c_source import Design, render

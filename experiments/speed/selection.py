@@ -14,12 +14,12 @@ import numpy.typing as npt
 
 from experiments.speed.lssvmlab import lssvmlab
 from experiments.speed.measure import Case, Peer, Row
-from rlgcomp.compensation import lssvm
-from rlgcomp.compensation.feature_pipeline import recipe_for
-from rlgcomp.compensation.lssvm import LSSVMRegressor
-from rlgcomp.compensation.model_specification import Labels, ModelForm
-from rlgcomp.compensation.rows import rows as rows_of
+from rlgcomp.compensation.feature_pipeline import pipeline_for
+from rlgcomp.compensation.models import lssvm
+from rlgcomp.compensation.models.lssvm import LSSVMRegressor
+from rlgcomp.compensation.models.specification import Labels, ModelSpecification
 from rlgcomp.compensation.selection import Selection, select
+from rlgcomp.compensation.window_means import window_means
 from rlgcomp.simulation.random_units import simulated_unit
 
 Array = npt.NDArray[np.float64]
@@ -27,15 +27,15 @@ FOLDS: Final = 10
 WIDTHS: Final = np.sqrt(12.0) * np.geomspace(16.0, 0.25, 15)
 WEIGHTS: Final = 10.0 ** np.linspace(-1.0, 6.0, 15)
 RUN_S: Final = 40_800.0
-FORM: Final = ModelForm(
-    name=lssvm.FORM.name,
+SPECIFICATION: Final = ModelSpecification(
+    name=lssvm.SPECIFICATION.name,
     estimator=LSSVMRegressor,
     batches=lambda features: [[{"sigma": float(s), "c": float(c)} for c in WEIGHTS] for s in WIDTHS],
-    rmse=lssvm.FORM.rmse,
+    rmse=lssvm.SPECIFICATION.rmse,
     threads=True,
     numbers=(),
     arrays=(),
-    check=lssvm.FORM.check,
+    check=lssvm.SPECIFICATION.check,
 )
 
 
@@ -46,8 +46,8 @@ def thermal_rows(n: int) -> tuple[Array, Array, Labels]:
     unit = simulated_unit(1)
     step_s = averaging_s / np.ceil(averaging_s / 10.0)
     runs = [unit.simulate(name, seed=seed, step_s=step_s) for seed, name in enumerate(("paper", "minor-loops"), start=1)]
-    recipe = recipe_for(runs, "all")
-    parts = [rows_of(run, recipe, max(averaging_s, run.period_s)) for run in runs]
+    pipeline = pipeline_for(runs, "all")
+    parts = [window_means(run, pipeline, max(averaging_s, run.period_s)) for run in runs]
     X = np.vstack([np.column_stack([part.X, np.linspace(0.0, 1.0, len(part.X))]) for part in parts])[:n]
     y = np.concatenate([part.y_deg_h for part in parts])[:n]
     X = (X - X.mean(axis=0)) / X.std(axis=0)
@@ -55,7 +55,7 @@ def thermal_rows(n: int) -> tuple[Array, Array, Labels]:
 
 
 def _ours(X: Array, y: Array, groups: Labels) -> Selection:
-    return select(FORM, LSSVMRegressor(), X, y, groups, n_jobs=2)
+    return select(SPECIFICATION, LSSVMRegressor(), X, y, groups, n_jobs=2)
 
 
 def _case(n: int, few: int, goals: tuple[float | None, float | None, float | None]) -> Callable[[bool], Case]:

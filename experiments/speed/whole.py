@@ -30,7 +30,7 @@ def _prediction(quick: bool) -> Case:
     from sklearn.gaussian_process.kernels import RBF
     from sklearn.kernel_ridge import KernelRidge
 
-    from rlgcomp.compensation.lssvm import LSSVMRegressor
+    from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 
     del quick
     rng = np.random.default_rng(0)
@@ -41,7 +41,7 @@ def _prediction(quick: bool) -> Case:
     model = LSSVMRegressor(c=c, sigma=sigma).fit(X, y)
     at = X[7] + 0.1
     row = at[None, :]
-    one = model.one()
+    one = model.row_predictor()
     ridge = KernelRidge(kernel="rbf", gamma=0.5 / sigma**2, alpha=1.0 / c).fit(X, y)
     process = GaussianProcessRegressor(RBF(sigma), alpha=1.0 / c, optimizer=None).fit(X, y)
 

@@ -97,11 +97,10 @@ def train(
 
     Example: `rlgcomp train cold.parquet hot.parquet --averaging-s 1 --device cuda --out models/unit-17`
     """
-    from rlgcomp.compensation import MODELS
     from rlgcomp.compensation.artefact import identity
-    from rlgcomp.compensation.compensator import Compensator
-    from rlgcomp.compensation.model_specification import sequential
-    from rlgcomp.compensation.serialisation import load
+    from rlgcomp.compensation.compensator import Compensator, load
+    from rlgcomp.compensation.models import MODELS
+    from rlgcomp.compensation.models.specification import sequential
     from rlgcomp.errors import InputError
 
     _require_folders(out, export, runs, adapt, calibration)
@@ -119,7 +118,7 @@ def train(
 
         _require_the_same_calibration(fleet, recordings)
         compensator = adapt_to(fleet, recordings)
-        model = fleet.form_.name if fleet.form_ is not None else model
+        model = fleet.specification_.name if fleet.specification_ is not None else model
     else:
         chosen = calibrated_name(gyro, calibration)
         compensator = Compensator(
@@ -143,7 +142,7 @@ def train(
         "model": str(out),
         "sha256": identity(out),
         "kind": model,
-        "inputs": list(compensator.recipe_.names),
+        "inputs": list(compensator.pipeline_.names),
         "selected": compensator.selection_.best,
         "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
@@ -158,7 +157,7 @@ def train(
             for key, value in compensator.selection_.best.items()
         )
         show_table(
-            f"{model} on {len(compensator.recipe_.names)} inputs",
+            f"{model} on {len(compensator.pipeline_.names)} inputs",
             [
                 {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
                 {"": f"with {'runs' if adapt is None else 'units'} left out, deg/h", " ": summary["left_out_rms_deg_h"]},
@@ -194,7 +193,7 @@ def _say_what_takes_long(device: str | None, recordings: list[Recording], averag
     rows = sum(round(recording.duration_s / averaging_s) for recording in recordings)
     if device is None or rows <= MANY_ROWS:
         return
-    from rlgcomp.compensation.device import device_named
+    from rlgcomp.compensation.models.kkt_system import device_named
 
     if device_named(device).type == "cpu":
         say(
@@ -213,8 +212,8 @@ def _real(folder: Path) -> Path:
 
 def _estimator(model: str, device: str | None, *, adapted: bool) -> Any:
     """An unfitted estimator of this kind, to be computed on this device."""
-    from rlgcomp.compensation import MODELS
-    from rlgcomp.compensation.device import device_named
+    from rlgcomp.compensation.models import MODELS
+    from rlgcomp.compensation.models.kkt_system import device_named
     from rlgcomp.errors import InputError
 
     estimator = MODELS[model].make()
@@ -246,7 +245,7 @@ def evaluate(
 
     Example: `rlgcomp evaluate models/unit-17 new.parquet --out report`
     """
-    from rlgcomp.compensation.serialisation import load
+    from rlgcomp.compensation.compensator import load
     from rlgcomp.evaluation.evaluation import evaluate as evaluate_runs
     from rlgcomp.files import whole_folder
     from rlgcomp.report.page import write_report
@@ -290,7 +289,7 @@ def compensate(
 
     Example: `rlgcomp compensate models/unit-17 growing.csv --follow --out corrected.csv`
     """
-    from rlgcomp.compensation.serialisation import load
+    from rlgcomp.compensation.compensator import load
     from rlgcomp.recording.formats import write
 
     if follow:
@@ -332,19 +331,19 @@ def _with_monitors_mended(compensator: Compensator, recording: Recording) -> tup
     from rlgcomp.compensation.input_checks import other_unit
     from rlgcomp.recording.outliers import knocks_in, without_spikes
 
-    doubt = other_unit(compensator, recording.metadata.unit)
+    doubt = other_unit(compensator.provenance_, recording.metadata.unit)
     _, knocks = knocks_in(recording, compensator.gyro)
-    mended, remarks = without_spikes(recording, compensator.recipe_.columns)
+    mended, remarks = without_spikes(recording, compensator.pipeline_.columns)
     remarks += [f"{recording.name}: {doubt}"] if doubt else []
     return mended, remarks + ([f"{recording.name}: {knocks}, left as recorded."] if knocks else [])
 
 
 def _require_the_same_calibration(compensator: Compensator, recordings: list[Recording]) -> None:
     """Refuse runs calibrated otherwise than those that the model was trained on."""
-    from rlgcomp.compensation.input_checks import other_calibration
+    from rlgcomp.compensation.input_checks import calibration_mismatch
     from rlgcomp.errors import InputError
 
     for recording in recordings:
         used = recording.metadata.notes.get("calibration")
-        if (problem := other_calibration(compensator, used)) is not None:
+        if (problem := calibration_mismatch(compensator.provenance_, used)) is not None:
             raise InputError(f"{recording.name}: {problem}")

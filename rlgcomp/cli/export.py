@@ -37,7 +37,7 @@ def export(
 
     Example: `rlgcomp export models/unit-17 --to c --precision float --smallest --test new.parquet --out unit-17-c`
     """
-    from rlgcomp.compensation.serialisation import load
+    from rlgcomp.compensation.compensator import load
     from rlgcomp.export.target import Options, written
     from rlgcomp.export.target import export as export_model
 

@@ -37,7 +37,7 @@ def fleet(
 
     Example: `rlgcomp fleet train units.csv --out models --jobs 2`
     """
-    from rlgcomp.compensation import MODELS
+    from rlgcomp.compensation.models import MODELS
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_writable
     from rlgcomp.fleet import Task, diagnose_unit, read_fleet, run_fleet, train_unit

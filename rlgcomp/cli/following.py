@@ -84,7 +84,7 @@ def follow(
         The stream cannot be used, or the output belongs to something else.
     """
     from rlgcomp.calibration.file import Calibration
-    from rlgcomp.compensation.input_checks import other_calibration, other_unit
+    from rlgcomp.compensation.input_checks import calibration_mismatch, other_unit
     from rlgcomp.compensation.streaming import Follower, to_lines
     from rlgcomp.compensation.tail import STANDARD, Lines, Output, readable, stopped
     from rlgcomp.recording import Metadata
@@ -92,7 +92,7 @@ def follow(
     from rlgcomp.recording.formats.mapping import parse_mapping
 
     calibrated: Calibration | None = None if calibration is None else Calibration.read(calibration)
-    if (problem := other_calibration(compensator, None if calibrated is None else calibrated.identity)) is not None:
+    if (problem := calibration_mismatch(compensator.provenance_, None if calibrated is None else calibrated.identity)) is not None:
         raise InputError(f"{source}: {problem}")
     beside = {} if source == STANDARD else read_sidecar(readable(source))
     columns = column_mapping(beside, Path(source)) | parse_mapping(list(mapping or []))
@@ -100,7 +100,7 @@ def follow(
     metadata = Metadata.from_mapping(beside | ({} if pulse_arcsec is None else {"pulse_arcsec": pulse_arcsec}))
     if str(out) != STANDARD and beside:
         require_sidecar(out)
-    if (doubt := other_unit(compensator, metadata.unit)) is not None:
+    if (doubt := other_unit(compensator.provenance_, metadata.unit)) is not None:
         say(f"{source}: {doubt}")
     rows, follower, written = 0, None, None
     with stopped() as stop, Lines(source, stop, idle_s) as lines:

@@ -30,12 +30,12 @@ import numpy.typing as npt
 import pandas as pd
 from sklearn.base import clone
 
-from rlgcomp.compensation.compensator import Compensator, no_gain, require_different
-from rlgcomp.compensation.cubic import CubicLeastSquares
-from rlgcomp.compensation.input_checks import require_raw
+from rlgcomp.compensation.compensator import Compensator, no_gain
+from rlgcomp.compensation.input_checks import require_distinct, require_raw
 from rlgcomp.compensation.interval import Interval
-from rlgcomp.compensation.rows import Rows, rows
+from rlgcomp.compensation.models.cubic import CubicLeastSquares
 from rlgcomp.compensation.selection import Selection
+from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings
@@ -132,7 +132,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         raise InputError("no runs to adapt to; give at least one recording")
     for run in runs:
         require_raw(run.name, run.columns)
-    require_different(runs)
+    require_distinct(runs)
     given, (runs, noticed) = runs, undisturbed(runs, compensator.gyro)
     units = [str(run.get("unit") or "") for run in compensator.provenance_]
     known = sorted(set(units) - {""})
@@ -143,18 +143,18 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         )
     parts = {unit: [part for part, owner in zip(compensator.training_, units, strict=True) if owner == unit] for unit in known}
     basis = _Basis(compensator, model)
-    shown = tuple(rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs)
+    shown = tuple(window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs)
     population = Population.of(*basis.stacked(list(parts.values())))
     (design,), (target,) = basis.stacked([shown])
     new = Compensator(
         clone(model),
-        features=list(compensator.recipe_.names),
+        features=list(compensator.pipeline_.names),
         averaging_s=compensator.averaging_s,
         gyro=compensator.gyro,
         keep_mean=compensator.keep_mean,
     )
-    samples = np.vstack([compensator.recipe_.transform(run).to_numpy()[run.scored] for run in runs])
-    new.form_, new.recipe_, new.training_ = compensator.form_, compensator.recipe_, shown
+    samples = np.vstack([compensator.pipeline_.transform(run).to_numpy()[run.scored] for run in runs])
+    new.specification_, new.pipeline_, new.training_ = compensator.specification_, compensator.pipeline_, shown
     new.scaling_ = dataclasses.replace(
         compensator.scaling_,
         low=np.minimum(compensator.scaling_.low, samples.min(axis=0)),
@@ -202,7 +202,7 @@ class _Basis:
         """The gyro, scaled."""
         return (y_deg_h - self.scaling.y_mean_deg_h) / self.scaling.y_scale_deg_h
 
-    def stacked(self, units: Sequence[Sequence[Rows]]) -> tuple[list[Array], list[Array]]:
+    def stacked(self, units: Sequence[Sequence[WindowMeans]]) -> tuple[list[Array], list[Array]]:
         """Design and target of each unit's windows."""
         return (
             [np.vstack([self.design(part.X) for part in parts]) for parts in units],
@@ -219,7 +219,9 @@ class _Basis:
         return model
 
 
-def _left_out(parts: dict[str, list[Rows]], basis: _Basis, windows: int) -> tuple[Array, Array, Array, npt.NDArray[np.int64]]:
+def _left_out(
+    parts: dict[str, list[WindowMeans]], basis: _Basis, windows: int
+) -> tuple[Array, Array, Array, npt.NDArray[np.int64]]:
     """Errors of each unit's later windows when it is adapted to from its first ones, by what the other units know."""
     errors, X, y, owner = [], [], [], []
     for k, unit in enumerate(parts):

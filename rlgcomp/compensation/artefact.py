@@ -7,12 +7,12 @@
       card.md           the model card, for people
       SHA256SUMS        of all of these; `sha256sum -c SHA256SUMS` checks them
 
-Nothing in it is code and nothing is pickled. Reading takes no file's word for anything: names, sizes, checksums, the JSON's
-depth and keys, the arrays' headers and every number are checked before anything is handed over. A checksum finds damage, not
+Nothing in it is code and nothing is pickled. Reading trusts no file: names, sizes, checksums, the JSON's
+depth and keys, the arrays' headers and every number are checked before anything is returned. A checksum finds damage, not
 intent: who can write the folder can write its checksums as well, so compare `identity` with one that came another way where
 that matters.
 
-Schema 2 has the interval of the bias. Of schema 1, which had none, it is calibrated anew from the training rows on loading.
+Schema 2 has the interval of the bias. For schema 1, which had none, loading calibrates it from the training rows.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.compensation.model_card import card
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, sha256, to_json, whole_folder
 
@@ -73,8 +72,15 @@ class Artefact:
     selection: pd.DataFrame
 
 
-def write(path: str | Path, artefact: Artefact) -> None:
+def write(path: str | Path, artefact: Artefact, card: str) -> None:
     """Write an artefact, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    artefact : Artefact
+    card : str
+        The model card, in Markdown.
 
     Raises
     ------
@@ -89,7 +95,7 @@ def write(path: str | Path, artefact: Artefact) -> None:
             np.save(folder / "arrays" / f"{name}.npy", np.ascontiguousarray(values, dtype="<f8"), allow_pickle=False)
         (folder / MANIFEST).write_text(to_json(manifest) + "\n", encoding="utf-8")
         artefact.selection.to_csv(folder / SELECTION, index=False)
-        (folder / CARD).write_text(card(manifest, artefact.arrays), encoding="utf-8")
+        (folder / CARD).write_text(card, encoding="utf-8")
         files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
         (folder / SUMS).write_text("".join(f"{sha256(folder / file)}  {file}\n" for file in files), encoding="utf-8")
 
@@ -100,7 +106,7 @@ def read(path: str | Path) -> Artefact:
     Raises
     ------
     InputError
-        A file is missing, changed, or not what the manifest says; nothing is handed over then.
+        A file is missing, changed, or not what the manifest says; nothing is returned then.
     """
     folder = Path(path)
     if not folder.is_dir():
@@ -115,9 +121,9 @@ def read(path: str | Path) -> Artefact:
                 "with the version that wrote it"
             )
         shapes = manifest["arrays"]
-        there = {name.removeprefix("arrays/").removesuffix(".npy") for name in contents if name.startswith("arrays/")}
-        if set(shapes) != there:
-            raise InputError(f"{MANIFEST} and arrays/ differ in {', '.join(sorted(set(shapes) ^ there))[:200]}")
+        listed = {name.removeprefix("arrays/").removesuffix(".npy") for name in contents if name.startswith("arrays/")}
+        if set(shapes) != listed:
+            raise InputError(f"{MANIFEST} and arrays/ differ in {', '.join(sorted(set(shapes) ^ listed))[:200]}")
         arrays = {name: _array(contents[f"arrays/{name}.npy"], name, shape) for name, shape in shapes.items()}
         selection = pd.read_csv(io.BytesIO(contents[SELECTION]), low_memory=False)
     except InputError as error:
@@ -128,12 +134,12 @@ def read(path: str | Path) -> Artefact:
 
 
 def identity(path: str | Path) -> str:
-    """SHA-256 that stands for the whole artefact: that of its list of checksums."""
+    """SHA-256 of the whole artefact: of its list of checksums."""
     return sha256(Path(path) / SUMS)
 
 
 def plain_json(content: bytes) -> dict[str, Any]:
-    """A JSON object whose keys are unique, whose numbers are finite, and which is nested no deeper than a model's.
+    """A JSON object whose keys are unique, whose numbers are finite, and which is nested no deeper than a manifest.
 
     Raises
     ------
@@ -144,7 +150,7 @@ def plain_json(content: bytes) -> dict[str, Any]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [key for key, _ in pairs]
         if len(set(keys)) < len(keys):
-            raise InputError(f"{MANIFEST} says {next(key for key in keys if keys.count(key) > 1)[:50]!r} twice")
+            raise InputError(f"{MANIFEST} has {next(key for key in keys if keys.count(key) > 1)[:50]!r} twice")
         return dict(pairs)
 
     try:
@@ -188,17 +194,17 @@ def _checked_files(folder: Path) -> dict[str, bytes]:
     if len(lines) > _MOST_FILES:
         raise InputError(f"{folder}: {SUMS} lists {len(lines)} files; no model has more than {_MOST_FILES}")
     contents: dict[str, bytes] = {}
-    left = _LARGEST_BYTES
+    remaining = _LARGEST_BYTES
     for line in lines:
         expected, _, name = line.partition("  ")
         if not (_DIGEST.fullmatch(expected) and _FILE.fullmatch(name)) or name in contents:
             raise InputError(f"{folder}: {SUMS} lists {line[:120]!r}, which is no file of a model")
-        largest = min(left, _LARGEST_BYTES if name.startswith("arrays/") else _LARGEST_TEXT_BYTES)
+        largest = min(remaining, _LARGEST_BYTES if name.startswith("arrays/") else _LARGEST_TEXT_BYTES)
         try:
             contents[name] = _limited(folder / name, largest)
         except OSError:
             raise InputError(f"{folder}: {name} is missing; copy the whole model folder again") from None
-        left -= len(contents[name])
+        remaining -= len(contents[name])
         if hashlib.sha256(contents[name]).hexdigest() != expected:
             raise InputError(f"{folder}: {name} has changed since it was written (SHA-256 differs); copy the model folder again")
     arrays = folder / "arrays"
@@ -210,14 +216,14 @@ def _checked_files(folder: Path) -> dict[str, bytes]:
 
 
 def _limited(file: Path, largest: int) -> bytes:
-    """Content of a plain file that lies where it seems to lie.
+    """Content of a plain file, with no link on the way to it.
 
     Raises
     ------
     OSError
-        There is none: a link, a device or a folder is none.
+        It is missing, or a link, a device or a folder.
     InputError
-        It is larger than any model's.
+        It is larger than any file of a model.
     """
     if file.is_symlink() or (file.parent.is_symlink() and file.parent.name == "arrays") or not file.is_file():
         raise OSError(f"{file} is no plain file")
@@ -232,12 +238,13 @@ def _array(content: bytes, name: str, shape: Any) -> Array:
     header = _HEADER.match(content)
     if header is None or int.from_bytes(header["length"], "little") != header.end() - 10:
         raise InputError(f"arrays/{name}.npy is not readable: not an array of float64 as numpy.save writes it")
-    found = [int(part) for part in header["shape"].decode().split(",") if part.strip()]
-    if found != shape or len(content) - header.end() != 8 * math.prod(found):
+    declared = [int(part) for part in header["shape"].decode().split(",") if part.strip()]
+    if declared != shape or len(content) - header.end() != 8 * math.prod(declared):
         raise InputError(
-            f"arrays/{name}.npy holds {len(content) - header.end()} bytes and declares the shape {found}; the manifest says {shape}"
+            f"arrays/{name}.npy holds {len(content) - header.end()} bytes and declares the shape {declared}; the manifest "
+            f"says {shape}"
         )
-    values = np.frombuffer(content, dtype="<f8", offset=header.end()).reshape(found).astype(np.float64)
+    values = np.frombuffer(content, dtype="<f8", offset=header.end()).reshape(declared).astype(np.float64)
     if not np.isfinite(values).all():
         raise InputError(f"arrays/{name}.npy holds values that are not finite")
     return values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -14,31 +13,32 @@ import numpy.typing as npt
 import pandas as pd
 from sklearn.base import BaseEstimator, clone
 
-from rlgcomp.compensation import artefact, form_of, wording
-from rlgcomp.compensation.cubic import DYNAMICS
-from rlgcomp.compensation.feature_pipeline import left_out_of, recipe_for
-from rlgcomp.compensation.input_checks import REMOVED, require_raw
+from rlgcomp.compensation import model_card, serialisation
+from rlgcomp.compensation.artefact import SCHEMA
+from rlgcomp.compensation.feature_pipeline import omitted_groups, pipeline_for
+from rlgcomp.compensation.input_checks import REMOVED, require_distinct, require_raw
 from rlgcomp.compensation.interval import Interval, excess
-from rlgcomp.compensation.lssvm import LSSVMRegressor
-from rlgcomp.compensation.model_specification import residuals_left_out, sequential
-from rlgcomp.compensation.rows import Scaling, rows
+from rlgcomp.compensation.models import specification_of
+from rlgcomp.compensation.models.cubic import DYNAMICS
+from rlgcomp.compensation.models.lssvm import LSSVMRegressor
+from rlgcomp.compensation.models.specification import cross_validation_residuals, sequential
 from rlgcomp.compensation.selection import Progress, Selection, select
+from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_compensation, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
 from rlgcomp.recording.outliers import undisturbed
-from rlgcomp.recording.sameness import share_rows
 from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
 BLOCKS_OF_ONE_RUN: Final = 5
-_ROWS_AT_ONCE: Final = 2048
+_BATCH_ROWS: Final = 2048
 _MUCH_OF_EARTH_RATE: Final = 0.1
 
 
 class Correction(NamedTuple):
-    """What the compensator says of one sample.
+    """The bias of one sample.
 
     Parameters
     ----------
@@ -54,22 +54,6 @@ class Correction(NamedTuple):
     half_width_deg_h: float
 
 
-def require_different(runs: Sequence[Recording]) -> None:
-    """Refuse rows that are given twice: left out in one run and known from the other, they prove nothing.
-
-    Raises
-    ------
-    InputError
-        Two of the runs share rows, were they rounded.
-    """
-    for one, other in itertools.combinations(runs, 2):
-        if share_rows(one, other):
-            raise InputError(
-                f"{other.name} holds rows of {one.name}: it is a copy, or an interval that overlaps. Rows given twice are known "
-                "when they are left out, which proves nothing; give each run once, and intervals apart, as RUN@0:20000 RUN@20000:"
-            )
-
-
 def _require_regressor(model: Any) -> None:
     if isinstance(model, type) or not (hasattr(model, "fit") and hasattr(model, "predict")):
         raise InputError(
@@ -78,7 +62,7 @@ def _require_regressor(model: Any) -> None:
 
 
 def no_gain(selection: Selection, scaling: Scaling, what: str) -> list[str]:
-    """What to say of a model that is of no use to the runs or units left out; nothing of any other."""
+    """A remark on a model that is no better than none on the runs or units left out; empty for any other."""
     if selection.rmse is None or selection.rmse < 1.0:
         return []
     before = scaling.y_scale_deg_h
@@ -95,10 +79,10 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     model : estimator, optional
-        A scikit-learn regressor, which stays as it is; by default :class:`~rlgcomp.LSSVMRegressor`.
+        A scikit-learn regressor, which is not changed; by default :class:`~rlgcomp.LSSVMRegressor`.
     features : str or sequence of str
         "all", groups such as "temperature,temperature_rate", or further columns; see
-        :func:`rlgcomp.compensation.feature_pipeline.recipe_for`.
+        :func:`rlgcomp.compensation.feature_pipeline.pipeline_for`.
     averaging_s : float
         The model is trained on means over this time.
     gyro : str, optional
@@ -110,21 +94,21 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     Attributes
     ----------
-    form_ : ModelForm or None
+    specification_ : ModelSpecification or None
         How the model is selected and saved; None for a regressor of the user's own.
-    recipe_ : FeatureRecipe
+    pipeline_ : FeatureRecipe
     scaling_ : Scaling
     model_ : estimator
         Fitted with the selected parameters.
     selection_ : Selection
     interval_ : Interval
         How far the truth may be from the estimate, calibrated on runs left out.
-    training_ : tuple of Rows
-        What it was trained on.
+    training_ : tuple of WindowMeans
+        The training runs.
     provenance_ : list of dict
-        Where the training runs came from.
+        Metadata of the training runs.
     remarks_ : tuple of str
-        What was noticed in the training runs, and whether the model is of use on runs it has not seen.
+        On the training runs, and on a model that gains nothing with runs left out.
     schema_ : str
         Of the artefact that it was read from, or would be saved to.
 
@@ -137,7 +121,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
     ('time_s', 'gyro_deg_h', 'compensation_deg_h', 'compensation_out_of_range')
     """
 
-    _state: Any = None  # what `step` has seen
+    _state: Any = None  # of the features, between calls of `step`
 
     def __init__(
         self,
@@ -157,7 +141,11 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.n_jobs = n_jobs
 
     def __repr__(self) -> str:
-        return wording.as_text(self)
+        if hasattr(self, "model_"):
+            return model_card.summary(serialisation.manifest_of(self))
+        model = "LSSVMRegressor" if self.model is None else type(self.model).__name__
+        features = self.features if isinstance(self.features, str) else ", ".join(map(str, self.features))
+        return f"Compensator, not fitted: {model}, features {features}, {self.averaging_s:g} s means"
 
     # --- training ----------------------------------------------------------------------------------------------------------
 
@@ -176,18 +164,17 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         runs : iterable of Recording
             With a single run, [run], five contiguous blocks take the place of runs.
         journal : path, optional
-            Where the selection keeps finished work; see :mod:`rlgcomp.compensation.selection`.
+            File of finished work, from which an interrupted selection resumes; see :mod:`rlgcomp.compensation.selection`.
         progress : callable, optional
             Called with (done, total).
         screen : bool
-            Leave out samples far beyond any noise, as :mod:`rlgcomp.recording.outliers` tells them; what was screened before
-            needs it no more.
+            Leave out the outliers that :mod:`rlgcomp.recording.outliers` detects; not needed for runs without them.
 
         Raises
         ------
         InputError
-            A run is given twice, was compensated already, is too short, lacks a monitor, or its gyro cannot be told; the model is
-            no regressor; or a setting is out of bounds.
+            A run is given twice, was compensated already, is too short, lacks a monitor, or has several gyros; the model is no
+            regressor; or a parameter is out of bounds.
         """
         runs, workers = require_recordings(runs, "runs"), require_workers(self.n_jobs)
         model = LSSVMRegressor() if self.model is None else self.model
@@ -196,15 +183,15 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             raise InputError("no runs to train on; give at least one recording")
         for run in runs:
             require_raw(run.name, run.columns)
-        require_different(runs)
-        raw, (runs, noticed) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
-        noticed += left_out_of(runs, self.features)
-        self.recipe_ = recipe_for(runs, self.features)
-        samples = [self.recipe_.transform(run).to_numpy()[run.scored] for run in runs]
-        self.training_ = tuple(rows(run, self.recipe_, self.averaging_s, self.gyro) for run in runs)
+        require_distinct(runs)
+        raw, (runs, remarks) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
+        remarks += omitted_groups(runs, self.features)
+        self.pipeline_ = pipeline_for(runs, self.features)
+        samples = [self.pipeline_.transform(run).to_numpy()[run.scored] for run in runs]
+        self.training_ = tuple(window_means(run, self.pipeline_, self.averaging_s, self.gyro) for run in runs)
         self.gyro_ = runs[0].gyro_column(self.gyro)
-        self.form_ = form_of(model)
-        self.scaling_ = Scaling.of(self.training_, samples, reach=0.0 if self.form_ is None else self.form_.reach)
+        self.specification_ = specification_of(model)
+        self.scaling_ = Scaling.of(self.training_, samples, reach=0.0 if self.specification_ is None else self.specification_.reach)
         self._warn_of_earth_rate(runs)
         X, y, groups = self.training_rows()
         if len(runs) == 1:
@@ -213,11 +200,11 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             )
         model = clone(model)
         if model.get_params().get("linear") == DYNAMICS:
-            model.set_params(linear=self.recipe_.dynamic)
+            model.set_params(linear=self.pipeline_.dynamic)
         self.selection_ = (
             Selection({}, None, pd.DataFrame())
-            if self.form_ is None
-            else select(self.form_, model, X, y, groups, journal=journal, n_jobs=workers, progress=progress)
+            if self.specification_ is None
+            else select(self.specification_, model, X, y, groups, journal=journal, n_jobs=workers, progress=progress)
         )
         self.model_ = model.set_params(**self.selection_.best)
         self.model_.fit(X, y, **({"groups": self.run_labels()} if sequential(self.model_) else {}))
@@ -225,10 +212,10 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.provenance_ = [
             {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in raw
         ]
-        self.remarks_ = (*noticed, *no_gain(self.selection_, self.scaling_, "runs"))
+        self.remarks_ = (*remarks, *no_gain(self.selection_, self.scaling_, "runs"))
         for remark in self.remarks_:
             logger.warning("%s", remark)
-        self.schema_ = artefact.SCHEMA
+        self.schema_ = SCHEMA
         self.restart()
         return self
 
@@ -245,7 +232,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """From the errors of the selected model on runs left out."""
         X, y, groups = self.training_rows()
         return Interval.calibrated(
-            residuals_left_out(self.model_, X, y, groups) * self.scaling_.y_scale_deg_h,
+            cross_validation_residuals(self.model_, X, y, groups) * self.scaling_.y_scale_deg_h,
             np.vstack([part.X for part in self.training_]),
             np.concatenate([part.y_deg_h for part in self.training_]),
             groups,
@@ -256,7 +243,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """Number of the run that each training row belongs to."""
         return np.repeat(np.arange(len(self.training_)), [len(part.y_deg_h) for part in self.training_])
 
-    # --- using it ----------------------------------------------------------------------------------------------------------
+    # --- prediction --------------------------------------------------------------------------------------------------------
 
     def predict(self, recording: Recording) -> pd.DataFrame:
         """Bias of every sample.
@@ -271,16 +258,16 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             `bias_deg_h`, `out_of_range` and `half_width_deg_h`, one row a sample.
         """
         self.require_fitted()
-        X = self.recipe_.transform(recording).to_numpy()
+        X = self.pipeline_.transform(recording).to_numpy()
         bias = self._by_windows(recording, X) if sequential(self.model_) else self.predict_rows(X)
-        return self._said_of(X, bias)
+        return self._prediction(X, bias)
 
     def correct(self, recording: Recording) -> Recording:
         """The recording with its bias removed.
 
         The gyro comes out as a rate (pulses become deg/h); `compensation_deg_h` holds what was subtracted and
-        `compensation_out_of_range` is 1 where an input lay beyond the training range. `compensation_half_width_deg_h` says how near
-        to zero the corrected gyro's means over the averaging time are to be expected: 90 % of them lie within it.
+        `compensation_out_of_range` is 1 where an input lay beyond the training range. 90 % of the
+        corrected gyro's means over the averaging time lie within `compensation_half_width_deg_h` of zero.
 
         Raises
         ------
@@ -292,7 +279,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         return recording.replace(table=self.apply(recording.table, column, recording.rate_deg_h(column), self.predict(recording)))
 
     def apply(self, table: pd.DataFrame, column: str, rate_deg_h: Array, predicted: pd.DataFrame) -> pd.DataFrame:
-        """A table with what was predicted taken off its gyro.
+        """A table with the predicted bias subtracted from its gyro.
 
         Parameters
         ----------
@@ -325,21 +312,21 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         Parameters
         ----------
         sample : mapping of str to float
-            `time_s` and the monitors; anything else in it is passed over.
+            `time_s` and the monitors; other entries are ignored.
 
         Raises
         ------
         InputError
-            A monitor is missing or not finite, a feature cannot be told, time does not increase, or the model reads sequences of
-            averages and has no sample-by-sample form. The sample then leaves no trace.
+            A monitor is missing or not finite, a feature is undefined, time does not increase, or the model reads sequences of
+            averages and has no sample-by-sample form. The state is not changed then.
         """
         self._require_steps()
-        values, self._state = self.recipe_.step(self._state, sample)
+        values, self._state = self.pipeline_.step(self._state, sample)
         X = values[None, :]
         return Correction(float(self.predict_rows(X)[0]), bool(self.scaling_.outside(X)[0]), float(self.half_widths(X)[0]))
 
     def steps(self, samples: pd.DataFrame) -> pd.DataFrame:
-        """Bias of the next samples, many :meth:`step` at once: the same bits.
+        """Bias of the next samples, with the same bits as :meth:`step` for each.
 
         Parameters
         ----------
@@ -352,12 +339,15 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             As :meth:`predict` returns it.
         """
         self._require_steps()
-        time_s, monitors = samples[TIME].to_numpy(dtype=np.float64), samples[list(self.recipe_.columns)].to_numpy(dtype=np.float64)
-        X, self._state = self.recipe_.run(self._state, time_s, monitors)
-        return self._said_of(X, self.predict_rows(X))
+        time_s, monitors = (
+            samples[TIME].to_numpy(dtype=np.float64),
+            samples[list(self.pipeline_.columns)].to_numpy(dtype=np.float64),
+        )
+        X, self._state = self.pipeline_.run(self._state, time_s, monitors)
+        return self._prediction(X, self.predict_rows(X))
 
     def restart(self) -> None:
-        """Forget what :meth:`step` has seen."""
+        """Begin a new recording for :meth:`step` and :meth:`steps`."""
         self._state = None
 
     def predict_rows(self, X: Array) -> Array:
@@ -366,7 +356,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         if sequential(self.model_):
             values = self.model_.predict(scaled)
         else:
-            parts = [self.model_.predict(scaled[start : start + _ROWS_AT_ONCE]) for start in range(0, len(X), _ROWS_AT_ONCE)]
+            parts = [self.model_.predict(scaled[start : start + _BATCH_ROWS]) for start in range(0, len(X), _BATCH_ROWS)]
             values = np.concatenate(parts)
         return np.asarray(self.scaling_.y_mean_deg_h + self.scaling_.y_scale_deg_h * values)
 
@@ -376,10 +366,10 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     @property
     def reference_deg_h(self) -> float:
-        """What is left in the corrected gyro when nothing differs from training."""
+        """Mean of the corrected gyro under the conditions of training."""
         return self.scaling_.y_mean_deg_h if self.keep_mean else 0.0
 
-    # --- keeping it --------------------------------------------------------------------------------------------------------
+    # --- serialisation -----------------------------------------------------------------------------------------------------
 
     def save(self, path: str | Path) -> None:
         """Write the artefact; see :mod:`rlgcomp.compensation.artefact`.
@@ -389,24 +379,22 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         InputError
             The model is not one of the package's own, or the place cannot be written to.
         """
-        from rlgcomp.compensation.serialisation import packed
-
         self.require_fitted()
-        artefact.write(path, packed(self))
+        serialisation.save(path, self)
 
     # --- inside ------------------------------------------------------------------------------------------------------------
 
     def _by_windows(self, recording: Recording, X: Array) -> Array:
-        """For a model of averages: each sample gets what the last full window before it gave."""
-        everything = recording.replace(metadata=dataclasses.replace(recording.metadata, lead_in_s=0.0))
-        averaged = everything.averaged(
-            self.averaging_s, extra=pd.DataFrame(X, columns=[f"feature {name}" for name in self.recipe_.names])
+        """For a model of averages: each sample gets the bias of the last full window before it."""
+        all_samples = recording.replace(metadata=dataclasses.replace(recording.metadata, lead_in_s=0.0))
+        averaged = all_samples.averaged(
+            self.averaging_s, extra=pd.DataFrame(X, columns=[f"feature {name}" for name in self.pipeline_.names])
         )
-        values = self.predict_rows(averaged.table[[f"feature {name}" for name in self.recipe_.names]].to_numpy())
+        values = self.predict_rows(averaged.table[[f"feature {name}" for name in self.pipeline_.names]].to_numpy())
         ends = averaged.time_s + 0.5 * self.averaging_s
         return np.asarray(values[np.maximum(np.searchsorted(ends, recording.time_s, side="right") - 1, 0)])
 
-    def _said_of(self, X: Array, bias_deg_h: Array) -> pd.DataFrame:
+    def _prediction(self, X: Array, bias_deg_h: Array) -> pd.DataFrame:
         return pd.DataFrame(
             {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
         )
@@ -417,7 +405,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             raise InputError("a sequence model answers once an averaging time, not sample by sample; use predict, or another model")
 
     def require_fitted(self) -> None:
-        """Raise `InputError` unless it is."""
+        """Raise `InputError` unless it is fitted."""
         if not hasattr(self, "model_"):
             raise InputError("this Compensator is not fitted yet; call .fit(runs), or load one with rlgcomp.load")
 
@@ -429,3 +417,14 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
                 "Use --keep-mean to keep it",
                 mean,
             )
+
+
+def load(path: str | Path) -> Compensator:
+    """Read an artefact that :meth:`Compensator.save` wrote; its golden vectors must come out again.
+
+    Raises
+    ------
+    InputError
+        A file is missing, changed, or not what the manifest says; nothing is loaded then.
+    """
+    return serialisation.load(path, Compensator)

@@ -1,4 +1,4 @@
-"""The feature recipe: an ordered list of features, run whole or sample by sample, and which features a set of runs allows."""
+"""The feature pipeline: an ordered list of features, run on all samples or one by one, and the choice for a set of runs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class FeatureRecipe:
 
     def __post_init__(self) -> None:
         if not self.features:
-            raise InputError("a feature recipe needs at least one feature")
+            raise InputError("a feature pipeline needs at least one feature")
         twice = sorted({name for name in self.names if self.names.count(name) > 1})
         if twice:
             raise InputError(f"the features make {', '.join(twice)} twice; name each feature once")
@@ -155,7 +155,7 @@ class FeatureRecipe:
 
     @classmethod
     def from_list(cls, items: Sequence[Mapping[str, Any]]) -> Self:
-        """Recipe from its plain description.
+        """Pipeline from its plain description.
 
         Raises
         ------
@@ -164,21 +164,21 @@ class FeatureRecipe:
         """
         features = []
         for item in items:
-            form = FEATURES.get(str(item.get("kind")))
-            if form is None:
-                raise InputError(f"feature recipe: unknown kind {item.get('kind')!r}; known are {', '.join(FEATURES)}")
+            feature_class = FEATURES.get(str(item.get("kind")))
+            if feature_class is None:
+                raise InputError(f"feature pipeline: unknown kind {item.get('kind')!r}; known are {', '.join(FEATURES)}")
             values = {key: tuple(value) if isinstance(value, list) else value for key, value in item.items() if key != "kind"}
             try:
-                feature = form(**values)
+                feature = feature_class(**values)
             except TypeError as error:
-                raise InputError(f"feature recipe: {item.get('kind')}: {error}") from None
+                raise InputError(f"feature pipeline: {item.get('kind')}: {error}") from None
             _require_usable(feature)
             features.append(feature)
         return cls(tuple(features))
 
 
 def _require_usable(feature: Any) -> None:
-    """Refuse values that no recipe made here has: what is read from a file is not to be trusted."""
+    """Refuse values that no pipeline made here has: what is read from a file is not to be trusted."""
     for field in dataclasses.fields(feature):
         value = getattr(feature, field.name)
         if isinstance(field.default, str):
@@ -188,7 +188,7 @@ def _require_usable(feature: Any) -> None:
         else:
             good = _positive(value) or value == field.default
         if not good:
-            raise InputError(f"feature recipe: {feature.kind}: {field.name} is {str(value)[:60]!r}, which is not allowed")
+            raise InputError(f"feature pipeline: {feature.kind}: {field.name} is {str(value)[:60]!r}, which is not allowed")
 
 
 def _finite(value: Any) -> bool:
@@ -211,8 +211,8 @@ _LONGEST_NAME: Final = 200
 _MOST_NUMBERS: Final = 64
 
 
-def recipe_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> FeatureRecipe:
-    """Feature recipe for these runs.
+def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> FeatureRecipe:
+    """Feature pipeline for these runs.
 
     Parameters
     ----------
@@ -251,17 +251,17 @@ def recipe_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -
     return FeatureRecipe(tuple(dict.fromkeys(features)))
 
 
-def left_out_of(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[str]:
+def omitted_groups(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[str]:
     """What "all" has to do without because some of the runs, not all of them, lack a monitor: a sentence a group."""
-    said = []
+    remarks = []
     for group in GROUPS if "all" in _names(wanted) else ():
         for feature in _group(group, runs):
             lacking = {run.name: [column for column in feature.columns if column not in run] for run in runs}
             if all(lacking.values()) or not any(lacking.values()):
                 continue
             missing = ", ".join(f"{run} lacks {', '.join(columns)}" for run, columns in lacking.items() if columns)
-            said.append(f"{group} left out: {missing}; name the column with --map, or leave that run out to keep it.")
-    return said
+            remarks.append(f"{group} left out: {missing}; name the column with --map, or leave that run out to keep it.")
+    return remarks
 
 
 def _names(wanted: str | Sequence[str]) -> list[str]:

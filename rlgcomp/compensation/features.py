@@ -4,7 +4,7 @@ A feature turns a few monitor columns into a few numbers a sample. `run(state, s
 place where it is computed, whole recordings and single samples alike, so that a real-time box that follows these lines computes
 what the model was trained on, to the last bit.
 
-To add a feature: write its class, name it in `FEATURES`, and say in :func:`rlgcomp.compensation.feature_pipeline.recipe_for` when
+To add a feature: write its class, name it in `FEATURES`, and say in :func:`rlgcomp.compensation.feature_pipeline.pipeline_for` when
 it is used.
 """
 
@@ -218,7 +218,7 @@ class ReadoutDifference:
         return ((a - b) / (a + b))[:, None], state
 
 
-FEATURES: Final[dict[str, Any]] = {form.kind: form for form in (Level, Rate, Lag, Memory, Difference, ReadoutDifference)}
+FEATURES: Final[dict[str, Any]] = {feature.kind: feature for feature in (Level, Rate, Lag, Memory, Difference, ReadoutDifference)}
 
 
 def _stem(column: str) -> str:

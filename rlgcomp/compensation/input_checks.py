@@ -1,40 +1,64 @@
-"""Whether a recording suits a compensation: raw, calibrated as the training runs were, and of the same gyro."""
+"""Input checks: recordings for a compensation are raw, distinct, calibrated as the training runs were, and of the same gyro."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Final
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
 
 from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+from rlgcomp.recording.sameness import share_rows
 
-if TYPE_CHECKING:
-    from rlgcomp.compensation.compensator import Compensator
-
-REMOVED: Final = "compensation_deg_h"  # what was subtracted from a corrected gyro
+REMOVED: Final = "compensation_deg_h"  # the column of a corrected recording that holds what was subtracted from the gyro
 
 
 def require_raw(name: str, columns: Iterable[str]) -> None:
-    """Refuse a recording whose gyro was compensated already: its bias would be removed twice, or what is left of it learnt.
+    """Refuse a recording that was compensated: its bias would be removed twice, or its residual learnt.
 
     Raises
     ------
     InputError
-        It has the column that compensating leaves.
+        It has the column that compensating adds.
     """
     if REMOVED in columns:
         raise InputError(
-            f"{name} has the column {REMOVED}: its gyro was compensated already; give the recording as it was made. If that "
-            f"was another gyro's bias, leave the column out with --drop {REMOVED}"
+            f"{name} has the column {REMOVED}: its gyro was compensated already; give the recording as it was made. If the column "
+            f"is of another gyro, leave it out with --drop {REMOVED}"
         )
 
 
-def other_calibration(compensator: Compensator, used: str | None) -> str | None:
-    """What is wrong with gyros calibrated with the file of this SHA-256, or not at all; None if nothing is."""
-    notes = [run.get("notes") or {} for run in compensator.provenance_]
+def require_distinct(runs: Sequence[Recording]) -> None:
+    """Refuse rows that are in two runs: left out with one run and trained on in the other, they prove nothing.
+
+    Raises
+    ------
+    InputError
+        Two of the runs share rows, even rounded ones.
+    """
+    for one, other in itertools.combinations(runs, 2):
+        if share_rows(one, other):
+            raise InputError(
+                f"{other.name} holds rows of {one.name}: it is a copy, or an interval that overlaps. Rows in two runs are known "
+                "when one run is left out, which proves nothing; give each run once, and intervals apart, as RUN@0:20000 RUN@20000:"
+            )
+
+
+def calibration_mismatch(provenance: Sequence[Mapping[str, Any]], calibration: str | None) -> str | None:
+    """How the calibration of a run differs from that of the training runs; None if it does not.
+
+    Parameters
+    ----------
+    provenance : sequence of mapping
+        Metadata of the training runs.
+    calibration : str, optional
+        SHA-256 of the calibration file of the run; None if it is not calibrated.
+    """
+    notes = [run.get("notes") or {} for run in provenance]
     trained = {str(note["calibration"]) for note in notes if "calibration" in note}
-    if not trained or used in trained:
+    if not trained or calibration in trained:
         return None
-    received = "this run is not calibrated" if used is None else f"this run with the one of SHA-256 {used[:12]}..."
+    received = "this run is not calibrated" if calibration is None else f"this run with the one of SHA-256 {calibration[:12]}..."
     wanted = " or ".join(f"{identity[:12]}..." for identity in sorted(trained))
     return (
         f"the model was trained on gyros calibrated with the file of SHA-256 {wanted}; {received}; "
@@ -42,12 +66,12 @@ def other_calibration(compensator: Compensator, used: str | None) -> str | None:
     )
 
 
-def other_unit(compensator: Compensator, unit: str | None) -> str | None:
+def other_unit(provenance: Sequence[Mapping[str, Any]], unit: str | None) -> str | None:
     """What to say of a run of this unit where the model was trained on one other unit alone; None where nothing is to be said.
 
     A model of several units is meant for others too, and of a run or model that names no unit nothing is known.
     """
-    trained = {str(run.get("unit") or "").strip() for run in compensator.provenance_}
+    trained = {str(run.get("unit") or "").strip() for run in provenance}
     (only,) = trained if len(trained) == 1 else ("",)
     received = str(unit or "").strip()
     if not only or not received or only.casefold() == received.casefold():

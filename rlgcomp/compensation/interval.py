@@ -34,8 +34,8 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compensation.model_specification import finite
-from rlgcomp.compensation.rows import MARGIN
+from rlgcomp.compensation.models.specification import finite
+from rlgcomp.compensation.window_means import MARGIN
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]

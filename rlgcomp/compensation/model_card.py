@@ -1,26 +1,38 @@
-"""The model card: what a model is, what it was trained on, where it holds, in a page for people."""
+"""The model card: what a compensation is, what it was trained on and where it holds, as a page and as a summary of five lines."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+_WIDTH: Final = 110
+
+
+def summary(manifest: Mapping[str, Any]) -> str:
+    """A compensation in a few lines: model, inputs, training, residual with runs left out."""
+    inputs, before = manifest["inputs"], manifest["output"]["scale_deg_h"]
+    rmse, half_width = manifest["selection"]["rmse"], manifest["interval"]["inside_deg_h"]
+    residual = "not known" if rmse is None else f"{rmse * before:.3g} deg/h"
+    hours = sum(float(run["hours"]) for run in manifest["runs"])
+    selected = ", ".join(f"{name} = {_short(value)}" for name, value in manifest["selection"]["best"].items())
+    count = f"{len(inputs)} input{'s' if len(inputs) > 1 else ''}"
+    lines = [
+        f"Compensator of {manifest['output']['gyro']}: {manifest['model']['name']} on {count}, {manifest['averaging_s']:g} s means",
+        textwrap.fill(f"  inputs: {', '.join(inputs)}", _WIDTH, subsequent_indent=" " * 6),
+        f"  trained on: {', '.join(str(run['run']) for run in manifest['runs'])} ({hours:.1f} h)",
+        f"  selected: {selected or 'nothing to select'}",
+        f"  rms before {before:.3g} deg/h, with runs left out {residual}; 90 % interval ± {half_width:.2g} deg/h",
+    ]
+    return "\n".join(lines)
 
 
 def card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
-    """Model card in Markdown.
-
-    Parameters
-    ----------
-    manifest : mapping
-        Of the artefact.
-    arrays : mapping of str to ndarray
-        Of the artefact.
-    """
+    """Model card in Markdown, from the manifest and the arrays of an artefact."""
     model, output = manifest["model"], manifest["output"]
     units = sorted({str(run.get("unit") or "not stated") for run in manifest["runs"]})
     hours = sum(float(run["hours"]) for run in manifest["runs"])
@@ -40,19 +52,20 @@ def card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
         if output["keep_mean"]
         else "The whole estimated bias is removed, its mean included."
     )
-    known = [run["adapted_from"]["units"] for run in manifest["runs"] if "adapted_from" in run]
-    interval = _interval(manifest["interval"], manifest["averaging_s"], "units" if known else "runs")
-    before = f"\n- Adapted from what {known[0]} other units have in common" if known else ""
-    noticed = "".join(f"- {remark}\n" for remark in manifest["remarks"])
-    noticed = f"## What was noticed in training\n\n{noticed}\n" if noticed else ""
+    other_units = [run["adapted_from"]["units"] for run in manifest["runs"] if "adapted_from" in run]
+    parts = "units" if other_units else "runs"
+    interval = _interval(manifest["interval"], manifest["averaging_s"], parts)
+    adapted = f"\n- Adapted from what {other_units[0]} other units have in common" if other_units else ""
+    remarks = "".join(f"- {remark}\n" for remark in manifest["remarks"])
+    remarks = f"## Remarks of training\n\n{remarks}\n" if remarks else ""
     return f"""# Bias compensation: {model["name"]} on {len(manifest["inputs"])} inputs
 
 Estimates the bias of `{output["gyro"]}` in {output["unit"]} from the gyro's own monitors. {mean}
 
 - Gyro unit: {", ".join(units)}
-- Trained on {len(manifest["runs"])} runs, {hours:.1f} h: {rows} means over {manifest["averaging_s"]:g} s{before}
+- Trained on {len(manifest["runs"])} runs, {hours:.1f} h: {rows} means over {manifest["averaging_s"]:g} s{adapted}
 - Model: {model["name"]} ({parameters})
-- Error with {"units" if known else "runs"} left out, noise of the means included: {error}
+- Error with {parts} left out, noise of the means included: {error}
 - Made {manifest["created"]} with rlgcomp {manifest["versions"]["rlgcomp"]}
 
 ## Training runs
@@ -64,13 +77,13 @@ Estimates the bias of `{output["gyro"]}` in {output["unit"]} from the gyro's own
 ## Where it holds
 
 A sample with an input beyond these ranges (training span and a 5 % margin) is flagged `compensation_out_of_range`. An input further
-out than {output["reach"]:g} times its range is held there: the output stays bounded, but it is no longer an estimate to rely on.
+out than {output["reach"]:g} times its range is clipped: the output stays bounded, but it is no longer an estimate to rely on.
 
 | input | low | high |
 |---|---|---|
 {ranges}
 
-{noticed}## How far to trust it
+{remarks}## How far to trust it
 
 {interval}
 
@@ -85,20 +98,21 @@ memory start afresh with every recording: the first minutes after switching on a
 """
 
 
-def _interval(interval: Mapping[str, Any], averaging_s: float, what: str) -> str:
+def _interval(interval: Mapping[str, Any], averaging_s: float, parts: str) -> str:
     runs, share = interval["runs"], 100.0 * interval["coverage"]
     if runs == 1:
         promise = (
-            "It was calibrated on blocks of a single run, each left out in turn. How one run differs from the next cannot be\n"
-            "learned from one run: for another run no share is promised."
+            "It was calibrated on blocks of a single run, each left out in turn. One run does not show\n"
+            "how runs differ: for another run no share is promised."
         )
     elif runs < 1.0 / (1.0 - interval["coverage"]) - 1.0:
         promise = (
-            f"It was calibrated on {runs} {what}, each left out in turn, and is meant on average over {what} of their kind.\n"
-            f"From so few {what} nothing can be promised of the next without assuming that it resembles them."
+            f"It was calibrated on {runs} {parts}, each left out in turn, and aims at that share on average over\n"
+            f"{parts} of their kind. "
+            f"So few {parts} promise no share for the next, unless it resembles them."
         )
     else:
-        promise = f"It was calibrated on {runs} {what}, each left out in turn, and holds on average over {what} of their kind."
+        promise = f"It was calibrated on {runs} {parts}, each left out in turn, and holds on average over {parts} of their kind."
     inside, per_span = interval["inside_deg_h"], interval["per_span_deg_h"]
     return f"""Means of the gyro over {averaging_s:g} s lie within ±{inside:.3g} deg/h of the estimated bias in {share:.0f} % of
 cases while every input is within the ranges above; their own noise is included.

@@ -23,7 +23,7 @@ import numpy.typing as npt
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from rlgcomp.compensation.model_specification import Candidates, Labels, ModelForm
+from rlgcomp.compensation.models.specification import Candidates, Labels, ModelSpecification
 from rlgcomp.files import to_json
 from rlgcomp.numerics.compiled import blas_threads
 
@@ -55,7 +55,7 @@ class Selection:
 
 
 def select(
-    form: ModelForm,
+    form: ModelSpecification,
     model: Any,
     X: Array,
     y: Array,
@@ -71,7 +71,7 @@ def select(
 
     Parameters
     ----------
-    form : ModelForm
+    form : ModelSpecification
     model : estimator
         Parameters that are not searched are taken from it.
     X : ndarray, shape (n, features)
@@ -112,7 +112,7 @@ def select(
     return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen))
 
 
-def _score(k: int, form: ModelForm, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Scored:
+def _score(k: int, form: ModelSpecification, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Scored:
     return k, form.rmse(model, candidates, X, y, groups).tolist()
 
 
@@ -136,7 +136,9 @@ def _one_thread(piece: Work) -> Scored:
         return piece()
 
 
-def _fingerprint(form: ModelForm, model: Any, batches: list[list[dict[str, Any]]], X: Array, y: Array, groups: Labels) -> str:
+def _fingerprint(
+    form: ModelSpecification, model: Any, batches: list[list[dict[str, Any]]], X: Array, y: Array, groups: Labels
+) -> str:
     digest = hashlib.sha256(json.dumps([form.name, repr(model), batches], default=str).encode())
     for part in (X, y, np.unique(groups, return_inverse=True)[1]):
         digest.update(np.ascontiguousarray(part).tobytes())

@@ -131,7 +131,7 @@ class Follower:
         require_raw("the stream", table.columns)
         if TIME not in table:
             raise InputError(f"the stream has no column {TIME}; it has {there}; map it with --map, or give --period-s")
-        missing = [column for column in self.compensator.recipe_.columns if column not in table]
+        missing = [column for column in self.compensator.pipeline_.columns if column not in table]
         if missing:
             raise InputError(f"the stream has no {', '.join(missing)}, which the model needs; it has {there}; map them with --map")
         self._gyros = self._gyro_columns([str(column) for column in table.columns if is_gyro(str(column))])

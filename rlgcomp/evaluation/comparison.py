@@ -11,18 +11,18 @@ import numpy.typing as npt
 import pandas as pd
 from sklearn.base import clone
 
-from rlgcomp.compensation import MODELS
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.cubic import DYNAMICS
-from rlgcomp.compensation.model_specification import ModelForm, sequential
-from rlgcomp.compensation.rows import Rows, Scaling
+from rlgcomp.compensation.models import MODELS
+from rlgcomp.compensation.models.cubic import DYNAMICS
+from rlgcomp.compensation.models.specification import ModelSpecification, sequential
 from rlgcomp.compensation.selection import select
+from rlgcomp.compensation.window_means import Scaling, WindowMeans
 
 Array = npt.NDArray[np.float64]
 ALWAYS: Final = ("cubic", "lssvm")
 
 
-def correlation_table(held_out: Sequence[Rows], names: Sequence[str]) -> pd.DataFrame:
+def correlation_table(held_out: Sequence[WindowMeans], names: Sequence[str]) -> pd.DataFrame:
     """Correlation coefficient of each input with the gyro, within runs, over all of them.
 
     Returns
@@ -37,14 +37,14 @@ def correlation_table(held_out: Sequence[Rows], names: Sequence[str]) -> pd.Data
     return pd.DataFrame({"input": list(names), "correlation": coefficient})
 
 
-def comparison_table(compensator: Compensator, held_out: Sequence[Rows], *, n_jobs: int = 1) -> pd.DataFrame:
+def comparison_table(compensator: Compensator, held_out: Sequence[WindowMeans], *, n_jobs: int = 1) -> pd.DataFrame:
     """What is left held out by each model, on each feature group alone and on all, trained on the same rows.
 
     Parameters
     ----------
     compensator : Compensator
         Its training rows and scaling are used. The models are the cubic, the LS-SVM, and its own kind.
-    held_out : sequence of Rows
+    held_out : sequence of WindowMeans
     n_jobs : int
         Worker processes of the selection.
 
@@ -54,7 +54,7 @@ def comparison_table(compensator: Compensator, held_out: Sequence[Rows], *, n_jo
         Columns `features`, `model`, `residual_std_deg_h`, `residual_rms_deg_h`, `reduction_percent`, `factor`; the last two compare
         standard deviations.
     """
-    own = compensator.form_
+    own = compensator.specification_
     forms = [MODELS[name] for name in ALWAYS] + ([own] if own is not None and own.name not in ALWAYS else [])
     raw = _pooled([np.std(part.y_deg_h, ddof=1) for part in held_out])
     table = []
@@ -77,23 +77,23 @@ def comparison_table(compensator: Compensator, held_out: Sequence[Rows], *, n_jo
     return pd.DataFrame(table)
 
 
-def _fitted(compensator: Compensator, form: ModelForm, places: list[int], n_jobs: int) -> Any:
+def _fitted(compensator: Compensator, form: ModelSpecification, places: list[int], n_jobs: int) -> Any:
     X, y, groups = compensator.training_rows()
     model = form.make()
     if model.get_params().get("linear") == DYNAMICS:
-        model.set_params(linear=tuple(k for k, place in enumerate(places) if place in compensator.recipe_.dynamic))
+        model.set_params(linear=tuple(k for k, place in enumerate(places) if place in compensator.pipeline_.dynamic))
     best = select(form, model, X[:, places], y, groups, n_jobs=n_jobs).best
     model = clone(model).set_params(**best)
     return model.fit(X[:, places], y, **({"groups": compensator.run_labels()} if sequential(model) else {}))
 
 
-def _predict(model: Any, scaling: Scaling, part: Rows, places: list[int]) -> Array:
+def _predict(model: Any, scaling: Scaling, part: WindowMeans, places: list[int]) -> Array:
     return np.asarray(scaling.y_mean_deg_h + scaling.y_scale_deg_h * model.predict(scaling.inputs(part.X)[:, places]))
 
 
 def _inputs_by_group(compensator: Compensator) -> Mapping[str, list[int]]:
     """Places of the inputs of each feature group, and of all together."""
-    owners = [feature.group for feature in compensator.recipe_.features for _ in feature.names]
+    owners = [feature.group for feature in compensator.pipeline_.features for _ in feature.names]
     groups = {group: [place for place, owner in enumerate(owners) if owner == group] for group in dict.fromkeys(owners)}
     return groups if len(groups) == 1 else {**groups, "all": list(range(len(owners)))}
 

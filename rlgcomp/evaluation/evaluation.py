@@ -16,7 +16,7 @@ import pandas as pd
 
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.input_checks import other_unit, require_raw
-from rlgcomp.compensation.rows import Rows, rows
+from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.comparison import comparison_table, correlation_table
 from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
@@ -296,21 +296,21 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         require_raw(run.name, run.columns)
     calm = [without_knocks(run, compensator.gyro) for run in runs]
     runs, noticed = [run for run, _ in calm], [said for _, said in calm if said is not None]
-    doubts = [(run.name, other_unit(compensator, run.metadata.unit)) for run in runs]
+    doubts = [(run.name, other_unit(compensator.provenance_, run.metadata.unit)) for run in runs]
     noticed += [f"{name}: {doubt}" for name, doubt in doubts if doubt is not None]
     noticed += [
         f"{run.name}: {column} has {said}: faults of the logger, which a compensation that runs sample by sample follows."
         for run in runs
         for column, (_, said) in spikes_in(run).items()
-        if column in compensator.recipe_.columns
+        if column in compensator.pipeline_.columns
     ]
     results, traces = zip(*(_evaluate_run(compensator, run) for run in runs), strict=True)
-    held_out = [rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro) for run in runs]
+    held_out = [window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs]
     return Evaluation(
         averaging_s=compensator.averaging_s,
         runs=results,
         traces=traces,
-        correlation=correlation_table(held_out, compensator.recipe_.names),
+        correlation=correlation_table(held_out, compensator.pipeline_.names),
         comparison=comparison_table(compensator, held_out, n_jobs=n_jobs) if compare else pd.DataFrame(),
         noticed=tuple(noticed),
     )
@@ -326,7 +326,7 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
     rate = run.rate_deg_h(compensator.gyro)
     allan_raw = allan_deviation(rate[samples], run.time_s[samples])
     allan_residual = allan_deviation((rate - predicted["bias_deg_h"].to_numpy())[samples], run.time_s[samples])
-    own = rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro)
+    own = window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro)
     noise = own.noise_deg_h
     pulse_arcsec = run.metadata.pulse_arcsec if run.gyro_column(compensator.gyro).endswith("_pulses") else None
     allan_floor = allan_residual.noise_of_means_deg_h(compensator.averaging_s, pulse_arcsec)
@@ -354,12 +354,12 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
     return result, Trace(run.name, averaged.time_s, raw, bias, temperature, allan_raw, allan_residual)
 
 
-def trained_on(compensator: Compensator, own: Rows) -> bool:
+def trained_on(compensator: Compensator, own: WindowMeans) -> bool:
     """Whether averages of a run are among those that the compensation was trained on."""
     return any(_same_run(own, part, compensator.averaging_s) for part in compensator.training_)
 
 
-def _same_run(one: Rows, other: Rows, averaging_s: float) -> bool:
+def _same_run(one: WindowMeans, other: WindowMeans, averaging_s: float) -> bool:
     """Whether most averages at common times are the same, were they rounded; at the edges of a part they may differ."""
     at, at_too = (np.round(part.time_s / (ROUNDED * averaging_s)) for part in (one, other))
     _, ours, theirs = np.intersect1d(at, at_too, return_indices=True)

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.compensation.artefact import MANIFEST, SUMS, identity
-from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.serialisation import load
+from rlgcomp.compensation.compensator import Compensator, load
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.evaluation import evaluate, no_proof
 from rlgcomp.files import from_json
@@ -151,7 +150,7 @@ def _entry(path: Path, *, of_a_unit: bool) -> tuple[Entry, Compensator | None]:
         code = tuple(_code(report, sha256) for report in sorted([*path.glob(f"*/{REPORT}"), *beside]))
     except InputError as error:
         return Entry(name, printable(str(error))), None
-    rmse, form = model.selection_.rmse, model.form_
+    rmse, form = model.selection_.rmse, model.specification_
     arrays = {} if form is None else form.pack(model.model_)[1]
     return (
         Entry(
@@ -159,7 +158,7 @@ def _entry(path: Path, *, of_a_unit: bool) -> tuple[Entry, Compensator | None]:
             sha256=sha256,
             schema=model.schema_,
             model="" if form is None else form.name,
-            inputs=len(model.recipe_.names),
+            inputs=len(model.pipeline_.names),
             units=printable(", ".join(sorted({str(run.get("unit") or "not stated") for run in model.provenance_}))),
             hours=float(sum(float(run["hours"]) for run in model.provenance_)),
             left_out_rms_deg_h=None if rmse is None else rmse * model.scaling_.y_scale_deg_h,

@@ -26,8 +26,8 @@ import numpy.typing as npt
 
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.features import Lag, Memory, Rate, ReadoutDifference
-from rlgcomp.compensation.kernels import gaussian, squared_distances
-from rlgcomp.compensation.lssvm import LSSVMRegressor
+from rlgcomp.compensation.models.kernels import gaussian, squared_distances
+from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 from rlgcomp.export.expansion import Expansion, third_remainder
 from rlgcomp.export.golden import EITHER, Stream
 from rlgcomp.export.target import Precision
@@ -96,7 +96,7 @@ def _allowed_deg_h(stream: Stream, compensator: Compensator, expansion: Expansio
 
 def magnitudes(stream: Stream, compensator: Compensator) -> Array:
     """m_j of each sample in units of u, shape (n, features), from the largest monitors so far: filters remember."""
-    recipe = compensator.recipe_
+    recipe = compensator.pipeline_
     sizes = np.maximum.accumulate(np.where(stream.valid[:, None], np.abs(stream.monitors), 0.0), axis=0)
     largest = dict(zip(recipe.columns, sizes.T, strict=True))
     found: list[Array] = []

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compensation.artefact import identity
-from rlgcomp.compensation.serialisation import load
+from rlgcomp.compensation.compensator import load
 from rlgcomp.export import toolchain as tools
 from rlgcomp.export.accuracy import Bounds, bounds_of, span_deg_h
 from rlgcomp.export.budget import sized

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.features import ReadoutDifference
-from rlgcomp.compensation.model_specification import parameters_of
+from rlgcomp.compensation.models.specification import parameters_of
 from rlgcomp.errors import InputError
 from rlgcomp.export.accuracy import Bounds
 from rlgcomp.export.c_features import feature_code, identifiers
@@ -115,24 +115,25 @@ def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int
 
 def state_bytes(design: Design) -> int:
     """Bytes of the state, the only memory that lasts, on a machine with 4-byte integers and doubles aligned to 8 bytes."""
-    numbers = 2 + feature_code(design.compensator.recipe_, "", design.precision, str).slots
+    numbers = 2 + feature_code(design.compensator.pipeline_, "", design.precision, str).slots
     return -(-(8 + BYTES[design.precision] * numbers + 4) // 8) * 8
 
 
 def operations(design: Design) -> dict[str, int]:
     """Operations of one step, counted from its text; a multiplication counts together with its addition."""
     e = design.expansion
-    code = feature_code(design.compensator.recipe_, "", design.precision, str)
+    code = feature_code(design.compensator.pipeline_, "", design.precision, str)
     d, padded = e.features, design.blocks * LANES[design.precision]
     a_centre = {"wide": d + 3 + series_terms(e, design.precision), "gaussian": 2 * d + 2, "matern": 2 * d + 3}.get(e.form, d + 1)
     a_centre += e.kernel_degree if e.form == "power" else 0
     whole = d * (d + 1) // 2 + 2 * d + 16 if e.form == "wide" else e.powers.size
     return {
         "multiply_adds": 2 * d + code.filters * 3 + code.plays + whole + padded * a_centre + 1,
-        "divisions": code.filters + sum(isinstance(feature, ReadoutDifference) for feature in design.compensator.recipe_.features),
+        "divisions": code.filters
+        + sum(isinstance(feature, ReadoutDifference) for feature in design.compensator.pipeline_.features),
         "exponentials": padded * (e.form in ("gaussian", "matern", "sigmoid") or (e.form == "wide" and e.largest_argument > 1.0)),
         "square_roots": padded * (e.form == "matern"),
-        "comparisons": 4 * d + 2 * code.plays + code.filters + d + len(design.compensator.recipe_.columns) + 2,
+        "comparisons": 4 * d + 2 * code.plays + code.filters + d + len(design.compensator.pipeline_.columns) + 2,
     }
 
 
@@ -189,14 +190,15 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
     weights = np.zeros(blocks * lanes)
     weights[: len(e.weights)] = e.weights
     upper = e.quadratic - 0.5 * np.diag(np.diag(e.quadratic))
-    features = feature_code(compensator.recipe_, design.name.upper(), precision, number)
+    features = feature_code(compensator.pipeline_, design.name.upper(), precision, number)
     notes = [run.get("notes") or {} for run in compensator.provenance_]
     terms = series_terms(e, precision)
-    monitors = list(zip(identifiers(compensator.recipe_.columns), map(_monitor_comment, compensator.recipe_.columns), strict=True))
+    columns = compensator.pipeline_.columns
+    monitors = list(zip(identifiers(columns), map(_monitor_comment, columns), strict=True))
     return {
         "feature_lines": features.lines,
         "starts": features.starts,
-        "dark": any(isinstance(feature, ReadoutDifference) for feature in compensator.recipe_.features),
+        "dark": any(isinstance(feature, ReadoutDifference) for feature in compensator.pipeline_.features),
         "slots": features.slots,
         "low_passes": features.filters,
         "plays": features.plays,
@@ -236,7 +238,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "table_bytes": design.table_bytes,
         "centres_of_model": len(getattr(compensator.model_, "alpha_", ())),
         "monitors": monitors,
-        "inputs": list(zip(map(_said, compensator.recipe_.names), map(_short, e.low), map(_short, e.high), strict=True)),
+        "inputs": list(zip(map(_said, compensator.pipeline_.names), map(_short, e.low), map(_short, e.high), strict=True)),
     }
 
 

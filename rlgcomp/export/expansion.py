@@ -25,13 +25,13 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compensation.baselines import KernelBaselines
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.cubic import CubicLeastSquares
-from rlgcomp.compensation.fixed_size import FixedSizeLSSVM
-from rlgcomp.compensation.kernels import kernel
-from rlgcomp.compensation.lssvm import LSSVMRegressor
-from rlgcomp.compensation.rows import Scaling
+from rlgcomp.compensation.models.baselines import KernelBaselines
+from rlgcomp.compensation.models.cubic import CubicLeastSquares
+from rlgcomp.compensation.models.fixed_size import FixedSizeLSSVM
+from rlgcomp.compensation.models.kernels import kernel
+from rlgcomp.compensation.models.lssvm import LSSVMRegressor
+from rlgcomp.compensation.window_means import Scaling
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]

@@ -52,8 +52,8 @@ class Stream:
 
 def stream_of(recording: Recording, compensator: Compensator, expansion: Expansion, *, full: bool) -> Stream:
     """A recording and what Python answers: the compensator itself for the `full` model, its expansion for a reduced one."""
-    X = compensator.recipe_.transform(recording).to_numpy()
-    monitors = recording.table[list(compensator.recipe_.columns)].to_numpy()
+    X = compensator.pipeline_.transform(recording).to_numpy()
+    monitors = recording.table[list(compensator.pipeline_.columns)].to_numpy()
     bias = compensator.predict_rows(X) if full else expansion.bias_deg_h(X)
     status = expansion.outside(X).astype(np.int64)
     return Stream(recording.name, recording.time_s, monitors, X, bias, compensator.half_widths(X), status)
@@ -67,7 +67,7 @@ def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool)
     out. What tells nothing is not finite, or holds readouts that are both 0. Each sample goes through the recipe's own `step`.
     """
     time_s, monitors = _episodes(compensator)
-    recipe = compensator.recipe_
+    recipe = compensator.pipeline_
     X = np.full((len(time_s), len(recipe.names)), np.nan)
     state = None
     for k, (now_s, row) in enumerate(zip(time_s, monitors, strict=True)):
@@ -94,7 +94,7 @@ def _episodes(compensator: Compensator) -> tuple[Array, Array]:
     again = quiet[-_EPISODE:][::-1]
     beyond = again + 0.4 * span
     far = again[:4] * np.array([[50.0], [-50.0], [1e6], [-1e6]])  # last: single precision takes long to forget it
-    dark = any(isinstance(feature, ReadoutDifference) for feature in compensator.recipe_.features)
+    dark = any(isinstance(feature, ReadoutDifference) for feature in compensator.pipeline_.features)
     nothing = np.full_like(quiet[:1], 0.0 if dark else np.nan)
     bad = np.vstack([np.repeat(quiet[-1:], 5, axis=0), nothing])
     bad[0, 0], bad[1, -1] = np.nan, np.inf
@@ -109,7 +109,7 @@ def _episodes(compensator: Compensator) -> tuple[Array, Array]:
 
 def _monitors(compensator: Compensator) -> Array:
     """Monitors that give about the inputs of the first training run."""
-    recipe, X = compensator.recipe_, compensator.training_[0].X
+    recipe, X = compensator.pipeline_, compensator.training_[0].X
     places = _places(recipe)
     known = {feature.column: X[:, place] for feature, place in places if isinstance(feature, Level)}
     for feature, place in places:

@@ -19,8 +19,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.compensation.artefact import identity
-from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.serialisation import load
+from rlgcomp.compensation.compensator import Compensator, load
 from rlgcomp.errors import InputError
 from rlgcomp.export.budget import sized
 from rlgcomp.export.expansion import Expansion, expansion_of
@@ -93,7 +92,9 @@ def export(model: Path, out: Path, options: Options) -> OnnxExport:
     metadata = _metadata(compensator, expansion, identity(model))
     content = graph(compensator, expansion, options.precision, metadata).SerializeToString()
     golden, _ = golden_stream(compensator, expansion, full=expansion is whole)
-    streams = {"golden": golden.X[golden.valid]} | {run.name: compensator.recipe_.transform(run).to_numpy() for run in options.runs}
+    streams = {"golden": golden.X[golden.valid]} | {
+        run.name: compensator.pipeline_.transform(run).to_numpy() for run in options.runs
+    }
     checks, remarks = _compared(content, compensator, expansion, streams, options.precision)
     summary = {
         "target": "onnx",
@@ -107,7 +108,7 @@ def export(model: Path, out: Path, options: Options) -> OnnxExport:
         **metadata,
     }
     result = OnnxExport(summary, checks, remarks)
-    table = pd.DataFrame(streams["golden"], columns=list(compensator.recipe_.names))
+    table = pd.DataFrame(streams["golden"], columns=list(compensator.pipeline_.names))
     with whole_folder(out, writes=all_written(model, "onnx", options.name)) as folder:
         (folder / f"{name}.onnx").write_bytes(content)
         table.assign(**_expected(compensator, expansion, table.to_numpy())).to_csv(
@@ -255,8 +256,8 @@ def _metadata(compensator: Compensator, expansion: Expansion, sha256: str) -> di
         "what": _WHAT,
         "gyro": compensator.gyro_,
         "gyro_unit": sorted({str(run.get("unit") or "not stated") for run in compensator.provenance_}),
-        "features": list(compensator.recipe_.names),
-        "feature_recipe": compensator.recipe_.to_list(),
+        "features": list(compensator.pipeline_.names),
+        "feature_recipe": compensator.pipeline_.to_list(),
         "unit": "deg/h",
         "reference_deg_h": expansion.reference_deg_h,
         "correction": "subtract bias_deg_h - reference_deg_h from the gyro in deg/h",

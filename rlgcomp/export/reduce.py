@@ -36,7 +36,7 @@ from scipy import linalg
 from sklearn.base import clone
 
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.rows import Rows, rows
+from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.evaluation import trained_on
 from rlgcomp.export.expansion import Expansion, expansion_of, expansion_of_model
@@ -134,7 +134,7 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     curve = pd.DataFrame({"centres": [*kept, centres]})
     judges = {"left_out": list(_left_out(compensator))}
     for run in runs:
-        own = rows(run, compensator.recipe_, compensator.averaging_s, compensator.gyro)
+        own = window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro)
         judges.setdefault("trained_on" if trained_on(compensator, own) else "unseen", []).append((whole, [own]))
     for name, folds in judges.items():
         stability = [_pooled([(reduction.with_centres(m), parts) for reduction, parts in folds]) for m in kept]
@@ -173,7 +173,7 @@ def _greedy(expansion: Expansion, x: Array, remainder: Array) -> tuple[npt.NDArr
     return np.array(order, dtype=np.intp), basis[:, : len(order)]
 
 
-def _left_out(compensator: Compensator) -> Iterator[tuple[Reduction, list[Rows]]]:
+def _left_out(compensator: Compensator) -> Iterator[tuple[Reduction, list[WindowMeans]]]:
     X = np.vstack([part.X for part in compensator.training_])
     y = np.concatenate([part.y_deg_h for part in compensator.training_])
     scaled, target, groups = compensator.training_rows()
@@ -181,11 +181,11 @@ def _left_out(compensator: Compensator) -> Iterator[tuple[Reduction, list[Rows]]
         out = groups == label
         model = clone(compensator.model_).fit(scaled[~out], target[~out])
         expansion = expansion_of_model(model, compensator.scaling_)
-        part = Rows(str(label), np.flatnonzero(out).astype(np.float64), X[out], y[out])
+        part = WindowMeans(str(label), np.flatnonzero(out).astype(np.float64), X[out], y[out])
         yield Reduction(expansion, model, X[~out], y[~out]), [part]
 
 
-def _pooled(scored: Sequence[tuple[Expansion, list[Rows]]]) -> float:
+def _pooled(scored: Sequence[tuple[Expansion, list[WindowMeans]]]) -> float:
     variances = [
         float(np.var(part.y_deg_h - expansion.bias_deg_h(part.X), ddof=1)) for expansion, parts in scored for part in parts
     ]

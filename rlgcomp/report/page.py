@@ -11,7 +11,7 @@ import pandas as pd
 
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.model_specification import parameters_of
+from rlgcomp.compensation.models.specification import parameters_of
 from rlgcomp.evaluation.evaluation import Evaluation
 from rlgcomp.files import write_json, write_text
 from rlgcomp.recording import Recording
@@ -58,7 +58,7 @@ def render(
         correlation=evaluation.correlation.assign(correlation=[f"{value:.3f}" for value in evaluation.correlation["correlation"]]),
         model=type(compensator.model_).__name__,
         parameters=parameters_of(compensator.model_),
-        recipe=compensator.recipe_,
+        recipe=compensator.pipeline_,
         provenance=compensator.provenance_,
         scaling=compensator.scaling_,
         runs=_run_table(evaluation),

@@ -137,10 +137,10 @@ def _without_advice() -> Iterator[None]:
 
 def _of_all(taught: Sequence[Recording], levels: Sequence[str]) -> Sequence[str]:
     """The features of a compensation, and the levels of columns that it does not read."""
-    from rlgcomp.compensation.feature_pipeline import recipe_for
+    from rlgcomp.compensation.feature_pipeline import pipeline_for
 
     try:
-        read = recipe_for(taught).columns
+        read = pipeline_for(taught).columns
     except InputError:
         return levels
     varying = [column for column in levels if any(np.ptp(run.column(column)) > 0.0 for run in taught)]
@@ -151,7 +151,7 @@ def _of_all(taught: Sequence[Recording], levels: Sequence[str]) -> Sequence[str]
 @_without_advice()
 def _trained(taught: Sequence[Recording], fine: Sequence[Recording], averaging_s: float) -> list[Array] | None:
     from rlgcomp.compensation.compensator import Compensator
-    from rlgcomp.compensation.lssvm import LSSVMRegressor
+    from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 
     common = set.intersection(*(set(run.columns) for run in fine)) - {TIME, "gyro_deg_h"}
     levels = sorted(column for column in common if not column.endswith("_angle_deg"))  # an angle only counts turns

@@ -1,13 +1,24 @@
-r"""The bordered system of the LS-SVM on a torch device: exact float64 for as many rows as half a matrix fits into its memory.
+r"""The KKT system of the LS-SVM, solved by LAPACK or, for many rows, on a torch device.
 
-The lower triangle of :math:`H = K + \mathrm{diag}(1 / c v_i)` is kept in panels of columns, each from its diagonal block down, and
-factored in place, :math:`H = L L^T`: n²/2 numbers and a few panels besides, 40 GB at n = 100 000 where a matrix takes 80 GB and a
-library's factor of it as much again. Nearly all of the work, n³/3 multiplications and additions, is products of panels. No
-operation touches 2³¹ numbers or has a leading dimension beyond a panel's, whatever n is.
+In Suykens' notation, for n rows with kernel matrix :math:`\Omega_{ij} = K(x_i, x_j)`, regularisation :math:`\gamma` (`c` in this
+package) and weights :math:`v_i`,
 
-With u = L⁻¹1 and z = L⁻¹y the solution is :math:`b = u \cdot z / u \cdot u`, :math:`a = L^{-T}(z - b u)`. The diagonal of
-:math:`C = H^{-1} - H^{-1}11^TH^{-1} / 1^TH^{-1}1`, which leaving one out needs, comes from the columns of L⁻¹, a panel at a time:
-n³/3 again.
+.. math:: \begin{pmatrix} 0 & 1^T \\ 1 & H \end{pmatrix} \begin{pmatrix} b \\ \alpha \end{pmatrix} =
+          \begin{pmatrix} 0 \\ y \end{pmatrix}, \qquad H = \Omega + \mathrm{diag}(1 / \gamma v_i).
+
+The lower right block of the inverse is :math:`C = H^{-1} - H^{-1}11^TH^{-1} / 1^TH^{-1}1`. It gives :math:`\alpha = C y` and the
+residuals without a group G of rows, :math:`e_G = C_{GG}^{-1} \alpha_G`, from the same solution.
+
+:class:`KKTSystem` keeps C, n² numbers. :class:`DeviceKKTSystem` keeps the lower triangle of H in panels of columns, each from its
+diagonal block down, and factors it in place, :math:`H = L L^T`: n²/2 numbers and a few panels, 40 GB at n = 100 000 where a matrix
+takes 80 GB and a library's factor as much again. Nearly all of its n³/3 multiplications are products of panels. No operation
+touches 2³¹ numbers or has a leading dimension beyond a panel's. With :math:`u = L^{-1}1` and :math:`z = L^{-1}y` the solution is
+:math:`b = u \cdot z / u \cdot u`, :math:`\alpha = L^{-T}(z - b u)`; the diagonal of C comes from the columns of :math:`L^{-1}`, a
+panel at a time: n³/3 again.
+
+Reference
+---------
+J. A. K. Suykens et al., *Least Squares Support Vector Machines*, World Scientific, 2002, chapter 3.
 """
 
 from __future__ import annotations
@@ -19,6 +30,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy import linalg
 
 from rlgcomp.errors import InputError
 
@@ -26,12 +38,270 @@ Array = npt.NDArray[np.float64]
 Tensor = Any
 _DEVICES: Final = re.compile(r"auto|cpu|cuda(:[0-9]{1,3})?")
 _NO_MEMORY: Final = re.compile("out of memory|allocate memory")
-_WIDTH_CPU, _WIDTH_GPU = 384, 2048  # columns of a panel: small blocks waste less, large ones keep a card busy
-_AT_ONCE: Final = 1 << 24  # kernel values in work while predicting
+PANEL_WIDTH: Final = {"cpu": 384, "cuda": 2048}  # columns: small panels waste less, large ones keep a card busy
+BATCH: Final = 1 << 24  # kernel values in memory while predicting
+
+
+class KKTSystem:
+    """H, inverted on the processor.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (n, n)
+        The kernel matrix Omega.
+    c : ndarray, shape (n,)
+        gamma v, row by row.
+    """
+
+    def __init__(self, gram: Array, c: Array) -> None:
+        n = len(gram)
+        h = gram + np.diag(1.0 / c)
+        try:
+            inverse = linalg.cho_solve(linalg.cho_factor(h, lower=True, check_finite=False), np.eye(n), check_finite=False)
+        except linalg.LinAlgError:
+            # H is not positive definite: beyond rounding only if the kernel is indefinite (sigmoid); rounded eigenvalues are lifted
+            values, vectors = linalg.eigh(h, check_finite=False)
+            rounding = n * np.finfo(np.float64).eps * np.abs(values).max()
+            values = np.where(np.abs(values) <= rounding, max(rounding, float(np.min(1.0 / c))), values)
+            inverse = (vectors / values) @ vectors.T
+        self._border = inverse.sum(axis=0)
+        self._total = self._border.sum()
+        inverse -= np.outer(self._border, self._border) / self._total
+        self._inverse = inverse
+
+    def solve(self, y: Array) -> tuple[Array, float]:
+        """alpha, shape (n,), and b for the output y, shape (n,)."""
+        return self._inverse @ y, float(self._border @ y / self._total)
+
+    def inverse_diagonal(self) -> Array:
+        """Diagonal of C, shape (n,)."""
+        return np.diag(self._inverse)
+
+    def leave_groups_out(self, alpha: Array, groups: npt.NDArray[np.generic]) -> Array:
+        """Residual of each row without its whole group, shape (n,)."""
+        residuals = np.empty(len(alpha))
+        for label in np.unique(groups):
+            rows = np.flatnonzero(groups == label)
+            residuals[rows] = linalg.solve(self._inverse[np.ix_(rows, rows)], alpha[rows], assume_a="sym")
+        return residuals
+
+
+class DeviceKKTSystem:
+    """H, factored on a torch device.
+
+    Parameters
+    ----------
+    kernel : {"gaussian", "linear", "polynomial", "sigmoid"}
+    parameters : mapping
+        Those that the kernel takes.
+    X : ndarray, shape (n, features)
+    device : str
+    c : ndarray, shape (n,)
+        gamma v, row by row.
+
+    Raises
+    ------
+    InputError
+        The device is not there or too small, or H is not positive definite.
+    """
+
+    def __init__(self, kernel: str, parameters: Mapping[str, Any], X: Array, device: str, c: Array) -> None:
+        self._device = device_named(device)
+        import torch
+
+        self._kernel, self._parameters = kernel, parameters
+        self._n = len(X)
+        self._width = PANEL_WIDTH[self._device.type]
+        with self._memory():
+            self._X = _tensor(X, self._device)
+            self._panels = self._factored(1.0 / _tensor(c, self._device))
+            self._ones = self._forward(torch.ones((self._n, 1), dtype=torch.float64, device=self._device))
+
+    def solve(self, y: Array) -> tuple[Array, float]:
+        """alpha, shape (n,), and b for the output y, shape (n,)."""
+        with self._memory():
+            z = self._forward(_tensor(y, self._device)[:, None].clone())
+            u = self._ones
+            intercept = float((u * z).sum() / (u * u).sum())
+            return _numpy(self._backward(z - intercept * u)[:, 0]), intercept
+
+    def inverse_diagonal(self) -> Array:
+        """Diagonal of C, shape (n,)."""
+        import torch
+
+        with self._memory():
+            border = self._backward(self._ones.clone())[:, 0]
+            diagonal = -(border**2) / border.sum()
+            for start, stop in self._spans():
+                columns = torch.zeros((self._n - start, stop - start), dtype=torch.float64, device=self._device)
+                columns.fill_diagonal_(1.0)
+                diagonal[start:stop] += self._forward(columns, start).square_().sum(dim=0)
+            return _numpy(diagonal)
+
+    def leave_groups_out(self, alpha: Array, groups: npt.NDArray[Any]) -> Array:
+        """Residual of each row without its whole group, shape (n,), in memory of the largest group's square."""
+        import torch
+
+        residuals = np.empty(self._n)
+        with self._memory():
+            border = self._backward(self._ones.clone())[:, 0]
+            for label in np.unique(groups):
+                rows = np.flatnonzero(groups == label)
+                out = torch.as_tensor(rows, device=self._device)
+                block = torch.outer(border[out], -border[out] / border.sum())
+                for k in range(0, len(rows), self._width):
+                    part = slice(k, k + self._width)
+                    start = int(rows[k]) // self._width * self._width  # columns of the identity are zero above
+                    columns = torch.zeros((self._n - start, len(rows[part])), dtype=torch.float64, device=self._device)
+                    columns[out[part] - start, torch.arange(columns.shape[1], device=self._device)] = 1.0
+                    whole = torch.zeros((self._n, columns.shape[1]), dtype=torch.float64, device=self._device)
+                    whole[start:] = self._forward(columns, start)
+                    block[:, part] += self._backward(whole)[out]
+                right = _tensor(alpha[rows], self._device)
+                residuals[rows] = _numpy(torch.linalg.solve(block, right))
+        return residuals
+
+    def variance_reduction(self, X: Array) -> Array:
+        """k^T H⁻¹ k - (1 - 1^T H⁻¹ k)² / 1^T H⁻¹ 1 for each row of X, shape (m, features)."""
+        values = np.empty(len(X))
+        with self._memory():
+            at = _tensor(X, self._device)
+            for k in range(0, len(X), self._width):
+                part = slice(k, k + self._width)
+                v = self._forward(_gram(self._kernel, self._parameters, self._X, at[part]))
+                rest = 1.0 - (self._ones * v).sum(dim=0)
+                values[part] = _numpy((v * v).sum(dim=0) - rest**2 / (self._ones**2).sum())
+        return values
+
+    # --- panels --------------------------------------------------------------------------------------------------------------
+
+    def _spans(self) -> Iterator[tuple[int, int]]:
+        for start in range(0, self._n, self._width):
+            yield start, min(start + self._width, self._n)
+
+    def _factored(self, ridge: Tensor) -> list[Tensor]:
+        """L, panel by panel: each made, reduced by those before it, and factored in its place."""
+        import torch
+
+        panels: list[Tensor] = []
+        for start, stop in self._spans():
+            panel = _gram(self._kernel, self._parameters, self._X[start:], self._X[start:stop])
+            panel.diagonal().add_(ridge[start:stop])
+            for k, before in enumerate(panels):
+                lower = before[start - k * self._width :]
+                panel.addmm_(lower, lower[: stop - start].T, alpha=-1.0)
+            corner, failed = torch.linalg.cholesky_ex(panel[: stop - start])
+            if int(failed):
+                raise InputError(
+                    f"the {self._kernel} kernel's matrix is not positive definite beyond rounding, as device={self._device.type!r} "
+                    "requires; give a smaller c, the gaussian kernel, or device=None for up to some 10 000 rows"
+                )
+            panel[: stop - start] = corner
+            if stop < self._n:
+                below = panel[stop - start :]
+                below.copy_(torch.linalg.solve_triangular(corner.T, below, upper=True, left=False))
+            panels.append(panel)
+        return panels
+
+    def _forward(self, right: Tensor, first: int = 0) -> Tensor:
+        """L⁻¹ right in place; `right` has the rows from `first`, a panel's beginning; those before are zero."""
+        import torch
+
+        for panel, (start, stop) in zip(self._panels, self._spans(), strict=True):
+            if start < first:
+                continue
+            here = right[start - first : stop - first]
+            here.copy_(torch.linalg.solve_triangular(panel[: stop - start], here, upper=False))
+            right[stop - first :].addmm_(panel[stop - start :], here, alpha=-1.0)
+        return right
+
+    def _backward(self, right: Tensor) -> Tensor:
+        """L^-T right in place."""
+        import torch
+
+        for panel, (start, stop) in reversed(list(zip(self._panels, self._spans(), strict=True))):
+            here = right[start:stop]
+            here.addmm_(panel[stop - start :].T, right[stop:], alpha=-1.0)
+            here.copy_(torch.linalg.solve_triangular(panel[: stop - start].T, here, upper=True))
+        return right
+
+    @contextlib.contextmanager
+    def _memory(self) -> Iterator[None]:
+        """Turn torch's errors of memory into an `InputError` with advice."""
+        try:
+            yield
+        except RuntimeError as error:
+            if not _NO_MEMORY.search(str(error)):
+                raise
+            raise InputError(
+                f"{self._n} rows do not fit into the memory of {self._device}: they need {self._n**2 * 4 / 1e9:.1f} GB and some "
+                "panels; average over a longer time, or train a fixed-size model"
+            ) from None
+
+
+def predictions(kernel: str, parameters: Mapping[str, Any], X: Array, centres: Array, alpha: Array, device: str) -> Array:
+    """Kernel sums on a device; the last bits of a row depend on the rows it is computed with.
+
+    Parameters
+    ----------
+    kernel : {"gaussian", "linear", "polynomial", "sigmoid"}
+    parameters : mapping
+        Those that the kernel takes.
+    X : ndarray, shape (m, features)
+    centres : ndarray, shape (n, features)
+    alpha : ndarray, shape (n,)
+        Their sum is zero.
+    device : str
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        sum_i alpha_i K(x_i, x) for each row of X.
+    """
+    import torch
+
+    place = device_named(device)
+    at, rows, weights = (_tensor(values, place) for values in (X, centres, alpha))
+    sums = np.empty(len(X))
+    block = max(1, BATCH // len(centres))
+    for k in range(0, len(X), block):
+        part = at[k : k + block]
+        if kernel == "gaussian":  # differences, not products, and less one: without cancellation
+            values = torch.zeros((len(part), len(centres)), dtype=torch.float64, device=place)
+            for j in range(X.shape[1]):
+                values += (part[:, j, None] - rows[:, j]).square_()
+            values.mul_(-0.5 / parameters["sigma"] ** 2).expm1_()
+        else:
+            values = _gram(kernel, parameters, part, rows)
+        sums[k : k + block] = _numpy(values @ weights)
+    return sums
+
+
+def _gram(kernel: str, parameters: Mapping[str, Any], x: Tensor, z: Tensor) -> Tensor:
+    """The kernel of :mod:`rlgcomp.compensation.models.kernels` on the device, shape (n, m)."""
+    products = x @ z.T
+    if kernel == "gaussian":
+        products.mul_(-2.0).add_((x * x).sum(dim=1)[:, None]).add_((z * z).sum(dim=1)).clamp_(min=0.0)
+        return products.mul_(-0.5 / parameters["sigma"] ** 2).exp_()
+    if kernel == "polynomial":
+        return products.add_(parameters["offset"]).pow_(parameters["degree"])
+    if kernel == "sigmoid":
+        return products.mul_(parameters["slope"]).add_(parameters["offset"]).tanh_()
+    return products
+
+
+def _tensor(values: npt.ArrayLike, device: Any) -> Tensor:
+    import torch
+
+    return torch.as_tensor(np.require(values, np.float64, ["C", "W"]), device=device)  # read-only ones torch warns of
+
+
+def _numpy(tensor: Tensor) -> Array:
+    return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
 
 
 def require_device(owner: object, name: str = "device") -> None:
-    """Raise unless the owner's parameter names a device, there or not.
+    """Raise unless an estimator's parameter names a device, present or not.
 
     Raises
     ------
@@ -64,205 +334,8 @@ def device_named(name: str) -> Any:
     try:
         torch.empty(1, dtype=torch.float64, device=wanted)
     except (RuntimeError, AssertionError) as error:
-        said = str(error).splitlines()[0]
+        reason = str(error).splitlines()[0]
         raise InputError(
-            f"device={name!r} is not there for torch {torch.__version__}: {said}; give 'cpu', or leave it out"
+            f"device={name!r} is not there for torch {torch.__version__}: {reason}; give 'cpu', or leave it out"
         ) from None
     return torch.device(wanted)
-
-
-class DeviceSystem:
-    """H factored on a device.
-
-    Parameters
-    ----------
-    kernel : {"gaussian", "linear", "polynomial", "sigmoid"}
-    parameters : mapping
-        Those that the kernel takes.
-    X : ndarray, shape (n, features)
-    device : str
-    c : ndarray, shape (n,)
-        c v, row by row.
-
-    Raises
-    ------
-    InputError
-        The device is not there or too small, or H is not positive definite.
-    """
-
-    def __init__(self, kernel: str, parameters: Mapping[str, Any], X: Array, device: str, c: Array) -> None:
-        self._device = device_named(device)
-        import torch
-
-        self._kernel, self._parameters = kernel, parameters
-        self._n = len(X)
-        self._width = _WIDTH_GPU if self._device.type == "cuda" else _WIDTH_CPU
-        with self._room():
-            self._X = _tensor(X, self._device)
-            self._panels = self._factored(1.0 / _tensor(c, self._device))
-            self._ones = self._forward(torch.ones((self._n, 1), dtype=torch.float64, device=self._device))
-
-    def solve(self, y: Array) -> tuple[Array, float]:
-        """a, shape (n,), and b for the output y, shape (n,)."""
-        with self._room():
-            z = self._forward(_tensor(y, self._device)[:, None].clone())
-            u = self._ones
-            intercept = float((u * z).sum() / (u * u).sum())
-            return _numpy(self._backward(z - intercept * u)[:, 0]), intercept
-
-    def leverage(self) -> Array:
-        """Diagonal of C, shape (n,)."""
-        import torch
-
-        with self._room():
-            border = self._backward(self._ones.clone())[:, 0]
-            diagonal = -(border**2) / border.sum()
-            for start, stop in self._spans():
-                columns = torch.zeros((self._n - start, stop - start), dtype=torch.float64, device=self._device)
-                columns.fill_diagonal_(1.0)
-                diagonal[start:stop] += self._forward(columns, start).square_().sum(dim=0)
-            return _numpy(diagonal)
-
-    def left_out(self, alpha: Array, groups: npt.NDArray[Any]) -> Array:
-        """Residual of each row when its whole group is left out: C_GG⁻¹ a_G, in memory of the largest group's square."""
-        import torch
-
-        residuals = np.empty(self._n)
-        with self._room():
-            border = self._backward(self._ones.clone())[:, 0]
-            for label in np.unique(groups):
-                rows = np.flatnonzero(groups == label)
-                out = torch.as_tensor(rows, device=self._device)
-                block = torch.outer(border[out], -border[out] / border.sum())
-                for k in range(0, len(rows), self._width):
-                    part = slice(k, k + self._width)
-                    start = int(rows[k]) // self._width * self._width  # columns of the identity are zero above
-                    columns = torch.zeros((self._n - start, len(rows[part])), dtype=torch.float64, device=self._device)
-                    columns[out[part] - start, torch.arange(columns.shape[1], device=self._device)] = 1.0
-                    whole = torch.zeros((self._n, columns.shape[1]), dtype=torch.float64, device=self._device)
-                    whole[start:] = self._forward(columns, start)
-                    block[:, part] += self._backward(whole)[out]
-                right = _tensor(alpha[rows], self._device)
-                residuals[rows] = _numpy(torch.linalg.solve(block, right))
-        return residuals
-
-    def explained(self, X: Array) -> Array:
-        """k^T H⁻¹ k - (1 - 1^T H⁻¹ k)² / 1^T H⁻¹ 1 for each row of X, shape (m, features)."""
-        found = np.empty(len(X))
-        with self._room():
-            at = _tensor(X, self._device)
-            for k in range(0, len(X), self._width):
-                part = slice(k, k + self._width)
-                v = self._forward(_gram(self._kernel, self._parameters, self._X, at[part]))
-                rest = 1.0 - (self._ones * v).sum(dim=0)
-                found[part] = _numpy((v * v).sum(dim=0) - rest**2 / (self._ones**2).sum())
-        return found
-
-    # --- panels --------------------------------------------------------------------------------------------------------------
-
-    def _spans(self) -> Iterator[tuple[int, int]]:
-        for start in range(0, self._n, self._width):
-            yield start, min(start + self._width, self._n)
-
-    def _factored(self, ridge: Tensor) -> list[Tensor]:
-        """L, panel by panel: each made, reduced by those before it, and factored in its place."""
-        import torch
-
-        panels: list[Tensor] = []
-        for start, stop in self._spans():
-            panel = _gram(self._kernel, self._parameters, self._X[start:], self._X[start:stop])
-            panel.diagonal().add_(ridge[start:stop])
-            for k, before in enumerate(panels):
-                lower = before[start - k * self._width :]
-                panel.addmm_(lower, lower[: stop - start].T, alpha=-1.0)
-            corner, failed = torch.linalg.cholesky_ex(panel[: stop - start])
-            if int(failed):
-                raise InputError(
-                    f"the {self._kernel} kernel's matrix is not positive definite beyond rounding, as device={self._device.type!r} "
-                    "needs it; give a smaller c, the gaussian kernel, or device=None for up to some 10 000 rows"
-                )
-            panel[: stop - start] = corner
-            if stop < self._n:
-                below = panel[stop - start :]
-                below.copy_(torch.linalg.solve_triangular(corner.T, below, upper=True, left=False))
-            panels.append(panel)
-        return panels
-
-    def _forward(self, right: Tensor, first: int = 0) -> Tensor:
-        """L⁻¹ right in place; of right only the rows from `first`, a panel's beginning, are given, those before are zero."""
-        import torch
-
-        for panel, (start, stop) in zip(self._panels, self._spans(), strict=True):
-            if start < first:
-                continue
-            here = right[start - first : stop - first]
-            here.copy_(torch.linalg.solve_triangular(panel[: stop - start], here, upper=False))
-            right[stop - first :].addmm_(panel[stop - start :], here, alpha=-1.0)
-        return right
-
-    def _backward(self, right: Tensor) -> Tensor:
-        """L^-T right in place."""
-        import torch
-
-        for panel, (start, stop) in reversed(list(zip(self._panels, self._spans(), strict=True))):
-            here = right[start:stop]
-            here.addmm_(panel[stop - start :].T, right[stop:], alpha=-1.0)
-            here.copy_(torch.linalg.solve_triangular(panel[: stop - start].T, here, upper=True))
-        return right
-
-    @contextlib.contextmanager
-    def _room(self) -> Iterator[None]:
-        """Say what is to be done where memory does not suffice."""
-        try:
-            yield
-        except RuntimeError as error:
-            if not _NO_MEMORY.search(str(error)):
-                raise
-            raise InputError(
-                f"{self._n} rows do not fit into the memory of {self._device}: they need {self._n**2 * 4 / 1e9:.1f} GB and some "
-                "panels; average over a longer time, or train a fixed-size model"
-            ) from None
-
-
-def predictions(kernel: str, parameters: Mapping[str, Any], X: Array, centres: Array, alpha: Array, device: str) -> Array:
-    """sum_i a_i k(x_i, x) for each row of X, shape (m,), the sum of a being zero; last bits depend on the rows beside it."""
-    import torch
-
-    place = device_named(device)
-    at, rows, weights = (_tensor(values, place) for values in (X, centres, alpha))
-    found = np.empty(len(X))
-    block = max(1, _AT_ONCE // len(centres))
-    for k in range(0, len(X), block):
-        part = at[k : k + block]
-        if kernel == "gaussian":  # differences, not products, and less one: without cancellation
-            values = torch.zeros((len(part), len(centres)), dtype=torch.float64, device=place)
-            for j in range(X.shape[1]):
-                values += (part[:, j, None] - rows[:, j]).square_()
-            values.mul_(-0.5 / parameters["sigma"] ** 2).expm1_()
-        else:
-            values = _gram(kernel, parameters, part, rows)
-        found[k : k + block] = _numpy(values @ weights)
-    return found
-
-
-def _gram(kernel: str, parameters: Mapping[str, Any], x: Tensor, z: Tensor) -> Tensor:
-    """The kernel of :mod:`rlgcomp.compensation.kernels` on the device, shape (n, m)."""
-    products = x @ z.T
-    if kernel == "gaussian":
-        products.mul_(-2.0).add_((x * x).sum(dim=1)[:, None]).add_((z * z).sum(dim=1)).clamp_(min=0.0)
-        return products.mul_(-0.5 / parameters["sigma"] ** 2).exp_()
-    if kernel == "polynomial":
-        return products.add_(parameters["offset"]).pow_(parameters["degree"])
-    if kernel == "sigmoid":
-        return products.mul_(parameters["slope"]).add_(parameters["offset"]).tanh_()
-    return products
-
-
-def _tensor(values: npt.ArrayLike, device: Any) -> Tensor:
-    import torch
-
-    return torch.as_tensor(np.require(values, np.float64, ["C", "W"]), device=device)  # read-only ones torch warns of
-
-
-def _numpy(tensor: Tensor) -> Array:
-    return np.asarray(tensor.cpu().numpy(), dtype=np.float64)

@@ -22,8 +22,7 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.model_specification import ModelForm, require_shape
-from rlgcomp.compensation.parameters import require_number
+from rlgcomp.compensation.models.specification import ModelSpecification, require_number, require_shape
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -169,7 +168,7 @@ def _check(model: SequenceRegressor, features: int) -> None:
         raise InputError("x_scale_ has values that are not positive")
 
 
-FORM: Final = ModelForm(
+SPECIFICATION: Final = ModelSpecification(
     name="sequence",
     estimator=SequenceRegressor,
     batches=lambda features: [[{"width": width, "weight_decay": decay}] for width in (4, 8) for decay in (1e-3, 1e-1)],

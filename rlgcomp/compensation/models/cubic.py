@@ -9,8 +9,7 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.model_specification import ModelForm, require_shape
-from rlgcomp.compensation.parameters import require_number
+from rlgcomp.compensation.models.specification import ModelSpecification, require_number, require_shape
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -128,8 +127,8 @@ def _nothing_to_select(features: int) -> list[list[dict[str, Any]]]:
     return []
 
 
-def _form(name: str, **defaults: str) -> ModelForm:
-    return ModelForm(
+def _form(name: str, **defaults: str) -> ModelSpecification:
+    return ModelSpecification(
         name=name,
         estimator=CubicLeastSquares,
         defaults=defaults,
@@ -140,4 +139,4 @@ def _form(name: str, **defaults: str) -> ModelForm:
     )
 
 
-FORMS: Final = (_form("cubic"), _form("dynamic", linear=DYNAMICS))
+SPECIFICATIONS: Final = (_form("cubic"), _form("dynamic", linear=DYNAMICS))

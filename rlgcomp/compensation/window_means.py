@@ -1,4 +1,4 @@
-"""Rows: the averages that models are trained on, and how they are scaled."""
+"""Window means: the averages of features and gyro that models are trained on, and how they are scaled."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
-MARGIN: Final = 0.05  # of the training span, by which an input may leave it unflagged
+MARGIN: Final = 0.05  # of the training span, by which an input may exceed it without a flag
 
 
 @dataclasses.dataclass(frozen=True)
-class Rows:
-    """Averages of one recording, as models see them.
+class WindowMeans:
+    """Means of one recording over the averaging time.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Rows:
     y_deg_h : ndarray, shape (n,)
         Gyro.
     noise_deg_h : ndarray, shape (n,), optional
-        Of a simulated run: what no compensation can remove.
+        Noise of a simulated run, which no compensation can remove.
     """
 
     run: str
@@ -42,16 +42,16 @@ class Rows:
 
 @dataclasses.dataclass(frozen=True)
 class Scaling:
-    """How inputs and output are scaled, and where the inputs have been.
+    """Scaling of inputs and output, and the range of the inputs in training.
 
     Parameters
     ----------
     mean, scale : ndarray, shape (features,)
     low, high : ndarray, shape (features,)
-        Range of the training samples, a margin of 5 % included. A sample with an input beyond it is flagged.
-    reach : float
-        An input further out than this, in spans of the range, is held there, so that the output stays bounded whatever comes in.
+        Range of the training samples, with a margin of 5 %. A sample with an input beyond it is flagged.
     y_mean_deg_h, y_scale_deg_h : float
+    reach : float
+        Inputs further out than this, in spans of the range, are clipped, so that the output stays bounded for any input.
     """
 
     mean: Array
@@ -63,8 +63,17 @@ class Scaling:
     reach: float = 0.0
 
     @classmethod
-    def of(cls, training: Sequence[Rows], samples: Sequence[Array], reach: float) -> Self:
-        """Scaling of training rows, and the range of the samples that they are means of."""
+    def of(cls, training: Sequence[WindowMeans], samples: Sequence[Array], reach: float) -> Self:
+        """Scaling by training windows.
+
+        Parameters
+        ----------
+        training : sequence of WindowMeans
+        samples : sequence of ndarray, shape (samples, features)
+            Features of every sample of the training runs, for the range.
+        reach : float
+            In spans of the range.
+        """
         X = np.vstack([part.X for part in training])
         y = np.concatenate([part.y_deg_h for part in training])
         low = np.min([part.min(axis=0) for part in samples], axis=0)
@@ -81,17 +90,26 @@ class Scaling:
         )
 
     def inputs(self, X: Array) -> Array:
-        """Scaled inputs, held within reach of the training range."""
-        beyond = self.reach * (self.high - self.low)
-        return (np.clip(X, self.low - beyond, self.high + beyond) - self.mean) / self.scale
+        """Scaled inputs, clipped to the reach of the training range; shape (n, features) as X."""
+        margin = self.reach * (self.high - self.low)
+        return (np.clip(X, self.low - margin, self.high + margin) - self.mean) / self.scale
 
     def outside(self, X: Array) -> npt.NDArray[np.bool_]:
-        """Rows with an input beyond the training range."""
+        """Rows with an input beyond the training range, shape (n,)."""
         return np.asarray(((self.low > X) | (self.high < X)).any(axis=1))
 
 
-def rows(recording: Recording, recipe: FeatureRecipe, averaging_s: float, gyro: str | None = None) -> Rows:
-    """Averages of features and gyro over the scored part of a recording.
+def window_means(recording: Recording, pipeline: FeatureRecipe, averaging_s: float, gyro: str | None = None) -> WindowMeans:
+    """Means of features and gyro over the scored part of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+    pipeline : FeatureRecipe
+    averaging_s : float
+        Length of a window.
+    gyro : str, optional
+        Gyro column, where there are several.
 
     Raises
     ------
@@ -99,14 +117,14 @@ def rows(recording: Recording, recipe: FeatureRecipe, averaging_s: float, gyro: 
         A monitor is missing or the recording is too short.
     """
     column = rate_name(recording.gyro_column(gyro))
-    prefixed = recipe.transform(recording).add_prefix("feature ")
-    averaged = recording.averaged(averaging_s, extra=prefixed)
+    features = pipeline.transform(recording).add_prefix("feature ")
+    averaged = recording.averaged(averaging_s, extra=features)
     truth = averaged.truth
     noises = [] if truth is None else [name for name in NOISES if name in truth]
-    return Rows(
+    return WindowMeans(
         recording.name,
         averaged.time_s,
-        averaged.table[list(prefixed.columns)].to_numpy(),
+        averaged.table[list(features.columns)].to_numpy(),
         averaged.column(column),
         truth[noises].to_numpy().sum(axis=1) if truth is not None and noises else None,
     )

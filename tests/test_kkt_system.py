@@ -1,4 +1,4 @@
-"""The LS-SVM on a torch device: referees, what is saved, and what is said where it cannot be computed."""
+"""The KKT system on a torch device: against the processor, what is saved, and errors where it cannot be computed."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import compensation, register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.compensation import device
-from rlgcomp.compensation.device import DeviceSystem, device_named
-from rlgcomp.compensation.kernels import kernel
+from rlgcomp.compensation.models import kkt_system
+from rlgcomp.compensation.models.kernels import kernel
+from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, device_named
 
 torch = pytest.importorskip("torch")
 register_commands()
@@ -44,28 +44,28 @@ def data() -> tuple[np.ndarray, np.ndarray]:
     return X, y
 
 
-def close(found: Any, expected: Any) -> None:
-    assert np.abs(np.asarray(found) - expected).max() <= 1e-8 * np.abs(expected).max()
+def close(computed: Any, expected: Any) -> None:
+    assert np.abs(np.asarray(computed) - expected).max() <= 1e-8 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("width", [100, 384, 1000], ids=["six panels", "two, the last one short", "one"])
 @pytest.mark.parametrize("robust", [False, True], ids=["plain", "robust"])
-@pytest.mark.parametrize("form", KERNELS, ids=lambda form: form["kernel"])
-def test_it_is_the_plain_path(
-    data: tuple[np.ndarray, np.ndarray], form: dict[str, Any], robust: bool, width: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("parameters", KERNELS, ids=lambda parameters: parameters["kernel"])
+def test_it_is_the_system_of_the_processor(
+    data: tuple[np.ndarray, np.ndarray], parameters: dict[str, Any], robust: bool, width: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(device, "_WIDTH_CPU", width)
-    monkeypatch.setattr(device, "_AT_ONCE", 600 * 7)
-    plain = rlg.LSSVMRegressor(c=50.0, robust=robust, **form).fit(*data)
-    there = rlg.LSSVMRegressor(c=50.0, robust=robust, device="cpu", **form).fit(*data)
+    monkeypatch.setitem(kkt_system.PANEL_WIDTH, "cpu", width)
+    monkeypatch.setattr(kkt_system, "BATCH", 600 * 7)
+    plain = rlg.LSSVMRegressor(c=50.0, robust=robust, **parameters).fit(*data)
+    on_device = rlg.LSSVMRegressor(c=50.0, robust=robust, device="cpu", **parameters).fit(*data)
     for name in ("alpha_", "intercept_", "weights_", "loo_residuals_", "scale_"):
-        close(getattr(there, name), getattr(plain, name))
-        assert type(getattr(there, name)) is type(getattr(plain, name))
+        close(getattr(on_device, name), getattr(plain, name))
+        assert type(getattr(on_device, name)) is type(getattr(plain, name))
     at = np.random.default_rng(1).normal(size=(33, 5))
-    for found, expected in zip(there.predict(at, return_std=True), plain.predict(at, return_std=True), strict=True):
-        close(found, expected)
+    for computed, expected in zip(on_device.predict(at, return_std=True), plain.predict(at, return_std=True), strict=True):
+        close(computed, expected)
     for groups in (np.arange(600) // 150, np.arange(600) % 7, np.arange(600) > 400):
-        close(there.leave_groups_out(groups), plain.leave_groups_out(groups))
+        close(on_device.leave_groups_out(groups), plain.leave_groups_out(groups))
 
 
 def test_integers_and_what_is_read_only_or_reversed_are_taken(data: tuple[np.ndarray, np.ndarray]) -> None:
@@ -79,28 +79,25 @@ def test_integers_and_what_is_read_only_or_reversed_are_taken(data: tuple[np.nda
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000), st.integers(2, 60), st.integers(1, 70), st.floats(0.1, 1e3))
-def test_it_solves_the_bordered_system_whatever_the_panels(seed: int, n: int, width: int, c: float) -> None:
+def test_it_solves_the_kkt_system_whatever_the_panels(seed: int, n: int, width: int, c: float) -> None:
     rng = np.random.default_rng(seed)
     X, y, weights = rng.normal(size=(n, 2)), rng.normal(size=n), c * rng.uniform(0.1, 1.0, size=n)
-    before = device._WIDTH_CPU
-    device._WIDTH_CPU = width
-    try:
-        system = DeviceSystem("gaussian", {"sigma": 1.0}, X, "cpu", weights)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(kkt_system.PANEL_WIDTH, "cpu", width)
+        system = DeviceKKTSystem("gaussian", {"sigma": 1.0}, X, "cpu", weights)
         alpha, intercept = system.solve(y)
-        leverage = system.leverage()
-    finally:
-        device._WIDTH_CPU = before
-    bordered = np.ones((n + 1, n + 1))
-    bordered[0, 0] = 0.0
-    bordered[1:, 1:] = kernel("gaussian", {"sigma": 1.0}, X, X) + np.diag(1.0 / weights)
-    inverse = np.linalg.inv(bordered)
+        diagonal = system.inverse_diagonal()
+    kkt_matrix = np.ones((n + 1, n + 1))
+    kkt_matrix[0, 0] = 0.0
+    kkt_matrix[1:, 1:] = kernel("gaussian", {"sigma": 1.0}, X, X) + np.diag(1.0 / weights)
+    inverse = np.linalg.inv(kkt_matrix)
     assert np.r_[intercept, alpha] == pytest.approx(inverse[:, 1:] @ y, abs=1e-9 * c)
-    assert leverage == pytest.approx(np.diag(inverse)[1:], abs=1e-9 * c)
+    assert diagonal == pytest.approx(np.diag(inverse)[1:], abs=1e-9 * c)
 
 
 def test_half_a_matrix_is_all_it_keeps(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device, "_WIDTH_CPU", 60)
-    system = DeviceSystem("gaussian", {"sigma": 2.0}, data[0], "cpu", np.ones(600))
+    monkeypatch.setitem(kkt_system.PANEL_WIDTH, "cpu", 60)
+    system = DeviceKKTSystem("gaussian", {"sigma": 2.0}, data[0], "cpu", np.ones(600))
     kept = {panel.untyped_storage().data_ptr(): panel.untyped_storage().nbytes() for panel in system._panels}
     assert sum(kept.values()) == 8 * 600 * (600 + 60) // 2
     assert max(panel.numel() for panel in system._panels) <= 600 * 60
@@ -127,10 +124,10 @@ def test_much_work_on_a_processor_is_told_beforehand(
 
 def test_what_is_saved_knows_no_device(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
     """An artefact from a card is read where there is none, and predicts the same."""
-    there, plain = (
+    on_device, plain = (
         rlg.Compensator(rlg.LSSVMRegressor(device=name), features="temperature").fit(short_runs[:2]) for name in ("cpu", None)
     )
-    there.save(tmp_path / "model")
+    on_device.save(tmp_path / "model")
     assert "device" not in (tmp_path / "model" / "manifest.json").read_text()
     loaded = rlg.load(tmp_path / "model")
     assert loaded.model_.device is None
@@ -172,7 +169,7 @@ def test_too_many_rows_for_its_memory_are_said(
     def full(*_: Any) -> None:
         raise RuntimeError(said)
 
-    monkeypatch.setattr(device, "_gram", full)
+    monkeypatch.setattr(torch.linalg, "cholesky_ex", full)
     with pytest.raises(rlg.InputError, match="600 rows do not fit into the memory of cpu"):
         rlg.LSSVMRegressor(device="cpu").fit(*data)
     said = "an illegal memory access was encountered"

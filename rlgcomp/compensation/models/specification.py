@@ -1,6 +1,7 @@
-"""What the package must know of a model beyond scikit-learn's contract: its name, what to search over, what to save.
+"""Model specification: what the package must know of a model beyond scikit-learn's contract. Its name, its search, what to save.
 
-Every model's file ends with its `FORM`; :data:`rlgcomp.compensation.MODELS` lists them.
+Every model's file ends with its `SPECIFICATION`; :data:`rlgcomp.compensation.models.MODELS` lists them. The checks of
+parameters and arrays that models share stand at the end.
 """
 
 from __future__ import annotations
@@ -22,7 +23,23 @@ Candidates = Sequence[Mapping[str, Any]]
 
 
 def refit_residuals(model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Array:
-    """Residuals of each candidate with each group left out, by fitting again: shape (candidates, n)."""
+    """Cross-validation residuals of each candidate, by fitting again without each group.
+
+    Parameters
+    ----------
+    model : estimator
+        Parameters that a candidate does not set are taken from it.
+    candidates : sequence of mapping
+        Parameters to set.
+    X : ndarray, shape (n, features)
+    y : ndarray, shape (n,)
+    groups : ndarray, shape (n,)
+        Label of each row's group.
+
+    Returns
+    -------
+    ndarray, shape (candidates, n)
+    """
     residuals = np.empty((len(candidates), len(y)))
     for k, parameters in enumerate(candidates):
         for label in np.unique(groups):
@@ -33,15 +50,29 @@ def refit_residuals(model: Any, candidates: Candidates, X: Array, y: Array, grou
     return residuals
 
 
-def residuals_left_out(model: Any, X: Array, y: Array, groups: Labels) -> Array:
-    """Residuals of a fitted model with each group left out: in closed form where it has one, otherwise by fitting again."""
+def cross_validation_residuals(model: Any, X: Array, y: Array, groups: Labels) -> Array:
+    """Residuals of a fitted model with each group left out, in closed form where the model has one, otherwise by fitting again.
+
+    Parameters
+    ----------
+    model : estimator
+        Fitted on these rows.
+    X : ndarray, shape (n, features)
+    y : ndarray, shape (n,)
+    groups : ndarray, shape (n,)
+        Label of each row's group.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
     if hasattr(model, "leave_groups_out"):
         return np.asarray(model.leave_groups_out(groups))
     return np.asarray(refit_residuals(model, [{}], X, y, groups)[0])
 
 
 def refit_rmse(model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Array:
-    """Root mean square of :func:`refit_residuals`, one a candidate."""
+    """Root mean square of :func:`refit_residuals`, which has these parameters; shape (candidates,)."""
     return rms(refit_residuals(model, candidates, X, y, groups))
 
 
@@ -51,17 +82,17 @@ def rms(residuals: Array) -> Array:
 
 
 def sequential(model: Any) -> bool:
-    """Whether the model reads rows as a sequence, so that `fit` must be told which recording each belongs to."""
+    """Whether the model reads rows as a sequence, so that `fit` needs the recording that each row belongs to."""
     return bool(getattr(model, "reads_sequences", False))
 
 
 def parameters_of(model: Any) -> dict[str, Any]:
-    """What was set of a model, but for the device it is computed on, which another machine may not have."""
+    """Parameters of an estimator, without the device that computes it, which another machine may not have."""
     return {name: value for name, value in model.get_params().items() if name != "device"}
 
 
 @dataclasses.dataclass(frozen=True)
-class ModelForm:
+class ModelSpecification:
     """A model that can be selected, saved and loaded.
 
     Parameters
@@ -71,21 +102,21 @@ class ModelForm:
     estimator : type
         The scikit-learn estimator.
     defaults : mapping
-        Parameters that make this form of the estimator.
+        Parameters that make the estimator this model.
     batches : callable
         Number of features to batches of candidates; a batch is scored in one piece of work.
     rmse : callable
         Scores a batch: the error of each candidate with groups left out; see :func:`refit_rmse`.
     threads : bool
-        Whether that is all linear algebra, which threads do side by side; processes, which cost more to start, serve the others.
+        Whether `rmse` is linear algebra alone, which threads compute in parallel. Other models are scored in processes.
     reach : float
-        How far beyond the training range the model may be asked, in spans of it; further out its inputs are held. 0 for a model
-        that diverges there, such as a cubic.
+        How far beyond the training range the model extrapolates, in spans of the range; inputs further out are clipped. 0 for a
+        model that diverges there, such as a cubic.
     numbers, arrays : tuple of str
         Fitted attributes to save; an array may also be a list of arrays.
     check : callable
-        Given a model that was read from a file and its number of features, raises `InputError` unless its parameters are
-        allowed and its arrays fit each other: what is read is not to be trusted.
+        Called with a model that was read from a file and its number of features: raises `InputError` unless its parameters are
+        allowed and the shapes of its arrays agree.
     """
 
     name: str
@@ -104,7 +135,7 @@ class ModelForm:
         return self.estimator(**self.defaults)
 
     def pack(self, model: Any) -> tuple[dict[str, Any], dict[str, Array]]:
-        """A fitted model as plain settings and arrays."""
+        """A fitted model as plain settings and arrays, for :meth:`unpack`."""
         settings = {"parameters": parameters_of(model), "numbers": {name: float(getattr(model, name)) for name in self.numbers}}
         arrays: dict[str, Array] = {}
         for name in self.arrays:
@@ -114,7 +145,14 @@ class ModelForm:
         return settings, arrays
 
     def unpack(self, settings: Mapping[str, Any], arrays: Mapping[str, Array], features: int) -> Any:
-        """The fitted model of so many features back from :meth:`pack`.
+        """The fitted model that :meth:`pack` took apart.
+
+        Parameters
+        ----------
+        settings : mapping
+        arrays : mapping of str to ndarray
+        features : int
+            Number of its inputs.
 
         Raises
         ------
@@ -138,7 +176,17 @@ class ModelForm:
 
 
 def finite(value: Any, name: str, *, low: float = -math.inf, open_low: bool = False) -> float:
-    """A number that was read from a file.
+    """A number that was read from a file, as a float.
+
+    Parameters
+    ----------
+    value : object
+    name : str
+        For the error.
+    low : float
+        The smallest number that is allowed.
+    open_low : bool
+        `low` itself is not allowed.
 
     Raises
     ------
@@ -155,11 +203,66 @@ def finite(value: Any, name: str, *, low: float = -math.inf, open_low: bool = Fa
 def require_shape(model: Any, name: str, *shape: int) -> None:
     """Raise unless the model's array has this shape.
 
+    Parameters
+    ----------
+    model : estimator
+    name : str
+        Of the attribute.
+    *shape : int
+
     Raises
     ------
     InputError
         It has not.
     """
-    found = np.shape(getattr(model, name))
-    if found != shape:
-        raise InputError(f"{name} has the shape {found}; expected {shape}")
+    received = np.shape(getattr(model, name))
+    if received != shape:
+        raise InputError(f"{name} has the shape {received}; expected {shape}")
+
+
+def require_number(
+    owner: object, name: str, *, low: float = -math.inf, high: float = math.inf, open_low: bool = False, whole: bool = False
+) -> None:
+    """Raise unless an estimator's parameter is a number within its bounds, with scikit-learn's sentence.
+
+    Parameters
+    ----------
+    owner : object
+        The estimator.
+    name : str
+        Of its parameter.
+    low, high : float
+        The bounds.
+    open_low : bool
+        The lower bound itself is not allowed.
+    whole : bool
+        Only whole numbers are allowed.
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    value: Any = getattr(owner, name)
+    kinds = (int, np.integer) if whole else (int, float, np.integer, np.floating)
+    number = isinstance(value, kinds) and not isinstance(value, bool) and math.isfinite(value)
+    if not (number and (low < value if open_low else low <= value) and value <= high):
+        interval = f"{'(' if open_low else '['}{low:g}, {high:g}{')' if high == math.inf else ']'}"
+        what = "an int" if whole else "a float"
+        raise InputError(
+            f"The {name!r} parameter of {type(owner).__name__} must be {what} in the range {interval}. Got {value!r} instead."
+        )
+
+
+def require_choice(owner: object, name: str, choices: tuple[object, ...]) -> None:
+    """Raise unless an estimator's parameter is one of the choices.
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    value = getattr(owner, name)
+    if value not in choices:
+        allowed = ", ".join(map(repr, choices))
+        raise InputError(f"The {name!r} parameter of {type(owner).__name__} must be one of {allowed}. Got {value!r} instead.")

@@ -27,9 +27,8 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.kernels import gaussian, kernel_sum
-from rlgcomp.compensation.model_specification import Candidates, ModelForm, require_shape
-from rlgcomp.compensation.parameters import require_number
+from rlgcomp.compensation.models.kernels import gaussian, kernel_sum
+from rlgcomp.compensation.models.specification import Candidates, ModelSpecification, require_number, require_shape
 from rlgcomp.numerics.compiled import available, compiled
 from rlgcomp.numerics.lapack import pivoted_cholesky, shifted_solutions, solve_lower
 
@@ -249,7 +248,7 @@ def _check(model: FixedSizeLSSVM, features: int) -> None:
     require_shape(model, "alpha_", len(model.X_fit_))
 
 
-FORM: Final = ModelForm(
+SPECIFICATION: Final = ModelSpecification(
     name="fixed-size",
     estimator=FixedSizeLSSVM,
     batches=_batches,

@@ -13,9 +13,8 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from rlgcomp.compensation.kernels import kernel_sum
-from rlgcomp.compensation.model_specification import ModelForm, require_shape
-from rlgcomp.compensation.parameters import require_choice, require_number
+from rlgcomp.compensation.models.kernels import kernel_sum
+from rlgcomp.compensation.models.specification import ModelSpecification, require_choice, require_number, require_shape
 
 Array = npt.NDArray[np.float64]
 METHODS: Final = ("kernel_ridge", "svr", "gaussian_process")
@@ -100,7 +99,7 @@ class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     @property
     def kernel_name(self) -> str:
-        """Name of the kernel in :mod:`rlgcomp.compensation.kernels`."""
+        """Name of the kernel in :mod:`rlgcomp.compensation.models.kernels`."""
         return "matern" if self.method == "gaussian_process" else "gaussian"
 
 
@@ -110,7 +109,7 @@ def _check(model: KernelBaselines, features: int) -> None:
     require_shape(model, "alpha_", len(model.X_fit_))
 
 
-def _form(name: str, method: str, methods: tuple[str, ...]) -> ModelForm:
+def _form(name: str, method: str, methods: tuple[str, ...]) -> ModelSpecification:
     def batches(features: int) -> list[list[dict[str, Any]]]:
         widths = np.sqrt(features) * 2.0 ** np.arange(3.0, -1.5, -1.0)
         return [
@@ -119,7 +118,7 @@ def _form(name: str, method: str, methods: tuple[str, ...]) -> ModelForm:
             for sigma in widths
         ]
 
-    return ModelForm(
+    return ModelSpecification(
         name=name,
         estimator=KernelBaselines,
         defaults={"method": method},
@@ -131,7 +130,7 @@ def _form(name: str, method: str, methods: tuple[str, ...]) -> ModelForm:
     )
 
 
-FORMS: Final = (
+SPECIFICATIONS: Final = (
     _form("kernels", BEST, METHODS),
     *(_form(method.replace("_", "-"), method, (method,)) for method in METHODS),
 )

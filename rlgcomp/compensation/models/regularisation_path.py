@@ -1,0 +1,249 @@
+r"""The regularisation path of an LS-SVM: its KKT system solved for many :math:`\gamma`, and its folds left out in closed form.
+
+One decomposition of the kernel matrix serves every :math:`H = \Omega + I/\gamma` of :mod:`rlgcomp.compensation.models.kkt_system`;
+`c` is gamma.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.numerics.compiled import available, compiled
+from rlgcomp.numerics.lapack import eigh, pivoted_cholesky, tridiagonal
+
+Array = npt.NDArray[np.float64]
+_FEW_GROUPS: Final = 3  # up to which solving for the other rows is cheaper than inverting large blocks
+COMPILED_ROWS: Final = 400  # from which compiling a loop pays where many selections are made
+_BATCH: Final = 1 << 19  # numbers in memory: four megabytes
+_SMALL_FOLD: Final = 64  # rows of a fold up to which the compiled elimination is the fastest
+_LANES: Final = 16  # values of c that are eliminated in parallel
+LOW_RANK: Final = 0.7  # rank over rows up to which a factor of the kernel matrix pays
+_DROPPED: Final = 1e-8  # pivots of the kernel matrix that are dropped, in units of 1 / c; folds are accurate to 1e-6
+
+
+def leave_groups_out_path(gram: Array, y: Array, groups: npt.NDArray[Any], c_values: npt.ArrayLike, *, definite: bool) -> Array:
+    """Residuals of each row without its whole group, for many c: one decomposition, or one a group where groups are few.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (n, n)
+        The kernel matrix, whose memory may be used for the work.
+    y : ndarray, shape (n,)
+    groups : ndarray, shape (n,)
+        Label of each row's group.
+    c_values : array_like, shape (m,)
+    definite : bool
+        Whether the kernel is positive definite.
+
+    Returns
+    -------
+    ndarray, shape (m, n)
+    """
+    c = np.atleast_1d(np.asarray(c_values, dtype=np.float64))
+    folds = [np.flatnonzero(groups == label) for label in np.unique(groups)]
+    residuals = np.empty((len(c), len(y)))
+    if len(folds) <= _FEW_GROUPS:
+        for fold in folds:
+            rest = np.delete(np.arange(len(y)), fold)
+            path = EigenPath(gram[np.ix_(rest, rest)], y[rest], c)
+            residuals[:, fold] = y[fold] - path.alpha @ gram[np.ix_(rest, fold)] - path.intercept[:, None]
+        return residuals
+    path_of_all = _fastest_path(gram, y, c, definite=definite)
+    for fold in folds:
+        residuals[:, fold] = path_of_all.leave_out(fold)
+    return residuals
+
+
+def _fastest_path(gram: Array, y: Array, c: Array, *, definite: bool) -> EigenPath | TridiagonalPath:
+    beyond_rounding = 1.0 / c.max() > 10.0 * len(y) * np.finfo(np.float64).eps * float(np.diag(gram).max())
+    if definite and beyond_rounding and len(y) >= COMPILED_ROWS and available():
+        return TridiagonalPath(gram, y, c)
+    return EigenPath(gram, y, c)
+
+
+class EigenPath:
+    r"""By eigenvectors, for any symmetric kernel matrix: with Omega = U diag(l) U^T, H^-1 = U diag(1 / (l + 1/c)) U^T.
+
+    Where few eigenvalues of the kernel matrix matter for the largest c (wide kernels), its pivoted Cholesky factor gives them, and
+    H^-1 = c (I - U diag(l / (l + 1/c)) U^T) needs no others.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (n, n)
+    y : ndarray, shape (n,)
+    c : ndarray, shape (m,)
+
+    Attributes
+    ----------
+    alpha : ndarray, shape (m, n)
+    intercept : ndarray, shape (m,)
+    """
+
+    def __init__(self, gram: Array, y: Array, c: Array) -> None:
+        rounding = len(y) * np.finfo(np.float64).eps * float(np.abs(np.diag(gram)).max())
+        factor = _pivoted_factor(gram, max(0.1 * rounding, _DROPPED / float(c.max())))
+        self.low_rank = factor is not None
+        if factor is None:
+            self.values, self.vectors = eigh(gram)
+        else:
+            values, vectors = eigh(factor.T @ factor)
+            positive = values > rounding
+            self.values = values[positive]
+            self.vectors = factor @ (vectors[:, positive] / np.sqrt(self.values))
+        shifted = self.values + 1.0 / c[:, None]
+        self.c, self.gain = c, self.values / shifted if self.low_rank else 1.0 / shifted  # of H^-1, or of I - H^-1 / c
+        self.ones = self._applied(np.ones(len(y)))
+        from_y = self._applied(y)
+        self.intercept = from_y.sum(axis=1) / self.ones.sum(axis=1)
+        self.alpha = from_y - self.intercept[:, None] * self.ones
+
+    def _applied(self, vector: Array) -> Array:
+        """H^-1 on a vector, shape (m, n)."""
+        product = (self.gain * (vector @ self.vectors)) @ self.vectors.T
+        return np.asarray(self.c[:, None] * (vector - product)) if self.low_rank else product
+
+    def leave_out(self, rows: npt.NDArray[np.intp]) -> Array:
+        """Residuals of a fold that is left out, shape (m, rows): C_GG^-1 alpha_G."""
+        part, border = self.vectors[rows], self.ones[:, rows]
+        blocks = (self.gain[:, None, :] * part).reshape(-1, part.shape[1]) @ part.T
+        blocks = blocks.reshape(len(self.c), len(rows), len(rows))
+        if self.low_rank:
+            blocks = self.c[:, None, None] * (np.eye(len(rows)) - blocks)
+        blocks -= border[:, :, None] * (border / self.ones.sum(axis=1)[:, None])[:, None, :]
+        return np.asarray(np.linalg.solve(blocks, self.alpha[:, rows, None])[:, :, 0])
+
+
+class TridiagonalPath:
+    r"""For a positive definite kernel matrix Omega = Q T Q^T, T tridiagonal, which costs less than its eigenvectors.
+
+    With T + I/c = L D L^T, each row of Z = D^-1/2 L^-1 Q^T V follows from the row before it, and Z^T Z = V^T H^-1 V for columns V,
+    the rows of a fold and y. The intercept absorbs constants that are added to whole rows and columns of Omega alike. So the
+    means of Omega are subtracted, the vector of ones becomes an eigenvector, and the border subtracts one number from all of H^-1.
+
+    The kernel matrix of a wide kernel has a factor F of low rank. F^T F = Q T Q^T is smaller, and with Q^T F^T in place of Q^T,
+    V^T H^-1 V = c (V^T V - Z^T Z).
+
+    Parameters
+    ----------
+    gram : ndarray, shape (n, n)
+        It is overwritten.
+    y : ndarray, shape (n,)
+    c : ndarray, shape (m,)
+    """
+
+    def __init__(self, gram: Array, y: Array, c: Array) -> None:
+        level, means = float(np.diag(gram).mean()), gram.mean(axis=0)
+        gram -= means
+        gram += (means.mean() + level / len(y) - means)[:, None]
+        factor = _low_rank_factor_if_likely(gram, max(0.4 * len(y) * np.finfo(np.float64).eps * level, _DROPPED / float(c.max())))
+        self.basis, diagonal, off_diagonal = tridiagonal(gram if factor is None else factor.T @ factor, keep=False)
+        if factor is not None:
+            self.basis = self.basis @ factor.T
+        self.c, self.y, self.low_rank = c, y - y.mean(), factor is not None
+        self.rotated_y, self.border = self.basis @ self.y, 1.0 / (len(y) * (level + 1.0 / c))
+        self.scales, self.steps, self.work = np.empty((len(c), len(diagonal))), np.zeros((len(c), len(diagonal))), np.empty(0)
+        _factors(diagonal, off_diagonal, 1.0 / c, self.scales, self.steps)
+        self.recur, self.eliminate = _recur.fast(), _eliminate.fast()
+
+    def leave_out(self, rows: npt.NDArray[np.intp]) -> Array:
+        """Residuals of a fold that is left out, shape (m, rows)."""
+        columns, residuals = np.empty((len(self.basis), len(rows) + 1)), np.empty((len(self.scales), len(rows)))
+        columns[:, :-1], columns[:, -1] = self.basis[:, rows], self.rotated_y
+        batch = min(len(residuals), max(1, _BATCH // columns.size))
+        if self.work.size < batch * columns.size:  # kept between folds: new memory costs as much as filling it
+            self.work = np.empty(batch * columns.size)
+        for first in range(0, len(residuals), batch):
+            part = slice(first, first + batch)
+            z = self.work[: len(residuals[part]) * columns.size].reshape(-1, *columns.shape)
+            self.recur(columns, self.scales[part], self.steps[part], z)
+            sums, border = z.transpose(0, 2, 1) @ z, self.border[part]
+            if self.low_rank:
+                own = np.eye(len(rows) + 1)
+                own[-1, :-1] = self.y[rows]
+                sums = self.c[part, None, None] * (own - sums)
+            if len(rows) <= _SMALL_FOLD:
+                self.eliminate(sums, border, residuals[part])
+            else:
+                residuals[part] = np.linalg.solve(sums[:, :-1, :-1] - border[:, None, None], sums[:, -1, :-1, None])[:, :, 0]
+        return residuals
+
+
+@compiled()
+def _factors(diagonal: Array, off_diagonal: Array, shifts: Array, scales: Array, steps: Array) -> None:
+    """Scales D^-1/2, and steps -l_i d_i^-1/2 d_{i-1}^1/2 from row to row, for T + shift I = L D L^T."""
+    for k in range(len(shifts)):
+        pivot = diagonal[0] + shifts[k]
+        scales[k, 0] = 1.0 / math.sqrt(pivot)
+        for i in range(1, len(diagonal)):
+            factor = off_diagonal[i - 1] / pivot
+            pivot = diagonal[i] + shifts[k] - factor * off_diagonal[i - 1]
+            scales[k, i] = 1.0 / math.sqrt(pivot)
+            steps[k, i] = -factor * scales[k, i] / scales[k, i - 1]
+
+
+@compiled()
+def _recur(columns: Array, scales: Array, steps: Array, z: Array) -> None:
+    """Rows of each z: the row of the columns, scaled, plus a step times the row before."""
+    for k in range(len(z)):
+        for j in range(columns.shape[1]):
+            z[k, 0, j] = columns[0, j] * scales[k, 0]
+        for i in range(1, len(columns)):
+            scale, step = scales[k, i], steps[k, i]
+            for j in range(columns.shape[1]):
+                z[k, i, j] = columns[i, j] * scale + step * z[k, i - 1, j]
+
+
+@compiled()
+def _eliminate(sums: Array, border: Array, residuals: Array) -> None:
+    """Residuals from each Z^T Z less the border, by its Cholesky factor and back substitution; values of c in parallel."""
+    many, rows = residuals.shape
+    lanes = (many + _LANES - 1) // _LANES * _LANES
+    factor = np.empty((rows + 1, rows, lanes))
+    for i in range(rows + 1):
+        for j in range(min(i + 1, rows)):
+            entry = factor[i, j]
+            for k in range(lanes):
+                place = min(k, many - 1)
+                entry[k] = sums[place, i, j] - (border[place] if i < rows else 0.0)
+            for before in range(j):
+                left, right = factor[i, before], factor[j, before]
+                for k in range(lanes):
+                    entry[k] -= left[k] * right[k]
+            pivot = factor[j, j]  # stored as its reciprocal
+            for k in range(lanes):
+                entry[k] = 1.0 / math.sqrt(entry[k]) if i == j else entry[k] * pivot[k]
+    solution = factor[rows]
+    for i in range(rows - 1, -1, -1):
+        solved, pivot = solution[i], factor[i, i]
+        for k in range(lanes):
+            solved[k] *= pivot[k]
+        for j in range(i):
+            entry, right = solution[j], factor[i, j]
+            for k in range(lanes):
+                entry[k] -= solved[k] * right[k]
+        for k in range(many):
+            residuals[k, i] = solved[k]
+
+
+def _low_rank_factor_if_likely(gram: Array, tolerance: float) -> Array | None:
+    """:func:`_pivoted_factor`, tried only where already one row in four, whose pivots are larger, loses one of them."""
+    quarter = gram[::4, ::4]
+    full_rank = pivoted_cholesky(quarter, 16.0 * tolerance)[0].shape[1] == len(quarter)
+    return None if full_rank else _pivoted_factor(gram, tolerance)
+
+
+def _pivoted_factor(gram: Array, tolerance: float) -> Array | None:
+    """L of Omega = L L^T, shape (n, r), or None where r exceeds 0.7 n or Omega is not positive semidefinite."""
+    if float(np.diag(gram).min()) < 0.0:
+        return None
+    lower, order = pivoted_cholesky(gram, tolerance)
+    if lower.shape[1] > LOW_RANK * len(gram):
+        return None
+    factor = np.empty(lower.shape)
+    factor[order] = lower
+    error = np.abs(np.diag(gram) - np.einsum("ij,ij->i", factor, factor)).max()
+    return factor if error <= 100.0 * max(tolerance, np.finfo(np.float64).eps * float(np.diag(gram).max())) else None
