@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.evaluation.evaluation import Trace
 from rlgcomp.report import figures
 from rlgcomp.report.page import render, write_report
 
@@ -102,7 +103,7 @@ def test_a_browser_shows_it(page: str, tmp_path: Path, width: int) -> None:
 def test_pictures_show_what_they_are_given(evaluation: rlg.Evaluation) -> None:
     """Another residual is another picture: the data reach the drawing."""
     trace = evaluation.traces[0]
-    moved = rlg.evaluation.Trace(
+    moved = Trace(
         trace.run,
         trace.time_s,
         trace.raw_deg_h + np.linspace(0, 0.05, len(trace.time_s)),

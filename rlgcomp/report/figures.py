@@ -1,4 +1,4 @@
-"""Pictures for reports, as SVG text. Each function draws one figure from plain arrays and computes nothing that is a result."""
+"""Figures of reports, as SVG text. Each function draws one figure from plain arrays and computes no result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_HOUR
 
-# Okabe and Ito's palette: told apart by everyone
+# Okabe and Ito's palette, which colour-blind readers can distinguish
 RAW: Final = "#8a8f98"
 FIT: Final = "#d55e00"
 RESIDUAL: Final = "#0072b2"
@@ -36,7 +36,7 @@ STYLE: Final[Any] = {
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # where it would be found to be anyway, after measuring every label
+    "axes.titley": 1.0,  # the place that Matplotlib would find after measuring every label
     "axes.grid": True,
     "axes.axisbelow": True,
     "grid.color": "#eceef1",
@@ -52,7 +52,7 @@ STYLE: Final[Any] = {
 
 
 def over_time(trace: Trace, floor_deg_h: float) -> str:
-    """Bias and compensation over time, what is left, and temperature."""
+    """Gyro and estimated bias over time, their residual, and temperature."""
     with rc_context(STYLE):
         rows = 2 if trace.temperature_degC is None else 3
         figure = Figure(figsize=(WIDTH_IN, 2.0 + 1.55 * rows), layout="constrained")
@@ -66,7 +66,7 @@ def over_time(trace: Trace, floor_deg_h: float) -> str:
         top.set_title(f"Gyro and estimated bias, {trace.run}")
         top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         middle.axhspan(-2e3 * floor_deg_h, 2e3 * floor_deg_h, color=FLOOR, alpha=0.13, lw=0, label="± 2 noise floors")
-        middle.plot(hours, 1e3 * trace.residual_deg_h, ".", color=RESIDUAL, ms=4, label="what is left")
+        middle.plot(hours, 1e3 * trace.residual_deg_h, ".", color=RESIDUAL, ms=4, label="residual")
         middle.axhline(0.0, color="#c4c8ce", lw=0.8)
         middle.set_ylabel("10⁻³ deg/h")
         middle.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -116,7 +116,7 @@ def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> st
 
 
 def comparison(table: pd.DataFrame, evaluation: Evaluation) -> str:
-    """Bias stability held out, by feature group and model, as bars against raw and floor."""
+    """Bias stability of held-out runs by feature group and model, as bars beside the raw gyro and the noise floor."""
     if table.empty:
         return ""
     with rc_context(STYLE):
@@ -134,7 +134,7 @@ def comparison(table: pd.DataFrame, evaluation: Evaluation) -> str:
         axes.set_yticks(np.arange(len(groups)), [group.replace("_", " ") for group in groups])
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel("bias stability held out in 10⁻³ deg/h")
+        axes.set_xlabel("bias stability of held-out runs in 10⁻³ deg/h")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return svg(figure)
 
@@ -164,7 +164,7 @@ def search(table: pd.DataFrame) -> str:
 
 
 def contributions(recording: Recording) -> str:
-    """What a simulated gyro's bias is made of, the noises taken together."""
+    """Contributions to a simulated gyro's bias; the noises are added up."""
     averaged = recording.averaged()
     truth = averaged.truth
     if truth is None:
@@ -196,15 +196,16 @@ def _log_edges(centres: Any) -> np.ndarray:
 
 
 class Powers(LogFormatterSciNotation):
-    """Labels of a logarithmic axis in plain characters, 2×10⁻³: as Matplotlib's own, which go through a parser of formulas."""
+    """Labels of a logarithmic axis in plain characters, 2×10⁻³, since Matplotlib parses its own as formulas, which is slow."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        said = re.sub(r"\$\\mathdefault\{(.*)\}\$", r"\1", super().__call__(x, pos))
-        raised = re.sub(r"\^\{(.*?)\}", lambda power: power[1].translate(_RAISED), said)
+        label = re.sub(r"\$\\mathdefault\{(.*)\}\$", r"\1", super().__call__(x, pos))
+        raised = re.sub(r"\^\{(.*?)\}", lambda power: power[1].translate(_RAISED), label)
         return raised.replace(r"\times", "×")
 
 
 def svg(figure: Figure) -> str:
+    """The figure as SVG text."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()

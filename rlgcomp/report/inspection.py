@@ -1,4 +1,4 @@
-"""What a recording holds: rows, gyros with their noise, channels, thermal legs, and what was found wrong."""
+"""Summary of a recording: rows, gyros with their noise, channels, thermal legs, and findings."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from rlgcomp.recording.outliers import knocks_in, spikes_in
 from rlgcomp.recording.sample_and_hold import held_in, said_of
 from rlgcomp.units import SECONDS_PER_HOUR
 
-TURN: Final = 0.1  # of the span of temperature: smaller ups and downs are no turning points
+TURN: Final = 0.1  # of the span of temperature: smaller reversals are no turning points
 
 
 def summarise(recording: Recording) -> dict[str, Any]:
-    """Everything worth knowing of a recording, as plain data.
+    """Summary of a recording, as plain data.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def held_monitors(recording: Recording) -> list[Finding]:
 
 
 def legs(recording: Recording) -> list[dict[str, Any]]:
-    """Stretches in which the temperature goes one way, between turning points larger than a tenth of its span."""
+    """Segments of monotonic temperature, between turning points larger than a tenth of its span."""
     try:
         temperature_degC, time_s = recording.column(recording.temperature_column), recording.time_s
     except InputError:

@@ -1,4 +1,4 @@
-"""The picture of an Allan deviation: the curve with its interval, the fitted five noises and their sum."""
+"""The figure of an Allan deviation: the curve with its interval, the five fitted noises and their sum."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def _panel(axes: Axes, analysis: NoiseAnalysis) -> None:
     )
     values = coefficients.to_frame()
     for (letter, unit, colour), term, value, sd in zip(_NOISES, terms, values["value"], values["sd"], strict=True):
-        said = value_text(value, sd)
+        number = value_text(value, sd)
         if value > 0.0:
-            label = f"{letter} {said} {unit}" if said.startswith("<") else f"{letter} = {said} {unit}"
+            label = f"{letter} {number} {unit}" if number.startswith("<") else f"{letter} = {number} {unit}"
             axes.plot(tau, term, color=colour, lw=1.2, ls="--", label=label)
         elif np.isfinite(sd):
-            axes.plot([], [], color=RAW, lw=0, label=f"{letter} {said} {unit}")
+            axes.plot([], [], color=RAW, lw=0, label=f"{letter} {number} {unit}")
     axes.set(xscale="log", yscale="log", xlabel="averaging time in s", ylabel=f"{kind} in deg/h", xlim=(tau[0], tau[-1]))
     axes.set_ylim(0.4 * float(deviation.lower_deg_h.min()), 2.0 * float(deviation.upper_deg_h.max()))
     axes.set_title(analysis.gyro)

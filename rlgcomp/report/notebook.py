@@ -1,4 +1,4 @@
-"""Results in a notebook: what they print first, their table, and their remarks."""
+"""Results in a notebook: the first line of their text, their table, and their remarks."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ if TYPE_CHECKING:
 
 
 class ShownAsTable(abc.ABC):
-    """A result that a notebook shows as a table beneath its first sentence."""
+    """A result that a notebook shows as a table under its first sentence."""
 
     @abc.abstractmethod
     def to_frame(self) -> pd.DataFrame:
         """The result as a table."""
 
     def heading(self) -> str:
-        """What stands above the table: the first line that is printed."""
+        """The line above the table: the first that is printed."""
         return repr(self).partition("\n")[0]
 
     def shown(self) -> pd.DataFrame:
-        """The table that is shown; of many columns those for people."""
+        """The displayed table: of many columns those for people."""
         return self.to_frame()
 
     def _repr_html_(self) -> str:
         table = self.shown()
         rows = "" if table.empty else table.to_html(index=False, border=0, float_format="{:.4g}".format, na_rep="", max_rows=60)
-        remarks = "".join(f"<li>{html.escape(said)}</li>" for said in getattr(self, "remarks", ()))
+        remarks = "".join(f"<li>{html.escape(str(remark))}</li>" for remark in getattr(self, "remarks", ()))
         return f"<p>{html.escape(self.heading())}</p>{rows}{remarks and f'<ul>{remarks}</ul>'}"

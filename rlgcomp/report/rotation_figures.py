@@ -1,4 +1,4 @@
-"""Pictures of the angle random walk under rotation, as SVG text: orders found, before and after, Allan deviation, spectrum."""
+"""Figures of the angle random walk under rotation, as SVG text: orders, before and after, Allan deviation, spectrum."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHOWN_MEANS_S: Final = 60
 
 
 def orders(one: AngleRandomWalk) -> str:
-    """Amplitude of every order of the rotation, those that repeat in colour, with the threshold."""
+    """Amplitude of every order of the rotation, the repeating ones in colour, with the threshold."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
         axes = figure.subplots()
@@ -30,10 +30,10 @@ def orders(one: AngleRandomWalk) -> str:
         axes.vlines(spectrum.orders[found], amplitude.min() / 2, amplitude[found], color=FIT, lw=1.8)
         axes.plot(spectrum.orders[found], amplitude[found], "o", color=FIT, ms=5, label="repeats: fitted")
         crowded = np.diff(spectrum.orders[found], prepend=-9) < 3
-        for order, height, beside in zip(spectrum.orders[found], amplitude[found], crowded, strict=True):
-            place = (5, 0) if beside else (0, 5)
+        for order, height, close in zip(spectrum.orders[found], amplitude[found], crowded, strict=True):
+            place = (5, 0) if close else (0, 5)
             axes.annotate(
-                str(order), (order, height), place, textcoords="offset points", ha="left" if beside else "center", fontsize=8.5
+                str(order), (order, height), place, textcoords="offset points", ha="left" if close else "center", fontsize=8.5
             )
         axes.plot(spectrum.orders, 6.0 * spectrum.sd_deg_h, color=WARM, lw=1.0, ls="--", label="6 standard deviations")
         axes.set_yscale("log")
@@ -107,13 +107,13 @@ def spectrum(one: AngleRandomWalk) -> str:
         axes.axvline(one.noise.highest_hz, color="#c4c8ce", lw=1.0, label="end of the fit")
         axes.set_xlabel("frequency in Hz")
         axes.set_ylabel("(deg/h)²/Hz")
-        axes.set_title(f"Spectrum of what is left, {_name(one)}")
+        axes.set_title(f"Spectrum of the residual, {_name(one)}")
         axes.legend(**LEGEND)
         return svg(figure)
 
 
 def pictures(one: AngleRandomWalk) -> dict[str, str]:
-    """All pictures of one gyro, by name."""
+    """All figures of one gyro, by name."""
     return {"orders": orders(one), "output": output(one), "allan": allan(one), "spectrum": spectrum(one)}
 
 

@@ -1,4 +1,4 @@
-"""The picture of a sensitivity: what was found at each strength, and the curves through it."""
+"""The figure of a sensitivity: the shares detected and named at each strength, and the curves through them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST: Final = 0.9  # share of trials at which intervals are drawn
 
 @dataclasses.dataclass(frozen=True)
 class FoundCurve:
-    """Shares found at the strengths tried, and the curve through them with its 90 % point and the interval of that."""
+    """Shares found at the strengths tried, and the curve through them with its 90 % point and that point's interval."""
 
     label: str
     strengths: Array
@@ -32,15 +32,15 @@ class FoundCurve:
 
 
 def curves_picture(title: str, white_deg_h: float, detected: FoundCurve, named: FoundCurve, note: str) -> bytes:
-    """PNG with both curves over the strength, which is told in deg/h as well, and a note below.
+    """PNG with both curves over the strength, in deg/h as well, and a note below.
 
     Parameters
     ----------
     title : str
     white_deg_h : float
-        What the simulator cannot absorb, rms, at strength one.
+        Rms of the part that the simulator cannot absorb, at strength one.
     detected, named : FoundCurve
-        Where more are named than detected, that is filled and said.
+        The area where more are named than detected is filled.
     note : str
     """
     with rc_context(STYLE):
