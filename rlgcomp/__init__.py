@@ -1,4 +1,4 @@
-"""rlgcomp: from raw recordings of ring laser gyros to a deployed bias compensation, and to what a simulator is missing.
+"""rlgcomp: from raw recordings of ring laser gyros to a deployed bias compensation, and to the physics a simulator is missing.
 
 A **Recording** goes in on the left and comes out compensated on the right; a simulator is another source of recordings.
 
@@ -16,44 +16,29 @@ Recording
     magnetic_field_uT, pressure_hPa, supply_voltage_V, discharge_current_a_mA, discharge_current_b_mA
     table_angle_deg, table_rate_deg_s, angle_inner_deg, angle_outer_deg, accel_x_m_s2, ...
 Bias
-    What the gyro shows less what it should: gyro = true rate + bias + noise; compensation subtracts the estimated bias.
+    gyro = true rate + bias + noise; a compensation subtracts the estimated bias.
 Bias stability
     Standard deviation of means over 100 s within a run.
 Units
     Rates in deg/h, angles in deg or arcsec, temperature in degC, time in s. Angle random walk N in deg/sqrt(h).
 Results
-    Frozen objects that print well and become DataFrames; everything that can go wrong with input is an `InputError`.
+    Frozen objects that print in a few lines and become DataFrames. A fault of input is an `InputError`.
 
-Modules, each importing only from those before it:
-    errors units files plugins  the one exception, units and constants, whole-or-nothing writing, a user's own Python file
-    notebook                    results as a notebook shows them
-    compiled lapack             loops that carry state, compiled when first called; linear algebra for threads side by side
-    beside                      a second process, for commands
-    scan                        what a few numbers prove of long columns
-    robust                      the scatter behind a median deviation; where a mask holds, stretch by stretch
-    recording given             the data type; what is given at the Python face
-    repair formats              what is mended in files, a room a kind of fault; one module a file format
-    filters hysteresis          causal recursions and hysteresis operators with explicit state; hysteresis_loops: of many gyros
-    frames triad                frames of a triad on a table, and its errors as parameters
-    motion                      how a one-axis table turned: rate, angle, acceleration of a recording
-    knocks miscounts            samples that stand far off their neighbours: left out or mended, and told
-    noise                       noise processes and their simulation
-    allan                       Allan deviations, the five noises with standard errors, whether they hold all along
-    rotation                    angle random walk of gyros on a rotating table
-    physics                     one file = one cause; read by the simulator and by diagnosis alike
-    simulation                  chamber and table programmes, thermal plant, readout optics, the simulator
-    calibration                 turntables: scale factor, mounting angle, alignment; errors of a triad and their file
-    features recipe             causal inputs, sample by sample or all at once, the same to the last bit
-    compensation                LS-SVM by hand, cubics, baselines, selection, intervals, adapting, streams, the artefact
-    comparison evaluation       which input helps with which model; held-out results
-    collection                  a folder of models: listed, verified, compared
-    report                      pages that show them
-    diagnosis                   what a simulator is missing: detected, located, named, modelled, proved on runs held out
-    challenge                   effects concealed, sealed and scored; the smallest that recordings would show
-    export                      a compensation as code for the box, proved against Python by running it
-    fleet workers               many gyros at once; work on one machine or a cluster, whatever dies meanwhile
-    bench sparse                how fast all this is beside its peers; sparse least squares
-    cli                         the command line, also by python -m rlgcomp
+Rooms, each importing only from those before it (docs/design.md):
+    errors units files   the one exception; constants and every unit conversion; atomic reading and writing
+    report.messages      remarks and findings: code, data and text
+    numerics             filters and hysteresis operators with explicit state, compiled loops, robust statistics, linear algebra
+    recording            the data type; formats, repair, outliers, motion of a table
+    noise                processes; Allan deviation and coefficients; angle random walk of a rotating gyro
+    physics              one file, one mechanism, for the simulator and for diagnosis
+    simulation           programmes, thermal plant, readout optics, tables; the simulator
+    calibration          scale factor with the mounting angle; triad on a two-axis table
+    compensation         features, models, selection, intervals, streaming, artefact
+    evaluation           held-out runs, comparison tables, a folder of models
+    report               figures and pages
+    diagnosis            the physics that a simulator is missing
+    challenge export     concealed effects and sensitivity; C and ONNX
+    fleet cli            many gyros; the command line, also by python -m rlgcomp
 """
 
 from __future__ import annotations
