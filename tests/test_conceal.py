@@ -1,4 +1,4 @@
-"""Challenges: what is hidden has its size, nothing in the folder gives it away, a changed truth is refused, the score is fair."""
+"""Challenges: hidden causes have their size, only truth.json reveals them, a changed truth is refused, the score is fair."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
 from rlgcomp.challenge.conceal import PROGRAMMES, RUNS, Challenge, conceal
-from rlgcomp.challenge.injection import busiest, drawn, injected, scaled, unabsorbed, white_deg_h
+from rlgcomp.challenge.injection import drawn, injected, scaled, strongest_intervals, unabsorbed, white_deg_h
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.challenge.seal import reveal, seal
 from rlgcomp.cli import register_commands
@@ -27,6 +27,7 @@ from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.files import sha256
 from rlgcomp.physics import CATALOGUE
+from tests.own_mechanism import write_bellows
 
 CHAMBER = [name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.open_set]
 SIMULATOR = {
@@ -37,25 +38,6 @@ SIMULATOR = {
     ],
     "noise": {"angle_random_walk_deg_sqrt_h": 0.0004},
 }
-
-
-OWN = """
-import dataclasses
-from rlgcomp.physics.mechanism import Mechanism, amplitude
-
-@dataclasses.dataclass(frozen=True)
-class Bellows(Mechanism):
-    name = "bellows"
-    kind = "KIND"
-    equation = "b = k_deg_h_hPa2 * (pressure_hPa - 1010)^2"
-    reference = "A note of this laboratory."
-    drivers = ("pressure_hPa",)
-    k_deg_h_hPa2: float = amplitude(1e-4, "deg/h/hPa^2", positive=True)
-
-    def basis(self, recording):
-        (pressure,) = self.read(recording)
-        return ((pressure - 1010.0) ** 2)[:, None]
-"""
 
 
 @functools.cache
@@ -88,7 +70,7 @@ def diagnosis(verdict: str, *findings: Mapping[str, Any], where: Any = (), test:
 class TestInjection:
     @given(st.sampled_from(CHAMBER), st.integers(0, 1000))
     @settings(max_examples=40, deadline=None)
-    def test_whatever_is_drawn_is_possible_and_scales(self, name: str, seed: int) -> None:
+    def test_drawn_mechanisms_are_possible_and_scale(self, name: str, seed: int) -> None:
         made = challenge("warm_up")
         mechanism = drawn(CATALOGUE[name], made.train, np.random.default_rng(seed), 100.0)
         assert type(mechanism).from_mapping(mechanism.to_mapping()) == mechanism
@@ -97,26 +79,26 @@ class TestInjection:
         whole = mechanism.contribution(run, np.random.default_rng(1))
         assert half.contribution(run, np.random.default_rng(1)) == pytest.approx(0.5 * whole, rel=1e-9, abs=1e-15)
 
-    def test_what_is_unabsorbed_is_orthogonal_to_the_baseline(self) -> None:
+    def test_the_unabsorbed_part_is_orthogonal_to_the_baseline(self) -> None:
         rng = np.random.default_rng(0)
-        left = unabsorbed(problem(), [rng.standard_normal(len(run)) for run in problem().runs])
+        residual = unabsorbed(problem(), [rng.standard_normal(len(run)) for run in problem().runs])
         design = problem().baseline / np.linalg.norm(problem().baseline, axis=0)
-        assert np.abs(design.T @ left).max() < 1e-8 * np.linalg.norm(left)
+        assert np.abs(design.T @ residual).max() < 1e-8 * np.linalg.norm(residual)
 
     def test_the_simulator_absorbs_what_it_has(self) -> None:
         cubic = [1e-6 * run.column("temperature_block_degC") ** 3 for run in problem().runs]
         assert np.abs(unabsorbed(problem(), cubic)).max() < 1e-6
 
-    def test_white_noise_is_told_in_spite_of_the_effect(self) -> None:
+    def test_white_noise_is_estimated_in_spite_of_the_effect(self) -> None:
         assert white_deg_h(problem()) == pytest.approx(6.0 * 0.0004, rel=0.1)
 
-    def test_the_busiest_intervals_hold_most_of_a_burst(self) -> None:
+    def test_the_strongest_intervals_hold_most_of_a_burst(self) -> None:
         bursts = [np.exp(-0.5 * ((run.time_s - 9000.0) / 600.0) ** 2) for run in problem().runs]
-        left = unabsorbed(problem(), bursts)
-        spans = busiest(problem(), left)
+        effect = unabsorbed(problem(), bursts)
+        spans = strongest_intervals(problem(), effect)
         for run in problem().runs:
             assert any(start < 9000.0 < end for start, end in spans[run.name])
-        assert busiest(problem(), np.ones(len(left))) == {}
+        assert strongest_intervals(problem(), np.ones(len(effect))) == {}
 
     @pytest.mark.parametrize(("column", "factor"), [("gyro_deg_h", 1.0), ("gyro_deg_s", 3600.0)])
     def test_an_error_is_added_in_the_gyros_own_unit(self, column: str, factor: float) -> None:
@@ -158,7 +140,7 @@ class TestConceal:
             (hidden,) = conceal(table, "lock_in", seed=seed, step_s=1.0).mechanisms
             assert hidden.fraction == 1.0
 
-    def test_several_at_once_and_what_no_run_repeats(self) -> None:
+    def test_several_at_once_and_effects_that_no_run_repeats(self) -> None:
         made = challenge("random_telegraph,ambient_pressure", strength=0.5)
         assert set(made.strengths) == {"random_telegraph", "ambient_pressure"}
         assert list(made.strengths.values()) == pytest.approx([0.5, 0.5], rel=1e-6)
@@ -166,18 +148,17 @@ class TestConceal:
         assert made.possible_rms_deg_h > 1.05 * noise  # the telegraph cannot be predicted
         assert challenge("light_intensity").possible_rms_deg_h == pytest.approx(noise, rel=0.1)
 
-    def test_an_effect_that_the_simulator_takes_up_is_told_to_be_large(self, caplog: pytest.LogCaptureFixture) -> None:
-        def said(mechanisms: list[object], hide: str, **options: float) -> str:
-            caplog.clear()
-            conceal(rlg.Simulator.from_mapping(SIMULATOR | {"mechanisms": mechanisms}), hide, step_s=10.0, **options)
-            return caplog.text
+    def test_an_effect_far_above_its_usual_size_has_a_remark(self) -> None:
+        def remarks(mechanisms: list[object], hide: str, **options: float) -> list[tuple[str, str]]:
+            simulator = rlg.Simulator.from_mapping(SIMULATOR | {"mechanisms": mechanisms})
+            return [(one.code, one.data["mechanism"]) for one in conceal(simulator, hide, step_s=10.0, **options).remarks]
 
         static = {"thermal_polynomial": {"degree": 3}}
-        taken = said([static, "temperature_rate"], "thermal_gradient", seed=5, strength=0.6)
-        assert "thermal_gradient: the simulator takes up nearly all of it" in taken
-        assert "its usual size" in taken
-        assert not said([static], "thermal_gradient", seed=5, strength=0.6)
-        assert "such a strength makes it" in said([static], "supply_voltage", seed=5, strength=60.0)
+        absorbed = [("challenge.absorbed_by_the_simulator", "thermal_gradient")]
+        assert remarks([static, "temperature_rate"], "thermal_gradient", seed=5, strength=0.6) == absorbed
+        assert remarks([static], "thermal_gradient", seed=5, strength=0.6) == []
+        large = [("challenge.far_above_usual_size", "supply_voltage")]
+        assert remarks([static], "supply_voltage", seed=5, strength=60.0) == large
 
     def test_random_hides_nothing_one_or_two(self) -> None:
         counts = {len(challenge("random", seed).hidden.mechanisms) for seed in range(12)}
@@ -192,7 +173,7 @@ class TestConceal:
         assert reveal(tmp_path / "c", tmp_path / "d.json").score.exact
 
     def test_a_seed_makes_it_again_and_none_is_secret(self) -> None:
-        """Without one, no two challenges have a monitor alike, and what truth.json keeps makes it again."""
+        """Without one, no two challenges have a monitor alike, and the seed in truth.json makes it again."""
         gyro = rlg.Simulator.from_mapping(SIMULATOR)
         first, second = (conceal(gyro, "ageing", step_s=60.0) for _ in range(2))
         again = conceal(gyro, "ageing", step_s=60.0, seed=first.seed)
@@ -207,7 +188,7 @@ class TestConceal:
         assert len({str(path) for path in paths}) == len(RUNS) == len(PROGRAMMES["chamber"])
 
     @pytest.mark.parametrize("hide", ["gravity", "ageing,ageing", "", "lock_in"])
-    def test_what_cannot_be_hidden_is_refused(self, hide: str) -> None:
+    def test_unknown_and_repeated_names_are_refused(self, hide: str) -> None:
         with pytest.raises(rlg.InputError, match="cannot hide"):
             challenge(hide)
 
@@ -218,7 +199,7 @@ class TestConceal:
 
 
 class TestNothingLeaks:
-    """Everything but truth.json is for whoever diagnoses: it must say no more than the gyro does."""
+    """Everything but truth.json is for whoever diagnoses: it must contain no more than the gyro's output does."""
 
     @pytest.fixture(scope="class")
     @classmethod
@@ -309,7 +290,7 @@ class TestReveal:
             reveal(folder, self.write(folder, diagnosis("none")))
 
     @pytest.mark.parametrize(
-        ("said", "refused"),
+        ("content", "refused"),
         [
             (diagnosis("maybe"), "the verdict is 'maybe'; it must be one of none"),
             (diagnosis("none", finding("ageing")), "the verdict is 'none', yet ageing is found"),
@@ -320,10 +301,10 @@ class TestReveal:
             (diagnosis("none", test={"baseline_rms": 0.004, "augmented_rms": float("nan")}), "fit.test has rms 0.004 and nan"),
         ],
     )
-    def test_what_no_diagnosis_can_say_is_refused(self, folder: Path, said: Mapping[str, Any], refused: str) -> None:
-        with pytest.raises(rlg.InputError, match=refused) as told:
-            reveal(folder, self.write(folder, said))
-        assert "Error" not in str(told.value)
+    def test_impossible_diagnoses_are_refused(self, folder: Path, content: Mapping[str, Any], refused: str) -> None:
+        with pytest.raises(rlg.InputError, match=refused) as error:
+            reveal(folder, self.write(folder, content))
+        assert "Error" not in str(error.value)
 
     def test_a_truth_kept_elsewhere(self, folder: Path) -> None:
         kept = folder.parent / "kept.json"
@@ -337,14 +318,14 @@ class TestReveal:
         own = {name: sha256(folder / name) for name in ("train0.parquet", "train1.parquet", "test0.parquet")}
         train, test = dict(list(own.items())[:2]), dict(list(own.items())[2:])
         assert reveal(folder, self.write(folder, diagnosis("none") | {"recordings": {"train": train, "test": test}}))
-        told = {"train": train, "test": test, "simulator": {"simulator.yaml": sha256(folder / "simulator.yaml")}}
-        assert reveal(folder, self.write(folder, diagnosis("none") | {"recordings": told}))  # as diagnose tells it
+        recordings = {"train": train, "test": test, "simulator": {"simulator.yaml": sha256(folder / "simulator.yaml")}}
+        assert reveal(folder, self.write(folder, diagnosis("none") | {"recordings": recordings}))  # as diagnose writes it
         for recordings in ({"train": {"mine.parquet": "0" * 64}, "test": test}, {"train": own, "test": {}}):
             with pytest.raises(rlg.InputError, match="not one of this challenge"):
                 reveal(folder, self.write(folder, diagnosis("none") | {"recordings": recordings}))
 
     @pytest.mark.parametrize("text", ["", "[]", "{}", "null", '{"schema": "rlgcomp.diagnosis/1"}', '{"schema": "other"}'])
-    def test_what_is_no_diagnosis_is_refused(self, folder: Path, text: str) -> None:
+    def test_files_that_are_no_diagnosis_are_refused(self, folder: Path, text: str) -> None:
         path = folder.parent / "diagnosis.json"
         path.write_text(text)
         with pytest.raises(rlg.InputError):
@@ -376,7 +357,7 @@ class TestReveal:
             ("diagnosis.json", "mismatch", {"where": [{"run": "train0", "start_s": "a", "end_s": "b"}]}),
         ],
     )
-    def test_what_is_not_as_it_was_written_is_refused(self, folder: Path, file: str, key: str, value: Any) -> None:
+    def test_edited_files_are_refused(self, folder: Path, file: str, key: str, value: Any) -> None:
         path = self.write(folder, diagnosis("none") | {"recordings": {"train": {"t": sha256(folder / "train0.parquet")}}})
         changed = path if file == "diagnosis.json" else folder / file
         changed.write_text(json.dumps(json.loads(changed.read_text()) | {key: value}))
@@ -414,14 +395,14 @@ class TestScore:
         assert [accused.exact, accused.named, accused.verdict_right] == [False, False, False]
 
     def test_overlap_is_intersection_over_union(self) -> None:
-        said = diagnosis("explained", where=[("run0", 50.0, 150.0), ("run0", 60.0, 70.0), ("run1", None, None)])
-        assert Score.of(self.HIDDEN, said).overlap == pytest.approx(50.0 / (150.0 + 100.0))
+        content = diagnosis("explained", where=[("run0", 50.0, 150.0), ("run0", 60.0, 70.0), ("run1", None, None)])
+        assert Score.of(self.HIDDEN, content).overlap == pytest.approx(50.0 / (150.0 + 100.0))
         perfect = diagnosis("explained", where=[("run0", 0.0, 100.0), ("run1", 0.0, 40.0), ("run1", 40.0, 100.0)])
         assert Score.of(self.HIDDEN, perfect).overlap == pytest.approx(1.0)
 
     def test_parameters_without_a_standard_deviation_are_left_out(self) -> None:
-        said = diagnosis("explained", finding("ageing", k_deg_h_day=(0.13, 0.01)))
-        assert Score.of(self.HIDDEN, said).errors_sd == {"ageing.k_deg_h_day": pytest.approx(3.0)}
+        content = diagnosis("explained", finding("ageing", k_deg_h_day=(0.13, 0.01)))
+        assert Score.of(self.HIDDEN, content).errors_sd == {"ageing.k_deg_h_day": pytest.approx(3.0)}
         unsure = diagnosis("explained", {**finding("ageing"), "parameters": {"k_deg_h_day": {"value": 0.13, "sd": None}}})
         assert Score.of(self.HIDDEN, unsure).errors_sd == {}
 
@@ -440,10 +421,10 @@ class TestCommands:
         register_commands()
         return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
-    @pytest.mark.parametrize("kind", ["chamber", "any"])
-    def test_ones_own_physics_is_sealed_found_and_revealed(self, tmp_path: Path, kind: str) -> None:
+    def test_ones_own_physics_is_sealed_found_and_revealed(self, tmp_path: Path) -> None:
+        """Of kind "any", which a chamber's simulator accepts too."""
         (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
-        (tmp_path / "own.py").write_text(OWN.replace("KIND", kind))
+        write_bellows(tmp_path / "own.py", "any")
         options = ["--mechanisms", tmp_path / "own.py"]
         hidden = ["--hide", "bellows", "--strength", 2, "--seed", 5, "--step-s", 10, "--out", tmp_path / "c"]
         assert self.run("conceal", tmp_path / "gyro.yaml", *hidden).exit_code == 2
@@ -455,11 +436,11 @@ class TestCommands:
         assert revealed["hidden"]["bellows"]["k_deg_h_hPa2"] > 0.0
 
     def as_printed(self, concealed: Result, folder: Path) -> Any:
-        """What `reveal --json` says after the two commands that conceal printed, given by their words as a shell gives them."""
+        """Output of `reveal --json` after the two commands that conceal printed, split into words as by a shell."""
         printed = [line.partition("rlgcomp ")[2].replace("DIAGNOSIS", str(folder / "d")) for line in concealed.stderr.splitlines()]
         for line in filter(None, printed):
-            found = [sorted(map(str, Path("/").glob(word[1:]))) if "*" in word else [word] for word in line.split()]
-            words = [word for words in found for word in words]
+            expanded = [sorted(map(str, Path("/").glob(word[1:]))) if "*" in word else [word] for word in line.split()]
+            words = [word for words in expanded for word in words]
             done = self.run(*words, *["--json"] * (words[0] == "reveal"))
             assert done.exit_code == 0, done.output
         return json.loads(done.stdout)

@@ -259,16 +259,18 @@ def test_nothing_grows_faster_than_straight(u: float, form: str, exponent: int) 
     assert abs(out) <= 1.0 + 5.0 * max(1.0, abs(x)) * (1.0 + 1e-9)
 
 
-def test_a_recording_beyond_what_a_law_was_learnt_from_is_spoken_of() -> None:
+def test_a_recording_beyond_the_range_of_a_law_has_a_remark() -> None:
     time_s = np.arange(2000.0)
     table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": 0.0 * time_s, "supply_voltage_V": 12.0 + 0.1 * np.sin(time_s / 200.0)})
     run = rlg.Recording(table, name="run")
     law = EmpiricalLaw(driver="supply_voltage_V", low=11.9, high=12.1, at=12.0)
-    assert law.beyond(run) == ""
-    said = law.beyond(run.replace(table=table.assign(supply_voltage_V=table["supply_voltage_V"] + 3.0)))
-    assert "supply_voltage_V goes from 14.9 to 15.1 V" in said
-    assert "extrapolated" in said
-    assert rlg.CATALOGUE["supply_voltage"]().beyond(run) == ""
+    assert law.extrapolation(run) == ()
+    (remark,) = law.extrapolation(run.replace(table=table.assign(supply_voltage_V=table["supply_voltage_V"] + 3.0)))
+    assert remark.code == "simulation.law_extrapolated"
+    assert remark.data["quantity"] == "supply_voltage_V"
+    assert remark.data["recorded"] == pytest.approx([14.9, 15.1], abs=1e-3)
+    assert remark.data["learnt"] == [11.9, 12.1]
+    assert rlg.CATALOGUE["supply_voltage"]().extrapolation(run) == ()
 
 
 def test_lags_of_less_than_a_second_are_laws_too() -> None:

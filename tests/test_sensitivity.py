@@ -1,4 +1,4 @@
-"""Sensitivity: the curve by what it was made from, the injection by what comes back, the command on one small recording."""
+"""Sensitivity: recovery of a known curve, size of the injections, the command on one small recording."""
 
 from __future__ import annotations
 
@@ -15,14 +15,22 @@ from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
 from rlgcomp.challenge.injection import unabsorbed
-from rlgcomp.challenge.sensitivity import Curve, Sensitivity, _beyond, _distinct, _errors, _injection, sensitivity
+from rlgcomp.challenge.sensitivity import (
+    Curve,
+    Sensitivity,
+    contributions,
+    distinct_injections,
+    extrapolation_remarks,
+    injection,
+    sensitivity,
+)
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.noise.processes import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.report.sensitivity import FoundCurve, curves_picture
-from tests.test_conceal import OWN
+from tests.own_mechanism import write_bellows
 
 SIMULATOR = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
 FEW = {name: CATALOGUE[name] for name in ("thermal_polynomial", "supply_voltage", "magnetic_field", "thermal_lag")}
@@ -41,7 +49,7 @@ def found() -> Sensitivity:
 
 
 class TestCurve:
-    def test_it_comes_back_from_what_it_made(self) -> None:
+    def test_a_known_curve_is_recovered(self) -> None:
         """500 trials a strength: s50 within 5 %, s90 within 10 %, both inside their intervals."""
         rng = np.random.default_rng(0)
         strengths = np.repeat([0.1, 0.2, 0.4, 0.8, 1.6], 500)
@@ -55,16 +63,16 @@ class TestCurve:
         assert curve.s90_interval[0] < s90 < curve.s90_interval[1]
         assert curve.probability(np.array([curve.s50])) == pytest.approx(0.5)
 
-    def test_intervals_cover_what_they_should(self) -> None:
+    def test_intervals_have_their_coverage(self) -> None:
         """Six trials a strength, two hundred experiments: the 95 % interval of s50 holds the truth in 90 % of them at least."""
         rng = np.random.default_rng(1)
         strengths = np.repeat([0.1, 0.2, 0.4, 0.8, 1.6], 6)
         chance = 1.0 / (1.0 + np.exp(-np.log(strengths / 0.35) / 0.3))
-        held = 0
+        covered = 0
         for _ in range(200):
             low, high = Curve.fit(strengths, (rng.random(len(strengths)) < chance).astype(float)).s50_interval
-            held += low <= 0.35 <= high
-        assert held >= 180
+            covered += low <= 0.35 <= high
+        assert covered >= 180
 
     @pytest.mark.parametrize("share", [0.0, 1.0])
     def test_nothing_or_everything_found_gives_a_bound(self, share: float) -> None:
@@ -77,17 +85,19 @@ class TestCurve:
             assert curve.s50 > 1.6
             assert curve.s50_interval[1] > 5.0
 
-    def test_a_curve_that_leaves_what_was_tried_says_so(self) -> None:
+    def test_a_curve_beyond_the_strengths_tried_has_a_remark(self) -> None:
         strengths = np.repeat([0.1, 0.4], 2)
-        assert "try smaller" in _beyond("named", strengths, np.ones(4))[0]
-        assert "try larger" in _beyond("named", strengths, np.array([1.0, 0.0, 0.0, 0.0]))[0]
-        assert not _beyond("named", strengths, np.array([1.0, 0.0, 1.0, 0.0]))
+        (below,) = extrapolation_remarks("named", strengths, np.ones(4))
+        assert (below.code, below.data["strength"]) == ("challenge.found_at_smallest_strength", 0.1)
+        (above,) = extrapolation_remarks("named", strengths, np.array([1.0, 0.0, 0.0, 0.0]))
+        assert (above.code, above.data["strength"]) == ("challenge.missed_at_largest_strength", 0.4)
+        assert not extrapolation_remarks("named", strengths, np.array([1.0, 0.0, 1.0, 0.0]))
 
     def test_more_found_is_a_lower_curve(self) -> None:
         strengths = np.repeat([0.1, 0.4, 1.6], 4)
         few = Curve.fit(strengths, np.repeat([0.0, 0.0, 1.0], 4))
         many = Curve.fit(strengths, np.repeat([0.0, 1.0, 1.0], 4))
-        assert few.probability(np.array([few.s50, few.s90])) == pytest.approx([0.5, 0.9])  # what is drawn is what is said
+        assert few.probability(np.array([few.s50, few.s90])) == pytest.approx([0.5, 0.9])
         assert many.s50 < few.s50
         assert many.s90 < few.s90
 
@@ -99,16 +109,16 @@ class TestSensitivity:
         assert table.loc[0.03, "named"] <= 0.5
         assert 0.03 < found().naming.s50 < 1.5
         assert found().naming.s90 > found().naming.s50
-        assert not [remark for remark in found().remarks if "are made and counted" not in remark]
+        assert {remark.code for remark in found().remarks} <= {"challenge.equal_trials"}
 
-    def test_trials_that_are_alike_are_made_and_counted_once(self) -> None:
-        """Of a cause without shapes there are two: it and its negative; of one with shapes, as many as are drawn."""
+    def test_equal_trials_are_made_and_counted_once(self) -> None:
+        """Of a cause without nonlinear parameters there are two: it and its negative; otherwise as many as are drawn."""
         problem = Problem.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
         for name, count in (("supply_voltage", 2), ("thermal_lag", 6)):
-            plans = [_injection(CATALOGUE[name], problem, 0.002, stream(1, f"{name}{draw}")) for draw in range(6)]
-            assert len(_distinct(plans, problem)) == count
+            plans = [injection(CATALOGUE[name], problem, 0.002, stream(1, f"{name}{draw}")) for draw in range(6)]
+            assert len(distinct_injections(plans, problem)) == count
 
-    def test_what_is_named_before_it_is_detected_is_told_by_itself(self) -> None:
+    def test_trials_named_but_not_detected_are_counted(self) -> None:
         trial = found().trials[0]
         made = [
             dataclasses.replace(trial, strength=0.1, detected=detected, in_class=named)
@@ -131,7 +141,7 @@ class TestSensitivity:
         assert [text.get_text() for text in axes.get_xticklabels()] == ["0.1\n0.0002 deg/h", "1.6\n0.0032 deg/h"]
         assert [text.get_text() for text in axes.get_legend().get_texts()][:1] == ["named before it is detected"]
 
-    def test_what_was_injected_has_the_size_that_is_said(self) -> None:
+    def test_injections_have_the_stated_size(self) -> None:
         """The recordings are the simulator's own noise, so the white noise is known: 6 N for 100 s, more for shorter means."""
         known = 60.0 * 0.0004 / np.sqrt(found().averaging_s)
         assert found().white_deg_h == pytest.approx(known, rel=0.1)
@@ -142,11 +152,11 @@ class TestSensitivity:
 
     def test_a_trial_is_determined_by_its_stream_and_has_its_strength(self) -> None:
         problem = Problem.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
-        first, again, other = (_injection(CATALOGUE["mode_hop"], problem, 0.002, stream(1, name)) for name in ("a", "a", "b"))
+        first, again, other = (injection(CATALOGUE["mode_hop"], problem, 0.002, stream(1, name)) for name in ("a", "a", "b"))
         assert first == again
         assert first[0] != other[0]
         for mechanism, number in (first, other):
-            assert np.std(unabsorbed(problem, _errors(mechanism, recordings(), number))) == pytest.approx(0.002, rel=1e-6)
+            assert np.std(unabsorbed(problem, contributions(mechanism, recordings(), number))) == pytest.approx(0.002, rel=1e-6)
 
     @pytest.mark.parametrize(
         ("changes", "message"),
@@ -160,9 +170,9 @@ class TestSensitivity:
         ],
     )
     def test_bad_input_is_refused_before_any_work(self, changes: dict[str, object], message: str) -> None:
-        wanted = {"mechanism": "supply_voltage"} | changes
+        arguments = {"mechanism": "supply_voltage"} | changes
         with pytest.raises(rlg.InputError, match=message):
-            sensitivity(rlg.Simulator.from_mapping(SIMULATOR), recordings(), wanted.pop("mechanism"), **wanted)
+            sensitivity(rlg.Simulator.from_mapping(SIMULATOR), recordings(), arguments.pop("mechanism"), **arguments)
 
     def test_a_driver_that_was_not_recorded_cannot_be_injected(self) -> None:
         bare = [run.replace(table=run.table.drop(columns="supply_voltage_V"), truth=None) for run in recordings()]
@@ -183,20 +193,20 @@ class TestCommand:
         done = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, *options, "--json")
         assert done.exit_code == 0, done.output
         content = json.loads(done.stdout)
-        assert "named in more trials than it is detected in" in content["meaning"]
+        assert content["meaning"]["code"] == "challenge.detected_and_named"
+        assert content["meaning"]["data"] == {"p_value": 0.01}
         assert content["detection"]["s90_rms_deg_h"] == pytest.approx(content["detection"]["s90"] * content["white_deg_h"])
         assert sorted(path.name for path in (tmp_path / "s").iterdir()) == ["curves.png", "sensitivity.json", "shares.csv"]
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, "--mechanism", "supply_voltage", "--strengths", "a")
         assert refused.exit_code == 2
         assert "--strengths" in refused.stderr
 
-    @pytest.mark.parametrize("jobs", [1, 2])
-    def test_ones_own_physics_has_a_detection_limit(self, tmp_path: Path, jobs: int) -> None:
-        """In worker processes too, which know nothing of the file until they are told."""
+    def test_ones_own_physics_has_a_detection_limit(self, tmp_path: Path) -> None:
+        """In worker processes, which have to load the file."""
         (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
-        (tmp_path / "own.py").write_text(OWN.replace("KIND", "chamber"))
+        write_bellows(tmp_path / "own.py")
         rlg.write(recordings()[0], tmp_path / "run.parquet")
-        options = ["--mechanism", "bellows", "--strengths", "3", "--draws", 1, "--jobs", jobs, "--json"]
+        options = ["--mechanism", "bellows", "--strengths", "3", "--draws", 1, "--jobs", 2, "--json"]
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", tmp_path / "run.parquet", *options)
         assert refused.exit_code == 2
         assert "'bellows' is not in the catalogue" in refused.stderr
@@ -208,14 +218,15 @@ class TestCommand:
         assert trial["mechanism"]["k_deg_h_hPa2"] > 0.0
 
 
-def test_what_the_recordings_hold_already_is_taken_off_them() -> None:
+def test_an_effect_in_the_recordings_is_subtracted_before_the_injection() -> None:
     """A voltage's effect in the recordings would add to what is injected, or undo it."""
     simulator = rlg.Simulator.from_mapping(SIMULATOR)
-    held = [
+    disturbed = [
         run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + 0.1 * (run.column("supply_voltage_V") - 15.0)))
         for run in recordings()
     ]
-    study = sensitivity(simulator, held, "supply_voltage", strengths=(1e-6, 1.5), draws=2, seed=1, catalogue=FEW)
-    assert "supply_voltage is found in these recordings before anything is injected; it is taken off them" in study.remarks
+    study = sensitivity(simulator, disturbed, "supply_voltage", strengths=(1e-6, 1.5), draws=2, seed=1, catalogue=FEW)
+    assert study.remarks[0].code == "challenge.mechanism_before_removed"
+    assert study.remarks[0].data == {"mechanism": "supply_voltage"}
     assert all(trial.detected is (trial.strength > 1.0) for trial in study.trials)
     assert all(trial.named is (trial.strength > 1.0) for trial in study.trials)

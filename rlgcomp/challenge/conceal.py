@@ -1,10 +1,9 @@
-"""Challenges: recordings of a gyro that has something its simulator file lacks. :mod:`rlgcomp.challenge.seal` writes them."""
+"""Challenges: recordings of a gyro with an effect that its simulator file lacks. :mod:`rlgcomp.challenge.seal` writes them."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import logging
 import math
 import secrets
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import Any, Final, Self
 import numpy as np
 import pandas as pd
 
-from rlgcomp.challenge.injection import SHARE, Array, busiest, drawn, scaled, unabsorbed
+from rlgcomp.challenge.injection import SHARE, Array, drawn, scaled, strongest_intervals, unabsorbed
 from rlgcomp.challenge.score import Hidden
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
@@ -21,9 +20,9 @@ from rlgcomp.noise.processes import NOISES, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
 from rlgcomp.simulation.simulator import TYPICAL_NOISE, Simulator
 
-logger = logging.getLogger(__name__)
 RANDOM: Final = "random"
 NOTHING: Final = "none"
 USUAL_STRENGTH: Final = 1.0
@@ -33,13 +32,13 @@ PROGRAMMES: Final = {
     "chamber": ("paper", "reversed", "minor-loops", "slow"),
     "turntable": ("rates", "other-rates", "sweeps", "slow-turns"),
 }
-_SPREAD: Final = 0.3  # logarithm of what the file leaves free, about its value
+_SPREAD: Final = 0.3  # logarithm of the file's free parameters, about their values
 _HOW_MANY: Final = (0.2, 0.55, 0.25)  # chances that "random" hides nothing, one, two
 _DRAWS: Final = 20
-_PASSES: Final = 5  # at most, until the size is
+_PASSES: Final = 5  # at most, until the size is near enough
 _NEAR: Final = 0.01
 _LARGE: Final = 5.0  # times the usual size
-_HARDLY_ANY: Final = 0.1  # of an effect
+_HARDLY_ANY: Final = 0.1  # share of an effect that the simulator does not absorb
 _SEED_BYTES: Final = 16  # more than can be tried
 
 
@@ -57,11 +56,13 @@ class Challenge:
     mechanisms : tuple of Mechanism
         The hidden causes as they acted.
     strengths : mapping of str to float
-        Of each: what the simulator cannot absorb over the white noise of a window mean.
+        Of each: the part that the simulator cannot absorb over the white noise of a window mean.
     possible_rms_deg_h : float
-        What the true law leaves in window means of the held-out runs: noise, and what no two runs repeat.
+        Residual of the true law in window means of the held-out runs: noise, and effects that differ from run to run.
     seed : int
         Of all its random streams: whoever knows it can make the challenge again, and so open it.
+    remarks : tuple of Message
+        On hidden causes far above their usual size; empty where they were chosen at random.
     """
 
     simulator: Simulator
@@ -72,6 +73,7 @@ class Challenge:
     strengths: Mapping[str, float]
     possible_rms_deg_h: float
     seed: int
+    remarks: tuple[Message, ...] = ()
 
 
 def conceal(
@@ -85,7 +87,7 @@ def conceal(
 ) -> Challenge:
     """Make a challenge.
 
-    What the simulator leaves free is drawn anew, about 30 % from its value, so that its numbers are wrong as well.
+    The simulator's free parameters are drawn anew, about 30 % from their values, so that its numbers are wrong as well.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def conceal(
     step_s : float
         Sample period of the recordings.
     catalogue : mapping of str to type
-        What may be hidden.
+        Mechanisms that may be hidden.
 
     Raises
     ------
@@ -114,16 +116,17 @@ def conceal(
     names = _chosen(simulator, hide, rng, catalogue)
     own = {mechanism.name: mechanism for mechanism in simulator.mechanisms}
     lacking = functools.reduce(Simulator.without, [name for name in names if name in own], simulator)
+    remarks: list[Message] = []
     bench = _Bench.of(lacking, _moved(simulator, rng), rng, step_s)
     for name in names:
         if name not in own or strength is not None:
             known = next((mechanism for mechanism in bench.gyro.mechanisms if mechanism.name == name), None)
             sized = _sized(known, catalogue[name], bench, strength or USUAL_STRENGTH)
             bench = dataclasses.replace(bench, gyro=bench.gyro.with_mechanism(sized))
-            if hide != RANDOM:  # of what is sealed unseen nothing is said
-                _warn_of_size(sized, bench)
+            if hide != RANDOM:  # a remark would reveal a random choice
+                remarks += _size_remarks(sized, bench)
     mechanisms = tuple(mechanism for mechanism in bench.gyro.mechanisms if mechanism.name in names)
-    left = {mechanism.name: bench.left(mechanism) for mechanism in mechanisms}
+    effects = {mechanism.name: bench.unabsorbed(mechanism) for mechanism in mechanisms}
     runs = bench.stand.record(bench.gyro, RUNS)
     return Challenge(
         simulator=lacking,
@@ -132,12 +135,13 @@ def conceal(
         hidden=Hidden(
             tuple(mechanism.name for mechanism in mechanisms),
             {f"{m.name}.{key}": float(value) for m in mechanisms for key, value in _estimable(m).items()},
-            busiest(bench.problem, np.sum(list(left.values()), axis=0)) if mechanisms else {},
+            strongest_intervals(bench.problem, np.sum(list(effects.values()), axis=0)) if mechanisms else {},
         ),
         mechanisms=mechanisms,
-        strengths={name: float(np.std(values)) / bench.white_deg_h for name, values in left.items()},
+        strengths={name: float(np.std(values)) / bench.white_deg_h for name, values in effects.items()},
         possible_rms_deg_h=_possible_rms_deg_h(runs[TRAINING:], mechanisms, bench.problem.rows.window_s),
         seed=seed,
+        remarks=tuple(remarks),
     )
 
 
@@ -162,7 +166,7 @@ def lacking(simulator: Simulator, name: str, *, seed: int = 0) -> Simulator:
 
 @dataclasses.dataclass(frozen=True)
 class _Stand:
-    """What every run of a challenge goes through."""
+    """Programmes and seeds of the runs of a challenge."""
 
     programmes: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -175,7 +179,7 @@ class _Stand:
 
 @dataclasses.dataclass(frozen=True)
 class _Bench:
-    """The gyro as it is on its stand, and the problem that its training runs pose to the simulator that lacks something."""
+    """The gyro, its runs, and the regression problem of its training runs for the simulator without the hidden causes."""
 
     gyro: Simulator
     stand: _Stand
@@ -188,8 +192,8 @@ class _Bench:
         stand = _Stand(programmes, tuple(int.from_bytes(rng.bytes(_SEED_BYTES)) for _ in RUNS), step_s)
         return cls(gyro, stand, Problem.of(lacking, stand.record(gyro, RUNS[:TRAINING])), rng)
 
-    def left(self, mechanism: Mechanism) -> Array:
-        """What of a mechanism's error the simulator cannot absorb, in window means of the training runs."""
+    def unabsorbed(self, mechanism: Mechanism) -> Array:
+        """Part of a mechanism's error that the simulator cannot absorb, in window means of the training runs."""
         runs = self.stand.record(self.gyro.with_mechanism(mechanism), RUNS[:TRAINING])
         return unabsorbed(self.problem, [_acting(run, mechanism.name) for run in runs])
 
@@ -204,7 +208,7 @@ class _Bench:
         return white
 
 
-# --- what is hidden ------------------------------------------------------------------------------------------------------------
+# --- the hidden causes ------------------------------------------------------------------------------------------------------------
 
 
 def _chosen(simulator: Simulator, hide: str, rng: np.random.Generator, catalogue: Mapping[str, type[Mechanism]]) -> list[str]:
@@ -242,15 +246,15 @@ def _moved(simulator: Simulator, rng: np.random.Generator) -> Simulator:
 
 
 def _sized(known: Mechanism | None, form: type[Mechanism], bench: _Bench, strength: float) -> Mechanism:
-    """A mechanism of the wanted strength: as the simulator has it, or of random shape."""
-    why, wanted_deg_h = "", strength * bench.white_deg_h
+    """A mechanism of the required strength: as the simulator has it, or with random nonlinear parameters."""
+    why, required_deg_h = "", strength * bench.white_deg_h
     for _ in range(1 if known else _DRAWS):
         mechanism = known or drawn(form, bench.problem.runs, bench.rng, bench.problem.rows.window_s)
         try:
             for _ in range(_PASSES):
-                left = max(float(np.std(bench.left(mechanism))), np.finfo(float).tiny)
-                mechanism = scaled(mechanism, wanted_deg_h / left)
-                if abs(wanted_deg_h / left - 1.0) < _NEAR:
+                rms_deg_h = max(float(np.std(bench.unabsorbed(mechanism))), np.finfo(float).tiny)
+                mechanism = scaled(mechanism, required_deg_h / rms_deg_h)
+                if abs(required_deg_h / rms_deg_h - 1.0) < _NEAR:
                     break
         except InputError as error:
             why = str(error)
@@ -259,22 +263,16 @@ def _sized(known: Mechanism | None, form: type[Mechanism], bench: _Bench, streng
     raise InputError(f"{form.name} cannot be hidden with strength {strength:g}: {why}; choose a smaller strength or another cause")
 
 
-def _warn_of_size(mechanism: Mechanism, bench: _Bench) -> None:
-    """Say where an effect had to be made far larger than usual, and whether that is because the simulator absorbs it."""
-    times = [abs(getattr(mechanism, p.name) / p.typical) for p in mechanism.amplitude_parameters() if p.typical]
-    if not times or (size := float(np.median(times))) <= _LARGE:
-        return
+def _size_remarks(mechanism: Mechanism, bench: _Bench) -> list[Message]:
+    """A remark where an effect had to be made far larger than usual, and whether that is because the simulator absorbs it."""
+    ratios = [abs(getattr(mechanism, p.name) / p.typical) for p in mechanism.amplitude_parameters() if p.typical]
+    if not ratios or (ratio := float(np.median(ratios))) <= _LARGE:
+        return []
     runs = bench.stand.record(bench.gyro.with_mechanism(mechanism), RUNS[:TRAINING])
     whole = float(np.std(np.concatenate([_acting(run, mechanism.name) for run in runs])))
-    if float(np.std(bench.left(mechanism))) > _HARDLY_ANY * whole:
-        logger.warning("%s: such a strength makes it %.0f × its usual size", mechanism.name, size)
-        return
-    logger.warning(
-        "%s: the simulator takes up nearly all of it: for such a strength it is %.0f × its usual size, and what is left to find is "
-        "what thermometers and averages miss of it; choose a smaller --strength",
-        mechanism.name,
-        size,
-    )
+    if float(np.std(bench.unabsorbed(mechanism))) > _HARDLY_ANY * whole:
+        return [message("challenge.far_above_usual_size", mechanism=mechanism.name, ratio=ratio)]
+    return [message("challenge.absorbed_by_the_simulator", mechanism=mechanism.name, ratio=ratio)]
 
 
 def _acting(run: Recording, name: str) -> Array:
@@ -283,8 +281,8 @@ def _acting(run: Recording, name: str) -> Array:
 
 
 def _possible_rms_deg_h(runs: Sequence[Recording], mechanisms: Sequence[Mechanism], window_s: float) -> float:
-    kept = [*NOISES, *(mechanism.name for mechanism in mechanisms if _unrepeatable(mechanism))]
-    left = [sum((_acting(run, name) for name in kept), np.zeros(len(run))) for run in runs]
+    names = [*NOISES, *(mechanism.name for mechanism in mechanisms if _unrepeatable(mechanism))]
+    left = [sum((_acting(run, name) for name in names), np.zeros(len(run))) for run in runs]
     means = [
         run.averaged(window_s, extra=pd.DataFrame({"left": values})).column("left") for run, values in zip(runs, left, strict=True)
     ]
@@ -292,7 +290,7 @@ def _possible_rms_deg_h(runs: Sequence[Recording], mechanisms: Sequence[Mechanis
 
 
 def _bare(run: Recording) -> Recording:
-    """What is handed over: no truth, no seed, no programme."""
+    """The recording without truth, seed and programme."""
     metadata = dataclasses.replace(run.metadata, notes={})
     return run.replace(truth=None, metadata=metadata)
 

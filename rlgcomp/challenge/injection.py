@@ -1,6 +1,6 @@
 r"""Effects of a chosen size put into recordings.
 
-The strength of an effect e is how much of it the simulator cannot absorb, in units of the white noise of a window mean,
+The strength of an effect e is the part of it that the simulator cannot absorb, in units of the white noise of a window mean,
 
 .. math:: s = \frac{\mathrm{std}\big(\bar e - P\,\bar e\big)}{\sigma}, \qquad P = B (B^\top B)^{-1} B^\top,
 
@@ -26,17 +26,28 @@ from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 M = TypeVar("M", bound=Mechanism)
-SHARE: Final = "1"  # unit of an amplitude that is a share of what the shapes say: never negative, one in nature
-_JITTER: Final = 0.1  # of a shape about its place in the grid, so that no truth lies on it
-_CYCLES: Final = 4.5  # of a line in the shortest run: fewer are a drift to anyone
+SHARE: Final = (
+    "1"  # unit of an amplitude that is a share of the effect that the nonlinear parameters fix: never negative, one in nature
+)
+_JITTER: Final = 0.1  # of a nonlinear parameter about its point of the grid, so that no truth lies on the grid
+_CYCLES: Final = 4.5  # of a line in the shortest run: fewer cannot be distinguished from a drift
 _ENERGY: Final = 0.8  # share of an effect's square that its intervals hold
-_EVERYWHERE: Final = 0.6  # intervals that cover more than this say nothing of a place
+_EVERYWHERE: Final = 0.6  # intervals that cover more than this locate nothing
 
 
 def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, window_s: float) -> M:
-    """A mechanism of random shape and signs, such as these runs can show; sizes are about the usual ones.
+    """A mechanism with random nonlinear parameters and signs that these runs can show; sizes are about the usual ones.
 
-    Times and frequencies are drawn in equal ratios from what the runs resolve, other shapes about a point of the mechanism's grid.
+    Times and frequencies are log-uniform over the range that the runs resolve, other nonlinear parameters lie about a point of the
+    mechanism's grid.
+
+    Parameters
+    ----------
+    kind : type of Mechanism
+    runs : sequence of Recording
+    rng : numpy.random.Generator
+    window_s : float
+        Averaging window of the diagnosis.
     """
     grid = kind.grid(runs)
     point = grid[int(rng.integers(len(grid)))] if grid else None
@@ -53,26 +64,26 @@ def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, wi
             values[parameter.name] = getattr(point, parameter.name)
         elif parameter.role == "shape":
             value = parameter.typical if point is None else getattr(point, parameter.name)
-            values[parameter.name] = _shape(parameter, value, shortest_s, window_s, rng)
+            values[parameter.name] = _nonlinear(parameter, value, shortest_s, window_s, rng)
     return kind.from_mapping(values).acting()
 
 
-def _shape(parameter: Parameter, value: float, shortest_s: float, window_s: float, rng: np.random.Generator) -> float:
-    seen = {"s": (3.0 * window_s, 0.3 * shortest_s), "Hz": (_CYCLES / shortest_s, 0.25 / window_s)}
-    if parameter.unit in seen:
-        low, high = (min(max(edge, parameter.low), parameter.high) for edge in seen[parameter.unit])
+def _nonlinear(parameter: Parameter, value: float, shortest_s: float, window_s: float, rng: np.random.Generator) -> float:
+    resolved = {"s": (3.0 * window_s, 0.3 * shortest_s), "Hz": (_CYCLES / shortest_s, 0.25 / window_s)}
+    if parameter.unit in resolved:
+        low, high = (min(max(edge, parameter.low), parameter.high) for edge in resolved[parameter.unit])
         return float(math.exp(rng.uniform(math.log(low), math.log(max(low, high)))))
     moved = value * math.exp(_JITTER * rng.standard_normal()) if value > 0.0 else value + _JITTER * rng.standard_normal()
     return float(min(max(moved, parameter.low), parameter.high))
 
 
 def scaled(mechanism: M, factor: float) -> M:
-    """The mechanism with its error multiplied, in the numbers that people use: near enough where these change its shape a little.
+    """The mechanism with its error multiplied, in canonical parameters: approximately, where these change its form a little.
 
     Raises
     ------
     InputError
-        Its amplitudes would leave their bounds, or nothing in it is a size.
+        Its amplitudes would leave their bounds, or none of its parameters is a size.
     """
     names = [parameter.name for parameter in mechanism.amplitude_parameters()]
     if not names:
@@ -84,7 +95,7 @@ def scaled(mechanism: M, factor: float) -> M:
 
 
 def unabsorbed(problem: Problem, errors_deg_h: Sequence[Array]) -> Array:
-    """What the simulator's free parameters cannot absorb of an error: window means over the training runs, shape (n,).
+    """Part of an error that the simulator's free parameters cannot absorb: window means over the training runs, shape (n,).
 
     Parameters
     ----------
@@ -92,10 +103,12 @@ def unabsorbed(problem: Problem, errors_deg_h: Sequence[Array]) -> Array:
     errors_deg_h : sequence of ndarray
         The error at the full rate, one array a run.
     """
-    return _left(problem, np.concatenate([part.means(error) for part, error in zip(problem.windows, errors_deg_h, strict=True)]))
+    return _residual(
+        problem, np.concatenate([part.means(error) for part, error in zip(problem.windows, errors_deg_h, strict=True)])
+    )
 
 
-def _left(problem: Problem, means: Array) -> Array:
+def _residual(problem: Problem, means: Array) -> Array:
     norms = np.linalg.norm(problem.baseline, axis=0)
     columns = problem.baseline / np.where(norms > 0.0, norms, 1.0)
     return np.asarray(means - columns @ np.linalg.lstsq(columns, means, rcond=1e-10)[0])
@@ -103,21 +116,21 @@ def _left(problem: Problem, means: Array) -> Array:
 
 def white_deg_h(problem: Problem) -> float:
     """Standard deviation of the white noise of a window mean, from neighbouring windows: slow signals and outliers drop out."""
-    left = _left(problem, problem.target_deg_h)
-    steps = np.concatenate([np.diff(left[rows]) for rows in problem.rows.runs])
+    residual = _residual(problem, problem.target_deg_h)
+    steps = np.concatenate([np.diff(residual[rows]) for rows in problem.rows.runs])
     return float(SD_OF_MAD * np.median(np.abs(steps - np.median(steps))) / math.sqrt(2.0))
 
 
-def busiest(problem: Problem, left_deg_h: Array) -> Mapping[str, tuple[tuple[float, float], ...]]:
+def strongest_intervals(problem: Problem, effect_deg_h: Array) -> Mapping[str, tuple[tuple[float, float], ...]]:
     """By run, the intervals that hold four fifths of an effect's square; none where these are most of the time.
 
     Parameters
     ----------
     problem : Problem
-    left_deg_h : ndarray, shape (n,)
+    effect_deg_h : ndarray, shape (n,)
         As :func:`unabsorbed` gives it.
     """
-    smooth = np.concatenate([np.convolve(left_deg_h[rows] ** 2, np.ones(5) / 5.0, mode="same") for rows in problem.rows.runs])
+    smooth = np.concatenate([np.convolve(effect_deg_h[rows] ** 2, np.ones(5) / 5.0, mode="same") for rows in problem.rows.runs])
     order = np.argsort(smooth)[::-1]
     enough = int(np.searchsorted(np.cumsum(smooth[order]), _ENERGY * smooth.sum())) + 1
     inside = np.zeros(len(smooth), dtype=bool)
@@ -133,10 +146,18 @@ def busiest(problem: Problem, left_deg_h: Array) -> Mapping[str, tuple[tuple[flo
 
 
 def injected(run: Recording, error_deg_h: Array, gyro: str | None = None) -> Recording:
-    """The recording with an error added to its gyro, in whatever unit it was recorded; pulses stay whole."""
+    """The recording with an error added to its gyro, in the unit it was recorded in; pulses stay whole.
+
+    Parameters
+    ----------
+    run : Recording
+    error_deg_h : ndarray, shape (n,)
+    gyro : str, optional
+        Gyro column, where there are several.
+    """
     column = run.gyro_column(gyro)
     if column.endswith("_pulses"):
-        run.rate_deg_h(column)  # says what is missing where pulse_arcsec is
+        run.rate_deg_h(column)  # raises where pulse_arcsec is missing
         angle = np.cumsum(units.convert(error_deg_h, "deg/h", "arcsec/s")) * run.period_s / float(run.metadata.pulse_arcsec or 1.0)
         added = np.diff(np.rint(angle), prepend=0.0)
     else:

@@ -1,4 +1,4 @@
-r"""The score of a diagnosis against what was hidden, from `diagnosis.json` alone.
+r"""The score of a diagnosis against the hidden causes, from `diagnosis.json` alone.
 
 Overlap of places is intersection over union of time,
 
@@ -25,7 +25,7 @@ Spans = Sequence[tuple[float, float]]
 
 @dataclasses.dataclass(frozen=True)
 class Hidden:
-    """What was hidden.
+    """The hidden causes.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Score:
     ----------
     verdict : str
     detected : bool
-        Whether it says that something is missing.
+        Whether it reports that an effect is missing.
     verdict_right : bool
         `none` for a healthy gyro; `explained` or `ambiguous` otherwise.
     named : bool
@@ -58,9 +58,9 @@ class Score:
     exact : bool
         The set of findings is the hidden set.
     in_class : bool
-        The hidden ones can be matched one to one with findings, each by its name or by what it is indistinguishable from.
+        The hidden ones can be matched one to one with findings, each by its name or by a name in `indistinguishable_from`.
     overlap : float, optional
-        Intersection over union of time; None where nothing hidden acts in part of a run only, or no place found is an interval.
+        Intersection over union of time; None where every hidden cause acts throughout, or no place of the diagnosis is an interval.
     errors_sd : mapping
         By "mechanism.parameter": (estimate - truth) / sd, of hidden mechanisms that were named.
     """
@@ -76,12 +76,12 @@ class Score:
 
     @classmethod
     def of(cls, hidden: Hidden, diagnosis: Mapping[str, Any]) -> Self:
-        """Score a diagnosis, given as the content of its `diagnosis.json`.
+        """Score a diagnosis by the content of its `diagnosis.json`.
 
         Raises
         ------
         InputError
-            It is no diagnosis: a key of the contract is missing, or says what none can.
+            It is no diagnosis: a key of the contract is missing, or a value is impossible.
         """
         try:
             verdict = str(diagnosis["verdict"])
@@ -106,17 +106,17 @@ class Score:
             raise InputError(
                 f"this is no diagnosis: {type(error).__name__} {error}; give the diagnosis.json that `rlgcomp diagnose` wrote"
             ) from None
-        wanted = hidden.mechanisms
+        causes = hidden.mechanisms
         timed = [place for place in places if None not in place]
         return cls(
             verdict=verdict,
             detected=verdict != "none",
-            verdict_right=verdict in (("explained", "ambiguous") if wanted else ("none",)),
-            named=bool(findings) and findings[0] in wanted if wanted else not findings,
-            exact=sorted(findings) == sorted(wanted),
-            in_class=len(classes) == len(wanted)
+            verdict_right=verdict in (("explained", "ambiguous") if causes else ("none",)),
+            named=bool(findings) and findings[0] in causes if causes else not findings,
+            exact=sorted(findings) == sorted(causes),
+            in_class=len(classes) == len(causes)
             and any(
-                all(name in members for name, members in zip(wanted, order, strict=True))
+                all(name in members for name, members in zip(causes, order, strict=True))
                 for order in itertools.permutations(classes)
             ),
             overlap=_overlap(hidden.intervals, places) if hidden.intervals and (timed or not places) else None,
@@ -137,8 +137,8 @@ def _require_numbers(estimates: Mapping[str, tuple[Any, Any]], numeric: Containe
     for name, (value, sd) in estimates.items():
         numbers = [value] if sd is None else [value, sd]
         if (sd is not None or name in numeric) and not all(_finite(number) for number in numbers):
-            said = repr(value) if sd is None or not _finite(value) else f"{value!r} ± {sd!r}"
-            raise InputError(f"{name} is {said} in the diagnosis; it must be a number: give diagnosis.json as diagnose wrote it")
+            text = repr(value) if sd is None or not _finite(value) else f"{value!r} ± {sd!r}"
+            raise InputError(f"{name} is {text} in the diagnosis; it must be a number: give diagnosis.json as diagnose wrote it")
 
 
 def _finite(value: Any) -> bool:
@@ -146,32 +146,35 @@ def _finite(value: Any) -> bool:
 
 
 def _require_possible(verdict: str, diagnosis: Mapping[str, Any]) -> None:
-    """Refuse a verdict that is none, findings beside a verdict that there are none, and what is no probability."""
+    """Refuse an unknown verdict, findings with the verdict "none", and probabilities outside 0 to 1."""
     as_written = "give diagnosis.json as diagnose wrote it"
     if verdict not in VERDICTS:
         raise InputError(f"the verdict is {verdict!r}; it must be one of {', '.join(VERDICTS)}: {as_written}")
     if verdict == "none" and diagnosis["findings"]:
         names = ", ".join(str(finding["mechanism"]) for finding in diagnosis["findings"])
         raise InputError(f"the verdict is 'none', yet {names} is found; {as_written}")
-    told = {str(finding["mechanism"]): finding.get("probability") for finding in diagnosis["findings"]}
-    told |= {f"alternative {k}": other.get("probability") for k, other in enumerate(diagnosis.get("alternatives") or ())}
-    told |= {"mismatch.p_value": diagnosis["mismatch"].get("p_value"), "the findings together": diagnosis.get("probability")}
-    for name, value in told.items():
+    probabilities = {str(finding["mechanism"]): finding.get("probability") for finding in diagnosis["findings"]}
+    probabilities |= {f"alternative {k}": other.get("probability") for k, other in enumerate(diagnosis.get("alternatives") or ())}
+    probabilities |= {
+        "mismatch.p_value": diagnosis["mismatch"].get("p_value"),
+        "the findings together": diagnosis.get("probability"),
+    }
+    for name, value in probabilities.items():
         if value is not None and not (isinstance(value, int | float) and 0.0 <= value <= 1.0):
             raise InputError(f"the probability of {name} is {value!r}; it must be from 0 to 1: {as_written}")
 
 
 def _overlap(intervals: Mapping[str, Spans], places: Iterable[tuple[str, Any, Any]]) -> float:
-    told: dict[str, list[tuple[float, float]]] = {}
+    located: dict[str, list[tuple[float, float]]] = {}
     for run, start, end in places:
         if start is not None and end is not None:
-            told.setdefault(run, []).append((float(start), float(end)))
+            located.setdefault(run, []).append((float(start), float(end)))
     both = either = 0.0
-    for run in {*intervals, *told}:
-        truth, said = intervals.get(run, ()), told.get(run, ())
-        edges = np.unique([edge for span in (*truth, *said) for edge in span])
+    for run in {*intervals, *located}:
+        truth, found = intervals.get(run, ()), located.get(run, ())
+        edges = np.unique([edge for span in (*truth, *found) for edge in span])
         for a, b in itertools.pairwise(edges.tolist()):
-            hit = [any(start <= a and b <= end for start, end in spans) for spans in (truth, said)]
+            hit = [any(start <= a and b <= end for start, end in spans) for spans in (truth, found)]
             both += (b - a) * all(hit)
             either += (b - a) * any(hit)
     return both / either if either > 0.0 else 0.0

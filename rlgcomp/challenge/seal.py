@@ -1,9 +1,9 @@
 """The folder of a challenge: sealed before a diagnosis, opened and scored after it.
 
-`challenge.json`, `simulator.yaml` and the recordings are for whoever diagnoses; `truth.json` is kept back, or left unread, until
-there is a diagnosis. The challenge holds the SHA-256 of the truth, and the truth holds a random salt: it cannot be changed
-afterwards, nor found by hashing every answer that the catalogue allows. The truth in turn holds what the challenge says and the
-SHA-256 of its other files. Against a truth made anew, hash and all, only a copy of the hash in other hands protects.
+`challenge.json`, `simulator.yaml` and the recordings are for whoever diagnoses; `truth.json` is kept back, or not read, until there
+is a diagnosis. The challenge holds the SHA-256 of the truth, and the truth holds a random salt: it cannot be changed afterwards,
+nor found by hashing every answer that the catalogue allows. The truth in turn holds the content of the challenge and the SHA-256 of
+its other files. Only a copy of the hash in other hands protects against a forged truth with its own hash.
 
 Whoever knows the seed can make the challenge again with each cause in turn and compare: unless one is given, it is a secret number
 of 128 bits, kept in the truth alone.
@@ -46,9 +46,9 @@ class Revealed:
         The diagnosis's findings.
     score : Score
     improvement, possible_improvement : float, optional
-        On the held-out runs: reached, and what the true law would give; None where the diagnosis held no run out.
+        On the held-out runs: of the diagnosis, and of the true law; None where the diagnosis held no run out.
     truth_sha256 : str
-        Of the truth that it was scored against, to be compared with what was noted when the challenge was sealed.
+        Of the truth that it was scored against, to be compared with a copy made when the challenge was sealed.
     """
 
     hidden: Mapping[str, Mapping[str, Any]]
@@ -77,7 +77,7 @@ def seal(challenge: Challenge, folder: str | Path) -> None:
         for recording in (*challenge.train, *challenge.test):
             write(recording, scratch / f"{recording.name}.parquet")
         runs = [f"{name}.parquet" for name in RUNS]
-        told = {
+        public = {
             "schema": CHALLENGE_SCHEMA,
             "kind": challenge.simulator.kind,
             "simulator": SIMULATOR,
@@ -89,7 +89,7 @@ def seal(challenge: Challenge, folder: str | Path) -> None:
             "schema": TRUTH_SCHEMA,
             "salt": secrets.token_hex(_SALT_BYTES),
             "seed": challenge.seed,
-            "challenge": told,
+            "challenge": public,
             "hidden": {mechanism.name: mechanism.to_mapping() for mechanism in challenge.mechanisms},
             "strengths": dict(challenge.strengths),
             "parameters": dict(challenge.hidden.parameters),
@@ -98,7 +98,7 @@ def seal(challenge: Challenge, folder: str | Path) -> None:
             "files": {name: sha256(scratch / name) for name in (SIMULATOR, *runs)},
         }
         write_json(scratch / TRUTH, truth)
-        write_json(scratch / CHALLENGE, told | {"truth_sha256": sha256(scratch / TRUTH)})
+        write_json(scratch / CHALLENGE, public | {"truth_sha256": sha256(scratch / TRUTH)})
 
 
 def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | None = None) -> Revealed:
@@ -116,55 +116,57 @@ def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | Non
     ------
     InputError
         The truth is not the one that was sealed, a file of the challenge was changed, the diagnosis is one of other recordings or
-        says what no diagnosis can, or one of the two is no such thing.
+        holds impossible values, or a file is of another schema.
     """
     folder, diagnosis = Path(folder), Path(diagnosis)
     challenge = _content(folder / CHALLENGE, CHALLENGE_SCHEMA)
-    kept = folder / str(challenge.get("truth", TRUTH)) if truth is None else Path(truth)
-    if not kept.is_file():
-        raise InputError(f"{kept} does not exist: the truth of the challenge; give it with --truth where it was kept elsewhere")
-    if sha256(kept) != challenge.get("truth_sha256"):
+    truth_file = folder / str(challenge.get("truth", TRUTH)) if truth is None else Path(truth)
+    if not truth_file.is_file():
         raise InputError(
-            f"{kept} is not the truth that was sealed: its SHA-256 is {sha256(kept)}, the challenge's is "
+            f"{truth_file} does not exist: the truth of the challenge; give it with --truth where it was kept elsewhere"
+        )
+    if sha256(truth_file) != challenge.get("truth_sha256"):
+        raise InputError(
+            f"{truth_file} is not the truth that was sealed: its SHA-256 is {sha256(truth_file)}, the challenge's is "
             f"{challenge.get('truth_sha256')}; nothing is scored against it"
         )
-    known = _content(kept, TRUTH_SCHEMA)
+    sealed = _content(truth_file, TRUTH_SCHEMA)
     answer = _content(diagnosis / "diagnosis.json" if diagnosis.is_dir() else diagnosis, "rlgcomp.diagnosis/1")
     try:
-        return _scored(folder, challenge, known, answer)
+        return _scored(folder, challenge, sealed, answer)
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
-            f"{folder / CHALLENGE}, {kept} or the diagnosis {diagnosis} is not as it was written: {type(error).__name__}: {error}; "
-            "give the files that conceal and diagnose wrote, unchanged"
+            f"{folder / CHALLENGE}, {truth_file} or the diagnosis {diagnosis} is not as it was written: {type(error).__name__}: "
+            f"{error}; give the files that conceal and diagnose wrote, unchanged"
         ) from None
 
 
-def _scored(folder: Path, challenge: Mapping[str, Any], known: Mapping[str, Any], answer: Mapping[str, Any]) -> Revealed:
-    told = {name: value for name, value in challenge.items() if name != "truth_sha256"}
-    edited = sorted(name for name in {*told, *known["challenge"]} if told.get(name) != known["challenge"].get(name))
+def _scored(folder: Path, challenge: Mapping[str, Any], sealed: Mapping[str, Any], answer: Mapping[str, Any]) -> Revealed:
+    public = {name: value for name, value in challenge.items() if name != "truth_sha256"}
+    edited = sorted(name for name in {*public, *sealed["challenge"]} if public.get(name) != sealed["challenge"].get(name))
     if edited:
         raise InputError(
             f"{folder / CHALLENGE} is not as it was written: {', '.join(edited)} changed since it was sealed; nothing is scored"
         )
-    changed = [name for name, digest in known["files"].items() if not (folder / name).is_file() or sha256(folder / name) != digest]
+    changed = [name for name, digest in sealed["files"].items() if not (folder / name).is_file() or sha256(folder / name) != digest]
     if changed:
         raise InputError(f"{folder}: {', '.join(changed)} changed or gone since the challenge was sealed; nothing is scored")
-    _require_same_recordings(challenge, known["files"], answer)
-    intervals = {run: [(float(a), float(b)) for a, b in spans] for run, spans in known["intervals"].items()}
-    parameters = {name: float(value) for name, value in known["parameters"].items()}
-    score = Score.of(Hidden(tuple(known["hidden"]), parameters, intervals), answer)
-    strengths = {name: float(known["strengths"][name]) for name in known["hidden"]}
-    improvement, possible = _improvements(answer, float(known["possible_rms_deg_h"]))
+    _require_same_recordings(challenge, sealed["files"], answer)
+    intervals = {run: [(float(a), float(b)) for a, b in spans] for run, spans in sealed["intervals"].items()}
+    parameters = {name: float(value) for name, value in sealed["parameters"].items()}
+    score = Score.of(Hidden(tuple(sealed["hidden"]), parameters, intervals), answer)
+    strengths = {name: float(sealed["strengths"][name]) for name in sealed["hidden"]}
+    improvement, possible = _improvements(answer, float(sealed["possible_rms_deg_h"]))
     found = tuple(str(finding["mechanism"]) for finding in answer["findings"])
-    return Revealed(known["hidden"], strengths, found, score, improvement, possible, challenge["truth_sha256"])
+    return Revealed(sealed["hidden"], strengths, found, score, improvement, possible, challenge["truth_sha256"])
 
 
 def _require_same_recordings(challenge: Mapping[str, Any], sealed: Mapping[str, str], answer: Mapping[str, Any]) -> None:
-    """Refuse a diagnosis that trained on other files than the challenge's, where it says on which."""
+    """Refuse a diagnosis that trained on other files than the challenge's, where it names its files."""
     for part, files in (answer.get("recordings") or {}).items():
-        if part == "simulator":  # one's own may have been asked as well
+        if part == "simulator":  # the user's own simulator may have been used too
             continue
         allowed = {sealed[name] for name in challenge.get(part, ())}
         foreign = sorted(name for name, digest in files.items() if digest not in allowed)

@@ -1,13 +1,13 @@
-r"""The smallest effect that a laboratory would find: a mechanism put into its own recordings at growing strengths, and sought.
+r"""The smallest effect that a laboratory would find: a mechanism injected into its own recordings at growing strengths.
 
-Each trial draws shapes, signs and relative sizes anew; of those that come out alike one is made and counted. All share the noise of
-the recordings, one realisation of it: curves and intervals are those of these recordings. The chance of finding an effect of
+Each trial draws nonlinear parameters, signs and relative sizes anew; of equal trials one is made and counted. All share the noise
+of the recordings, one realisation of it: curves and intervals are those of these recordings. The chance of finding an effect of
 strength s (see :mod:`rlgcomp.challenge.injection`) is taken as logistic in its logarithm,
 
 .. math:: P(s) = \frac{1}{1 + \exp\!\big(-(\ln s - \ln s_{50})/w\big)}, \qquad \ln s_{90} = \ln s_{50} + w \ln 9,
 
 and s50 and w have a posterior on a grid: flat in ln s50 from a quarter of the smallest to four times the largest strength tried,
-and log-normal in w about 0.3. Where nothing or everything was found, the interval says so by reaching the end of that grid.
+and log-normal in w about 0.3. Where no effect or every effect was found, the interval reaches the end of that grid.
 """
 
 from __future__ import annotations
@@ -33,17 +33,12 @@ from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.plugins import LoadedFirst
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings, require_seed, require_workers
+from rlgcomp.report.messages import Message, message
 from rlgcomp.simulation.simulator import Simulator
 
 STRENGTHS: Final = (0.1, 0.2, 0.4, 0.8, 1.6)
 DRAWS: Final = 6
 DETECTED_P: Final = 0.01
-MEANING: Final = (
-    f"Detected asks whether anything is left: the mismatch's p-value is below {DETECTED_P:g}. Named asks what it most probably is: "
-    "the most probable set of mechanisms holds it, at whatever p-value, so that a faint effect may be named in more trials "
-    "than it is detected in. All trials share the noise of these recordings, one realisation of it: others may show other limits, "
-    "and the intervals do not hold that."
-)
 _USUAL_WIDTH: Final = 0.3
 _REDRAWS: Final = 20
 _ALIKE: Final = 1e-6  # of an effect
@@ -51,7 +46,7 @@ _ALIKE: Final = 1e-6  # of an effect
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """One injection and what the diagnosis made of it.
+    """One injection and its diagnosis.
 
     Parameters
     ----------
@@ -62,9 +57,9 @@ class Trial:
     detected : bool
         The mismatch has a p-value below 0.01.
     named : bool
-        The mechanism is among the findings, that is in the most probable set, at whatever p-value.
+        The mechanism is among the findings, that is in the most probable set, at any p-value.
     in_class : bool
-        It is among them, or among what they are indistinguishable from.
+        It is among them, or indistinguishable from one of them.
     found : tuple of str
     """
 
@@ -116,17 +111,17 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True)
 class Sensitivity:
-    """What this laboratory would find of one mechanism.
+    """Detection limit of one mechanism in recordings.
 
     Parameters
     ----------
     mechanism : str
     white_deg_h : float
-        Standard deviation of the white noise of a window mean: strength 1 leaves as much that the simulator cannot absorb.
+        Standard deviation of the white noise of a window mean: at strength 1 the simulator cannot absorb as much.
     averaging_s : float
     trials : tuple of Trial
     detection, naming : Curve
-    remarks : tuple of str
+    remarks : tuple of Message
     """
 
     mechanism: str
@@ -135,7 +130,12 @@ class Sensitivity:
     trials: tuple[Trial, ...]
     detection: Curve
     naming: Curve
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Message, ...] = ()
+
+    @property
+    def meaning(self) -> Message:
+        """Meaning of detected and named."""
+        return message("challenge.detected_and_named", p_value=DETECTED_P)
 
     def to_frame(self) -> pd.DataFrame:
         """One row a strength: shares detected, named, named in class, and of these with a p-value that detects nothing."""
@@ -155,12 +155,12 @@ class Sensitivity:
         return rows.groupby(["strength", "rms_deg_h"], as_index=False).agg(shares)
 
     def sizes(self, strength: float) -> dict[str, tuple[float, str]]:
-        """Median absolute value of each amplitude at a strength, with its unit; shapes being as drawn."""
-        found: dict[str, tuple[float, str]] = {}
+        """Median absolute value of each amplitude at a strength, with its unit, over the nonlinear parameters drawn."""
+        sizes: dict[str, tuple[float, str]] = {}
         for parameter in self.trials[0].mechanism.amplitude_parameters():
             relative = [abs(getattr(trial.mechanism, parameter.name, 0.0)) / trial.strength for trial in self.trials]
-            found[parameter.name] = (strength * float(np.median(relative)), parameter.unit)
-        return found
+            sizes[parameter.name] = (strength * float(np.median(relative)), parameter.unit)
+        return sizes
 
     def to_mapping(self) -> dict[str, Any]:
         """Plain data."""
@@ -174,13 +174,13 @@ class Sensitivity:
             }
         return {
             "mechanism": self.mechanism,
-            "meaning": MEANING,
+            "meaning": self.meaning.to_mapping(),
             "white_deg_h": self.white_deg_h,
             "averaging_s": self.averaging_s,
             **curves,
             "table": self.to_frame().to_dict("records"),
             "trials": [dataclasses.asdict(trial) | {"mechanism": trial.mechanism.to_mapping()} for trial in self.trials],
-            "remarks": list(self.remarks),
+            "remarks": [remark.to_mapping() for remark in self.remarks],
         }
 
 
@@ -197,10 +197,10 @@ def sensitivity(
     jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Sensitivity:
-    """Inject a mechanism into recordings at growing strengths and see from when on it is found.
+    """Inject a mechanism into recordings at growing strengths and determine from which on it is found.
 
-    What the recordings hold already is diagnosed first: it is put into the simulator, and the mechanism itself is taken off them,
-    so that only the injection is sought.
+    Effects in the recordings are diagnosed first: they are added to the simulator, and the mechanism itself is subtracted from the
+    recordings, so that only the injection remains.
 
     Parameters
     ----------
@@ -210,15 +210,16 @@ def sensitivity(
         A name in the catalogue that the simulator does not have.
     strengths : sequence of float
     draws : int
-        Trials a strength, each of other shapes and signs; fewer where these come out alike.
+        Trials a strength, each with other nonlinear parameters and signs; equal trials count once.
     seed : int
     gyro : str, optional
+        Gyro column, where there are several.
     catalogue : mapping
         Candidates, the mechanism among them.
     jobs : int
         Worker processes.
     progress : callable
-        Told (done, total).
+        Called with trials done and in all.
 
     Raises
     ------
@@ -237,17 +238,14 @@ def sensitivity(
     problem = Problem.of(simulator, runs, gyro=gyro)
     white = white_deg_h(problem)
     drawn_plans = [
-        [_injection(form, problem, strength * white, stream(seed, f"sensitivity:{k}:{draw}")) for draw in range(draws)]
+        [injection(form, problem, strength * white, stream(seed, f"sensitivity:{k}:{draw}")) for draw in range(draws)]
         for k, strength in enumerate(strengths)
     ]
-    kept = [_distinct(alike, problem) for alike in drawn_plans]
-    plans = [plan for different in kept for plan in different]
-    sizes = np.repeat(np.asarray(strengths, dtype=np.float64), [len(different) for different in kept]).tolist()
+    distinct = [distinct_injections(equal, problem) for equal in drawn_plans]
+    plans = [plan for different in distinct for plan in different]
+    sizes = np.repeat(np.asarray(strengths, dtype=np.float64), [len(different) for different in distinct]).tolist()
     if len(plans) < len(strengths) * draws:
-        remarks.append(
-            f"{len(plans)} of {len(strengths) * draws} trials are made and counted: the others have the same effect as one of "
-            f"them, for little but the sign of {mechanism} can be varied; more strengths make the curves surer, more draws do not"
-        )
+        remarks.append(message("challenge.equal_trials", made=len(plans), planned=len(strengths) * draws, mechanism=mechanism))
     files = LoadedFirst.of(catalogue.values())
     work = (
         joblib.delayed(_trial)(files, simulator, runs, made, strength, gyro, catalogue)
@@ -257,7 +255,7 @@ def sensitivity(
     tried = np.array(sizes)
     detected = np.array([trial.detected for trial in trials], dtype=np.float64)
     named = np.array([trial.in_class for trial in trials], dtype=np.float64)
-    remarks += [*_beyond("detected", tried, detected), *_beyond("named", tried, named)]
+    remarks += [*extrapolation_remarks("detected", tried, detected), *extrapolation_remarks("named", tried, named)]
     return Sensitivity(
         mechanism,
         white,
@@ -271,36 +269,42 @@ def sensitivity(
 
 def _cleared(
     simulator: Simulator, runs: Sequence[Recording], mechanism: str, background: Diagnosis, gyro: str | None
-) -> tuple[Simulator, Sequence[Recording], list[str]]:
-    """Simulator and recordings less what these hold before anything is injected, and what to say of it."""
-    before = "before anything is injected"
+) -> tuple[Simulator, Sequence[Recording], list[Message]]:
+    """Simulator and recordings without the effects that these hold before the injection, and remarks on them."""
     if not background.causes:
-        said = f"something unexplained is in these recordings {before} (p = {background.p_value:.2g})"
-        return simulator, runs, [said] * (background.verdict != "none")
+        unexplained = background.verdict != "none"
+        return simulator, runs, [message("challenge.unexplained_before", p_value=background.p_value)] * unexplained
     own = next((cause.mechanism for cause in background.causes if cause.name == mechanism), None)
     others = [cause.name for cause in background.causes if cause.name != mechanism]
-    remarks = [f"{', '.join(others)} found in these recordings {before}; added to the simulator"] * bool(others)
+    remarks = [message("challenge.causes_before", mechanisms=others)] * bool(others)
     augmented = background.augmented
-    kept = tuple(one for one in augmented.mechanisms if one.name != mechanism)
+    mechanisms = tuple(one for one in augmented.mechanisms if one.name != mechanism)
     simulator = dataclasses.replace(
-        augmented, mechanisms=kept, free={name: free for name, free in augmented.free.items() if name != mechanism}
+        augmented, mechanisms=mechanisms, free={name: free for name, free in augmented.free.items() if name != mechanism}
     )
     if own is None:
         return simulator, runs, remarks
     if not own.repeats() or own.each_run:
-        said = f"{mechanism} is found in these recordings {before}; what is injected comes on top of it: the curves mean little"
-        return simulator, runs, [said, *remarks]
+        return simulator, runs, [message("challenge.mechanism_before_kept", mechanism=mechanism), *remarks]
     cleared = [injected(run, -own.contribution(run, np.random.default_rng(0)), gyro) for run in runs]  # it draws nothing
-    return simulator, cleared, [f"{mechanism} is found in these recordings {before}; it is taken off them", *remarks]
+    return simulator, cleared, [message("challenge.mechanism_before_removed", mechanism=mechanism), *remarks]
 
 
-def _beyond(what: str, strengths: Array, found: Array) -> list[str]:
-    """Where a curve leaves what was tried."""
+def extrapolation_remarks(criterion: str, strengths: Array, found: Array) -> list[Message]:
+    """A remark where a curve extends beyond the strengths tried.
+
+    Parameters
+    ----------
+    criterion : str
+        "detected" or "named".
+    strengths, found : ndarray, shape (trials,)
+        `found` is 1 where the effect was found, else 0.
+    """
     least, most = strengths.min(), strengths.max()
     if found[strengths == least].all():
-        return [f"every effect of the smallest strength, {least:g}, was {what}: below it the curve is a guess; try smaller ones"]
+        return [message("challenge.found_at_smallest_strength", criterion=criterion, strength=least)]
     if not found[strengths == most].any():
-        return [f"no effect of the largest strength, {most:g}, was {what}: above it the curve is a guess; try larger ones"]
+        return [message("challenge.missed_at_largest_strength", criterion=criterion, strength=most)]
     return []
 
 
@@ -319,34 +323,57 @@ def _checked(
     return catalogue[mechanism]
 
 
-def _injection(form: type[Mechanism], problem: Problem, size_deg_h: float, rng: np.random.Generator) -> tuple[Mechanism, int]:
-    """A mechanism of random shape, made so large that this much is left of it, and the seed of what no two runs repeat."""
+def injection(form: type[Mechanism], problem: Problem, size_deg_h: float, rng: np.random.Generator) -> tuple[Mechanism, int]:
+    """A mechanism with random nonlinear parameters, scaled to the part that cannot be absorbed, and the seed of its random paths.
+
+    Parameters
+    ----------
+    form : type of Mechanism
+    problem : Problem
+    size_deg_h : float
+        Standard deviation of the part that the simulator cannot absorb.
+    rng : numpy.random.Generator
+
+    Raises
+    ------
+    InputError
+        The simulator absorbs all of it, the runs never excite it, or its amplitudes would leave their bounds.
+    """
     why = f"the simulator absorbs all of it, or {', '.join(run.name for run in problem.runs)} never excite it"
     for _ in range(_REDRAWS):
         mechanism, number = drawn(form, problem.runs, rng, problem.rows.window_s), int(rng.integers(2**31))
-        errors = _errors(mechanism, problem.runs, number)
-        left, whole = float(np.std(unabsorbed(problem, errors))), float(np.std(np.concatenate(errors)))
-        if left > 1e-3 * whole:
+        errors = contributions(mechanism, problem.runs, number)
+        remaining, whole = float(np.std(unabsorbed(problem, errors))), float(np.std(np.concatenate(errors)))
+        if remaining > 1e-3 * whole:
             try:
-                return scaled(mechanism, size_deg_h / left), number
+                return scaled(mechanism, size_deg_h / remaining), number
             except InputError as error:
                 why = str(error)
     raise InputError(f"{form.name} cannot be injected at {size_deg_h:.3g} deg/h: {why}")
 
 
-def _distinct(plans: Sequence[tuple[Mechanism, int]], problem: Problem) -> list[tuple[Mechanism, int]]:
-    """Those of injections that differ in what is left of them to be found."""
-    kept: list[tuple[Mechanism, int]] = []
+def distinct_injections(plans: Sequence[tuple[Mechanism, int]], problem: Problem) -> list[tuple[Mechanism, int]]:
+    """Those of injections whose effects, as far as the simulator cannot absorb them, differ."""
+    distinct: list[tuple[Mechanism, int]] = []
     effects: list[Array] = []
     for mechanism, number in plans:
-        effect = unabsorbed(problem, _errors(mechanism, problem.runs, number))
+        effect = unabsorbed(problem, contributions(mechanism, problem.runs, number))
         if all(np.linalg.norm(effect - other) > _ALIKE * np.linalg.norm(other) for other in effects):
-            kept.append((mechanism, number))
+            distinct.append((mechanism, number))
             effects.append(effect)
-    return kept
+    return distinct
 
 
-def _errors(mechanism: Mechanism, runs: Sequence[Recording], number: int) -> list[Array]:
+def contributions(mechanism: Mechanism, runs: Sequence[Recording], number: int) -> list[Array]:
+    """Errors of a mechanism in deg/h, one array a run.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    runs : sequence of Recording
+    number : int
+        Seed of its random paths.
+    """
     return [mechanism.contribution(run, stream(number, f"run{k}")) for k, run in enumerate(runs)]
 
 
@@ -359,9 +386,9 @@ def _trial(
     gyro: str | None,
     catalogue: Mapping[str, type[Mechanism]],
 ) -> Trial:
-    del files  # a worker has loaded them by now
+    del files  # a worker loads them on receiving this
     mechanism, number = made
-    errors = _errors(mechanism, runs, number)
+    errors = contributions(mechanism, runs, number)
     changed = [injected(run, error, gyro) for run, error in zip(runs, errors, strict=True)]
     diagnosis = diagnose(simulator, train=changed, gyro=gyro, mechanisms=catalogue, black_box=False)
     found = tuple(cause.name for cause in diagnosis.causes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,8 @@ import typer
 from rlgcomp.cli.base import AsJson, MechanismFiles, command, progress, require_folder, say
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
+
+logger = logging.getLogger(__name__)
 
 
 @command("conceal", several=("--mechanisms",))
@@ -35,15 +38,17 @@ def conceal(
     ] = None,
     strength: Annotated[
         float | None,
-        typer.Option(help="What the simulator cannot absorb over the white noise of 100 s; default 1, or the size in the file."),
+        typer.Option(
+            help="Part that the simulator cannot absorb over the white noise of 100 s; default 1, or the size in the file."
+        ),
     ] = None,
     step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
     mechanisms: MechanismFiles = None,
     as_json: AsJson = False,
 ) -> None:
-    """Seal a challenge: recordings, a simulator that lacks something, and the SHA-256 of the truth, which stays in truth.json.
+    """Seal a challenge: recordings, a simulator that lacks an effect, and the SHA-256 of the truth, which stays in truth.json.
 
-    Hand over everything but truth.json, or leave it unread until there is a diagnosis.
+    Hand over everything but truth.json, or do not read it until there is a diagnosis.
 
     Example: `rlgcomp conceal gyro.yaml --hide random --out challenge`
     """
@@ -60,9 +65,13 @@ def conceal(
     catalogue = user_catalogue(mechanisms or [])
     gyro = Simulator.from_yaml(simulator, catalogue)
     with progress("simulating"):
-        seal(make(gyro, hide, seed=seed, strength=strength, step_s=step_s, catalogue=catalogue), out)
+        concealed = make(gyro, hide, seed=seed, strength=strength, step_s=step_s, catalogue=catalogue)
+        seal(concealed, out)
+    for remark in concealed.remarks:
+        logger.warning("%s", remark)
     if as_json:
-        show_json({"challenge": out / CHALLENGE, "truth_sha256": sha256(out / TRUTH)})
+        remarks = [remark.to_mapping() for remark in concealed.remarks]
+        show_json({"challenge": out / CHALLENGE, "truth_sha256": sha256(out / TRUTH), "remarks": remarks})
         return
     say(f"{out}: sealed; SHA-256 of the truth {sha256(out / TRUTH)} (send it to whoever diagnoses: it binds once others hold it)")
     if seed is not None:
@@ -99,7 +108,7 @@ def reveal(
         "a verdict of the right kind": _yes(score.verdict_right),
         "first finding is hidden": _yes(score.named),
         "exactly the hidden set": _yes(score.exact),
-        "right up to what cannot be told apart": _yes(score.in_class),
+        "right up to indistinguishable mechanisms": _yes(score.in_class),
         "overlap of places in time": "–" if score.overlap is None else f"{100 * score.overlap:.0f} %",
         "held-out improvement": _share(revealed.improvement),
         "of possible": _share(revealed.possible_improvement),

@@ -37,11 +37,13 @@ FILES: Final = ("sensitivity.json", "shares.csv", "curves.png")  # what it write
 def sensitivity(
     simulator: SimulatorFile,
     runs: Runs,
-    mechanism: Annotated[str, typer.Option("--mechanism", "-m", metavar="NAME", help="What to inject and seek.")],
+    mechanism: Annotated[str, typer.Option("--mechanism", "-m", metavar="NAME", help="Mechanism to inject and find.")],
     strengths: Annotated[
-        str, typer.Option(help="Strengths to try: what the simulator cannot absorb over the white noise of (100 s) means.")
+        str, typer.Option(help="Strengths to try: the part that the simulator cannot absorb over the white noise of (100 s) means.")
     ] = "0.1,0.2,0.4,0.8,1.6",
-    draws: Annotated[int, typer.Option(min=1, help="Trials a strength, each of other shapes and signs; like ones count once.")] = 6,
+    draws: Annotated[
+        int, typer.Option(min=1, help="Trials a strength, each with other nonlinear parameters and signs; equal ones count once.")
+    ] = 6,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for curves and trials, replaced as a whole.")
@@ -55,14 +57,13 @@ def sensitivity(
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Put a mechanism into your own recordings at growing strengths: from when on is it detected, from when on named?
+    """Inject a mechanism into your own recordings at growing strengths: from which on is it detected, from which on named?
 
     Detected means that the mismatch has a p-value below 0.01; named, that the most probable set of mechanisms holds it, at
-    whatever p-value: a faint effect may be named in more trials than it is detected in. Every trial is a diagnosis of the runs.
+    any p-value: a faint effect may be named in more trials than it is detected in. Every trial is a diagnosis of the runs.
 
     Example: `rlgcomp sensitivity gyro.yaml cold.parquet hot.parquet --mechanism supply_voltage --jobs 2`
     """
-    from rlgcomp.challenge.sensitivity import MEANING
     from rlgcomp.challenge.sensitivity import sensitivity as measure
     from rlgcomp.errors import InputError
     from rlgcomp.physics import CATALOGUE
@@ -77,7 +78,7 @@ def sensitivity(
     candidates = candidates_of(mechanisms, only_own)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     with progress("diagnosing") as advance:
-        found = measure(
+        result = measure(
             Simulator.from_yaml(simulator, {**CATALOGUE, **candidates}),
             recordings,
             mechanism,
@@ -90,14 +91,14 @@ def sensitivity(
             progress=advance,
         )
     if out is not None:
-        _write(found, out)
+        _write(result, out)
         say(f"{out}: sensitivity.json, shares.csv, curves.png")
     if as_json:
-        show_json(found.to_mapping())
+        show_json(result.to_mapping())
         return
     show_table(
         f"{mechanism} in {len(recordings)} run{'s' if len(recordings) > 1 else ''}: share found, "
-        f"by strength over the white noise of {found.averaging_s:g} s",
+        f"by strength over the white noise of {result.averaging_s:g} s",
         [
             {
                 "strength": row["strength"],
@@ -108,26 +109,26 @@ def sensitivity(
                 "named though p > 0.01": _percent(row["undetected"]),
                 "trials": int(row["trials"]),
             }
-            for row in found.to_frame().to_dict("records")
+            for row in result.to_frame().to_dict("records")
         ],
     )
-    typer.echo(f"{MEANING}\n")
+    typer.echo(f"{result.meaning}\n")
     lines = []
-    for what, curve in (("detected", found.detection), ("named or in its class", found.naming)):
+    for what, curve in (("detected", result.detection), ("named or in its class", result.naming)):
         for share, size, interval in (("50 %", curve.s50, curve.s50_interval), ("90 %", curve.s90, curve.s90_interval)):
-            amplitudes = [f"{key} = {value:.3g} {unit}" for key, (value, unit) in found.sizes(size).items()]
+            amplitudes = [f"{key} = {value:.3g} {unit}" for key, (value, unit) in result.sizes(size).items()]
             lines.append(
                 {
                     "": f"{what}, {share}",
                     "strength": _two_digits(size),
                     "95 % interval": f"{interval[0]:.2g} – {interval[1]:.2g}",
-                    "rms, deg/h": _two_digits(size * found.white_deg_h),
+                    "rms, deg/h": _two_digits(size * result.white_deg_h),
                     "that is": ", ".join(amplitudes) or "–",
                 }
             )
     show_table("Smallest effect found", lines)
-    for remark in found.remarks:
-        typer.echo(f"- {remark}")
+    for remark in result.remarks:
+        typer.echo(f"- {remark.text}")
 
 
 def _two_digits(number: float) -> float:
@@ -138,25 +139,24 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def _write(found: Sensitivity, out: Path) -> None:
+def _write(result: Sensitivity, out: Path) -> None:
     import numpy as np
 
-    from rlgcomp.challenge.sensitivity import MEANING
     from rlgcomp.files import whole_folder, write_json
     from rlgcomp.report.sensitivity import FoundCurve, curves_picture
 
-    table = found.to_frame()
+    table = result.to_frame()
     tried = table["strength"].to_numpy()
     at = np.geomspace(tried.min() / 2.0, tried.max() * 2.0, 200)
     detected, named = (
         FoundCurve(label, tried, table[column].to_numpy(), at, curve.probability(at), curve.s90, curve.s90_interval)
         for label, column, curve in (
-            ("detected: something is there (p < 0.01)", "detected", found.detection),
-            ("named: the likeliest set holds it, or its class", "in_class", found.naming),
+            ("detected: something is there (p < 0.01)", "detected", result.detection),
+            ("named: the likeliest set holds it, or its class", "in_class", result.naming),
         )
     )
-    title = f"{found.mechanism}, put into these recordings: in how many trials it is found"
+    title = f"{result.mechanism}, injected into these recordings: share of trials in which it is found"
     with whole_folder(out, writes=FILES) as folder:
-        write_json(folder / "sensitivity.json", found.to_mapping())
+        write_json(folder / "sensitivity.json", result.to_mapping())
         table.to_csv(folder / "shares.csv", index=False)
-        (folder / "curves.png").write_bytes(curves_picture(title, found.white_deg_h, detected, named, MEANING))
+        (folder / "curves.png").write_bytes(curves_picture(title, result.white_deg_h, detected, named, result.meaning.text))

@@ -13,6 +13,7 @@ from rlgcomp.cli.show import show_json
 
 if TYPE_CHECKING:
     from rlgcomp.recording import Recording
+    from rlgcomp.report.messages import Message
     from rlgcomp.simulation.simulator import Simulator
 
 logger = logging.getLogger(__name__)
@@ -51,11 +52,19 @@ def simulate(
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
     recording = made.simulate(profile, seed=seed, step_s=step_s, name=out.stem)
     write(recording, out)
-    _warn_of_extrapolation(made, recording)
+    remarks = _extrapolations(made, recording)
     truth = recording.truth
     if as_json:
         spread = {} if truth is None else truth.std().to_dict()
-        show_json({"out": out, "rows": len(recording), "hours": recording.duration_s / 3600.0, "truth_std_deg_h": spread})
+        show_json(
+            {
+                "out": out,
+                "rows": len(recording),
+                "hours": recording.duration_s / 3600.0,
+                "truth_std_deg_h": spread,
+                "remarks": [remark.to_mapping() for remark in remarks],
+            }
+        )
     else:
         say(f"{out}: {len(recording)} rows, {recording.duration_s / 3600.0:.2f} h")
 
@@ -78,7 +87,7 @@ def predict(
 ) -> None:
     """The gyro that a simulator expects, given a recording's own monitors: the same rows, without noise.
 
-    What no two runs repeat (random jumps) is left out as well.
+    Effects that no two runs repeat (random jumps) are left out as well.
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """
@@ -95,7 +104,7 @@ def predict(
     write(predicted, out)
     for remark in remarks:
         logger.warning("%s", remark)
-    _warn_of_extrapolation(made, recording)
+    extrapolations = _extrapolations(made, recording)
     (column,) = predicted.gyro_columns
     if as_json:
         rate = predicted.rate_deg_h()
@@ -109,14 +118,16 @@ def predict(
                 "left_out": [mechanism.name for mechanism in made.mechanisms if not mechanism.repeats()],
                 "mean_deg_h": float(rate.mean()),
                 "std_deg_h": float(rate.std()),
+                "remarks": [remark.to_mapping() for remark in extrapolations],
             }
         )
     else:
         say(f"{out}: {len(predicted)} rows, column {column}")
 
 
-def _warn_of_extrapolation(simulator: Simulator, recording: Recording) -> None:
-    """Say where laws that were learnt from recordings are asked about what these did not hold."""
-    for mechanism in simulator.mechanisms:
-        if said := mechanism.beyond(recording):
-            logger.warning("%s: %s", recording.name, said)
+def _extrapolations(simulator: Simulator, recording: Recording) -> list[Message]:
+    """Remarks, logged as warnings, where the recording leaves the range in which an empirical law was found."""
+    remarks = [remark for mechanism in simulator.mechanisms for remark in mechanism.extrapolation(recording)]
+    for remark in remarks:
+        logger.warning("%s", remark)
+    return remarks

@@ -14,6 +14,7 @@ from rlgcomp.numerics.hysteresis import STARTS, play_paths
 from rlgcomp.physics.mechanism import TABLE_RATE, TEMPERATURE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 from rlgcomp.recording.motion import rate_deg_s
+from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
 
 SMOOTHING_S: Final = 20.0  # a law follows the quantity, not its read noise
@@ -130,22 +131,29 @@ class EmpiricalLaw(Mechanism):
             column = column * self.factor(other)
         return np.asarray(sign * column)[:, None]
 
-    def beyond(self, recording: Recording) -> str:
+    def extrapolation(self, recording: Recording) -> tuple[Message, ...]:
         columns = iter(self._read_from(recording))
         quantities = [tuple(next(columns) for name in pair if name) for pair in self._quantities()]
         learnt = [] if self.memory == "rate" else [(quantities[0], self.low, self.high)]
         learnt += [(quantity, self.low_2, self.high_2) for quantity in quantities[1:]]
-        notes = []
+        remarks = []
         for quantity, low, high in learnt:
             values = reading(recording, *quantity)
             values = np.abs(values) if self.parity != "none" and quantity is quantities[0] else values
             if max(low - values.min(), values.max() - high) > _FURTHER * (high - low):
                 unit = self._unit(self.driver if quantity is quantities[0] else self.driver_2)
-                notes.append(
-                    f"{named(*quantity)} goes from {values.min():.4g} to {_with(float(values.max()), unit)}, and the law "
-                    f"{self.stated()} was learnt from {low:.4g} to {_with(high, unit)}: it is extrapolated, and may be wrong there"
+                remarks.append(
+                    message(
+                        "simulation.law_extrapolated",
+                        run=recording.name,
+                        law=self.stated(),
+                        quantity=named(*quantity),
+                        unit=unit,
+                        recorded=[values.min(), values.max()],
+                        learnt=[low, high],
+                    )
                 )
-        return "; ".join(notes)
+        return tuple(remarks)
 
     def shaped(self, m: Array) -> Array:
         """The form of the memory, dimensionless."""

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.motion import ANGLES, RATE, angle_column, angle_deg, rate_column, rate_deg_s
+from rlgcomp.report.messages import Message
 
 Array = npt.NDArray[np.float64]
 Role = Literal["amplitude", "shape", "setting"]
@@ -298,10 +299,10 @@ class Mechanism(abc.ABC):
         """The same error in canonical parameters, where two parameters are confounded when fitted."""
         return self
 
-    def beyond(self, recording: Recording) -> str:
-        """A note on a recording outside the range in which an empirical law was found; "" otherwise, and for laws of physics."""
+    def extrapolation(self, recording: Recording) -> tuple[Message, ...]:
+        """Remarks on a recording outside the range in which an empirical law was found; none for laws of physics."""
         del recording
-        return ""
+        return ()
 
     def acting(self) -> Self:
         """The mechanism for true quantities, as a simulator has them, instead of recorded ones."""
