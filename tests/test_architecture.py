@@ -35,7 +35,7 @@ ROWS = [
     ["diagnosis"],
     ["challenge"],
     ["export"],
-    ["workers", "beside"],
+    ["workers"],
     ["fleet"],
     ["cli"],
     ["__main__"],

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
+import multiprocessing
+import os
+import signal
+import subprocess
 import sys
+import time
 import types
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +22,7 @@ from typer.testing import CliRunner, Result
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app, spread
+from rlgcomp.cli.diagnosis import background_process
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.proof.before_after import prove
 from rlgcomp.diagnosis.result import Diagnosis, Unexplained
@@ -317,3 +326,61 @@ def test_spreading_keeps_what_is_not_several() -> None:
         *("--train=a", "--train", "b", "--json", "--test", "c", "--test", "d", "-o", "e")
     ]
     assert spread([], several) == []
+
+
+class TestBackgroundProcess:
+    def test_functions_are_called_in_the_worker(self) -> None:
+        with background_process(["math"]) as executor:
+            assert executor.submit(os.getpid).result() != os.getpid()
+            assert executor.submit(math.hypot, 3.0, 4.0).result() == 5.0
+            with pytest.raises(ZeroDivisionError):
+                executor.submit(divmod, 1, 0).result()
+        assert not multiprocessing.active_children()
+
+    @pytest.mark.parametrize("error", [KeyboardInterrupt, None])
+    def test_the_end_does_not_wait_for_the_worker(self, error: type[BaseException] | None) -> None:
+        start_s = time.monotonic()
+        with pytest.raises(error) if error else contextlib.nullcontext(), background_process([]) as executor:
+            future = executor.submit(time.sleep, 600.0)
+            while not future.running():
+                time.sleep(0.01)
+            if error:
+                raise error
+        assert isinstance(future.exception(0), BrokenProcessPool)
+        assert not multiprocessing.active_children()
+        assert time.monotonic() - start_s < 60.0
+
+    def test_one_core_has_no_worker(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+        with background_process([]) as executor:
+            assert executor is None
+
+    def test_a_module_that_is_missing_breaks_the_pool_and_the_worker_is_gone(self) -> None:
+        with background_process(["there_is_no_such_module"]) as executor, pytest.raises(BrokenProcessPool):
+            executor.submit(os.getpid).result(60)
+        assert not multiprocessing.active_children()
+
+    def test_the_worker_ignores_an_interrupt_and_ends_with_its_parent(self, tmp_path: Path) -> None:
+        script = tmp_path / "main.py"
+        script.write_text(
+            "import os, signal\n"
+            "from rlgcomp.cli.diagnosis import background_process\n"
+            "if __name__ == '__main__':\n"
+            "    with background_process([]) as executor:\n"
+            "        worker = executor.submit(os.getpid).result()\n"
+            "        os.kill(worker, signal.SIGINT)\n"
+            "        print(executor.submit(os.getpid).result() == worker, worker, flush=True)\n"
+            "        os.kill(os.getpid(), signal.SIGKILL)\n"
+        )
+        done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, timeout=60)
+        same, worker = done.stdout.split()
+        assert (done.returncode, same) == (-signal.SIGKILL, "True")
+        assert any(_is_gone(int(worker)) or time.sleep(0.05) for _ in range(100))
+
+
+def _is_gone(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    return False

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
 import rlgcomp as rlg
-from rlgcomp.beside import Beside
+from rlgcomp.cli.diagnosis import background_process
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.proof.before_after import prove
 from rlgcomp.diagnosis.result import Alternative, Cause, Diagnosis, Estimate, NextExperiment, Place, Unexplained, pictures
@@ -284,5 +284,5 @@ def test_powers_are_those_of_matplotlib_in_plain_characters() -> None:
 
 
 def test_the_second_process_draws_the_same_page(diagnosis: Diagnosis) -> None:
-    with Beside("rlgcomp.diagnosis.result.page") as other:
+    with background_process(["rlgcomp.diagnosis.result.page"]) as other:
         assert render(diagnosis, other) == render(diagnosis)

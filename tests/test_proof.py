@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.beside import Beside
+from rlgcomp.cli.diagnosis import background_process
 from rlgcomp.diagnosis.noise.whitening import NoiseShape, Rows, simulate
 from rlgcomp.diagnosis.proof.before_after import Proof, improvement_interval, noise_floor, prove, whiteness_p_value
 from rlgcomp.diagnosis.proof.black_box import Mismatch, learned
@@ -155,7 +155,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
 
 def test_the_second_process_learns_the_same(runs: list[rlg.Recording]) -> None:
     mismatches = [Mismatch.of(BASE, run, None, None, 100.0) for run in runs]
-    with Beside() as other:
+    with background_process([]) as other:
         theirs = learned(mismatches, 2, other)()
     for one, same in zip(theirs, learned(mismatches, 2)(), strict=True):
         np.testing.assert_array_equal(one, same)

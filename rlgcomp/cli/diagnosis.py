@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -31,6 +32,8 @@ from rlgcomp.cli.base import (
 from rlgcomp.cli.show import show_json
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator
     from rlgcomp.noise.processes import NoiseModel
     from rlgcomp.physics.mechanism import Mechanism
@@ -38,7 +41,7 @@ if TYPE_CHECKING:
 
 RUNS = "RUN..."
 FILES: Final = ("diagnosis.json", "augmented.yaml", "report.html")  # what `diagnose` writes
-_BESIDE = (  # imported beside: for the LS-SVM, then for the pictures
+_SLOW_IMPORTS: Final = (  # for the LS-SVM, then for the pictures
     "rlgcomp.compensation.compensator",
     "rlgcomp.diagnosis.proof.black_box",
     "rlgcomp.diagnosis.result.page",
@@ -113,14 +116,13 @@ def diagnose(
 
     Example: `rlgcomp diagnose --simulator gyro.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
     """
-    from rlgcomp.beside import beside
     from rlgcomp.errors import InputError
     from rlgcomp.files import whole_folder
 
     require_folder(out, FILES, train, test, simulator, simulated, mechanisms, noise, calibration)
     if averaging_s is not None and not 0.0 < averaging_s < math.inf:
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
-    with beside(*_BESIDE) as executor:
+    with background_process(_SLOW_IMPORTS) as executor:
         from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
         from rlgcomp.diagnosis.question.held_out import told_apart
         from rlgcomp.physics import CATALOGUE
@@ -154,12 +156,61 @@ def diagnose(
         found = found.of_files(learnt, proved, _file_of(simulator))
         with whole_folder(out, writes=FILES) as folder:
             found.save(folder)
-            found.report(folder / "report.html", executor)
+            found.report(folder / "report.html", None if mechanisms else executor)  # the worker cannot import a user's file
     if as_json:
         show_json(found.to_mapping())
         return
     typer.echo(str(found))
     say(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
+
+
+@contextlib.contextmanager
+def background_process(modules: Sequence[str]) -> Iterator[Executor | None]:
+    """A worker process that imports slow modules while this process computes; None where this process has but one core.
+
+    The worker is killed at the end of the block, whatever it still computes, and ends with this process if that is killed.
+    """
+    from rlgcomp.numerics.compiled import threads
+
+    if threads() < 2:
+        yield None
+        return
+    import multiprocessing
+    import signal
+    from concurrent.futures import ProcessPoolExecutor
+
+    others = multiprocessing.active_children()
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _import_in_worker, (tuple(modules),)) as executor:
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: Ctrl-C reaches the worker through this process alone
+        try:
+            executor.submit(int)  # starts the worker
+        finally:
+            signal.signal(signal.SIGINT, handler)
+        try:
+            yield executor
+        finally:
+            for worker in multiprocessing.active_children():
+                if worker not in others:
+                    worker.kill()
+
+
+def _import_in_worker(modules: Sequence[str]) -> None:
+    import gc
+    import importlib
+    import multiprocessing
+    import os
+    import threading
+
+    def end_with_parent() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    gc.disable()  # the worker lives too briefly to need it
+    for module in modules:
+        importlib.import_module(module)
 
 
 def _file_of(simulator: str | None) -> Path | None:
