@@ -112,16 +112,17 @@ def test_a_run_that_was_trained_on_is_said_to_be(
     found = rlg.evaluate(model, [known, rounded, part, *short_runs[2:]], compare=False)
     assert [run.trained_on for run in found.runs] == [True, True, False, False]  # what is cut off the grid cannot be told
     assert rlg.evaluate(model, [known.between(5000.0, 20000.0)], compare=False).runs[0].trained_on
-    said = "short-1 was trained on, at least in part: what is left of it is no proof."
-    assert said in found.remarks
-    assert said in json.loads(to_json(found.to_mapping()))["remarks"]
-    assert not any("trained on" in remark for remark in rlg.evaluate(model, short_runs[2:], compare=False).remarks)
+    remark = next(remark for remark in found.remarks if remark.code == "evaluation.trained_on")
+    assert remark.data == {"run": "short-1"}
+    assert remark.to_mapping() in json.loads(to_json(found.to_mapping()))["remarks"]
+    other = rlg.evaluate(model, short_runs[2:], compare=False)
+    assert not any(remark.code == "evaluation.trained_on" for remark in other.remarks)
     page = render(found, model)
-    assert said in page
+    assert remark.text in page
     assert "was not trained on" not in page
     show_evaluation(found)
     out = capsys.readouterr().out
-    assert said in out
+    assert remark.text in out
     assert "held out" not in out
 
 
@@ -130,9 +131,9 @@ def test_a_model_that_makes_it_worse_is_said_to(trained: rlg.Compensator, short_
     turned = run.replace(table=run.table.assign(gyro_deg_h=-run.rate_deg_h()), name="turned")
     (result,) = (found := rlg.evaluate(trained, [turned], compare=False)).runs
     assert result.factor_high < 1.0
-    interval = f"the 95 % interval of the factor, {result.factor_low:.2f} to {result.factor_high:.2f}, lies below 1."
-    assert f"turned: compensation makes this run worse; {interval}" in found.remarks
-    assert not any("includes 1" in remark for remark in found.remarks)
+    (remark,) = (remark for remark in found.remarks if remark.code in ("evaluation.worse", "evaluation.no_gain"))
+    assert remark.code == "evaluation.worse"
+    assert remark.data == {"run": "turned", "factor_low": result.factor_low, "factor_high": result.factor_high}
 
 
 def test_a_run_of_another_unit_is_told_where_one_alone_was_trained_on(
@@ -140,17 +141,19 @@ def test_a_run_of_another_unit_is_told_where_one_alone_was_trained_on(
 ) -> None:
     run = short_runs[2]
 
-    def told(unit: str | None, *trained_on: str | None) -> bool:
+    def remarked(unit: str | None, *trained_on: str | None) -> bool:
         monkeypatch.setattr(trained, "provenance_", [{"unit": one} for one in trained_on])
         other = run.replace(metadata=dataclasses.replace(run.metadata, unit=unit))
         remarks = rlg.evaluate(trained, [other], compare=False).remarks
-        return any(f"it is of unit {unit}, and the model was trained on SN1 alone" in remark for remark in remarks)
+        data = [remark.data for remark in remarks if remark.code == "compensation.other_unit"]
+        assert data in ([], [{"run": run.name, "unit": unit, "trained_unit": "SN1"}])
+        return bool(data)
 
-    assert told("SN2", "SN1", "SN1")
-    assert not told("sn1", "SN1")
-    assert not told("SN2", "SN1", "SN3")
-    assert not told("SN2", "SN1", None)
-    assert not told(None, "SN1")
+    assert remarked("SN2", "SN1", "SN1")
+    assert not remarked("sn1", "SN1")
+    assert not remarked("SN2", "SN1", "SN3")
+    assert not remarked("SN2", "SN1", None)
+    assert not remarked(None, "SN1")
 
 
 def test_nothing_to_evaluate_is_refused(trained: rlg.Compensator) -> None:

@@ -70,8 +70,9 @@ def test_a_run_that_one_was_trained_on_is_remarked(
     content = json.loads(out)
     assert [row["trained_on"] for row in content["comparison"]] == [True, False]
     (remark,) = content["remarks"]
-    assert remark == "own: short-2 was trained on, at least in part: what is left of it is no proof."
-    assert f"- {remark}" in models(tmp_path / "kept", "--on", *given)[1]
+    assert remark["code"] == "evaluation.model_trained_on"
+    assert remark["data"] == {"model": "own", "run": "short-2"}
+    assert f"- {remark['text']}" in models(tmp_path / "kept", "--on", *given)[1]
 
 
 def test_a_damaged_one_is_named_and_the_others_are_shown(folder: Path) -> None:

@@ -13,7 +13,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.compensation.adaptation import adapt
-from rlgcomp.compensation.streaming import Follower
+from rlgcomp.compensation.streaming import StreamCompensator
 from rlgcomp.noise.allan.deviation import allan_deviation
 from rlgcomp.report.inspection import summarise
 
@@ -49,7 +49,7 @@ def test_wild_samples_spoil_no_training_and_are_spoken_of(
     assert [finding for finding in summarise(wild)["findings"] if column in finding]
     assert not summarise(short_runs[0])["findings"]
     sound, spoilt = cubic().fit(short_runs[:2]), cubic().fit([wild, short_runs[1]])
-    assert any("the first at 2500 s" in remark for remark in spoilt.remarks_)
+    assert any("the first at 2500 s" in remark.text for remark in spoilt.remarks_)
     apart = spoilt.predict(short_runs[2])["bias_deg_h"] - sound.predict(short_runs[2])["bias_deg_h"]
     assert float(np.abs(apart).max()) < 3e-4  # deg/h; a twentieth of the bias
 
@@ -69,7 +69,7 @@ def test_wild_samples_are_left_out_of_an_evaluation(trained: rlg.Compensator, sh
     wild = rlg.evaluate(trained, [struck(short_runs[2], "gyro_deg_h", slice(500, 501), 1000.0)], compare=False)
     assert wild.residual_std_deg_h == pytest.approx(sound.residual_std_deg_h, rel=0.02)
     assert wild.noise_floor_deg_h == pytest.approx(sound.noise_floor_deg_h, rel=0.02)
-    assert "1 sample stands up to" in wild.remarks[0]
+    assert "1 sample stands up to" in wild.remarks[0].text
 
 
 @pytest.mark.parametrize("work", ["correct", "fit", "evaluate", "adapt", "follow"])
@@ -80,7 +80,7 @@ def test_a_gyro_that_was_compensated_is_refused(trained: rlg.Compensator, short_
         "fit": lambda: cubic().fit([short_runs[0], clean]),
         "evaluate": lambda: rlg.evaluate(trained, [clean], compare=False),
         "adapt": lambda: adapt(cubic().fit(short_runs[:2]), [clean]),
-        "follow": lambda: Follower(trained, ",".join(clean.columns)),
+        "follow": lambda: StreamCompensator(trained, ",".join(clean.columns)),
     }
     with pytest.raises(rlg.InputError, match="compensated already; give the recording as it was made"):
         works[work]()
@@ -98,9 +98,9 @@ def test_compensating_mends_spikes_and_tells_knocks(
         assert done.exit_code == 0
         remarks = json.loads(done.stdout)["remarks"]
         assert len(remarks) == (0 if name == "sound" else 2)
-    assert "temperature_block_degC has 1 sample that stands off" in remarks[0]
-    assert "the first at 4000 s: a knock or a fault of the logger, left as recorded." in remarks[1]
-    assert all(remark in done.stderr for remark in remarks)
+    assert "temperature_block_degC has 1 sample that stands off" in remarks[0]["text"]
+    assert "the first at 4000 s: a knock or a fault of the logger, left as recorded." in remarks[1]["text"]
+    assert all(remark["text"] in done.stderr for remark in remarks)
     sound, mended = (rlg.read(tmp_path / f"{name}-out.parquet") for name in ("sound", "wild"))
     apart = np.abs(mended.column("compensation_deg_h") - sound.column("compensation_deg_h"))
     followed = np.abs(trained.predict(wild)["bias_deg_h"] - trained.predict(run)["bias_deg_h"])
@@ -124,18 +124,21 @@ def test_rows_given_twice_are_refused(short_runs: list[rlg.Recording]) -> None:
 def test_a_monitor_that_one_run_lacks_is_named(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
     misspelt = short_runs[1].replace(table=short_runs[1].table.rename(columns={"readout_b_V": "readout_B_V"}))
     model = rlg.Compensator(rlg.CubicLeastSquares()).fit([short_runs[0], misspelt])
-    (said,) = [remark for remark in model.remarks_ if "readout" in remark]
-    assert said.startswith("readout_difference left out: short-2 lacks readout_b_V;")
+    (remark,) = model.remarks_
+    assert remark.code == "compensation.group_omitted"
+    assert remark.data == {"group": "readout_difference", "missing": {"short-2": ["readout_b_V"]}}
     model.save(tmp_path / "model")
     assert rlg.load(tmp_path / "model").remarks_ == model.remarks_
-    assert f"- {said}" in (tmp_path / "model" / "card.md").read_text()
+    assert f"- {remark.text}" in (tmp_path / "model" / "card.md").read_text()
 
 
 def test_a_model_of_no_use_is_said_to_be(short_runs: list[rlg.Recording]) -> None:
     rng = np.random.default_rng(3)
     noise = [run.replace(table=run.table.assign(gyro_deg_h=rng.normal(size=len(run)))) for run in short_runs[:2]]
     remarks = cubic().fit(noise).remarks_
-    assert any("worse than none" in remark for remark in remarks)
+    (remark,) = (remark for remark in remarks if remark.code == "compensation.no_gain")
+    assert remark.data["parts"] == "runs"
+    assert remark.data["residual_deg_h"] >= remark.data["before_deg_h"]
 
 
 def test_what_is_read_is_not_overwritten(trained: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path) -> None:
@@ -192,7 +195,7 @@ def test_remarks_of_a_training_are_for_machines_too(short_runs: list[rlg.Recordi
     rlg.write(short_runs[1], paths[1])
     result = command("train", *paths, "--model", "cubic", "--out", tmp_path / "model", "--json")
     assert result.exit_code == 0, result.output
-    assert "wild: 1 sample stands up to" in json.loads(result.stdout)["remarks"][0]
+    assert "wild: 1 sample stands up to" in json.loads(result.stdout)["remarks"][0]["text"]
 
 
 @pytest.mark.parametrize("pulse_arcsec", [0.5, 2.0])

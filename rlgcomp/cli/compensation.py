@@ -33,6 +33,7 @@ from rlgcomp.cli.show import show_evaluation, show_json, show_table
 if TYPE_CHECKING:
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.recording import Recording
+    from rlgcomp.report.messages import Message
 
 MANY_ROWS: Final = 5000  # that a processor fits in minutes, not seconds
 EVALUATION: Final = ("evaluation.json", "report.html")  # what `evaluate` writes
@@ -147,7 +148,7 @@ def train(
         "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
         "half_width_deg_h": compensator.interval_.inside_deg_h,
-        "remarks": list(compensator.remarks_),
+        "remarks": [remark.to_mapping() for remark in compensator.remarks_],
     } | ({} if exported is None else {"export": exported.to_mapping()})
     if as_json:
         show_json(summary)
@@ -194,12 +195,10 @@ def _say_what_takes_long(device: str | None, recordings: list[Recording], averag
     if device is None or rows <= MANY_ROWS:
         return
     from rlgcomp.compensation.models.kkt_system import device_named
+    from rlgcomp.report.messages import message
 
     if device_named(device).type == "cpu":
-        say(
-            f"WARNING: {'no graphics card is there: ' if device == 'auto' else ''}some {rows} rows are fitted on the processor, at "
-            "every step of the selection, which may take many minutes; a larger --averaging-s makes fewer rows"
-        )
+        say(f"WARNING: {message('compensation.on_the_processor', rows=rows)}")
 
 
 def _lies_in(folder: Path, other: Path) -> bool:
@@ -293,49 +292,54 @@ def compensate(
     from rlgcomp.recording.formats import write
 
     if follow:
-        from rlgcomp.cli.following import follow as follow_stream
+        from rlgcomp.calibration.file import Calibration
+        from rlgcomp.compensation.streaming import compensate_stream
 
-        found = follow_stream(
+        summary = compensate_stream(
             load(model),
             run,
             out,
-            mapping,
-            drop,
+            mapping=mapping or [],
+            drop=drop or [],
             pulse_arcsec=pulse_arcsec,
             period_s=period_s,
-            calibration=calibration,
+            calibration=None if calibration is None else Calibration.read(calibration),
             idle_s=idle_s,
+            notify=lambda remark: say(remark.text),
         )
         if as_json and str(out) != "-":
-            show_json(found.to_mapping())
-        say(str(found))
-        raise typer.Exit(found.exit_code)
+            show_json(summary.to_mapping())
+        say(summary.message.text)
+        raise typer.Exit(summary.exit_code)
     require_recording(out, run, calibration)
     compensator = load(model)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])
-    recording, remarks = _with_monitors_mended(compensator, recording)
+    recording, remarks = _repaired_monitors(compensator, recording)
     for remark in remarks:
-        say(remark)
+        say(remark.text)
     corrected = compensator.correct(recording)
     write(corrected, out)
     outside = float(corrected.column("compensation_out_of_range").mean())
     if as_json:
-        show_json({"out": out, "rows": len(corrected), "out_of_range": outside, "remarks": remarks})
+        show_json(
+            {"out": out, "rows": len(corrected), "out_of_range": outside, "remarks": [remark.to_mapping() for remark in remarks]}
+        )
     else:
         say(f"{out}: {len(corrected)} rows, {100 * outside:.1f} % with an input outside the training range")
 
 
-def _with_monitors_mended(compensator: Compensator, recording: Recording) -> tuple[Recording, list[str]]:
-    """The run with its monitors' single wild samples between their neighbours, and what speaks against what comes of it."""
+def _repaired_monitors(compensator: Compensator, recording: Recording) -> tuple[Recording, list[Message]]:
+    """The run with single outliers of its monitors interpolated, and remarks on it."""
     from rlgcomp.compensation.input_checks import other_unit
     from rlgcomp.recording.outliers import knocks_in, without_spikes
+    from rlgcomp.report.messages import message
 
-    doubt = other_unit(compensator.provenance_, recording.metadata.unit)
-    _, knocks = knocks_in(recording, compensator.gyro)
-    mended, remarks = without_spikes(recording, compensator.pipeline_.columns)
-    remarks += [f"{recording.name}: {doubt}"] if doubt else []
-    return mended, remarks + ([f"{recording.name}: {knocks}, left as recorded."] if knocks else [])
+    repaired, texts = without_spikes(recording, compensator.pipeline_.columns)
+    _, outliers = knocks_in(recording, compensator.gyro)
+    texts += [f"{recording.name}: {outliers}, left as recorded."] if outliers else []
+    remarks = [message("compensation.screened", text=text) for text in texts]
+    return repaired, remarks + other_unit(compensator.provenance_, recording.name, recording.metadata.unit)
 
 
 def _require_the_same_calibration(compensator: Compensator, recordings: list[Recording]) -> None:

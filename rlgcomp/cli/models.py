@@ -57,7 +57,7 @@ def models(
             rows = found.to_mapping()["comparison"]
             show_table("On the runs given", [{key: row[key] for key in row if key != "trained_on"} for row in rows])
         for remark in found.remarks:
-            typer.echo(f"- {remark}")
+            typer.echo(f"- {remark.text}")
     for entry in found.refused:
         say(f"{entry.name}: {entry.problem or '; '.join(entry.code)}")
     if found.refused:

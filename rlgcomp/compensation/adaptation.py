@@ -40,6 +40,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings
 from rlgcomp.recording.outliers import undisturbed
+from rlgcomp.report.messages import message
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -133,7 +134,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     for run in runs:
         require_raw(run.name, run.columns)
     require_distinct(runs)
-    given, (runs, noticed) = runs, undisturbed(runs, compensator.gyro)
+    raw, (runs, outliers) = runs, undisturbed(runs, compensator.gyro)
     units = [str(run.get("unit") or "") for run in compensator.provenance_]
     known = sorted(set(units) - {""})
     if len(known) < FEWEST_UNITS:
@@ -175,9 +176,12 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
             "hours": run.duration_s / 3600.0,
             "adapted_from": {"units": len(known), "hours": hours},
         }
-        for run in given
+        for run in raw
     ]
-    new.remarks_ = (*noticed, *no_gain(new.selection_, compensator.scaling_, "units"))
+    new.remarks_ = (
+        *(message("compensation.screened", text=text) for text in outliers),
+        *no_gain(new.selection_, compensator.scaling_, "units"),
+    )
     for remark in new.remarks_:
         logger.warning("%s", remark)
     new.restart()

@@ -28,6 +28,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_compensation, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
 from rlgcomp.recording.outliers import undisturbed
+from rlgcomp.report.messages import Message, message
 from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -61,16 +62,12 @@ def _require_regressor(model: Any) -> None:
         )
 
 
-def no_gain(selection: Selection, scaling: Scaling, what: str) -> list[str]:
-    """A remark on a model that is no better than none on the runs or units left out; empty for any other."""
+def no_gain(selection: Selection, scaling: Scaling, parts: str) -> list[Message]:
+    """A remark on a model that is no better than none with parts ("runs", "units") left out; empty for any other model."""
     if selection.rmse is None or selection.rmse < 1.0:
         return []
     before = scaling.y_scale_deg_h
-    return [
-        f"with {what} left out {selection.rmse * before:.3g} deg/h is left, no less than the {before:.3g} deg/h before: where this "
-        f"model was tested it is worse than none. Hold back {what} and try it there with rlgcomp evaluate before it is used; look "
-        "at those it was trained on with rlgcomp inspect, give more of them, or fewer --features."
-    ]
+    return [message("compensation.no_gain", parts=parts, residual_deg_h=selection.rmse * before, before_deg_h=before)]
 
 
 class Compensator(BaseEstimator):  # type: ignore[misc]
@@ -107,7 +104,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         The training runs.
     provenance_ : list of dict
         Metadata of the training runs.
-    remarks_ : tuple of str
+    remarks_ : tuple of Message
         On the training runs, and on a model that gains nothing with runs left out.
     schema_ : str
         Of the artefact that it was read from, or would be saved to.
@@ -184,8 +181,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         for run in runs:
             require_raw(run.name, run.columns)
         require_distinct(runs)
-        raw, (runs, remarks) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
-        remarks += omitted_groups(runs, self.features)
+        raw, (runs, outliers) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
         self.pipeline_ = pipeline_for(runs, self.features)
         samples = [self.pipeline_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(window_means(run, self.pipeline_, self.averaging_s, self.gyro) for run in runs)
@@ -212,7 +208,11 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.provenance_ = [
             {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in raw
         ]
-        self.remarks_ = (*remarks, *no_gain(self.selection_, self.scaling_, "runs"))
+        self.remarks_ = (
+            *(message("compensation.screened", text=text) for text in outliers),
+            *omitted_groups(runs, self.features),
+            *no_gain(self.selection_, self.scaling_, "runs"),
+        )
         for remark in self.remarks_:
             logger.warning("%s", remark)
         self.schema_ = SCHEMA

@@ -14,6 +14,7 @@ import pandas as pd
 from rlgcomp.compensation.features import FEATURES, Difference, Feature, Lag, Level, Memory, Rate, ReadoutDifference, State
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Recording
+from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 
@@ -251,16 +252,15 @@ def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all")
     return FeatureRecipe(tuple(dict.fromkeys(features)))
 
 
-def omitted_groups(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[str]:
-    """What "all" has to do without because some of the runs, not all of them, lack a monitor: a sentence a group."""
+def omitted_groups(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[Message]:
+    """Remarks on groups that "all" omits because some of the runs, not all of them, lack a monitor."""
     remarks = []
     for group in GROUPS if "all" in _names(wanted) else ():
         for feature in _group(group, runs):
             lacking = {run.name: [column for column in feature.columns if column not in run] for run in runs}
-            if all(lacking.values()) or not any(lacking.values()):
-                continue
-            missing = ", ".join(f"{run} lacks {', '.join(columns)}" for run, columns in lacking.items() if columns)
-            remarks.append(f"{group} left out: {missing}; name the column with --map, or leave that run out to keep it.")
+            missing = {run: columns for run, columns in lacking.items() if columns}
+            if 0 < len(missing) < len(lacking):
+                remarks.append(message("compensation.group_omitted", group=group, missing=missing))
     return remarks
 
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.sameness import share_rows
+from rlgcomp.report.messages import Message, message
 
 REMOVED: Final = "compensation_deg_h"  # the column of a corrected recording that holds what was subtracted from the gyro
 
@@ -66,14 +67,23 @@ def calibration_mismatch(provenance: Sequence[Mapping[str, Any]], calibration: s
     )
 
 
-def other_unit(provenance: Sequence[Mapping[str, Any]], unit: str | None) -> str | None:
-    """What to say of a run of this unit where the model was trained on one other unit alone; None where nothing is to be said.
+def other_unit(provenance: Sequence[Mapping[str, Any]], name: str, unit: str | None) -> list[Message]:
+    """A remark on a run of another gyro than the only one that a model was trained on; empty for any other run.
 
-    A model of several units is meant for others too, and of a run or model that names no unit nothing is known.
+    A model of several units is meant for others too. A run or a model that names no unit has no remark.
+
+    Parameters
+    ----------
+    provenance : sequence of mapping
+        Metadata of the training runs.
+    name : str
+        Of the run.
+    unit : str, optional
+        Of the run.
     """
     trained = {str(run.get("unit") or "").strip() for run in provenance}
     (only,) = trained if len(trained) == 1 else ("",)
     received = str(unit or "").strip()
     if not only or not received or only.casefold() == received.casefold():
-        return None
-    return f"it is of unit {received}, and the model was trained on {only} alone: each gyro's bias has a course of its own."
+        return []
+    return [message("compensation.other_unit", run=name, unit=received, trained_unit=only)]

@@ -9,6 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.report.messages import message
+
 Array = npt.NDArray[np.float64]
 _WIDTH: Final = 110
 
@@ -56,7 +58,7 @@ def card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
     parts = "units" if other_units else "runs"
     interval = _interval(manifest["interval"], manifest["averaging_s"], parts)
     adapted = f"\n- Adapted from what {other_units[0]} other units have in common" if other_units else ""
-    remarks = "".join(f"- {remark}\n" for remark in manifest["remarks"])
+    remarks = "".join(f"- {remark['text']}\n" for remark in manifest["remarks"])
     remarks = f"## Remarks of training\n\n{remarks}\n" if remarks else ""
     return f"""# Bias compensation: {model["name"]} on {len(manifest["inputs"])} inputs
 
@@ -99,24 +101,12 @@ memory start afresh with every recording: the first minutes after switching on a
 
 
 def _interval(interval: Mapping[str, Any], averaging_s: float, parts: str) -> str:
-    runs, share = interval["runs"], 100.0 * interval["coverage"]
-    if runs == 1:
-        promise = (
-            "It was calibrated on blocks of a single run, each left out in turn. One run does not show\n"
-            "how runs differ: for another run no share is promised."
-        )
-    elif runs < 1.0 / (1.0 - interval["coverage"]) - 1.0:
-        promise = (
-            f"It was calibrated on {runs} {parts}, each left out in turn, and aims at that share on average over\n"
-            f"{parts} of their kind. "
-            f"So few {parts} promise no share for the next, unless it resembles them."
-        )
-    else:
-        promise = f"It was calibrated on {runs} {parts}, each left out in turn, and holds on average over {parts} of their kind."
+    share = 100.0 * interval["coverage"]
+    promise = message("compensation.interval", parts=parts, number=interval["runs"], coverage=interval["coverage"])
     inside, per_span = interval["inside_deg_h"], interval["per_span_deg_h"]
     return f"""Means of the gyro over {averaging_s:g} s lie within ±{inside:.3g} deg/h of the estimated bias in {share:.0f} % of
 cases while every input is within the ranges above; their own noise is included.
-{promise}
+{textwrap.fill(promise.text, _WIDTH)}
 Beyond the ranges the half width grows by {per_span:.3g} deg/h (the span of the bias in training) for each span of its range
 that an input lies outside. `compensation_half_width_deg_h` gives it sample by sample."""
 

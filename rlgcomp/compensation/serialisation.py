@@ -22,6 +22,7 @@ from rlgcomp.compensation.selection import Selection
 from rlgcomp.compensation.window_means import Scaling, WindowMeans
 from rlgcomp.errors import InputError
 from rlgcomp.recording import is_gyro
+from rlgcomp.report.messages import Message
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -44,7 +45,7 @@ class Fitted(Protocol):
     interval_: Interval
     training_: tuple[WindowMeans, ...]
     provenance_: list[dict[str, Any]]
-    remarks_: tuple[str, ...]
+    remarks_: tuple[Message, ...]
     schema_: str
 
     def run_labels(self) -> npt.NDArray[np.int64]: ...
@@ -78,7 +79,7 @@ def manifest_of(compensator: Fitted) -> dict[str, Any]:
         "selection": {"best": compensator.selection_.best, "rmse": compensator.selection_.rmse},
         "interval": compensator.interval_.to_mapping(),
         "runs": compensator.provenance_,
-        "remarks": list(compensator.remarks_),
+        "remarks": [remark.to_mapping() for remark in compensator.remarks_],
     }
 
 
@@ -178,7 +179,7 @@ def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Co
     compensator.selection_ = Selection(dict(selection["best"]), rmse, saved.selection)
     compensator.provenance_ = [{**run, "hours": finite(run["hours"], "hours", low=0.0)} for run in manifest["runs"]]
     compensator.schema_ = manifest["schema"]
-    compensator.remarks_ = _remarks(manifest.get("remarks", []))
+    compensator.remarks_ = tuple(Message.from_mapping(remark) for remark in manifest.get("remarks", []))
     if manifest["schema"] == artefact.SCHEMA:
         compensator.interval_ = Interval.from_mapping(manifest["interval"])
     else:
@@ -189,12 +190,6 @@ def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Co
         if manifest["schema"] == artefact.SCHEMA:
             _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     return compensator
-
-
-def _remarks(remarks: object) -> tuple[str, ...]:
-    if not (isinstance(remarks, list) and all(isinstance(remark, str) for remark in remarks)):
-        raise InputError("remarks must be a list of sentences")
-    return tuple(remarks)
 
 
 def _check_shapes(arrays: Mapping[str, Array], features: int, runs: int) -> None:

@@ -1,16 +1,18 @@
-"""Compensating a recording while it is made: lines of CSV in, corrected lines out, as soon as each is whole.
+"""Streaming: a recording is compensated while it is made, from a growing CSV file or standard input, each line once it is whole.
 
-A line is final once it is written, so only what is known by then can be mended: a missing monitor is held at its last value
-for up to a minute, as when a whole file is read; a row without a gyro value, without time, or whose time does not increase is
-left out. Stuck gyros, frozen thermometers and single wild samples, which show themselves in hindsight, are not looked for: read
-the finished file for that.
+A line is final once it is written, so repairs use only what is known by then. A missing monitor keeps its last value for up to a
+minute, as when a whole file is read; a row without a gyro value, without time, or whose time does not increase is left out. Stuck
+gyros, frozen thermometers and single outliers, which later samples reveal, are not detected: read the finished file for that.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import io
+import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -20,18 +22,140 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.calibration.file import PULSE_AGREEMENT, Calibration
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.input_checks import require_raw
+from rlgcomp.compensation.growing_files import STANDARD, GrowingInput, GrowingOutput, interruption, require_csv
+from rlgcomp.compensation.input_checks import calibration_mismatch, other_unit, require_raw
 from rlgcomp.errors import InputError
-from rlgcomp.recording import TIME, is_gyro, rate_name
+from rlgcomp.recording import TIME, Metadata, is_gyro, rate_name
+from rlgcomp.recording.formats import column_mapping, read_sidecar, require_sidecar, write_sidecar
 from rlgcomp.recording.formats.csv import separator_of
-from rlgcomp.recording.formats.mapping import apply_mapping
+from rlgcomp.recording.formats.mapping import apply_mapping, parse_mapping
 from rlgcomp.recording.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, ROUNDING, without_light
+from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
-AGREEMENT: Final = 1e-9  # by which numbers written by an earlier run may differ from those computed again, relatively
 
 
-class Follower:
+@dataclasses.dataclass(frozen=True)
+class StreamSummary:
+    """What was written.
+
+    Parameters
+    ----------
+    out : str
+    rows : int
+        Lines written now.
+    found_there : int
+        Lines that an earlier run had written.
+    left_out : dict
+        Rows without output, by reason.
+    unfinished : bool
+        The last line had no end when the stream ended; it was left out.
+    signal : int, optional
+        What interrupted it.
+    """
+
+    out: str
+    rows: int
+    found_there: int
+    left_out: dict[str, int]
+    unfinished: bool
+    signal: int | None
+
+    @property
+    def exit_code(self) -> int:
+        """0 at the end of the input, 128 and the signal's number when interrupted."""
+        return 0 if self.signal is None else 128 + self.signal
+
+    @property
+    def message(self) -> Message:
+        """The summary as a message."""
+        return message("compensation.streamed", **dataclasses.asdict(self))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """As plain data."""
+        return dataclasses.asdict(self)
+
+
+def compensate_stream(
+    compensator: Compensator,
+    source: str,
+    out: Path,
+    *,
+    mapping: Sequence[str] = (),
+    drop: Sequence[str] = (),
+    pulse_arcsec: float | None = None,
+    period_s: float | None = None,
+    calibration: Calibration | None = None,
+    idle_s: float | None = None,
+    notify: Callable[[Message], None] = lambda remark: None,
+) -> StreamSummary:
+    """Correct a stream of CSV lines until it ends or a signal comes; the same call then goes on where it was.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Fitted; it is restarted.
+    source : str
+        A CSV file, or - for standard input.
+    out : Path
+        A CSV file, or - for standard output.
+    mapping : sequence of str
+        Columns, as the option --map states them.
+    drop : sequence of str
+        Columns to leave out.
+    pulse_arcsec, period_s : float, optional
+        Size of a pulse and sample period, where neither the stream nor its yaml has them.
+    calibration : Calibration, optional
+    idle_s : float, optional
+        A file is finished when it has not grown for this time.
+    notify : callable
+        Called with each remark on the input, before the first line is read.
+
+    Raises
+    ------
+    InputError
+        The stream cannot be used, or the output belongs to something else.
+    """
+    problem = calibration_mismatch(compensator.provenance_, None if calibration is None else calibration.identity)
+    if problem is not None:
+        raise InputError(f"{source}: {problem}")
+    sidecar = {} if source == STANDARD else read_sidecar(require_csv(source))
+    columns = column_mapping(sidecar, Path(source)) | parse_mapping(list(mapping))
+    period_s = sidecar.pop("period_s", None) if period_s is None else period_s
+    metadata = Metadata.from_mapping(sidecar | ({} if pulse_arcsec is None else {"pulse_arcsec": pulse_arcsec}))
+    writes_sidecar = str(out) != STANDARD and bool(sidecar)
+    if writes_sidecar:
+        require_sidecar(out)
+    for remark in other_unit(compensator.provenance_, source, metadata.unit):
+        notify(remark)
+    rows, stream, written = 0, None, None
+    with interruption() as interrupted, GrowingInput(source, interrupted, idle_s) as batches:
+        for batch in batches:
+            if stream is None or written is None:
+                header, *lines = batch
+                stream = StreamCompensator(
+                    compensator,
+                    header,
+                    mapping=columns,
+                    drop=drop,
+                    pulse_arcsec=metadata.pulse_arcsec,
+                    period_s=period_s,
+                    calibration=calibration,
+                )
+                written = GrowingOutput(out, ",".join(stream.columns), sys.stdout)
+                if writes_sidecar:
+                    write_sidecar(out, metadata.to_mapping())
+            else:
+                lines = batch
+            rows += written.add(to_lines(stream.feed(lines)))
+        if stream is None or written is None:
+            raise InputError(f"{source}: no line with the names of the columns came")
+        written.close()
+        unfinished = bool(batches.pending.strip())
+        return StreamSummary(str(out), rows, written.found_there, dict(stream.left_out), unfinished, interrupted.signal)
+
+
+class StreamCompensator:
     """Corrects consecutive lines of one recording.
 
     Parameters
@@ -41,8 +165,8 @@ class Follower:
     header : str
         The first line: names of the columns.
     mapping, drop, pulse_arcsec, period_s
-        As :func:`rlgcomp.read` takes them. A file without time stamps needs `period_s`, and so do gyros that count pulses: what a
-        whole recording shows of its sample period is not known while it is made.
+        As :func:`rlgcomp.read` takes them. A file without time stamps needs `period_s`, and so do gyros that count pulses: a stream
+        does not show its sample period, as a whole recording does.
     calibration : Calibration, optional
 
     Attributes
@@ -84,7 +208,7 @@ class Follower:
         self.left_out: Counter[str] = Counter()
         self._rows = 0
         self._last_s = -np.inf
-        self._held: dict[str, tuple[float, float]] = {}
+        self._last_values: dict[str, tuple[float, float]] = {}
         compensator.restart()
         table = self._mapped(self._parsed([]))
         self._check(table)
@@ -93,16 +217,16 @@ class Follower:
     def feed(self, lines: Sequence[str]) -> pd.DataFrame:
         """Corrected rows of the next whole lines; fewer than lines where rows are left out."""
         table = self._mapped(self._parsed([line.strip("\r\n") for line in lines]))
-        return self._corrected(self._mended(table), live=True)
+        return self._corrected(self._repaired(table), live=True)
 
     # --- inside ------------------------------------------------------------------------------------------------------------
 
     def _parsed(self, lines: Sequence[str]) -> pd.DataFrame:
-        fitting = [line for line in lines if line.count(self.separator) < len(self._names)]
-        if len(fitting) < len(lines):
-            self.left_out["with more entries than columns"] += len(lines) - len(fitting)
+        regular = [line for line in lines if line.count(self.separator) < len(self._names)]
+        if len(regular) < len(lines):
+            self.left_out["with more entries than columns"] += len(lines) - len(regular)
         table = pd.read_csv(
-            io.StringIO("".join(f"{line}\n" for line in fitting).replace('"', "")),
+            io.StringIO("".join(f"{line}\n" for line in regular).replace('"', "")),
             sep=self.separator,
             names=self._names,
             header=None,
@@ -127,13 +251,15 @@ class Follower:
         return numbers.assign(**{column: numbers[column].mask(dark) for column in READOUTS}) if dark.any() else numbers
 
     def _check(self, table: pd.DataFrame) -> None:
-        there = ", ".join(map(str, table.columns))
+        present = ", ".join(map(str, table.columns))
         require_raw("the stream", table.columns)
         if TIME not in table:
-            raise InputError(f"the stream has no column {TIME}; it has {there}; map it with --map, or give --period-s")
+            raise InputError(f"the stream has no column {TIME}; it has {present}; map it with --map, or give --period-s")
         missing = [column for column in self.compensator.pipeline_.columns if column not in table]
         if missing:
-            raise InputError(f"the stream has no {', '.join(missing)}, which the model needs; it has {there}; map them with --map")
+            raise InputError(
+                f"the stream has no {', '.join(missing)}, which the model needs; it has {present}; map them with --map"
+            )
         self._gyros = self._gyro_columns([str(column) for column in table.columns if is_gyro(str(column))])
         wanted = self.compensator.gyro or self.compensator.gyro_
         rates = {rate_name(column): column for column in self._gyros}
@@ -158,13 +284,13 @@ class Follower:
             raise InputError(f"the calibration is of a triad; the stream has {', '.join(gyros)}")
         return [column for columns in axes for column in columns]
 
-    def _mended(self, table: pd.DataFrame) -> pd.DataFrame:
-        """Rows that can be used, monitors that are missing held at their last values."""
+    def _repaired(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Usable rows, missing monitors at their last values."""
         time_s = table[TIME].to_numpy()
         values = table.to_numpy(copy=True)
         gyros = [k for k, column in enumerate(table.columns) if is_gyro(str(column))]
         monitors = [(k, str(column)) for k, column in enumerate(table.columns) if column != TIME and k not in gyros]
-        kept = []
+        usable = []
         for row, now_s in enumerate(time_s.tolist()):
             if not now_s > self._last_s:
                 self.left_out["without a time" if np.isnan(now_s) else "whose time does not increase"] += 1
@@ -172,16 +298,18 @@ class Follower:
             before_s, self._last_s = self._last_s, now_s
             for k, name in monitors:
                 if not np.isnan(values[row, k]):
-                    self._held[name] = (values[row, k], now_s)
-                elif name in self._held and self._held[name][1] >= min(now_s - LONGEST_HOLD_S * (1.0 + ROUNDING), before_s):
-                    values[row, k] = self._held[name][0]
+                    self._last_values[name] = (values[row, k], now_s)
+                elif name in self._last_values and self._last_values[name][1] >= min(
+                    now_s - LONGEST_HOLD_S * (1.0 + ROUNDING), before_s
+                ):
+                    values[row, k] = self._last_values[name][0]
             if np.isnan(values[row, gyros]).any():
                 self.left_out["without a gyro value"] += 1
             elif np.isnan(values[row]).any():
                 self.left_out[f"without a monitor for more than {LONGEST_HOLD_S:g} s"] += 1
             else:
-                kept.append(row)
-        return pd.DataFrame(values[kept], columns=table.columns)
+                usable.append(row)
+        return pd.DataFrame(values[usable], columns=table.columns)
 
     def _corrected(self, table: pd.DataFrame, *, live: bool) -> pd.DataFrame:
         rates = {column: self._rate_deg_h(table, column) for column in self._gyros}
@@ -191,8 +319,8 @@ class Follower:
             for column, values in rates.items():
                 table = table.rename(columns={column: rate_name(column)}).assign(**{rate_name(column): values})
             gyro, rates = rate_name(gyro), {rate_name(column): values for column, values in rates.items()}
-        said = self.compensator.steps(table) if live and len(table) else _NOTHING
-        return self.compensator.apply(table, gyro, rates[gyro], said)
+        predicted = self.compensator.steps(table) if live and len(table) else _NO_PREDICTION
+        return self.compensator.apply(table, gyro, rates[gyro], predicted)
 
     def _rate_deg_h(self, table: pd.DataFrame, column: str) -> Array:
         values = table[column].to_numpy()
@@ -203,19 +331,10 @@ class Follower:
 
 
 def to_lines(rows: pd.DataFrame) -> list[str]:
-    """Rows as lines of CSV with 17 significant digits, so that reading gives the same bits back."""
+    """Rows as lines of CSV with 17 significant digits, which reading turns into the same bits."""
     return rows.to_csv(index=False, header=False, float_format="%.17g", lineterminator="\n").splitlines()
 
 
-def agrees(written: str, computed: str) -> bool:
-    """Whether a line written by an earlier run holds the numbers computed again."""
-    try:
-        old, new = (np.array([float(part) for part in line.split(",")]) for line in (written, computed))
-    except ValueError:
-        return False
-    return old.shape == new.shape and bool((np.abs(old - new) <= AGREEMENT * np.maximum(np.abs(new), ROUNDING)).all())
-
-
-_NOTHING: Final[Any] = pd.DataFrame(
+_NO_PREDICTION: Final[Any] = pd.DataFrame(
     {"bias_deg_h": np.empty(0), "out_of_range": np.empty(0, dtype=np.bool_), "half_width_deg_h": np.empty(0)}
 )

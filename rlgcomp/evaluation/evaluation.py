@@ -24,6 +24,7 @@ from rlgcomp.numerics.bootstrap import BLOCK_S, drawn_squares
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
 from rlgcomp.recording.outliers import spikes_in, without_knocks
+from rlgcomp.report.messages import Message, message
 from rlgcomp.report.notebook import ShownAsTable
 
 Array = npt.NDArray[np.float64]
@@ -74,8 +75,23 @@ class RunResult:
 
     @property
     def floor_ratio(self) -> float:
-        """Residual over noise floor; 1 is the best there is."""
+        """Residual over noise floor; no compensation gets below 1."""
         return self.residual_std_deg_h / self.noise_floor_deg_h
+
+    @property
+    def remarks(self) -> tuple[Message, ...]:
+        """Cautions to this result."""
+        remarks = [message("evaluation.trained_on", run=self.run)] if self.trained_on else []
+        interval = {"factor_low": self.factor_low, "factor_high": self.factor_high}
+        if self.factor_high < 1.0:
+            remarks.append(message("evaluation.worse", run=self.run, **interval))
+        elif self.factor_low <= 1.0:
+            remarks.append(message("evaluation.no_gain", run=self.run, **interval))
+        if abs(self.residual_mean_deg_h) > 2.0 * self.residual_std_deg_h:
+            remarks.append(message("evaluation.offset", run=self.run, mean_deg_h=self.residual_mean_deg_h))
+        if self.out_of_range > OFTEN_OUT_OF_RANGE:
+            remarks.append(message("evaluation.out_of_range", run=self.run, percent=100.0 * self.out_of_range))
+        return tuple(remarks)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,9 +133,9 @@ class Evaluation(ShownAsTable):
         Correlation of each input with the gyro.
     comparison : pandas.DataFrame
         By feature group and model, what is left held out; see :func:`rlgcomp.evaluation.comparison.comparison_table`.
-    noticed : tuple of str
-        Samples far beyond any noise, in sentences: of the gyro they are left out, of a monitor the compensation follows them; and
-        runs of another gyro than the one trained on.
+    input_remarks : tuple of Message
+        On outliers of the gyro, which are left out, and of monitors, which the compensation follows, and on runs of another gyro
+        than the one trained on.
     """
 
     averaging_s: float
@@ -127,7 +143,7 @@ class Evaluation(ShownAsTable):
     traces: tuple[Trace, ...]
     correlation: pd.DataFrame
     comparison: pd.DataFrame
-    noticed: tuple[str, ...] = ()
+    input_remarks: tuple[Message, ...] = ()
 
     @property
     def raw_std_deg_h(self) -> float:
@@ -156,42 +172,15 @@ class Evaluation(ShownAsTable):
         return f"Bias stability{' held out' if self.held_out else ''} ({self.averaging_s:g} s means), deg/h"
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """What a careful reader would say of these results, in sentences: what is no proof, where nothing was gained, and what
-        stands in the way.
-        """
-        said = list(self.noticed)
-        for run in self.runs:
-            if run.trained_on:
-                said.append(no_proof(run.run))
-            if run.factor_high < 1.0:
-                said.append(
-                    f"{run.run}: compensation makes this run worse; the 95 % interval of the factor, {run.factor_low:.2f} to "
-                    f"{run.factor_high:.2f}, lies below 1."
-                )
-            elif run.factor_low <= 1.0:
-                said.append(
-                    f"{run.run}: no gain in stability can be claimed; the 95 % interval of the factor, {run.factor_low:.2f} to "
-                    f"{run.factor_high:.2f}, includes 1."
-                )
-            if abs(run.residual_mean_deg_h) > 2.0 * run.residual_std_deg_h:
-                said.append(
-                    f"{run.run}: a mean of {run.residual_mean_deg_h:+.3g} deg/h is left, more than the scatter about it: an offset "
-                    "since training (switch-on, mounting, Earth rate) that no monitor explains."
-                )
-            if run.out_of_range > OFTEN_OUT_OF_RANGE:
-                said.append(
-                    f"{run.run}: {100 * run.out_of_range:.0f} % of the samples lie outside the training range, where the model "
-                    "extrapolates."
-                )
+    def remarks(self) -> tuple[Message, ...]:
+        """Cautions to these results: runs that prove nothing, gains that cannot be claimed, and their causes."""
+        remarks = [*self.input_remarks, *(remark for run in self.runs for remark in run.remarks)]
         if not self.comparison.empty:
-            plain = self.comparison[self.comparison["model"] == "cubic"].iloc[0]
-            if plain["residual_rms_deg_h"] <= self.residual_rms_deg_h:
-                said.append(
-                    f"A cubic in {plain['features']} alone leaves {plain['residual_rms_deg_h']:.3g} deg/h rms, no more than this "
-                    "model: nothing is gained over it."
-                )
-        return tuple(said)
+            cubic = self.comparison[self.comparison["model"] == "cubic"].iloc[0]
+            if cubic["residual_rms_deg_h"] <= self.residual_rms_deg_h:
+                residuals = {"cubic_rms_deg_h": cubic["residual_rms_deg_h"], "rms_deg_h": self.residual_rms_deg_h}
+                remarks.append(message("evaluation.cubic_suffices", features=cubic["features"], **residuals))
+        return tuple(remarks)
 
     def __repr__(self) -> str:
         return _as_text(self)
@@ -217,7 +206,7 @@ class Evaluation(ShownAsTable):
                 "factor": self.raw_std_deg_h / self.residual_std_deg_h,
                 "floor_ratio": self.residual_std_deg_h / self.noise_floor_deg_h,
             },
-            "remarks": list(self.remarks),
+            "remarks": [remark.to_mapping() for remark in self.remarks],
             "runs": self.to_frame().to_dict("records"),
             "correlation": self.correlation.to_dict("records"),
             "comparison": self.comparison.to_dict("records"),
@@ -264,13 +253,8 @@ def _as_text(evaluation: Evaluation) -> str:
     return "\n".join([*lines, *(f"- {remark}" for remark in evaluation.remarks)])
 
 
-def no_proof(run: str) -> str:
-    """What is said of a run that was trained on."""
-    return f"{run} was trained on, at least in part: what is left of it is no proof."
-
-
 def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bool = True, n_jobs: int = 1) -> Evaluation:
-    """Evaluate a compensation on runs it was not trained on; of one that it was trained on that is said.
+    """Evaluate a compensation on runs; a remark names those that it was trained on.
 
     Parameters
     ----------
@@ -294,16 +278,15 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         raise InputError("no runs to evaluate on; give at least one recording")
     for run in runs:
         require_raw(run.name, run.columns)
-    calm = [without_knocks(run, compensator.gyro) for run in runs]
-    runs, noticed = [run for run, _ in calm], [said for _, said in calm if said is not None]
-    doubts = [(run.name, other_unit(compensator.provenance_, run.metadata.unit)) for run in runs]
-    noticed += [f"{name}: {doubt}" for name, doubt in doubts if doubt is not None]
-    noticed += [
-        f"{run.name}: {column} has {said}: faults of the logger, which a compensation that runs sample by sample follows."
-        for run in runs
-        for column, (_, said) in spikes_in(run).items()
-        if column in compensator.pipeline_.columns
-    ]
+    screened = [without_knocks(run, compensator.gyro) for run in runs]
+    runs, outliers = [run for run, _ in screened], [text for _, text in screened if text is not None]
+    remarks = [message("evaluation.screened", text=text) for text in outliers]
+    for run in runs:
+        remarks += other_unit(compensator.provenance_, run.name, run.metadata.unit)
+    for run in runs:
+        for column, (_, description) in spikes_in(run).items():
+            if column in compensator.pipeline_.columns:
+                remarks.append(message("evaluation.monitor_outliers", run=run.name, column=column, description=description))
     results, traces = zip(*(_evaluate_run(compensator, run) for run in runs), strict=True)
     held_out = [window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs]
     return Evaluation(
@@ -312,7 +295,7 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         traces=traces,
         correlation=correlation_table(held_out, compensator.pipeline_.names),
         comparison=comparison_table(compensator, held_out, n_jobs=n_jobs) if compare else pd.DataFrame(),
-        noticed=tuple(noticed),
+        input_remarks=tuple(remarks),
     )
 
 

@@ -13,9 +13,10 @@ import pandas as pd
 from rlgcomp.compensation.artefact import MANIFEST, SUMS, identity
 from rlgcomp.compensation.compensator import Compensator, load
 from rlgcomp.errors import InputError
-from rlgcomp.evaluation.evaluation import evaluate, no_proof
+from rlgcomp.evaluation.evaluation import evaluate
 from rlgcomp.files import from_json
 from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
 
 REPORT: Final = "report.json"
 OF_A_UNIT: Final = "model"  # in the folder that a fleet writes for a unit
@@ -83,12 +84,13 @@ class Collection:
     comparison: pd.DataFrame
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """Which runs prove nothing of which model."""
+    def remarks(self) -> tuple[Message, ...]:
+        """Runs that prove nothing of a model, since it was trained on them."""
         if self.comparison.empty:
             return ()
-        seen = self.comparison[self.comparison["trained_on"]]
-        return tuple(f"{model}: {no_proof(run)}" for model, run in zip(seen["model"], seen["run"], strict=True))
+        trained_on = self.comparison[self.comparison["trained_on"]]
+        pairs = zip(trained_on["model"], trained_on["run"], strict=True)
+        return tuple(message("evaluation.model_trained_on", model=model, run=run) for model, run in pairs)
 
     @property
     def refused(self) -> tuple[Entry, ...]:
@@ -106,7 +108,7 @@ class Collection:
             "folder": str(self.folder),
             "models": [dataclasses.asdict(entry) for entry in self.entries],
             "comparison": self.comparison.to_dict("records"),
-            "remarks": list(self.remarks),
+            "remarks": [remark.to_mapping() for remark in self.remarks],
         }
 
 

@@ -1,8 +1,59 @@
-"""Messages of compensation."""
+"""Messages of compensation: remarks on training runs and models, the model card, streams."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal as signals
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-TEXTS: Final[dict[str, str | Callable[..., str]]] = {}
+
+def _interval(*, parts: str, number: int, coverage: float) -> str:
+    calibrated = f"The interval was calibrated on {number} {parts}, each left out in turn"
+    if number == 1:
+        return (
+            "The interval was calibrated on blocks of a single run, each left out in turn. One run does not show how runs differ: "
+            "for another run no share is promised."
+        )
+    if number < 1.0 / (1.0 - coverage) - 1.0:
+        return (
+            f"{calibrated}, and aims at that share on average over {parts} of their kind. So few {parts} promise no share for the "
+            "next, unless it resembles them."
+        )
+    return f"{calibrated}, and holds on average over {parts} of their kind."
+
+
+def _group_omitted(*, group: str, missing: Mapping[str, Sequence[str]]) -> str:
+    lacking = ", ".join(f"{run} lacks {', '.join(columns)}" for run, columns in missing.items())
+    return f"{group} omitted: {lacking}; name the column with --map, or leave that run out to use {group}."
+
+
+def _streamed(*, out: str, rows: int, found_there: int, left_out: Mapping[str, int], unfinished: bool, signal: int | None) -> str:
+    parts = [f"{out}: {rows} rows written"]
+    if found_there:
+        parts.append(f"{found_there} were there already")
+    parts += [f"{count} {reason} left out" for reason, count in sorted(left_out.items())]
+    if unfinished:
+        parts.append("the last line has no end and was left out")
+    if signal is not None:
+        parts.append(f"interrupted by {signals.Signals(signal).name}; the same command goes on from here")
+    return ", ".join(parts)
+
+
+TEXTS: Final[dict[str, str | Callable[..., str]]] = {
+    "compensation.screened": "{text}",
+    "compensation.group_omitted": _group_omitted,
+    "compensation.no_gain": (
+        "With {parts} left out the residual is {residual_deg_h:.3g} deg/h, no less than the {before_deg_h:.3g} deg/h before: "
+        "on {parts} that it has not seen this model is worse than none. Test it on other {parts} with rlgcomp evaluate before it "
+        "is used; look at its training runs with rlgcomp inspect, add more of them, or use fewer --features."
+    ),
+    "compensation.other_unit": (
+        "{run} is of unit {unit}, and the model was trained on {trained_unit} alone: the bias of each gyro has a course of its own."
+    ),
+    "compensation.on_the_processor": (
+        "{rows} rows are fitted on the processor at every step of the selection, which may take many minutes. A larger "
+        "--averaging-s makes fewer rows; a graphics card is faster."
+    ),
+    "compensation.interval": _interval,
+    "compensation.streamed": _streamed,
+}

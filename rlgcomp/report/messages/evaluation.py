@@ -1,8 +1,32 @@
-"""Messages of evaluation."""
+"""Messages of evaluation: remarks on a compensation tested on runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Final
 
-TEXTS: Final[dict[str, str | Callable[..., str]]] = {}
+TEXTS: Final[dict[str, str | Callable[..., str]]] = {
+    "evaluation.screened": "{text}",
+    "evaluation.monitor_outliers": (
+        "{run}: {column} has {description}: faults of the logger, which a compensation that runs sample by sample follows."
+    ),
+    "evaluation.trained_on": "{run} was used for training, at least in part: its residual proves nothing.",
+    "evaluation.model_trained_on": "{model}: {run} was used for training, at least in part: its residual proves nothing.",
+    "evaluation.worse": (
+        "{run}: compensation makes this run worse; the 95 % interval of the factor, {factor_low:.2f} to {factor_high:.2f}, "
+        "lies below 1."
+    ),
+    "evaluation.no_gain": (
+        "{run}: no gain in stability can be claimed; the 95 % interval of the factor, {factor_low:.2f} to {factor_high:.2f}, "
+        "includes 1."
+    ),
+    "evaluation.offset": (
+        "{run}: the residual has a mean of {mean_deg_h:+.3g} deg/h, more than its scatter: an offset since training (switch-on, "
+        "mounting, Earth rate) that no monitor explains."
+    ),
+    "evaluation.out_of_range": "{run}: {percent:.0f} % of the samples lie outside the training range; the model extrapolates.",
+    "evaluation.cubic_suffices": (
+        "A cubic in {features} alone has a residual of {cubic_rms_deg_h:.3g} deg/h rms, no more than this model: nothing is gained "
+        "over the cubic."
+    ),
+}

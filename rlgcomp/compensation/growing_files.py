@@ -1,4 +1,4 @@
-"""Lines of a file that grows, a file that grows with it, and what happens when that is interrupted."""
+"""Growing files: whole lines of a growing CSV file, a file that grows with it, and orderly interruption."""
 
 from __future__ import annotations
 
@@ -11,57 +11,60 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, Self, TextIO
 
-from rlgcomp.compensation.streaming import agrees
+import numpy as np
+
 from rlgcomp.errors import InputError
 from rlgcomp.files import require_writable
+from rlgcomp.recording.repair import ROUNDING
 
-STANDARD: Final = "-"
+STANDARD: Final = "-"  # standard input or output
+AGREEMENT: Final = 1e-9  # relative difference of numbers that two runs computed from the same input
 _POLL_S: Final = 0.1
-_AT_ONCE_BYTES: Final = 1 << 18
+_READ_BYTES: Final = 1 << 18
 _LONGEST_LINE_BYTES: Final = 1 << 20
 
 
-class Stop:
-    """Which of SIGINT and SIGTERM came, if any."""
+class Interruption:
+    """SIGINT or SIGTERM, whichever came; None before."""
 
     signal: int | None = None
 
 
 @contextlib.contextmanager
-def stopped() -> Iterator[Stop]:
-    """While this lasts SIGINT and SIGTERM are noted and not obeyed, so that what is being written is finished first."""
-    stop = Stop()
+def interruption() -> Iterator[Interruption]:
+    """A context in which SIGINT and SIGTERM are recorded only, so that the line being written is finished."""
+    interrupted = Interruption()
 
     def note(number: int, _: object) -> None:
-        stop.signal = number
+        interrupted.signal = number
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield stop
+        yield interrupted
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-class Lines:
+class GrowingInput:
     """Whole lines of a growing file or of standard input, in batches; empty lines and comments are left out.
 
     Parameters
     ----------
     source : str
         A path, or - for standard input.
-    stop : Stop
+    interrupted : Interruption
     idle_s : float, optional
-        A file is taken to be finished when it has not grown for so long.
+        A file is finished when it has not grown for this time.
     """
 
-    def __init__(self, source: str, stop: Stop, idle_s: float | None) -> None:
-        self.source, self.stop, self.idle_s = source, stop, idle_s
+    def __init__(self, source: str, interrupted: Interruption, idle_s: float | None) -> None:
+        self.source, self.interrupted, self.idle_s = source, interrupted, idle_s
         self.pending = b""
         self._read: Callable[[], bytes | None] = self._from_input if source == STANDARD else self._from_file
 
     def __enter__(self) -> Self:
-        self._stream = None if self.source == STANDARD else readable(self.source).open("rb")
+        self._stream = None if self.source == STANDARD else require_csv(self.source).open("rb")
         return self
 
     def __exit__(self, *about: object) -> None:
@@ -70,7 +73,7 @@ class Lines:
 
     def __iter__(self) -> Iterator[list[str]]:
         last = time.monotonic()
-        while self.stop.signal is None and (content := self._read()) is not None:
+        while self.interrupted.signal is None and (content := self._read()) is not None:
             if not content:
                 if self.idle_s is not None and time.monotonic() - last >= self.idle_s:
                     return
@@ -90,38 +93,38 @@ class Lines:
             raise InputError(f"{self.source}: not UTF-8 text: {error}; is it CSV?") from None
 
     def _from_input(self) -> bytes | None:
-        """What came on standard input, nothing if that is nothing yet, None at its end."""
+        """New bytes of standard input, empty if there are none yet, None at its end."""
         if not select.select([0], [], [], _POLL_S)[0]:
             return b""
-        return os.read(0, _AT_ONCE_BYTES) or None
+        return os.read(0, _READ_BYTES) or None
 
     def _from_file(self) -> bytes | None:
         if self._stream is None:
             return None
-        content = self._stream.read(_AT_ONCE_BYTES)
+        content = self._stream.read(_READ_BYTES)
         if not content:
-            here, path = os.fstat(self._stream.fileno()), Path(self.source)
-            if here.st_size < self._stream.tell() or (path.exists() and path.stat().st_ino != here.st_ino):
-                raise InputError(f"{self.source} was replaced or cut while it was followed; begin anew with another --out")
+            status, path = os.fstat(self._stream.fileno()), Path(self.source)
+            if status.st_size < self._stream.tell() or (path.exists() and path.stat().st_ino != status.st_ino):
+                raise InputError(f"{self.source} was replaced or cut while it was read; begin again with another --out")
             time.sleep(_POLL_S)
         return content
 
 
-class Output:
+class GrowingOutput:
     """The corrected lines: a file that is appended to, or standard output.
 
     Parameters
     ----------
     path : Path
-        A file, or - for standard output. Lines that an earlier run left in the file are compared with what is computed again, and
-        not repeated; one that was cut short is removed.
+        A file, or - for standard output. Lines of an earlier run in the file are compared with the lines computed now, and
+        not repeated; a line without an end is removed.
     header : str
     standard : text stream
 
     Attributes
     ----------
     found_there : int
-        Lines that an earlier run left.
+        Lines of an earlier run.
 
     Raises
     ------
@@ -132,39 +135,39 @@ class Output:
     def __init__(self, path: Path, header: str, standard: TextIO) -> None:
         self.path = None if str(path) == STANDARD else path
         self.found_there = 0
-        self._old: list[str] = []
+        self._earlier: list[str] = []
         if self.path is None:
             self._stream: TextIO = standard
             self._append([header])
             return
         require_writable(path)
         if path.name.endswith(".gz") or path.suffix == ".parquet":
-            raise InputError(f"{path}: what is followed is written as plain CSV; give a name that ends in .csv")
+            raise InputError(f"{path}: a stream is written as plain CSV; give a name that ends in .csv")
         content = path.read_bytes() if path.exists() else b""
         whole = content[: content.rfind(b"\n") + 1]
-        there = whole.decode("utf-8", errors="replace").splitlines()
-        if there[:1] != [header] and not (not there and f"{header}\n".encode().startswith(content)):
+        earlier = whole.decode("utf-8", errors="replace").splitlines()
+        if earlier[:1] != [header] and not (not earlier and f"{header}\n".encode().startswith(content)):
             raise InputError(f"{path} holds something else, so it is left untouched; give another name")
         self._stream = path.open("r+" if path.exists() else "w", encoding="utf-8", newline="\n")
         self._stream.truncate(len(whole))
         self._stream.seek(0, os.SEEK_END)
-        self._old = there[1:][::-1]
-        self.found_there = len(self._old)
-        if not there:
+        self._earlier = earlier[1:][::-1]
+        self.found_there = len(self._earlier)
+        if not earlier:
             self._append([header])
 
     def add(self, lines: Sequence[str]) -> int:
-        """Append lines, less those that are there already; how many were appended."""
+        """Append those lines that an earlier run has not written; their number."""
         new = []
         for line in lines:
-            if not self._old:
+            if not self._earlier:
                 new.append(line)
-            elif not agrees(self._old.pop(), line):
+            elif not agrees(self._earlier.pop(), line):
                 self.close()
-                place = self.found_there - len(self._old) + 1
+                place = self.found_there - len(self._earlier) + 1
                 raise InputError(
-                    f"line {place} of {self.path} is not what this model makes of this input, so it is left as it was; "
-                    "give another name for a new recording or another model"
+                    f"line {place} of {self.path} differs from what this model computes from this input, so the file is not "
+                    "changed; give another name for a new recording or another model"
                 )
         self._append(new)
         return len(new)
@@ -180,10 +183,26 @@ class Output:
             self._stream.flush()
 
 
-def readable(source: str) -> Path:
+def require_csv(source: str) -> Path:
+    """The path of a CSV file that can be read while it grows.
+
+    Raises
+    ------
+    InputError
+        It is no file, or no plain CSV.
+    """
     path = Path(source)
     if not path.is_file():
         raise InputError(f"{source} {'is no file' if path.exists() else 'does not exist'}; --follow reads a CSV file or - ")
     if not path.name.lower().endswith((".csv", ".txt", ".tsv")):
         raise InputError(f"{source}: --follow reads plain CSV (.csv, .txt, .tsv)")
     return path
+
+
+def agrees(written: str, computed: str) -> bool:
+    """Whether a line written by an earlier run holds the numbers computed again."""
+    try:
+        old, new = (np.array([float(part) for part in line.split(",")]) for line in (written, computed))
+    except ValueError:
+        return False
+    return old.shape == new.shape and bool((np.abs(old - new) <= AGREEMENT * np.maximum(np.abs(new), ROUNDING)).all())

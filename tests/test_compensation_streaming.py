@@ -24,9 +24,10 @@ import rlgcomp as rlg
 from rlgcomp.calibration.file import Calibration
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
+from rlgcomp.compensation.growing_files import agrees
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.models.fixed_size import FixedSizeLSSVM
-from rlgcomp.compensation.streaming import Follower, agrees, to_lines
+from rlgcomp.compensation.streaming import StreamCompensator, to_lines
 
 MONITORS = ("temperature_block_degC", "temperature_shell_degC", "light_intensity_V", "readout_a_V", "readout_b_V")
 ESTIMATORS = {
@@ -119,8 +120,8 @@ def csv(short_runs: list[rlg.Recording], tmp_path_factory: pytest.TempPathFactor
     return path
 
 
-def fed(model: rlg.Compensator, lines: list[str], cuts: list[int], **settings_: object) -> tuple[list[str], Follower]:
-    follower = Follower(model, lines[0], **settings_)
+def fed(model: rlg.Compensator, lines: list[str], cuts: list[int], **settings_: object) -> tuple[list[str], StreamCompensator]:
+    follower = StreamCompensator(model, lines[0], **settings_)
     edges = sorted({1, len(lines), *(cut for cut in cuts if 1 < cut < len(lines))})
     return [line for a, b in itertools.pairwise(edges) for line in to_lines(follower.feed(lines[a:b]))], follower
 
@@ -206,13 +207,13 @@ def test_pulses_names_and_a_calibration_of_ones_own(
 )
 def test_a_stream_that_cannot_be_used_is_refused_at_its_header(model: rlg.Compensator, header: str, message: str) -> None:
     with pytest.raises(rlg.InputError, match=message):
-        Follower(model, header)
+        StreamCompensator(model, header)
 
 
 @pytest.mark.parametrize("period_s", [0.0, -1.0, np.nan, "soon"])
 def test_a_sample_period_that_is_none_is_refused(model: rlg.Compensator, period_s: object) -> None:
     with pytest.raises(rlg.InputError, match="must be a positive number of seconds"):
-        Follower(model, "gyro_deg_h," + ",".join(MONITORS), period_s=period_s)
+        StreamCompensator(model, "gyro_deg_h," + ",".join(MONITORS), period_s=period_s)
 
 
 def test_numbers_agree_or_not() -> None:
@@ -318,7 +319,7 @@ def test_an_output_that_is_not_its_own_is_left_untouched(
     rlg.write(short_runs[0].replace(truth=None), other)
     code, said = follow(saved, other, "--out", out)
     assert (code, out.read_bytes()) == (2, before)
-    assert "not what this model makes of this input" in said
+    assert "differs from what this model computes from this input" in said
     (tmp_path / "thesis.csv").write_text("years of work")
     code, said = follow(saved, csv, "--out", tmp_path / "thesis.csv")
     assert (code, (tmp_path / "thesis.csv").read_text()) == (2, "years of work")
