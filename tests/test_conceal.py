@@ -29,7 +29,7 @@ from rlgcomp.files import sha256
 from rlgcomp.physics import CATALOGUE
 from tests.own_mechanism import write_bellows
 
-CHAMBER = [name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.open_set]
+CHAMBER = [name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.empirical]
 SIMULATOR = {
     "kind": "chamber",
     "mechanisms": [

@@ -221,9 +221,9 @@ class TestCases:
         assert {(s, i) for _, _, s, _, i in plan("pair", 8)} == set(itertools.product(STRENGTHS["pair"], (True, False)))
 
     def test_the_catalogue_is_covered_and_shapes_carry_its_names(self) -> None:
-        chamber = {name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.open_set}
+        chamber = {name for name, form in CATALOGUE.items() if form.kind == "chamber" and not form.empirical}
         assert set(INDEPENDENT) == chamber
-        turning = {name for name, form in CATALOGUE.items() if form.kind == "turntable" and not form.open_set}
+        turning = {name for name, form in CATALOGUE.items() if form.kind == "turntable" and not form.empirical}
         assert {*turntable.EFFECTS, "scale_factor"} == turning  # a scale factor every simulator of a table has
         for name in INDEPENDENT:
             names = {parameter.name for parameter in CATALOGUE[name].parameters()}

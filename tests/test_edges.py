@@ -72,18 +72,18 @@ def test_a_loop_that_is_narrow_where_it_is_hot_is_hysteresis() -> None:
 
 def test_edges_and_parameters_are_the_same_thing() -> None:
     hop = CATALOGUE["mode_hop"](threshold_degC=20.0, dead_band_K=3.0)
-    assert hop.edges() == (20.0, 17.0)
-    assert hop.with_edges((25.0, 15.0)) == CATALOGUE["mode_hop"](threshold_degC=25.0, dead_band_K=10.0)
-    assert hop.with_edges((15.0, 25.0)) is None
-    assert hop.with_edges((40.0, 15.0)) is None
+    assert hop.thresholds() == (20.0, 17.0)
+    assert hop.with_thresholds((25.0, 15.0)) == CATALOGUE["mode_hop"](threshold_degC=25.0, dead_band_K=10.0)
+    assert hop.with_thresholds((15.0, 25.0)) is None
+    assert hop.with_thresholds((40.0, 15.0)) is None
     several = dataclasses.replace(hop, hops=3, spacing_K=12.0)
-    assert several.edges() == (20.0, 17.0, 32.0)
-    assert several.with_edges((25.0, 15.0, 40.0)) == dataclasses.replace(
+    assert several.thresholds() == (20.0, 17.0, 32.0)
+    assert several.with_thresholds((25.0, 15.0, 40.0)) == dataclasses.replace(
         several, threshold_degC=25.0, dead_band_K=10.0, spacing_K=15.0
     )
-    assert several.with_edges((25.0, 15.0, 20.0)) is None
-    assert all(kind().edges() == () for name, kind in CATALOGUE.items() if name != "mode_hop")
-    assert np.isfinite(hop.edges()).all()
+    assert several.with_thresholds((25.0, 15.0, 20.0)) is None
+    assert all(kind().thresholds() == () for name, kind in CATALOGUE.items() if name != "mode_hop")
+    assert np.isfinite(hop.thresholds()).all()
 
 
 @pytest.mark.parametrize("start", ["from_below", "from_above"])

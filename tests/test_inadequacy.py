@@ -108,7 +108,7 @@ def test_a_path_beside_a_relay_pays_more_than_all_that_it_may_be_wrong_by() -> N
 
 def test_relays_and_loops_leave_jumps_and_what_runs_smoothly_leaves_none() -> None:
     (run, _) = runs()
-    kinds = [kind for kind in CATALOGUE.values() if kind.kind == "chamber" and not kind.open_set]
+    kinds = [kind for kind in CATALOGUE.values() if kind.kind == "chamber" and not kind.empirical]
     jumping = {kind.name for kind in kinds if leaves_jumps((kind.grid([run]) or (kind(),))[0], run)}
     assert jumping == {"thermal_hysteresis", "mode_hop", "periodic_interference", "random_telegraph"}
     assert all(leaves_jumps(loop, run) for loop in CATALOGUE["thermal_hysteresis"].grid([run]))
@@ -116,7 +116,7 @@ def test_relays_and_loops_leave_jumps_and_what_runs_smoothly_leaves_none() -> No
 
 def test_a_relay_beside_a_loop_pays_more_for_it_may_be_one_of_its_relays() -> None:
     (run, _) = found = runs()
-    kinds = [kind for kind in CATALOGUE.values() if kind.kind == "chamber" and not kind.open_set]
+    kinds = [kind for kind in CATALOGUE.values() if kind.kind == "chamber" and not kind.empirical]
     assert {kind.name for kind in kinds if is_loop((kind.grid([run]) or (kind(),))[0], run)} == {"thermal_hysteresis"}
     loop, relay = CATALOGUE["thermal_hysteresis"](radius_K=8.0), CATALOGUE["mode_hop"](threshold_degC=25.3, dead_band_K=4.4)
     shown = 0.002 * loop.basis(run)[:, 0]
@@ -194,5 +194,5 @@ def test_what_is_left_follows_the_drivers() -> None:
 
 
 def test_lines_and_paths_follow_anything() -> None:
-    kinds = [kind for kind in CATALOGUE.values() if kind.kind == "chamber" and not kind.open_set]
+    kinds = [kind for kind in CATALOGUE.values() if kind.kind == "chamber" and not kind.empirical]
     assert {kind.name for kind in kinds if follows_anything(kind())} == {"periodic_interference", "random_telegraph"}

@@ -68,7 +68,7 @@ def test_a_recording_that_begins_and_ends_in_a_sweep_is_none_the_worse() -> None
     rate = sweep(0.05, 0.011)
     whole, piece = law.basis(at_rates(rate)), law.basis(at_rates(rate[18:23]))
     assert piece == pytest.approx(whole[18:23], rel=1e-9)
-    assert not law.scatter(at_rates(rate[18:23]))[:, 96:].any()  # nor is its course left open
+    assert not law.unmodelled(at_rates(rate[18:23]))[:, 96:].any()  # nor is its course left open
 
 
 @pytest.mark.parametrize("rests", [0, 5])
@@ -109,7 +109,7 @@ def test_passages_through_zero_scatter_as_the_phase_equation_does() -> None:
         lost.append(error[1:].sum() * SAMPLE_S / SECONDS_PER_HOUR)
     law = dataclasses.replace(LockIn(), lock_in_deg_s=lock_in, acts_on="table")
     run = at_rates(sweep(slope, 0.0), pulse_arcsec=SECONDS_PER_HOUR / PULSES_PER_DEG)
-    scatter_deg = law.scatter(run) * SAMPLE_S / SECONDS_PER_HOUR
+    scatter_deg = law.unmodelled(run) * SAMPLE_S / SECONDS_PER_HOUR
     steps_deg = scatter_deg.sum(axis=0)  # the angle within a beat comes back
     assert np.count_nonzero(np.abs(steps_deg) > 1e-12) == 2  # by the phase's cosine and by its sine
     assert np.std(lost) == pytest.approx(float(np.linalg.norm(steps_deg)), rel=0.15)  # 4 % by chance, and higher orders
@@ -139,7 +139,7 @@ def test_a_passage_scatters_the_samples_about_it_wherever_in_a_sample_it_falls(p
     """The covariance of samples over phases: at the end of a sample its neighbour has half of the step, and both go together."""
     errors, run = swept(0.02, 0.02 * place, 4e-4, 60)
     expected = np.cov(errors.T)
-    scatter = LockIn(lock_in_deg_s=4e-4, acts_on="table").scatter(run)
+    scatter = LockIn(lock_in_deg_s=4e-4, acts_on="table").unmodelled(run)
     assert scatter @ scatter.T == pytest.approx(expected, abs=0.1 * expected.max())
 
 
@@ -161,7 +161,7 @@ def test_where_a_sample_ends_within_a_beat_the_angle_is_ahead_or_behind() -> Non
     angle_deg = np.cumsum(error) * SAMPLE_S / SECONDS_PER_HOUR
     steady = np.polyval(np.polyfit(np.arange(400), angle_deg, 1), np.arange(400))
     law = LockIn(lock_in_deg_s=lock_in, acts_on="table")
-    scatter = law.scatter(at_rates(np.full(400, rate_deg_s), pulse_arcsec=SECONDS_PER_HOUR / PULSES_PER_DEG))
+    scatter = law.unmodelled(at_rates(np.full(400, rate_deg_s), pulse_arcsec=SECONDS_PER_HOUR / PULSES_PER_DEG))
     ahead_deg = np.abs(scatter).max() * SAMPLE_S / SECONDS_PER_HOUR
     assert ahead_deg == pytest.approx(np.std(angle_deg - steady), rel=0.3)
 
@@ -172,8 +172,8 @@ def test_the_course_of_a_rate_that_sets_off_in_a_sample_is_left_open() -> None:
     even = np.r_[np.full(9, -13.0), 2.0 * np.arange(13) - 12.0, np.full(9, 13.0)]
     sudden = np.r_[np.zeros(9), 0.3, np.full(9, 12.0)]
     column = slice(96, None)  # beside what the phase leaves open
-    assert not law.scatter(at_rates(even))[:, column].any()
-    left_open = np.abs(law.scatter(at_rates(sudden))[:, column]).sum(axis=1)
+    assert not law.unmodelled(at_rates(even))[:, column].any()
+    left_open = np.abs(law.unmodelled(at_rates(sudden))[:, column]).sum(axis=1)
     assert np.flatnonzero(left_open).tolist() == [9]
     at_once, evenly = np.full(20000, 12.0), np.linspace(0.0, 12.0, 20001)[1:]
     for rate, share in ((at_once, 0.3 / 12.0), (evenly, 0.3 / 6.0)):  # of the sample, at its end
@@ -188,7 +188,7 @@ def test_lock_in_stands_out_beside_other_laws_of_the_rate_and_they_do_not_pose_a
 
     def seen(gyro_deg_h: np.ndarray) -> tuple[LockIn, ...]:
         table = at_rates(rate).table
-        return LockIn.standing_out((rlg.Recording(table.assign(gyro_deg_h=gyro_deg_h + 3600.0 * rate), rlg.Metadata("turntable")),))
+        return LockIn.evident_in((rlg.Recording(table.assign(gyro_deg_h=gyro_deg_h + 3600.0 * rate), rlg.Metadata("turntable")),))
 
     assert seen(plain) == ()
     for offset_deg_h, acts_on in ((0.0, "table"), (8.0, "total")):
@@ -248,8 +248,8 @@ def test_of_a_table_that_rests_and_turns_one_way_the_lock_in_rate_is_right(
 
 
 def test_a_table_that_does_not_sweep_leaves_nothing_open() -> None:
-    assert not LockIn(acts_on="table").scatter(at_rates(np.repeat([1.0, -1.0, 3.0], 9))).any()
-    assert not LockIn(acts_on="table", offset_deg_h=9.0).scatter(at_rates(np.zeros(30))).any()
+    assert not LockIn(acts_on="table").unmodelled(at_rates(np.repeat([1.0, -1.0, 3.0], 9))).any()
+    assert not LockIn(acts_on="table", offset_deg_h=9.0).unmodelled(at_rates(np.zeros(30))).any()
 
 
 def test_two_rates_tell_no_law_from_another_and_the_passages_through_zero_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -355,7 +355,7 @@ def test_a_gradient_read_by_late_thermometers_is_the_gradient_itself() -> None:
     read = [lag(values, time_s, 30.0) for values in (inside, outside)]
     away = slice(10, -10)
     assert contribution(late, *read)[away] == pytest.approx((inside - outside)[away], abs=0.02)
-    assert np.abs(contribution(late.acting(), *read) - (inside - outside))[away].max() > 0.05
-    assert contribution(late.acting(), inside, outside) == pytest.approx(inside - outside)
+    assert np.abs(contribution(late.for_true_quantities(), *read) - (inside - outside))[away].max() > 0.05
+    assert contribution(late.for_true_quantities(), inside, outside) == pytest.approx(inside - outside)
     assert "thermometers_late_s" in late.stated()
-    assert not late.acting().shape_parameters()
+    assert not late.for_true_quantities().shape_parameters()

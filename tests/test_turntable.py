@@ -237,7 +237,7 @@ class TestLockIn:
         )
         other = dataclasses.replace(LockIn(lock_in_deg_s=0.01), fraction=25.0)
         assert 25.0 * other.basis(rlg.Recording(pd.DataFrame(table)))[:, 0] == pytest.approx(error, rel=1e-4)
-        assert (other.settled().lock_in_deg_s, other.settled().fraction) == (pytest.approx(0.05), 1.0)
+        assert (other.canonical().lock_in_deg_s, other.canonical().fraction) == (pytest.approx(0.05), 1.0)
 
     def test_it_locks_the_bias_with_the_rest(self) -> None:
         """A table at rest: the gyro shows neither its bias nor the Earth, but nothing."""
@@ -280,9 +280,9 @@ class TestRotation:
         """At 30 deg/s and 1 Hz a turn has twelve rows: order 7 would look like order 5."""
         run = rlg.Simulator(kind="turntable").simulate("rate 30 600, rate -30 600", seed=1)
         assert max(order for mechanism in RotationHarmonics.grid((run,)) for order in mechanism.orders) == 6
-        assert RotationHarmonics.not_shown((run,)) == "orders above 6 (sample faster, or turn more slowly)"
+        assert RotationHarmonics.unresolved_in((run,)) == "orders above 6 (sample faster, or turn more slowly)"
         remarks = rlg.diagnose(rlg.Simulator(kind="turntable"), [run], black_box=False).remarks
-        assert f"Of rotation_harmonics these runs do not show {RotationHarmonics.not_shown((run,))}." in remarks
+        assert f"Of rotation_harmonics these runs do not show {RotationHarmonics.unresolved_in((run,))}." in remarks
 
     def test_whole_turns_hide_the_earth(self) -> None:
         leak = rlg.CATALOGUE["earth_rate_leak"](cosine_deg_h=1.0, sine_deg_h=0.5)

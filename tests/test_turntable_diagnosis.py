@@ -138,7 +138,7 @@ def test_a_law_of_the_rate_is_found_with_its_parity(parity: str, form: str, tmp_
     found = rlg.diagnose(SIMULATOR, recordings, black_box=False)
     assert found.verdict == "unknown"
     assert not found.causes
-    (law,) = (mechanism for mechanism in found.augmented.mechanisms if mechanism.open_set)
+    (law,) = (mechanism for mechanism in found.augmented.mechanisms if mechanism.empirical)
     assert isinstance(law, EmpiricalLaw)
     assert (law.parity, law.driver) == (parity, "table_rate_deg_s")
     rates = np.array([1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0])

@@ -82,7 +82,7 @@ def fit_each(others: Sequence[Mechanism] = ()) -> Fit:
         design = np.column_stack([mechanism.basis(run) for mechanism in (LockIn(), ScaleFactor(), *others)])
         target = run.rate_deg_h() - SIMULATOR.nominal_deg_h(run)
         found = np.linalg.lstsq(design, target, rcond=None)[0]
-        rates.append(LockIn(fraction=float(found[0])).settled().lock_in_deg_s)
+        rates.append(LockIn(fraction=float(found[0])).canonical().lock_in_deg_s)
         left.append((target - design @ found) / (PPM * SECONDS_PER_HOUR * run.column("table_rate_deg_s")))
     return Fit(np.array(rates), np.array(left).T)
 

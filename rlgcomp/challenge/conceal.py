@@ -214,7 +214,7 @@ class _Bench:
 def _chosen(simulator: Simulator, hide: str, rng: np.random.Generator, catalogue: Mapping[str, type[Mechanism]]) -> list[str]:
     if hide == NOTHING:
         return []
-    allowed = [name for name, form in catalogue.items() if form.named_for(simulator.kind)]
+    allowed = [name for name, form in catalogue.items() if form.is_candidate(simulator.kind)]
     if hide == RANDOM:
         taken = [name for name in allowed if len(simulator.mechanisms) > 1 or name not in _names(simulator)]
         count = int(rng.choice(len(_HOW_MANY), p=_HOW_MANY))

@@ -65,7 +65,7 @@ def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, wi
         elif parameter.role == "shape":
             value = parameter.typical if point is None else getattr(point, parameter.name)
             values[parameter.name] = _nonlinear(parameter, value, shortest_s, window_s, rng)
-    return kind.from_mapping(values).acting()
+    return kind.from_mapping(values).for_true_quantities()
 
 
 def _nonlinear(parameter: Parameter, value: float, shortest_s: float, window_s: float, rng: np.random.Generator) -> float:
@@ -91,7 +91,7 @@ def scaled(mechanism: M, factor: float) -> M:
     if not names:
         raise InputError(f"{mechanism.name}: none of its parameters is a size that could be made larger or smaller")
     made = dataclasses.replace(mechanism, **{name: factor * getattr(mechanism, name) for name in names})  # type: ignore[type-var]
-    return made.settled()
+    return made.canonical()
 
 
 def unabsorbed(problem: Problem, errors_deg_h: Sequence[Array]) -> Array:

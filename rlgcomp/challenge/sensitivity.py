@@ -311,7 +311,7 @@ def extrapolation_remarks(criterion: str, strengths: Array, found: Array) -> lis
 def _checked(
     simulator: Simulator, mechanism: str, strengths: Sequence[float], draws: int, catalogue: Mapping[str, type[Mechanism]]
 ) -> type[Mechanism]:
-    fitting = [name for name, form in catalogue.items() if form.named_for(simulator.kind)]
+    fitting = [name for name, form in catalogue.items() if form.is_candidate(simulator.kind)]
     if mechanism not in fitting:
         raise InputError(f"{mechanism!r} is not in the catalogue of kind {simulator.kind!r}; it has {', '.join(fitting)}")
     if mechanism in [own.name for own in simulator.mechanisms]:

@@ -38,7 +38,7 @@ def causes_of(
     """The chosen causes, the most probable first."""
     causes, beside = [], without_law(conclusion)
     for cause in after.causes:
-        if cause.known or cause.mechanism.open_set:
+        if cause.known or cause.mechanism.empirical:
             continue
         name = cause.mechanism.name
         probability = explanations.probability_of(name)
@@ -50,7 +50,7 @@ def causes_of(
         rms = _beyond(problem.baseline, cause.contribution_deg_h)
         alone = None if explanations.proposed is None else explanations.proposed.probability_of(name)
         theirs = tuple(beside * explanations.probability_of(other) for other in others)
-        causes.append(Cause(cause.mechanism.settled(), probability, cause.estimates, rms, others, drivers, alone, theirs))
+        causes.append(Cause(cause.mechanism.canonical(), probability, cause.estimates, rms, others, drivers, alone, theirs))
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 

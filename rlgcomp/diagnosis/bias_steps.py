@@ -142,13 +142,15 @@ def _best(problem: Problem, background: Background, steps: Sequence[BiasStep]) -
 def _flips_once(problem: Problem, explanations: Explanations, whole: Problem | None) -> bool:
     """Whether the likeliest set has a path of jumps that is one step: it flips once in the training runs, and in no other."""
     likeliest = explanations.likeliest
-    paths = [one.columns[:, 0] for one in explanations.candidates(likeliest) if one.mechanism.jumps()]
+    paths = [one.columns[:, 0] for one in explanations.candidates(likeliest) if one.mechanism.is_telegraph()]
     if not paths or sum(int((np.diff(np.sign(paths[0][part])) != 0.0).sum()) for part in problem.rows.runs) != 1:
         return False
     if whole is None:
         return True
     beside = [
-        whole.columns(one.mechanism)[: len(whole.rows)] for one in explanations.candidates(likeliest) if not one.mechanism.jumps()
+        whole.columns(one.mechanism)[: len(whole.rows)]
+        for one in explanations.candidates(likeliest)
+        if not one.mechanism.is_telegraph()
     ]
     design = np.column_stack([whole.baseline, *beside])
     return (

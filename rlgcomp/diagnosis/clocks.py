@@ -148,7 +148,7 @@ def _rivals(explanations: Explanations, beside: frozenset[Label]) -> list[Candid
     """Causes of likely sets that are not among those beside a clock."""
     likely = [model for model, p in zip(explanations.models, explanations.probabilities, strict=True) if p > MENTIONED]
     causes = (one for model in likely for one in explanations.candidates(model))
-    return [one for one in causes if not (one.known or one.mechanism.jumps() or (one.name, False) in beside)]
+    return [one for one in causes if not (one.known or one.mechanism.is_telegraph() or (one.name, False) in beside)]
 
 
 def weighed(found: Diagnosis, clock: Clock | None) -> Diagnosis:
@@ -306,11 +306,11 @@ def _toll(explanations: Explanations, model: Model) -> float:
 
     causes = [one.mechanism for one in explanations.candidates(model)]
     each = zip(causes, explained, strict=True)
-    return max((inadequacy(chi_square) * alike(cause) for cause, chi_square in each if not cause.open_set), default=0.0)
+    return max((inadequacy(chi_square) * alike(cause) for cause, chi_square in each if not cause.empirical), default=0.0)
 
 
 def _design(problem: Problem, explanations: Explanations, model: Model) -> Array:
     held = explanations.search.has_own_biases(model.labels)
-    causes = [one for one in explanations.candidates(model) if not one.mechanism.open_set]
+    causes = [one for one in explanations.candidates(model) if not one.mechanism.empirical]
     baseline = (problem.with_own_biases() if held else problem).baseline
     return np.column_stack([baseline, *(problem.columns(one.mechanism) for one in causes)])

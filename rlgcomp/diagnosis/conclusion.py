@@ -175,7 +175,7 @@ def _held_within(
     Noise that windows have and their insides lack is none that a cause or a law explains.
     """
     missing = [one for one in explanations.candidates(model) if (one.name, one.known) not in fewer.labels]
-    if not explanations.evidence.problem.rows.contrasts or not missing or any(one.mechanism.jumps() for one in missing):
+    if not explanations.evidence.problem.rows.contrasts or not missing or any(one.mechanism.is_telegraph() for one in missing):
         return 0.0
     try:
         known, columns = ([problem.columns(one.mechanism) for one in some] for some in (explanations.candidates(fewer), missing))

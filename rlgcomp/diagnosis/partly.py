@@ -57,7 +57,7 @@ def sought(problem: Problem, explanations: Explanations) -> Partly | None:
     if not columns or not parts:
         return None
     noises, prior, _ = considered(problem)
-    switches = {one: [_switches(column[rows]) for rows in problem.rows.runs] for one, column in columns.items() if one.edges()}
+    switches = {one: [_switches(column[rows]) for rows in problem.rows.runs] for one, column in columns.items() if one.thresholds()}
 
     def acting(one: Mechanism, part: tuple[int, ...]) -> bool:
         """Whether it is more than one step of the bias."""
@@ -164,7 +164,7 @@ def _columns(explanations: Explanations, rows: int) -> dict[Mechanism, Array]:
     return {
         one.mechanism: one.columns[:rows, 0]
         for one in tried
-        if one.columns.shape[1] == 1 and not (one.known or one.mechanism.open_set) and one.mechanism.repeats()
+        if one.columns.shape[1] == 1 and not (one.known or one.mechanism.empirical) and one.mechanism.repeats()
         if one.mechanism.driver_columns(run) or _dies_away(one.columns[:rows, 0], parts)
     }
 

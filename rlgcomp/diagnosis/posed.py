@@ -157,7 +157,7 @@ class Posed:
         """Causes that pulled the simulator's free shapes away, which were calibrated without them: with these where they belong all
         explains more."""
         model = explanations.in_training(explanations.likeliest)
-        causes = [one for one in explanations.candidates(model) if not one.known and not one.mechanism.jumps()]
+        causes = [one for one in explanations.candidates(model) if not one.known and not one.mechanism.is_telegraph()]
         if not causes:
             return []
         noise = explanations.evidence.noises[int(np.argmax(model.noise_log))]

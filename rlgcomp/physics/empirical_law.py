@@ -68,7 +68,7 @@ class EmpiricalLaw(Mechanism):
         "3932 (2016) (laws from a dictionary); A. Visintin, Differential Models of Hysteresis, Springer, 1994 (play)."
     )
     drivers = (TEMPERATURE,)
-    open_set = True
+    empirical = True
 
     amplitude_deg_h: float = amplitude(0.005, "deg/h", limit=1e15)
     driver: str = setting(TEMPERATURE)

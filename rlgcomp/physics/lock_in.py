@@ -51,7 +51,7 @@ class LockIn(Mechanism):
     they are not known, or with "table", `offset_deg_h` alone.
 
     Far above lock-in the error depends on W_L² only, so that a fit determines `fraction` times `lock_in_deg_s` squared;
-    :meth:`settled` gives the lock-in rate itself.
+    :meth:`canonical` gives the lock-in rate itself.
 
     Where the rate passes zero so fast that it changes within a beat, the beams have no time to lock. Averaged over phases, the
     second order of the phase equation loses the same angle on either side as lock-in at another rate would, apart from its size,
@@ -77,7 +77,7 @@ class LockIn(Mechanism):
     acts_on: str = setting("total", choices=("total", "table"))
     offset_deg_h: float = setting(0.0, "deg/h")
 
-    def scatter(self, recording: Recording) -> Array:
+    def unmodelled(self, recording: Recording) -> Array:
         r"""Disturbances by the unknown phase. A passage through zero at :math:`t_0` with the phase :math:`\psi_0` adds the error
 
         .. math:: -W_L \sin(\psi_0 + \pi S \dot W (t - t_0)^2), \qquad
@@ -134,7 +134,7 @@ class LockIn(Mechanism):
         )
 
     @classmethod
-    def standing_out(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+    def evident_in(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """The best lock-in rate, where its error at steady rates is significant and of its own size."""
         observed = _observed(recordings)
         top = 0.0 if observed is None else float(np.abs(observed[0]).max())
@@ -148,14 +148,14 @@ class LockIn(Mechanism):
         plain = _RATIO**-2 <= factor <= _RATIO**2 and sizes > _STANDS_OUT * math.sqrt(left / max(search.square, 1e-300))
         return (cls(lock_in_deg_s=min(best, 10.0), acts_on="total" if offset else "table", offset_deg_h=offset),) if plain else ()
 
-    def settled(self) -> Self:
+    def canonical(self) -> Self:
         """The lock-in rate that has the same error at fast rotation with `fraction` one."""
         if self.fraction <= 0.0:
             return self
         rate = self.lock_in_deg_s * math.sqrt(self.fraction)
         return dataclasses.replace(self, lock_in_deg_s=min(max(rate, 1e-5), 10.0), fraction=1.0)
 
-    def informed_by(self, recordings: Sequence[Recording]) -> Self:
+    def conditioned_on(self, recordings: Sequence[Recording]) -> Self:
         """With the offset of the light's rate from the table's: the bias shown while it turns; where it never rests, Earth rate."""
         if self.acts_on == "table" or any(FELT_RATE_DEG_S in run for run in recordings):
             return self

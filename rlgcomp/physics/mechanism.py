@@ -142,7 +142,7 @@ class Mechanism(abc.ABC):
         table's motion.
     each_run : bool
         Each run has its own amplitudes, as for a phase that is not synchronised with the runs.
-    open_set : bool
+    empirical : bool
         An empirical form, not a candidate for naming.
     constant : str
         The amplitude of a constant bias; "" where it has none.
@@ -158,7 +158,7 @@ class Mechanism(abc.ABC):
     stage: ClassVar[Literal["light", "lock_in", "readout"]] = "light"
     fast: ClassVar[bool] = False
     each_run: ClassVar[bool] = False
-    open_set: ClassVar[bool] = False
+    empirical: ClassVar[bool] = False
     constant: ClassVar[str] = ""
     constant_alone: ClassVar[Mapping[str, Any]] = {}
 
@@ -235,15 +235,15 @@ class Mechanism(abc.ABC):
         return 1.0
 
     @classmethod
-    def proposals(cls, time_s: Sequence[Array], left: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
+    def proposals(cls, time_s: Sequence[Array], residuals: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
         """Shapes that a residual suggests, where a grid would be too large, and the number of all.
 
         Parameters
         ----------
-        time_s, left : sequence of ndarray
+        time_s, residuals : sequence of ndarray
             Times from the start of each run, and each run's whitened residual.
         """
-        del time_s, left
+        del time_s, residuals
         return (), 1.0
 
     @classmethod
@@ -252,30 +252,30 @@ class Mechanism(abc.ABC):
         del frequency_hz, resolution_hz
         return ()
 
-    def edges(self) -> tuple[float, ...]:
+    def thresholds(self) -> tuple[float, ...]:
         """Levels of its driver at which it switches. The misfit has many minima over them, so they are searched one by one."""
         return ()
 
-    def with_edges(self, edges: Sequence[float]) -> Self | None:
+    def with_thresholds(self, levels: Sequence[float]) -> Self | None:
         """The same with other levels; None where they are out of bounds."""
-        del edges
+        del levels
         return None
 
     @classmethod
-    def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
+    def as_telegraph(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
         """The mechanism as a random telegraph between two values; None for any other."""
         del half_step_deg_h, dwell_s
         return None
 
     @classmethod
-    def named_for(cls, kind: str) -> bool:
+    def is_candidate(cls, kind: str) -> bool:
         """Whether it is a candidate in recordings of a kind, "chamber" or "turntable"."""
-        return cls.kind in (kind, "any") and not cls.open_set
+        return cls.kind in (kind, "any") and not cls.empirical
 
     @classmethod
-    def jumps(cls) -> bool:
+    def is_telegraph(cls) -> bool:
         """Whether it is a random telegraph."""
-        return cls.jumping(1.0, 3600.0) is not None
+        return cls.as_telegraph(1.0, 3600.0) is not None
 
     def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """Higher-order forms of this mechanism, tried where the simulator has it in this form or where it is likely."""
@@ -295,7 +295,7 @@ class Mechanism(abc.ABC):
         """Drivers of this instance: those of the class, unless they are a setting."""
         return self.drivers
 
-    def settled(self) -> Self:
+    def canonical(self) -> Self:
         """The same error in canonical parameters, where two parameters are confounded when fitted."""
         return self
 
@@ -304,28 +304,28 @@ class Mechanism(abc.ABC):
         del recording
         return ()
 
-    def acting(self) -> Self:
+    def for_true_quantities(self) -> Self:
         """The mechanism for true quantities, as a simulator has them, instead of recorded ones."""
         return self
 
-    def informed_by(self, recordings: Sequence[Recording]) -> Self:
+    def conditioned_on(self, recordings: Sequence[Recording]) -> Self:
         """The mechanism conditioned on recordings of a real gyro, which replace knowledge that only a simulation has."""
         del recordings
         return self
 
     @classmethod
-    def standing_out(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The mechanism where recordings show it significantly and it has unmodelled variance (:meth:`scatter`); else none."""
+    def evident_in(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
+        """The mechanism where recordings show it significantly and it has unmodelled variance (:meth:`unmodelled`); else none."""
         del recordings
         return ()
 
     @classmethod
-    def not_shown(cls, recordings: Sequence[Recording]) -> str:
+    def unresolved_in(cls, recordings: Sequence[Recording]) -> str:
         """The part that these recordings cannot resolve, and the remedy, as the end of a sentence; "" where there is none."""
         del recordings
         return ""
 
-    def scatter(self, recording: Recording) -> Array | None:
+    def unmodelled(self, recording: Recording) -> Array | None:
         """Unmodelled variance: independent disturbances of unit variance in deg/h, shape (n, k); None where there is none.
 
         Every recording has the same number of columns.

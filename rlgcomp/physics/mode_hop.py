@@ -77,13 +77,13 @@ class ModeHop(Mechanism):
     def stated(self) -> str:
         return (_ONE if self.hops == 1 else _SEVERAL) + BEGUN[self.start]
 
-    def edges(self) -> tuple[float, ...]:
+    def thresholds(self) -> tuple[float, ...]:
         """Levels for warming and for cooling; of several hops also that for warming at the next."""
         own = self.threshold_degC, self.threshold_degC - self.dead_band_K
         return own if self.hops == 1 else (*own, self.threshold_degC + self.spacing_K)
 
-    def with_edges(self, edges: Sequence[float]) -> Self | None:
-        warming, cooling, *following = edges
+    def with_thresholds(self, levels: Sequence[float]) -> Self | None:
+        warming, cooling, *following = levels
         limits = {parameter.name: (parameter.low, parameter.high) for parameter in self.parameters()}
         spacing = following[0] - warming if following else self.spacing_K
         moved = {"threshold_degC": warming, "dead_band_K": warming - cooling, "spacing_K": spacing}

@@ -49,14 +49,14 @@ class PeriodicInterference(Mechanism):
         return ()
 
     @classmethod
-    def proposals(cls, time_s: Sequence[Array], left: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
+    def proposals(cls, time_s: Sequence[Array], residuals: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
         """The highest peaks of the periodogram and their neighbouring frequencies, with a common phase and with a phase per run."""
         longest = max(float(t[-1] - t[0]) for t in time_s)
         step_hz = 1.0 / (_OVERSAMPLING * longest)
         highest_hz = min(0.5, 0.5 / max(float(np.median(np.diff(t))) for t in time_s))
         lowest = _CYCLES * _OVERSAMPLING
         frequency_hz = step_hz * np.arange(lowest, max(lowest + 1, int(highest_hz / step_hz)), dtype=np.float64)
-        waves = [_spectrum(t, values, step_hz, frequency_hz) for t, values in zip(time_s, left, strict=True)]
+        waves = [_spectrum(t, values, step_hz, frequency_hz) for t, values in zip(time_s, residuals, strict=True)]
         found = []
         for phase, power in (("start", np.abs(np.sum(waves, axis=0)) ** 2), ("random", np.sum(np.abs(waves) ** 2, axis=0))):
             for _ in range(_PEAKS):

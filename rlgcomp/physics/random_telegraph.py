@@ -33,7 +33,7 @@ class RandomTelegraph(Mechanism):
         return np.empty((len(recording), 0))
 
     @classmethod
-    def jumping(cls, half_step_deg_h: float, dwell_s: float) -> Self:
+    def as_telegraph(cls, half_step_deg_h: float, dwell_s: float) -> Self:
         return cls(half_step_deg_h=min(half_step_deg_h, 10.0), dwell_s=float(np.clip(dwell_s, 10.0, 86400.0)))
 
     def covariance(self, lag_s: Array) -> Array:

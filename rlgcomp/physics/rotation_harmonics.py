@@ -100,7 +100,7 @@ class RotationHarmonics(Mechanism):
         return tuple(dataclasses.replace(self, **{place: order}) for order in sorted(further))  # type: ignore[arg-type]
 
     @classmethod
-    def not_shown(cls, recordings: Sequence[Recording]) -> str:
+    def unresolved_in(cls, recordings: Sequence[Recording]) -> str:
         highest = highest_order(recordings)
         return f"orders above {highest} (sample faster, or turn more slowly)" if highest < HIGHEST else ""
 

@@ -50,7 +50,7 @@ class ThermalGradient(Mechanism):
         """Lag is rare beforehand: only an effect far above the noise can show it."""
         return _RARELY if self.thermometers_late_s else 1.0
 
-    def acting(self) -> Self:
+    def for_true_quantities(self) -> Self:
         return dataclasses.replace(self, thermometers_late_s=0.0)
 
     def basis(self, recording: Recording) -> Array:

@@ -80,7 +80,7 @@ class Simulator:
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise InputError(f"simulator: kind is {self.kind!r}; it must be one of {', '.join(get_args(Kind))}")
-        names = [mechanism.name for mechanism in self.mechanisms if not mechanism.open_set]
+        names = [mechanism.name for mechanism in self.mechanisms if not mechanism.empirical]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"simulator: {', '.join(twice)} listed twice; list each mechanism once")
@@ -145,7 +145,7 @@ class Simulator:
         else:
             raise InputError(f"a simulator of kind {self.kind!r} cannot run the programme {programme}; give one of its own kind")
         there = Recording(actual.assign(**{column: 0.0}), metadata, name=name)
-        contributions = self._errors(there, [mechanism.acting() for mechanism in self.mechanisms], seed)
+        contributions = self._errors(there, [mechanism.for_true_quantities() for mechanism in self.mechanisms], seed)
         noise = TYPICAL_NOISE if self.noise is None else self.noise
         contributions |= noise.simulate(len(there), step_s, seed)
         truth = pd.DataFrame(contributions, index=actual.index)
@@ -346,7 +346,7 @@ def _idle(mechanism: Mechanism) -> frozenset[str]:
 
 
 def _same(one: Mechanism, other: Mechanism) -> bool:
-    if one.name != other.name or not one.open_set:
+    if one.name != other.name or not one.empirical:
         return one.name == other.name
     settings = [parameter.name for parameter in one.parameters() if parameter.role == "setting"]
     return all(getattr(one, name) == getattr(other, name) for name in settings)

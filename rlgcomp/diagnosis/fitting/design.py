@@ -68,7 +68,7 @@ class Design:
         weights, _, square = solve(problem, np.column_stack([problem.baseline, *columns]), noise)
         amplitudes = np.split(weights, np.cumsum([problem.baseline.shape[1], *(block.shape[1] for block in columns)])[:-1])[1:]
         derived = [
-            _told(slopes(problem, mechanism, part), mechanism, block) if steady_columns(one) and not mechanism.open_set else []
+            _told(slopes(problem, mechanism, part), mechanism, block) if steady_columns(one) and not mechanism.empirical else []
             for one, mechanism, part, block in zip(chosen, mechanisms, amplitudes, columns, strict=True)
         ]
         return cls(problem, chosen, mechanisms, columns, amplitudes, derived, square)
@@ -125,7 +125,7 @@ class Design:
         lateness = late(problem, [self.mechanisms[k] for k in steady], [self.amplitudes[k] for k in steady])
         moved_by = solve(dataclasses.replace(problem, target_deg_h=lateness), self.with_slopes, noise)[0]
         sd = np.sqrt(np.square(widened) * _variances(problem, self.with_slopes, weights, likely or [(noise, 1.0)]) + moved_by**2)
-        laws, widths = [mechanism.open_set for mechanism in self.mechanisms], [block.shape[1] for block in self.columns]
+        laws, widths = [mechanism.empirical for mechanism in self.mechanisms], [block.shape[1] for block in self.columns]
         of_laws = np.repeat([False, *laws, *laws], [own, *widths, *map(len, self.derived)])
         rounded = weights - np.r_[final, np.zeros(len(weights) - len(final))]
         return np.where(of_laws, np.hypot(sd, rounded), sd)
@@ -133,7 +133,7 @@ class Design:
 
 def _told(derived: list[tuple[str, Array]], mechanism: Mechanism, columns: Array) -> list[tuple[str, Array]]:
     """Derivatives by shapes that do what amplitudes cannot; mechanisms that settle tell of both."""
-    if type(mechanism).settled is not Mechanism.settled:
+    if type(mechanism).canonical is not Mechanism.canonical:
         return derived
     basis = np.linalg.qr(columns)[0]
     return [

@@ -66,10 +66,10 @@ class FittedCause:
     def vanishes(self) -> bool:
         """Whether its size is nothing: its amplitudes together, within what noise makes of so many, or each of the wrong sign; of a
         mechanism that is settled, each number within a standard deviation of zero."""
-        if self.known or self.mechanism.open_set:
+        if self.known or self.mechanism.empirical:
             return False
         sizes = {p.name: p.low for p in self.mechanism.parameters() if p.role == "amplitude" and p.name in self.estimates}
-        if type(self.mechanism).settled is not Mechanism.settled:
+        if type(self.mechanism).canonical is not Mechanism.canonical:
             lowest = sizes or dict.fromkeys(self.estimates, 0.0)
             return all(abs(max(self.estimates[name].value, low)) <= self.estimates[name].sd for name, low in lowest.items())
         wrong = [self.estimates[name].value <= low for name, low in sizes.items() if low == 0.0]
@@ -106,7 +106,7 @@ class Fitted:
     @property
     def cancels(self) -> bool:
         """Whether laws in the same columns come to much less than each of them: small differences of large numbers are no law."""
-        laws = [one for one in self.causes if one.mechanism.open_set]
+        laws = [one for one in self.causes if one.mechanism.empirical]
         if len(laws) < 2 or len({frozenset(one.mechanism.driver_names()) for one in laws}) > 1:
             return False
         each = np.array([one.contribution_deg_h for one in laws])
@@ -153,7 +153,7 @@ def fit(
     baseline, simulator = _own_settled(problem, baseline, simulator, beside, noise)
     left = problem.target_deg_h - plain @ final
     causes = _causes(problem, chosen, at.mechanisms, at.columns, at.derived, final, sd, covariance * square / freedom, left, drawn)
-    if any(cause.mechanism.settled() != cause.mechanism for cause in causes):
+    if any(cause.mechanism.canonical() != cause.mechanism for cause in causes):
         causes = _settled(problem, chosen, causes, at.columns, noise)
     causes = [cause.as_told() for cause in causes]
     for cause in causes:
@@ -220,7 +220,7 @@ def _with_mean_of_jumps(problem: Problem, simulator: Simulator, causes: Sequence
     """The simulator whose constant bias is that of runs that jump, and not the middle between the two values: no path is predicted,
     and a run may be at one of them for most of its time."""
     windows = slice(len(problem.rows) - problem.rows.contrasts)
-    means = [float(cause.contribution_deg_h[windows].mean()) for cause in causes if cause.mechanism.jumps()]
+    means = [float(cause.contribution_deg_h[windows].mean()) for cause in causes if cause.mechanism.is_telegraph()]
     bias = dataclasses.replace(problem, simulator=simulator).constant(sum(means)) if means else None
     return simulator if bias is None else simulator.with_mechanism(bias)
 
@@ -314,7 +314,7 @@ def _settled(
     ]
     found = list(causes)
     for k, (candidate, cause) in enumerate(zip(chosen, causes, strict=True)):
-        if cause.mechanism.settled() != cause.mechanism:
+        if cause.mechanism.canonical() != cause.mechanism:
             around = [slope for j, shapes in enumerate(derived) for _, slope in shapes if j != k]
             others = np.column_stack([problem.baseline, *columns[:k], *columns[k + 1 :], *around])
             has = cause.known and not _free(problem, candidate)
@@ -330,7 +330,7 @@ def _own_settled(
     found = dict(baseline)
     for mechanism in simulator.mechanisms:
         fitted = {parameter.name for parameter in mechanism.parameters() if parameter.role != "setting"}
-        if mechanism.settled() == mechanism or fitted != baseline.get(mechanism.name, {}).keys():
+        if mechanism.canonical() == mechanism or fitted != baseline.get(mechanism.name, {}).keys():
             continue
         theirs = [k for k, (name, _) in enumerate(problem.baseline_names) if name != mechanism.name]
         nothing = np.zeros(len(problem.rows))
@@ -355,9 +355,9 @@ def settle(problem: Problem, cause: FittedCause, taken: Array, others: Array, no
 
     Notes
     -----
-    Gauss–Newton. What the law leaves open (:meth:`Mechanism.scatter`) widens the standard deviations.
+    Gauss–Newton. What the law leaves open (:meth:`Mechanism.unmodelled`) widens the standard deviations.
     """
-    mechanism = cause.mechanism.settled()
+    mechanism = cause.mechanism.canonical()
     for _ in range(STEPS):
         reached = mechanism
         left = dataclasses.replace(problem, target_deg_h=problem.target_deg_h + taken - whole(problem, mechanism))
@@ -427,7 +427,7 @@ def _of_jumps(
     windows = slice(len(rows) - rows.contrasts)
     noise_deg_h = math.sqrt(float(np.mean(((left**2 + unsure) / rows.white)[windows])))
     dwell_s, sd_s = likeliest_dwell_s(rows, jumps + left, size.value, noise_deg_h)
-    renewed = type(mechanism).jumping(size.value, dwell_s)
+    renewed = type(mechanism).as_telegraph(size.value, dwell_s)
     step_name, dwell_name = (p.name for p in (renewed or mechanism).parameters()[:2])
     return {step_name: size, dwell_name: Estimate(dwell_s, sd_s, "s")}
 
@@ -435,7 +435,7 @@ def _of_jumps(
 def _joined(simulator: Simulator, cause: FittedCause) -> Simulator:
     """The simulator with a cause in it, its fitted parameters free to be calibrated again; of a law, its amplitude."""
     free, fitted = dict(simulator.free), frozenset(cause.estimates)
-    if cause.mechanism.open_set:
+    if cause.mechanism.empirical:
         fitted &= {parameter.name for parameter in cause.mechanism.amplitude_parameters()}
     free[cause.mechanism.name] = free.get(cause.mechanism.name, frozenset()) | fitted
     return dataclasses.replace(simulator.with_mechanism(cause.mechanism), free=free)

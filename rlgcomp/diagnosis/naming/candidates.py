@@ -48,7 +48,7 @@ def fast_candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) 
     """Mechanisms at all shapes that vary within windows, as far as these recordings can show them."""
     found: list[Mechanism] = []
     for kind in catalogue.values():
-        if not (kind.fast and kind.named_for(problem.simulator.kind)):
+        if not (kind.fast and kind.is_candidate(problem.simulator.kind)):
             continue
         try:
             tried = list(kind.grid(problem.runs))
@@ -67,7 +67,7 @@ def candidates(problem: Problem, catalogue: Mapping[str, type[Mechanism]]) -> tu
     left_out: dict[str, str] = {}
     inside = {mechanism.name: mechanism for mechanism in problem.simulator.mechanisms}
     for name, kind in catalogue.items():
-        if not kind.named_for(problem.simulator.kind):
+        if not kind.is_candidate(problem.simulator.kind):
             continue
         own = inside.get(name)
         try:

@@ -299,7 +299,7 @@ def _fleeting(beside: Sequence[Candidate], windowed: Problem) -> Array:
     """Window means of what no run repeats, shape (n, k): paths of jumps, waves of each run's own."""
     rows = len(windowed.rows)
     found = [
-        one.columns[:rows] if one.mechanism.jumps() else windowed.columns(one.mechanism)
+        one.columns[:rows] if one.mechanism.is_telegraph() else windowed.columns(one.mechanism)
         for one in beside
         if not one.mechanism.repeats()
     ]
@@ -319,11 +319,13 @@ def _judged(
         whole = whole.without_offsets()
     labels = {label for model in asked for label in model.labels}
     at_issue = [candidate for candidate in tried if (candidate.name, candidate.known) in labels]
-    steady = [dataclasses.replace(one, columns=whole.columns(one.mechanism)) for one in at_issue if not one.mechanism.jumps()]
+    steady = [
+        dataclasses.replace(one, columns=whole.columns(one.mechanism)) for one in at_issue if not one.mechanism.is_telegraph()
+    ]
     own = [] if whole.offsets else own_bias(whole)
     evidence = Evidence(whole, [*steady, *own], explanations.evidence.noises)
     by_all = Search(evidence, search.noise_log_prior, names=search.names)
-    jumps = dict.fromkeys(type(one.mechanism) for one in at_issue if one.mechanism.jumps())
+    jumps = dict.fromkeys(type(one.mechanism) for one in at_issue if one.mechanism.is_telegraph())
     if jumps:
         calm = by_all.rated(search.without_jumps(model.labels) for model in asked)
         evidence.add(jumping(by_all, list(calm.values()), list(jumps)))

@@ -51,7 +51,7 @@ def sharpened(evidence: Evidence, models: Sequence[Model]) -> list[Candidate]:
     for model in models:
         for member in model.members:
             candidate = evidence.candidates[member.candidate]
-            if candidate.known or not candidate.mechanism.edges():
+            if candidate.known or not candidate.mechanism.thresholds():
                 continue
             others = tuple(other for other in model.members if other != member)
             if any(_bends(evidence, other, candidate.mechanism) for other in others):
@@ -80,7 +80,7 @@ def _about(evidence: Evidence, start: Mechanism, others: tuple[Member, ...], noi
     for level in range(_LEVELS):
         for _ in range(_SWEEPS):
             before = best
-            for k, edge in enumerate(best.edges()):
+            for k, edge in enumerate(best.thresholds()):
                 line = np.linspace(low, high, _POINTS) if level == 0 else edge + spacing * np.arange(-_FINER, _FINER + 1.0)
                 trials = [trial for trial in (_moved(best, k, float(value)) for value in line) if trial is not None]
                 gains = _explained(evidence, trials, others, noise, left)
@@ -91,16 +91,16 @@ def _about(evidence: Evidence, start: Mechanism, others: tuple[Member, ...], noi
         spacing /= _FINER
     spacing *= _FINER  # of the last line
     cell = 0.5 * _FINER * spacing
-    log_weight = len(best.edges()) * math.log(cell / (high - low))
-    around = itertools.product(*([edge + share * _FINER * spacing for share in _AROUND] for edge in best.edges()))
-    mechanisms = [mechanism for edges in around if (mechanism := best.with_edges(edges)) is not None]
+    log_weight = len(best.thresholds()) * math.log(cell / (high - low))
+    around = itertools.product(*([edge + share * _FINER * spacing for share in _AROUND] for edge in best.thresholds()))
+    mechanisms = [mechanism for edges in around if (mechanism := best.with_thresholds(edges)) is not None]
     return [(mechanism, log_weight) for mechanism in mechanisms]
 
 
 def _moved(mechanism: Mechanism, k: int, value: float) -> Mechanism | None:
-    edges = list(mechanism.edges())
+    edges = list(mechanism.thresholds())
     edges[k] = value
-    return mechanism.with_edges(edges)
+    return mechanism.with_thresholds(edges)
 
 
 def _explained(evidence: Evidence, mechanisms: Sequence[Mechanism], others: tuple[Member, ...], noise: int, left: Array) -> Array:

@@ -126,7 +126,7 @@ class Explanations:
     def beside_own_jumps(self, problem: Problem) -> Problem:
         """The problem of the training runs, its windows alone or not, with the simulator's own jumps in its baseline: no other run
         has their path."""
-        own = [one for one in self.candidates(self.likeliest) if one.known and one.mechanism.jumps()]
+        own = [one for one in self.candidates(self.likeliest) if one.known and one.mechanism.is_telegraph()]
         columns = [one.columns[: len(problem.rows)] for one in own]
         names = (*problem.baseline_names, *((one.name, "path") for one in own))
         return dataclasses.replace(problem, baseline=np.column_stack([problem.baseline, *columns]), baseline_names=names)
@@ -212,7 +212,7 @@ def explain(
     noises, noise_log_prior, ordinary = considered(problem, UNTRIED if left_out else UNRECORDED)
     evidence = Evidence(problem, tried, noises)
     coarse = len(evidence.candidates)
-    kinds = [kind for kind in catalogue.values() if kind.named_for(problem.simulator.kind)]
+    kinds = [kind for kind in catalogue.values() if kind.is_candidate(problem.simulator.kind)]
     search, models, likely = _searched(evidence, noise_log_prior, _FIRST_LOOK)
     at_lines = [Candidate(mechanism, problem.columns(mechanism), -math.log(among)) for mechanism in lines]
     evidence.add([*at_lines, *_proposed(search, likely, kinds), *jumping(search, likely, kinds)])
@@ -374,13 +374,13 @@ def jumping(search: Search, models: Sequence[Model], kinds: Sequence[type[Mechan
     known = {(candidate.mechanism, candidate.log_weight) for candidate in evidence.candidates}
     found: list[Candidate] = []
     for kind in kinds:
-        if not kind.jumps():
+        if not kind.is_telegraph():
             continue
         for members in dict.fromkeys(
             tuple(m for m in model.members if evidence.candidates[m.candidate].name != kind.name) for model in models
         ):
             path = best_path(evidence.problem.rows, *evidence.unexplained(members))
-            mechanism = kind.jumping(path.half_step * evidence.scale_deg_h, path.dwell_s)
+            mechanism = kind.as_telegraph(path.half_step * evidence.scale_deg_h, path.dwell_s)
             if mechanism is not None and path.flips and (mechanism, path.log_weight) not in known:
                 known.add((mechanism, path.log_weight))
                 found.append(Candidate(mechanism, path.signs[:, None], path.log_weight, kind.name in own))

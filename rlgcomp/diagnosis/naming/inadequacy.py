@@ -40,18 +40,18 @@ def inadequacy(explained: float) -> float:
 
 def follows_anything(mechanism: Mechanism) -> bool:
     """Whether it is sought in what others leave: a path of jumps, a line."""
-    return mechanism.jumps() or bool(mechanism.at_line(_LINE_HZ, 0.1 * _LINE_HZ))
+    return mechanism.is_telegraph() or bool(mechanism.at_line(_LINE_HZ, 0.1 * _LINE_HZ))
 
 
 def leaves_jumps(mechanism: Mechanism, run: Recording) -> bool:
     """Whether what it leaves may jump, or be a line: that of one sought in what others leave; of a relay; of a loop."""
-    return follows_anything(mechanism) or bool(mechanism.edges()) or is_loop(mechanism, run)
+    return follows_anything(mechanism) or bool(mechanism.thresholds()) or is_loop(mechanism, run)
 
 
 def is_loop(mechanism: Mechanism, run: Recording) -> bool:
     """Whether it is a loop, a sum of relays of many widths, whose weights are a guess: its memory a stretched time leaves and a
     reversed one changes."""
-    if follows_anything(mechanism) or mechanism.edges():
+    if follows_anything(mechanism) or mechanism.thresholds():
         return False
     table = run.table.iloc[:: max(1, len(run) // _ENOUGH)]
     reversed_ = table.iloc[::-1].assign(**{TIME: table[TIME].to_numpy()})

@@ -157,7 +157,7 @@ def mechanisms_at_lines(
     found = [line for line in within.lines(known) if line.p_value < _CERTAIN][:1]
     longest_s = max(part.full.duration_s for part in problem.windows)
     rows = max(len(part.full) for part in problem.windows)
-    kinds = [kind for kind in catalogue.values() if kind.named_for(problem.simulator.kind)]
+    kinds = [kind for kind in catalogue.values() if kind.is_candidate(problem.simulator.kind)]
     return [m for line in found for kind in kinds for m in kind.at_line(line.frequency_hz, 1.0 / longest_s)], float(rows)
 
 

@@ -31,7 +31,7 @@ class OwnBias(Mechanism):
     reference = "IEEE Std 647-2006, Specification format guide and test procedure for single-axis laser gyros (bias repeatability)."
     drivers = ()
     each_run = True
-    open_set = True
+    empirical = True
 
     bias_deg_h: float = amplitude(0.002, "deg/h")
 

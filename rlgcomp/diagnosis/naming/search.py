@@ -109,10 +109,12 @@ class Search:
         self._scored: dict[tuple[Member, ...], dict[Label, tuple[float, Member, float, Array]]] = {}
         self._labels = [(candidate.name, candidate.known) for candidate in self.evidence.candidates]
         self._jumping = frozenset(
-            label for label, candidate in zip(self._labels, self.evidence.candidates, strict=True) if candidate.mechanism.jumps()
+            label
+            for label, candidate in zip(self._labels, self.evidence.candidates, strict=True)
+            if candidate.mechanism.is_telegraph()
         )
         self._own_biases = frozenset(
-            label for label, candidate in zip(self._labels, self.evidence.candidates, strict=True) if candidate.mechanism.open_set
+            label for label, candidate in zip(self._labels, self.evidence.candidates, strict=True) if candidate.mechanism.empirical
         )
         self._weights = np.array([candidate.log_weight for candidate in self.evidence.candidates])
         self._by_label: dict[Label, npt.NDArray[np.intp]] = {
@@ -262,14 +264,14 @@ class Search:
                 return self._likenesses.setdefault(cause, found)
             left = None if follows_anything(mechanism) else self._left_by(mechanism)
             loop = is_loop(mechanism, run)
-            leaves = loop or follows_anything(mechanism) or bool(mechanism.edges())
+            leaves = loop or follows_anything(mechanism) or bool(mechanism.thresholds())
             slow = not drivers or any(name.startswith("temperature_") for name in drivers)  # programmes come back as lines do
             for label, which in self._by_label.items():
                 other = evidence.candidates[which[0]].mechanism
-                wholly = follows_anything(other) and (leaves or (slow and not other.jumps()))
+                wholly = follows_anything(other) and (leaves or (slow and not other.is_telegraph()))
                 if not wholly and not drivers & set(other.driver_columns(run)):
                     found[label] = LEFT_BY_JUMPS if left is None else max(BY_CHANCE, evidence.likeness(which, left))
-                elif other.edges() and loop:
+                elif other.thresholds() and loop:
                     found[label] = A_RELAY
             self._likenesses[cause] = found
         return self._likenesses[cause]
@@ -319,7 +321,7 @@ class Search:
         mechanism = evidence.candidates[strongest].mechanism
         explained = evidence.explained_by_each(best.members, evidence.calmest)
         toll = JUMPS * inadequacy(max(chi for m, chi in zip(best.members, explained, strict=True) if m.candidate == strongest))
-        if not self._jumping or mechanism.jumps() or toll < JUMPED:
+        if not self._jumping or mechanism.is_telegraph() or toll < JUMPED:
             return 0.0
         if not leaves_jumps(mechanism, evidence.problem.runs[0]):  # but what its drivers do: no path, as a rule
             left = self._left_by(mechanism)

@@ -59,7 +59,7 @@ def undoubted(explanations: Explanations) -> Explanations:
     likeliest = explanations.likeliest
     for member in likeliest.members:
         candidate = explanations.evidence.candidates[member.candidate]
-        if not candidate.mechanism.jumps() or explanations.probability_of(candidate.name) > _CERTAIN:
+        if not candidate.mechanism.is_telegraph() or explanations.probability_of(candidate.name) > _CERTAIN:
             continue  # slow noise of any spectrum had its say
         values, left = _alone(explanations, likeliest, member)
         two, slow = (_by_size(law, explanations.evidence.problem.rows, values, left) for law in (log_likelihood, _slow_noise))
@@ -83,7 +83,7 @@ def misnamed(explanations: Explanations, model: Model) -> dict[Label, str]:
         candidate = explanations.evidence.candidates[member.candidate]
         frequency_hz = _frequency_hz(candidate.mechanism)
         why = None
-        if candidate.mechanism.jumps():
+        if candidate.mechanism.is_telegraph():
             alone = len(model.labels) == 1 and explanations.unaccounted
             why = _NOT_THEIRS if alone else _no_jumps_between_two_levels(explanations, model, member)
         elif frequency_hz is not None and not _is_a_line(explanations, model, member, frequency_hz):

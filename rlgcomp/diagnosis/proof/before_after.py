@@ -302,7 +302,7 @@ def _run_fit(trace: Trace, floor: float, block: int, seed: int) -> RunFit:
 def _rows(windows: Windows, simulator: Simulator, white_deg_h: float) -> Rows:
     """The windows of a run, whose noise is the greater where a law of the simulator leaves something open."""
     white = windows.white
-    for left_open in (mechanism.scatter(windows.full) for mechanism in simulator.mechanisms):
+    for left_open in (mechanism.unmodelled(windows.full) for mechanism in simulator.mechanisms):
         if left_open is not None:
             white += (windows.means(left_open) ** 2).sum(axis=1) / white_deg_h**2
     time_s = windows.middles_s

@@ -119,7 +119,7 @@ class Problem:
         windows = tuple(
             Windows.of(run, window_s, 0.0, not_comparable(simulator, run, predicted), step_of(run, gyro)) for run in runs
         )
-        informed = tuple(mechanism.informed_by(runs) for mechanism in simulator.mechanisms)
+        informed = tuple(mechanism.conditioned_on(runs) for mechanism in simulator.mechanisms)
         simulator = dataclasses.replace(simulator, mechanisms=informed).with_own_amplitudes_free()
         departures = departures_deg_h(simulator, windows, gyro, predicted)
         if simulator.kind == "chamber":
@@ -220,7 +220,7 @@ class Problem:
 
     def columns(self, mechanism: Mechanism) -> Array:
         """Window means of a mechanism's basis over all runs, shape (n, k); a run's own columns where its amplitudes are its own."""
-        of_the_rate = mechanism.open_set and self.simulator.kind == "turntable"  # a law of what jumps within windows
+        of_the_rate = mechanism.empirical and self.simulator.kind == "turntable"  # a law of what jumps within windows
         if self.contrasts is not None and (mechanism.fast or of_the_rate):
             return self.fast_columns([mechanism.basis(part.full) for part in self.windows], each_run=mechanism.each_run)
         blocks = [self.run_columns(mechanism, part) for part in self.windows]
@@ -234,7 +234,7 @@ class Problem:
 
     def scatter(self, mechanism: Mechanism) -> Array:
         """What a mechanism's law leaves open in the training rows: independent disturbances, shape (n, k)."""
-        found = [mechanism.scatter(part.full) for part in self.windows]
+        found = [mechanism.unmodelled(part.full) for part in self.windows]
         bases = [basis for basis in found if basis is not None]
         if len(bases) < len(found):
             return np.zeros((len(self.rows), 0))
@@ -292,8 +292,8 @@ class Problem:
         """What laws leave open in each run at its full rate, shape (rows, k): the simulator's, and candidates' that stand out."""
         own = [mechanism for mechanism in self.simulator.mechanisms if mechanism.fast]
         kinds = dict.fromkeys(type(mechanism) for mechanism in candidates)
-        more = [one for kind in kinds if kind not in map(type, own) for one in kind.standing_out(self.runs)]
-        found = [[mechanism.scatter(part.full) for mechanism in (*own, *more)] for part in self.windows]
+        more = [one for kind in kinds if kind not in map(type, own) for one in kind.evident_in(self.runs)]
+        found = [[mechanism.unmodelled(part.full) for mechanism in (*own, *more)] for part in self.windows]
         none = [np.zeros((len(part.full), 0)) for part in self.windows]
         return [
             np.column_stack([empty, *(one for one in every if one is not None)]) for empty, every in zip(none, found, strict=True)

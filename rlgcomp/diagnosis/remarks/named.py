@@ -105,13 +105,13 @@ def not_tried(explanations: Explanations, mechanisms: Mapping[str, type[Mechanis
     taken = [
         name
         for name, kind in mechanisms.items()
-        if name not in passed and kind.named_for(problem.simulator.kind) and not kind.jumps()
+        if name not in passed and kind.is_candidate(problem.simulator.kind) and not kind.is_telegraph()
         if any(one.amplitude_parameters() for one in kind.grid(problem.runs))
     ]
     remarks = [
         f"Of {name} these runs do not show {beyond}."
         for name in mechanisms
-        if name in tried and (beyond := mechanisms[name].not_shown(problem.runs))
+        if name in tried and (beyond := mechanisms[name].unresolved_in(problem.runs))
     ]
     if taken:
         terms = "the simulator's own terms and the law beyond them" if problem.laws else "the simulator's own terms"
@@ -175,8 +175,8 @@ def found_behind(last: Answer) -> tuple[str, ...]:
 
 def _beside_a_law(causes: Sequence[FittedCause]) -> list[str]:
     """What to say where a law and a cause that is named take the same course, so that one may undo the other."""
-    laws = [cause for cause in causes if cause.mechanism.open_set]
-    named = [cause for cause in causes if not cause.mechanism.open_set]
+    laws = [cause for cause in causes if cause.mechanism.empirical]
+    named = [cause for cause in causes if not cause.mechanism.empirical]
     found = []
     for cause, law in itertools.product(named, laws):
         alike = float(np.corrcoef(cause.contribution_deg_h, law.contribution_deg_h)[0, 1])
@@ -202,7 +202,7 @@ def _at_the_end(cause: FittedCause) -> list[str]:
 def _not_told(cause: FittedCause) -> list[str]:
     """What to say of shapes of a cause that these runs do not show, and that are what they were when it was tried."""
     mechanism = cause.mechanism
-    if mechanism.open_set or cause.known or not mechanism.repeats():
+    if mechanism.empirical or cause.known or not mechanism.repeats():
         return []
     unsaid = {p: getattr(mechanism, p.name) for p in mechanism.shape_parameters() if p.name not in cause.estimates}
     return [

@@ -126,7 +126,7 @@ class Cause:
         """What it follows, for a reader."""
         if columns := self.drivers or self.mechanism.driver_names():
             return ", ".join(columns)
-        if self.mechanism.jumps():
+        if self.mechanism.is_telegraph():
             return "nothing recorded"
         return "time by the clock" if getattr(self.mechanism, "since", "start") == "clock" else "time since the run's start"
 
