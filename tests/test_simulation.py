@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import rlgcomp as rlg
 from rlgcomp.noise.processes import NOISES
-from rlgcomp.simulation.monitors import AMBIENT, Beams, Monitors, Readout, wander
+from rlgcomp.simulation.monitors import AMBIENT, Beams, Monitors, Readout, gauss_markov
 from rlgcomp.simulation.plant import (
     PlatinumThermometer,
     ThermalPlant,
@@ -177,7 +177,7 @@ class TestReadout:
 
 class TestMonitors:
     def test_wander_has_its_size_and_memory(self) -> None:
-        series = np.array([wander(2.0, 100.0, np.arange(5000.0), np.random.default_rng(seed)) for seed in range(40)])
+        series = np.array([gauss_markov(2.0, 100.0, np.arange(5000.0), np.random.default_rng(seed)) for seed in range(40)])
         assert series.std() == pytest.approx(2.0, rel=0.05)
         assert np.mean(series[:, :-100] * series[:, 100:]) / 4.0 == pytest.approx(np.exp(-1.0), abs=0.06)
 

@@ -86,8 +86,8 @@ def solution(programme: TwoAxisProgramme, samples: int | None = None) -> strapdo
     run = TableRun.of(SILENT.simulate(programme))
     part = slice(None, samples)
     return strapdown.integrate(
-        run.turned_rad[part],
-        run.pushed_m_s[part],
+        run.delta_theta_rad[part],
+        run.delta_v_m_s[part],
         STEP_S,
         frames.table_attitude(programme.outer_start_deg, programme.inner_start_deg),
         frames.earth_rate_n_rad_s(run.latitude_deg),
@@ -109,7 +109,7 @@ def test_without_the_coning_term_it_does_not() -> None:
     programme = PROGRAMMES["step-3"]
     run = TableRun.of(SILENT.simulate(programme))
     attitude = frames.table_attitude(programme.outer_start_deg, programme.inner_start_deg)
-    turns = frames.running_product(frames.quaternion_of(run.turned_rad))
+    turns = frames.running_product(frames.quaternion_of(run.delta_theta_rad))
     naive = (
         strapdown.earth_turn(frames.earth_rate_n_rad_s(run.latitude_deg), programme.duration_s)
         @ attitude
@@ -131,8 +131,8 @@ def test_sensitivities_are_the_derivatives(name: str) -> None:
         gyro = TriadErrors({parameter.name: size}) if column < len(GYRO) else TriadErrors()
         accelerometer = TriadErrors({parameter.name: size} if column >= len(GYRO) else {}, ACCELEROMETER)
         other = strapdown.integrate(
-            gyro.disturb(trajectory.turned_rad, STEP_S),
-            accelerometer.disturb(trajectory.pushed_m_s, STEP_S),
+            gyro.disturb(trajectory.delta_theta_rad, STEP_S),
+            accelerometer.disturb(trajectory.delta_v_m_s, STEP_S),
             STEP_S,
             trajectory.C_bi[0],
             trajectory.earth_rad_s,
@@ -221,11 +221,11 @@ def test_the_accelerometers_noise_comes_from_the_runs_themselves(walk: float) ->
 
 def coarser(run: TableRun, times: int) -> TableRun:
     """The same run recorded more slowly: nothing but sums of increments."""
-    whole = len(run.turned_rad) // times * times
-    turned, pushed = (part[:whole].reshape(-1, times, 3).sum(axis=1) for part in (run.turned_rad, run.pushed_m_s))
+    whole = len(run.delta_theta_rad) // times * times
+    turned, pushed = (part[:whole].reshape(-1, times, 3).sum(axis=1) for part in (run.delta_theta_rad, run.delta_v_m_s))
     outer, inner = (angle[:whole][times - 1 :: times] for angle in (run.outer_deg, run.inner_deg))
     step_s = times * run.step_s
-    return dataclasses.replace(run, step_s=step_s, turned_rad=turned, pushed_m_s=pushed, outer_deg=outer, inner_deg=inner)
+    return dataclasses.replace(run, step_s=step_s, delta_theta_rad=turned, delta_v_m_s=pushed, outer_deg=outer, inner_deg=inner)
 
 
 @pytest.mark.parametrize(("hertz", "off_sd"), [(100, 0.02), (20, 0.1), (10, 0.4)])
@@ -290,7 +290,9 @@ def test_turning_the_whole_triad_on_the_table_changes_none_of_its_errors(mount_a
     """Gyros and accelerometers are bolted on together, by minutes of arc from the table's axes: no gyro moves in its triad."""
     turn = frames.matrix_of(frames.quaternion_of(np.array(mount_arcsec) * units.RAD_PER_ARCSEC))
     runs = [
-        dataclasses.replace(run, turned_rad=PUBLISHED.disturb(run.turned_rad @ turn, STEP_S), pushed_m_s=run.pushed_m_s @ turn)
+        dataclasses.replace(
+            run, delta_theta_rad=PUBLISHED.disturb(run.delta_theta_rad @ turn, STEP_S), delta_v_m_s=run.delta_v_m_s @ turn
+        )
         for run in map(TableRun.of, short_runs(SILENT))
     ]
     found = calibrate_triad(runs, noise=Noise())

@@ -74,9 +74,9 @@ def first_step(run: TableRun, *, every: int = 20) -> dict[str, float]:
     """
     g = run.gravity_m_s2
     earth = frames.earth_rate_n_rad_s(run.latitude_deg)
-    pushed = np.zeros_like(run.turned_rad) if run.pushed_m_s is None else run.pushed_m_s
+    pushed = np.zeros_like(run.delta_theta_rad) if run.delta_v_m_s is None else run.delta_v_m_s
     C_bn = frames.table_attitude(*run.start())
-    velocity = strapdown.integrate(run.turned_rad, pushed, run.step_s, C_bn, earth, g).velocity_m_s[1:, :2]
+    velocity = strapdown.integrate(run.delta_theta_rad, pushed, run.step_s, C_bn, earth, g).velocity_m_s[1:, :2]
     phi = (run.inner_deg - run.start()[1]) * units.RAD_PER_DEG
     H = regressors(phi, run.step_s, g)[every - 1 :: every]
     found = printed_least_squares(H * _SI, velocity[every - 1 :: every], np.eye(4) * 1e12)

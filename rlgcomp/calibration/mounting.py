@@ -2,7 +2,7 @@ r"""The mounting angle between a gyro's axis and its rate-biasing table's, and i
 
 Measured on a position table: the rate-biasing table is held at :math:`\beta_i = \beta_0 + b_i` (encoder :math:`b_i`), tilted by
 :math:`\alpha` on a position table that turns n revolutions (:math:`\phi = 1296000 n`) forwards and back. Half the difference of
-both counts is, with what does not turn with the table cancelled,
+both counts, in which all parts that do not turn with the table cancel, is
 
 .. math:: K N_i = \phi (\cos\alpha \cos\theta - \sin\alpha \cos\beta_i \sin\theta),
 
@@ -13,7 +13,7 @@ angles, with the conventional :math:`\tilde K = K / \cos\theta` in place of the 
 .. math:: \cos\alpha = a / \phi, \qquad \tan\theta = \frac{c}{\sqrt{\phi^2 - a^2}}, \qquad K = \tilde K \cos\theta .
 
 For four angles 90 degrees apart this is the paper's (18), whose right-hand side it calls :math:`\theta`: it is :math:`\tan\theta`
-exactly, since :math:`\tilde K` absorbs the :math:`\cos\theta` that was said to be neglected. Both are reported. (16) gives
+exactly, since :math:`\tilde K` absorbs the neglected :math:`\cos\theta`. Both are reported. (16) gives
 only :math:`\sin\beta_0`; :math:`\cos\beta_0 = -K (N_1 - N_3) / (2 \phi \sin\alpha \sin\theta)` gives the quadrant.
 
 The error budget (eqs. 5 and 19 to 21) bounds the angle's error by
@@ -340,15 +340,15 @@ def error_budget(
             f"{positions} positions, {revolutions} and {conventional_revolutions} revolutions; at least 3, 1 and 1 are needed"
         )
     errors, theta, alpha = tables.errors, tables.mounting_arcsec * RAD_PER_ARCSEC, tables.tilt_deg * RAD_PER_DEG
-    turned_rad = ARCSEC_PER_TURN * revolutions * RAD_PER_ARCSEC
-    counting = errors.counting * tables.scale_arcsec / math.sqrt(12.0) / (turned_rad * math.sin(alpha)) * math.sqrt(2.0)
+    rotation_rad = ARCSEC_PER_TURN * revolutions * RAD_PER_ARCSEC
+    counting = errors.counting * tables.scale_arcsec / math.sqrt(12.0) / (rotation_rad * math.sin(alpha)) * math.sqrt(2.0)
     rows = []
     for term, largest, bound, share in (  # share: of the variance of one largest error, before division by the positions
         (
             "positioning of the position table",
             errors.positioning_arcsec,
-            errors.positioning_arcsec / turned_rad,
-            1.0 / (turned_rad * math.tan(alpha)) ** 2,
+            errors.positioning_arcsec / rotation_rad,
+            1.0 / (rotation_rad * math.tan(alpha)) ** 2,
         ),
         ("wobble of the position table's axis", errors.wobble_arcsec, errors.wobble_arcsec, 1.0),
         (

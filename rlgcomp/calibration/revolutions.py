@@ -1,4 +1,4 @@
-r"""Whole revolutions in a turntable recording, and what the counts within them say of counter and angle random walk.
+r"""Whole revolutions in a turntable recording, and the counts within them: faults of the counter, angle random walk.
 
 A revolution counts from one passage of the encoder's reference mark to the next, at a steady rate. Assumed of a recording: a row's
 pulses were counted during the sample that ends at its `time_s`, when the encoder was read. Between two rows the angle, the time and

@@ -5,11 +5,11 @@ m revolutions of :math:`\tau` seconds each count
 .. math:: K N_m^\pm = (\pm 1296000 m + \omega'_e \tau m) \cos\theta + \omega_B \tau m + P^\pm
 
 (the paper's eqs. 1 and 2 have the bias :math:`\omega_B` multiplied by :math:`\cos\theta`, its own eq. 8 does not). In the
-difference what does not turn with the table cancels: Earth rate, bias, and any part of the output that is even in the rate;
+difference all parts that do not turn with the table cancel: Earth rate, bias, and any part of the output that is even in the rate;
 
 .. math:: \tilde K = \frac{2592000\, m}{N_m^+ - N_m^-} = \frac{K}{\cos\theta}
 
-is eq. (3). The sum gives what cancelled, as a rate along the gyro's axis: :math:`K (N^+ + N^-) / (2 \tau m)`. Cancelling supposes
+is eq. (3). The sum gives these parts, as a rate along the gyro's axis: :math:`K (N^+ + N^-) / (2 \tau m)`. Cancelling supposes
 that both directions take equally long: Earth rate of 10 deg/h and periods that differ by 1e-3 at 150 deg/s leave 1e-8.
 
 References

@@ -152,7 +152,9 @@ def lacking(simulator: Simulator, name: str, *, seed: int = 0) -> Simulator:
     ----------
     simulator : Simulator
     name : str
+        Of the mechanism that is left out.
     seed : int
+        Of the changes of the amplitudes.
 
     Raises
     ------
@@ -282,9 +284,10 @@ def _acting(run: Recording, name: str) -> Array:
 
 def _possible_rms_deg_h(runs: Sequence[Recording], mechanisms: Sequence[Mechanism], window_s: float) -> float:
     names = [*NOISES, *(mechanism.name for mechanism in mechanisms if _unrepeatable(mechanism))]
-    left = [sum((_acting(run, name) for name in names), np.zeros(len(run))) for run in runs]
+    errors = [sum((_acting(run, name) for name in names), np.zeros(len(run))) for run in runs]
     means = [
-        run.averaged(window_s, extra=pd.DataFrame({"left": values})).column("left") for run, values in zip(runs, left, strict=True)
+        run.averaged(window_s, extra=pd.DataFrame({"error": values})).column("error")
+        for run, values in zip(runs, errors, strict=True)
     ]
     return float(np.sqrt(np.mean(np.concatenate(means) ** 2)))
 

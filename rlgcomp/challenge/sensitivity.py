@@ -92,7 +92,7 @@ class Curve:
 
     @classmethod
     def fit(cls, strengths: Array, found: Array) -> Curve:
-        """Curve through what was found (1) and missed (0) at strengths, shape (n,) each."""
+        """Curve through effects found (1) and missed (0) at strengths, shape (n,) each."""
         low, high = math.log(strengths.min() / 4.0), math.log(strengths.max() * 4.0)
         middle = np.linspace(low, high, 241)[:, None, None]
         width = np.geomspace(0.05, 2.0, 40)[None, :, None]
@@ -138,7 +138,7 @@ class Sensitivity:
         return message("challenge.detected_and_named", p_value=DETECTED_P)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a strength: shares detected, named, named in class, and of these with a p-value that detects nothing."""
+        """One row a strength: shares detected, named, named in class, and of these those without a significant p-value."""
         rows = pd.DataFrame(
             {
                 "strength": trial.strength,
@@ -286,7 +286,7 @@ def _cleared(
         return simulator, runs, remarks
     if not own.repeats() or own.each_run:
         return simulator, runs, [message("challenge.mechanism_before_kept", mechanism=mechanism), *remarks]
-    cleared = [injected(run, -own.contribution(run, np.random.default_rng(0)), gyro) for run in runs]  # it draws nothing
+    cleared = [injected(run, -own.contribution(run, np.random.default_rng(0)), gyro) for run in runs]  # no random numbers are drawn
     return simulator, cleared, [message("challenge.mechanism_before_removed", mechanism=mechanism), *remarks]
 
 

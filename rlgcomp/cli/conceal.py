@@ -61,7 +61,7 @@ def conceal(
 
     require_folder(out, FILES, simulator, mechanisms)
     if (out / CHALLENGE).exists():
-        raise InputError(f"{out} holds a challenge already, and a seal that can be broken proves nothing; give another --out")
+        raise InputError(f"{out} holds a challenge already, and a replaced seal proves nothing; give another --out")
     catalogue = user_catalogue(mechanisms or [])
     gyro = Simulator.from_yaml(simulator, catalogue)
     with progress("simulating"):

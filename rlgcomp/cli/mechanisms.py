@@ -1,4 +1,4 @@
-"""The command that tells what a simulator file may hold: mechanisms."""
+"""Command on the mechanisms that a simulator file may hold: mechanisms."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def mechanisms(
         show_json([_described(form) for form in chosen])
     elif name is None:
         rows = [{"mechanism": form.name, "kind": form.kind, "equation": form.equation} for form in chosen]
-        show_table("Mechanisms; `rlgcomp mechanisms NAME` tells their parameters", rows)
+        show_table("Mechanisms; `rlgcomp mechanisms NAME` lists their parameters", rows)
     else:
         (form,) = chosen
         about = _headline(form)
@@ -56,7 +56,7 @@ def mechanisms(
 
 
 def _headline(form: type[Mechanism]) -> str:
-    """The first paragraph of its docstring, unless that is what dataclass wrote for one without."""
+    """The first paragraph of its docstring, unless dataclass generated that."""
     about = inspect.getdoc(form) or ""
     return "" if about.startswith(f"{form.__name__}(") else about.partition("\n\n")[0].replace("\n", " ")
 

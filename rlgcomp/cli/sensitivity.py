@@ -30,7 +30,7 @@ from rlgcomp.cli.simulation import SimulatorFile
 if TYPE_CHECKING:
     from rlgcomp.challenge.sensitivity import Sensitivity
 
-FILES: Final = ("sensitivity.json", "shares.csv", "curves.png")  # what it writes
+FILES: Final = ("sensitivity.json", "shares.csv", "curves.png")
 
 
 @command("sensitivity", several=("--mechanisms",))
@@ -70,7 +70,7 @@ def sensitivity(
     from rlgcomp.simulation.simulator import Simulator
 
     try:
-        wanted = [float(word) for word in strengths.split(",")]
+        sizes = [float(word) for word in strengths.split(",")]
     except ValueError:
         raise InputError(f"--strengths is {strengths!r}; write numbers joined by commas, as 0.1,0.2,0.4") from None
     if out is not None:
@@ -82,7 +82,7 @@ def sensitivity(
             Simulator.from_yaml(simulator, {**CATALOGUE, **candidates}),
             recordings,
             mechanism,
-            strengths=wanted,
+            strengths=sizes,
             draws=draws,
             seed=seed,
             gyro=gyro,
@@ -114,12 +114,12 @@ def sensitivity(
     )
     typer.echo(f"{result.meaning}\n")
     lines = []
-    for what, curve in (("detected", result.detection), ("named or in its class", result.naming)):
+    for criterion, curve in (("detected", result.detection), ("named or in its class", result.naming)):
         for share, size, interval in (("50 %", curve.s50, curve.s50_interval), ("90 %", curve.s90, curve.s90_interval)):
             amplitudes = [f"{key} = {value:.3g} {unit}" for key, (value, unit) in result.sizes(size).items()]
             lines.append(
                 {
-                    "": f"{what}, {share}",
+                    "": f"{criterion}, {share}",
                     "strength": _two_digits(size),
                     "95 % interval": f"{interval[0]:.2g} – {interval[1]:.2g}",
                     "rms, deg/h": _two_digits(size * result.white_deg_h),

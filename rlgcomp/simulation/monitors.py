@@ -113,7 +113,7 @@ class Beams:
     slip_um_K, slip_radius_K : float
         Hysteretic part of the mean shift (play of that radius).
     wander_um, wander_correlation_s : float
-        Random wander of the mean shift.
+        Standard deviation and correlation time of a Gauss–Markov process in the mean shift.
     mutation_um : float
         Standard deviation of a mutation's jump; 0 for none.
     mutations_per_100_K : float
@@ -125,7 +125,7 @@ class Beams:
     intensity_per_K, intensity_per_K2, intensity_per_um : float
         Relative change of the light intensity with temperature and with the clockwise beam's shift.
     intensity_wander : float
-        Relative random wander of the light intensity (servo).
+        Standard deviation of a Gauss–Markov process in the light intensity, relative (servo).
     """
 
     shift_um_K: float = 0.01
@@ -149,12 +149,22 @@ class Beams:
                 raise InputError(f"beams: {field.name} is {value!r}; it must be a number")
 
     def shifts_m(self, block_degC: Array, time_s: Array, seed: int) -> tuple[Array, Array]:
-        """Where the clockwise and the counter-clockwise beam fall on the detector."""
+        """Positions of the clockwise and the counter-clockwise beam on the detector.
+
+        Parameters
+        ----------
+        block_degC, time_s : ndarray, shape (n,)
+        seed : int
+
+        Returns
+        -------
+        clockwise_m, counter_clockwise_m : ndarray, shape (n,)
+        """
         warmth = block_degC - NOMINAL_DEG_C
         play = Play((self.slip_radius_K,))
         states, _ = play.run(play.init(warmth[0]), warmth)
         mean_um = self.shift_um_K * warmth + self.slip_um_K * (states[:, 0] - warmth)
-        mean_um += wander(self.wander_um, self.wander_correlation_s, time_s, stream(seed, "monitor:beam_wander"))
+        mean_um += gauss_markov(self.wander_um, self.wander_correlation_s, time_s, stream(seed, "monitor:beam_wander"))
         mean_um += self._mutations_um(block_degC, time_s, stream(seed, "monitor:mutations"))
         half_um = 0.5 * self.opposite_um_K * warmth
         return 1e-6 * (mean_um + half_um), 1e-6 * (mean_um - half_um)
@@ -174,7 +184,7 @@ class Beams:
 
 @dataclasses.dataclass(frozen=True)
 class Ambient:
-    """A quantity that wanders about its mean: standard deviation, correlation time, and the noise of one reading."""
+    """A Gauss–Markov process: mean, standard deviation, correlation time, and the noise of one reading."""
 
     mean: float
     sd: float
@@ -212,7 +222,7 @@ class Monitors:
     voltage_noise_V: float = 2e-4
 
     def simulate(self, programme: Programme, step_s: float, seed: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """What is there and what is recorded: two tables with the same columns.
+        """The quantities themselves and their readings: two tables with the same columns.
 
         Parameters
         ----------
@@ -234,7 +244,7 @@ class Monitors:
         warmth = block - NOMINAL_DEG_C
         intensity = 1.0 + self.beams.intensity_per_K * warmth + self.beams.intensity_per_K2 * warmth**2
         intensity += self.beams.intensity_per_um * 1e6 * cw_m
-        intensity += wander(self.beams.intensity_wander, 2400.0, time_s, stream(seed, "monitor:intensity"))
+        intensity += gauss_markov(self.beams.intensity_wander, 2400.0, time_s, stream(seed, "monitor:intensity"))
         actual = {
             TIME: time_s,
             "temperature_block_degC": block,
@@ -244,7 +254,7 @@ class Monitors:
             "readout_b_V": b_V,
         }
         for name, ambient in AMBIENT.items():
-            actual[name] = ambient.mean + wander(ambient.sd, ambient.correlation_s, time_s, stream(seed, f"monitor:{name}"))
+            actual[name] = ambient.mean + gauss_markov(ambient.sd, ambient.correlation_s, time_s, stream(seed, f"monitor:{name}"))
         recorded = {name: self._read(name, values, time_s, seed) for name, values in actual.items()}
         return pd.DataFrame(actual), pd.DataFrame(recorded)
 
@@ -258,11 +268,18 @@ class Monitors:
         return values + noise * rng.standard_normal(len(values))
 
 
-def wander(sd: float, correlation_s: float, time_s: Array, rng: np.random.Generator) -> Array:
-    """Ornstein–Uhlenbeck process: Gaussian, of standard deviation `sd`, its correlation falling by e in `correlation_s`."""
+def gauss_markov(sd: float, correlation_s: float, time_s: Array, rng: np.random.Generator) -> Array:
+    """First-order Gauss–Markov process whose correlation falls by e in `correlation_s`.
+
+    Parameters
+    ----------
+    sd, correlation_s : float
+    time_s : ndarray, shape (n,)
+    rng : numpy.random.Generator
+    """
     from scipy import signal
 
-    keep = math.exp(-(time_s[1] - time_s[0]) / correlation_s)
-    kicks = rng.standard_normal(len(time_s))
-    kicks[1:] *= math.sqrt(1.0 - keep**2)
-    return np.asarray(sd * signal.lfilter([1.0], [1.0, -keep], kicks))
+    decay = math.exp(-(time_s[1] - time_s[0]) / correlation_s)
+    innovations = rng.standard_normal(len(time_s))
+    innovations[1:] *= math.sqrt(1.0 - decay**2)
+    return np.asarray(sd * signal.lfilter([1.0], [1.0, -decay], innovations))

@@ -130,7 +130,13 @@ class PlatinumThermometer:
     tolerance: float = 0.0
 
     def read(self, temperature_degC: Array, time_s: Array, rng: np.random.Generator) -> Array:
-        """Reading in degC: through the resistance, the converter, and back by the nominal curve."""
+        """Reading in degC: through the resistance, the converter, and back by the nominal curve.
+
+        Parameters
+        ----------
+        temperature_degC, time_s : ndarray, shape (n,)
+        rng : numpy.random.Generator
+        """
         inside = lag(temperature_degC, time_s, self.time_constant_s)
         offset_K = self.tolerance * (0.15 + 0.002 * np.abs(inside))
         resistance = platinum_resistance_ohm(inside + offset_K + self.noise_K * rng.standard_normal(len(inside)))

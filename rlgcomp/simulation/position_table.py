@@ -146,7 +146,16 @@ class PositionTable:
     def rate_table_counts(
         self, repeats: int, rng: np.random.Generator, *, revolutions: int = 5, period_s: float = 2.4
     ) -> tuple[Array, Array]:
-        """Pulses of `revolutions` turns of the rate-biasing table forwards and backwards, each of shape (repeats,)."""
+        """Pulses of `revolutions` turns of the rate-biasing table forwards and backwards, each of shape (repeats,).
+
+        Parameters
+        ----------
+        repeats : int
+        rng : numpy.random.Generator
+        revolutions : int
+        period_s : float
+            Of one revolution.
+        """
         turned = ARCSEC_PER_TURN * revolutions
         runs = []
         for sign in (1.0, -1.0):
@@ -264,6 +273,18 @@ class PositionTable:
         """The position table turning to and fro at each setting of the rate-biasing table.
 
         Columns `angle_inner_deg` (rate-biasing table, at rest at beta), `angle_outer_deg` (position table) and `gyro_pulses`.
+
+        Parameters
+        ----------
+        beta_deg : array_like
+            Settings of the rate-biasing table's encoder, one after the other.
+        seed : int
+        revolutions : int
+            Whole revolutions of the position table, each direction.
+        rate_deg_s : float
+        step_s : float
+            Sample period.
+        name : str
         """
         setting = np.atleast_1d(np.asarray(beta_deg, dtype=np.float64))
         time_s, angle_deg, leg, share = _reversing_motion(np.full(len(setting), rate_deg_s), revolutions, step_s)
@@ -289,8 +310,8 @@ class PositionTable:
         """Pulses a sample, and the angle with the rate's variation once a revolution."""
         rng = stream(seed, "counter")
         step_s = np.diff(time_s, prepend=2.0 * time_s[0] - time_s[1])
-        heading, hunting = rng.uniform(0.0, 2.0 * math.pi, 2)
-        actual_deg = angle_deg + self.rate_error / RAD_PER_DEG * np.sin(angle_deg * RAD_PER_DEG + hunting)
+        heading, phase_of_rate = rng.uniform(0.0, 2.0 * math.pi, 2)
+        actual_deg = angle_deg + self.rate_error / RAD_PER_DEG * np.sin(angle_deg * RAD_PER_DEG + phase_of_rate)
         square = np.sin(gamma) * np.cos(actual_deg * RAD_PER_DEG + heading)
         middle = 0.5 * (square + np.r_[square[0], square[:-1]])
         turned = np.diff(actual_deg, prepend=actual_deg[0]) * ARCSEC_PER_DEG * np.cos(gamma)

@@ -1,4 +1,4 @@
-"""Chamber programmes: what the thermal chamber is told to do, as a list of holds and ramps.
+"""Chamber programmes: the set point of a thermal chamber as a list of holds and ramps.
 
 Written as text, `start 20, hold 120, ramp -40 1, hold 120` begins at 20 degC, holds for 120 min, goes to -40 degC at 1 degC/min and
 holds for 120 min. The same text comes back from `str(programme)`.
@@ -129,7 +129,7 @@ class Programme:
         return float(self.corners[0][-1])
 
     def set_point_degC(self, time_s: npt.ArrayLike) -> Array:
-        """Temperature the chamber is told to have at times from the start."""
+        """Set point of the chamber at times from the start."""
         return np.interp(np.asarray(time_s, dtype=np.float64), *self.corners)
 
     def __str__(self) -> str:
@@ -139,10 +139,10 @@ class Programme:
 PRESETS: Final[dict[str, str]] = {
     # Opt. Express 23, 13320 (2015), section 3.1: 680 min
     "paper": "start 20, hold 120, ramp -40 1, hold 120, ramp 60 1, hold 120, ramp 20 1, hold 120",
-    # hot side first, other rates, a reversal half-way: for testing what was trained on "paper"
+    # hot side first, other rates, a reversal half-way: to test models trained on "paper"
     "reversed": "start 20, hold 60, ramp 50 0.7, hold 90, ramp 10 1.3, hold 60, ramp 35 0.5, hold 60, ramp -30 0.8, hold 120, "
     "ramp 15 1, hold 60",
-    # minor loops inside the span: what tells hysteresis from lag
+    # minor loops inside the span: they separate hysteresis from lag
     "minor-loops": "start 20, hold 60, ramp 55 1, hold 60, ramp 25 1, hold 45, ramp 45 1, hold 45, ramp -35 1, hold 60, "
     "ramp 0 1, hold 45, ramp -20 1, hold 45, ramp 20 1, hold 60",
     # half the usual rate
@@ -154,6 +154,14 @@ PRESETS: Final[dict[str, str]] = {
 
 def words_of(text: str, presets: Mapping[str, str], example: str) -> tuple[str, list[list[str]]]:
     """A programme's text, a preset and a file resolved, and the words of each step.
+
+    Parameters
+    ----------
+    text : str
+        Programme, name of a preset, or path of a YAML file.
+    presets : mapping of str to str
+    example : str
+        A programme for the error message.
 
     Raises
     ------
@@ -168,7 +176,7 @@ def words_of(text: str, presets: Mapping[str, str], example: str) -> tuple[str, 
 
 
 def name_of(programme: object, presets: Mapping[str, str]) -> str:
-    """What to call a run of a programme: the preset's name or the file's, "simulated" for one of one's own.
+    """Name of a run of a programme: the preset's or the file's, otherwise "simulated".
 
     >>> name_of("reversed", PRESETS), name_of(Programme.parse("reversed"), PRESETS), name_of("soak.yaml", PRESETS)
     ('reversed', 'reversed', 'soak')

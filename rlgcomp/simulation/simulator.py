@@ -1,7 +1,7 @@
 """The simulator: mechanisms and noise, made into recordings or driven by the monitors of a recording.
 
-Errors are said about what a perfect gyro would show: nothing in a chamber, the table's rate and the Earth's on a turntable. They
-add, but for what acts on the total rate (lock-in): that sees the rate with all that the light feels already in it.
+Errors refer to the output of an ideal gyro: zero in a chamber, the table's rate and the Earth's on a turntable. They add, except
+those that act on the total rate (lock-in): their input is the rate with all optical errors included.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, write_text
 from rlgcomp.noise.processes import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
-from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism, Parameter
+from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism
 from rlgcomp.recording import PREDICTED, Metadata, Recording
 from rlgcomp.recording.argument_checks import require_seed
 from rlgcomp.recording.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
@@ -110,7 +110,7 @@ class Simulator:
         Parameters
         ----------
         programme : Programme, TableProgramme or str, optional
-            What chamber or table are told to do: a programme, its text, or a preset's name; by default "paper" and "rates".
+            Of chamber or table: a programme, its text, or a preset's name; by default "paper" and "rates".
         seed : int
             Every random stream is named: leaving a mechanism out leaves all else bit-identical.
         step_s : float
@@ -155,10 +155,10 @@ class Simulator:
         return Recording(recorded, dataclasses.replace(metadata, unit=self.unit, notes=notes), name=name, truth=truth)
 
     def nominal_deg_h(self, recording: Recording, gyro: str | None = None) -> Array:
-        """What a perfect gyro would show: nothing in a chamber; a turntable's rate, and the Earth's where the latitude is known.
+        """Output of an ideal gyro: zero in a chamber; a turntable's rate, and the Earth's where the latitude is known.
 
-        Where a recording's rate and angle allow several readings of how the table turned, the gyro itself says which its samples
-        belong to (:func:`rlgcomp.recording.motion.reference_rate_deg_s`).
+        Where a recording's rate and angle allow several time-stamp conventions, the gyro itself decides between them
+        (:func:`rlgcomp.recording.motion.reference_rate_deg_s`).
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class Simulator:
         Raises
         ------
         InputError
-            Of kind "turntable" and the recording does not say how the table turned.
+            Of kind "turntable" and the recording has no column of the table's motion.
         """
         if self.kind == "chamber":
             return np.zeros(len(recording))
@@ -207,23 +207,23 @@ class Simulator:
         return [column for mechanism in self.mechanisms for column in mechanism.driver_columns(recording)]
 
     def _errors(self, recording: Recording, mechanisms: Sequence[Mechanism], seed: int) -> dict[str, Array]:
-        """Errors in deg/h by mechanism: first what the light feels, then what acts on the total, in the order of the list."""
+        """Errors in deg/h by mechanism, in the order of the list; those that act on the total rate are computed last."""
         labelled = dict(zip(_labels(mechanisms), mechanisms, strict=True))
-        found = {
+        errors = {
             label: mechanism.contribution(recording, stream(seed, label))
             for label, mechanism in labelled.items()
             if mechanism.stage != "lock_in"
         }
-        if len(found) < len(mechanisms):
-            felt = [found[label] for label, mechanism in labelled.items() if mechanism.stage == "light"]
-            rate = rate_deg_s(recording) + (earth_rate_deg_h(recording) + sum(felt, np.zeros(len(recording)))) / SECONDS_PER_HOUR
+        if len(errors) < len(mechanisms):
+            optical = [errors[label] for label, mechanism in labelled.items() if mechanism.stage == "light"]
+            rate = rate_deg_s(recording) + (earth_rate_deg_h(recording) + sum(optical, np.zeros(len(recording)))) / SECONDS_PER_HOUR
             total = recording.replace(table=recording.table.assign(**{FELT_RATE_DEG_S: rate}))
-            found |= {
+            errors |= {
                 label: mechanism.contribution(total, stream(seed, label))
                 for label, mechanism in labelled.items()
                 if mechanism.stage == "lock_in"
             }
-        return {label: found[label] for label in labelled}
+        return {label: errors[label] for label in labelled}
 
     # --- changing it -------------------------------------------------------------------------------------------------------
 
@@ -234,12 +234,12 @@ class Simulator:
         return dataclasses.replace(self, mechanisms=tuple(mechanism for mechanism in self.mechanisms if mechanism.name != name))
 
     def with_mechanism(self, mechanism: Mechanism) -> Self:
-        """The same simulator with one mechanism more, or with that one's parameters changed; laws are one where settings agree."""
+        """The same simulator with one mechanism more, or with that one's parameters changed; laws with equal options are one."""
         others = tuple(other for other in self.mechanisms if not _same(other, mechanism))
         return dataclasses.replace(self, mechanisms=(*others, mechanism))
 
     def freed(self, names: Collection[str]) -> Self:
-        """The same simulator with all that is fitted of some mechanisms to be calibrated."""
+        """The same simulator with all amplitudes and nonlinear parameters of some mechanisms free."""
         fitted = {
             mechanism.name: frozenset(p.name for p in mechanism.parameters() if p.role != "setting")
             for mechanism in self.mechanisms
@@ -248,7 +248,7 @@ class Simulator:
         return dataclasses.replace(self, free={**self.free, **fitted})
 
     def with_own_amplitudes_free(self) -> Self:
-        """The same simulator with amplitudes free that are each run's own: whatever is stated of them, no run's can be foretold."""
+        """The same simulator with the amplitudes per run free, since stated values cannot hold for another run."""
         own = {
             mechanism.name: self.free.get(mechanism.name, frozenset()) | {p.name for p in mechanism.amplitude_parameters()}
             for mechanism in self.mechanisms
@@ -265,7 +265,7 @@ class Simulator:
         Raises
         ------
         InputError
-            The file cannot be read, or names what is not in the catalogue or out of bounds.
+            The file cannot be read, a mechanism is not in the catalogue, or a value is out of bounds.
         """
         path = Path(path)
         try:
@@ -348,28 +348,28 @@ def _idle(mechanism: Mechanism) -> frozenset[str]:
 def _same(one: Mechanism, other: Mechanism) -> bool:
     if one.name != other.name or not one.empirical:
         return one.name == other.name
-    settings = [parameter.name for parameter in one.parameters() if parameter.role == "setting"]
-    return all(getattr(one, name) == getattr(other, name) for name in settings)
+    options = [parameter.name for parameter in one.parameters() if parameter.role == "setting"]
+    return all(getattr(one, name) == getattr(other, name) for name in options)
 
 
 def _mechanism(item: Any, catalogue: Mapping[str, type[Mechanism]]) -> tuple[Mechanism, frozenset[str]]:
-    name, given = next(iter(item.items())) if isinstance(item, dict) and len(item) == 1 else (item, None)
-    if not isinstance(name, str) or not (given is None or isinstance(given, dict)):
+    name, parameters = next(iter(item.items())) if isinstance(item, dict) and len(item) == 1 else (item, None)
+    if not isinstance(name, str) or not (parameters is None or isinstance(parameters, dict)):
         raise InputError(f"mechanisms: {item!r} is not understood; write '- name' or '- name: {{parameter: value}}'")
     if name not in catalogue:
         raise InputError(f"mechanisms: {name!r} is not in the catalogue; it has {', '.join(catalogue)}")
     fixed, freed = {}, set()
     units = {parameter.name: parameter.unit for parameter in catalogue[name].parameters()}
-    for key, value in (given or {}).items():
-        said = value if isinstance(value, dict) else {"free": True} if value == "free" else {"value": value}
-        if not (set(said) <= {"value", "free", "unit"} and isinstance(said.get("free", False), bool)):
+    for key, value in (parameters or {}).items():
+        entry = value if isinstance(value, dict) else {"free": True} if value == "free" else {"value": value}
+        if not (set(entry) <= {"value", "free", "unit"} and isinstance(entry.get("free", False), bool)):
             raise InputError(f"{name}: {key} is {value!r}; write a number, or {{value: NUMBER, free: true}}")
-        if key in units and said.get("unit", units[key]) != units[key]:
-            raise InputError(f"{name}: {key} has the unit {said['unit']!r}; it is read in {units[key] or 'no unit'}")
-        if said.get("free"):
+        if key in units and entry.get("unit", units[key]) != units[key]:
+            raise InputError(f"{name}: {key} has the unit {entry['unit']!r}; it is read in {units[key] or 'no unit'}")
+        if entry.get("free"):
             freed.add(key)
-        if "value" in said:
-            fixed[key] = said["value"]
+        if "value" in entry:
+            fixed[key] = entry["value"]
     mechanism = catalogue[name].from_mapping(fixed)
     amplitudes = [parameter for parameter in mechanism.parameters() if parameter.role == "amplitude"]
     absent = {parameter.name for parameter in (*amplitudes, *mechanism.shape_parameters()) if parameter.name not in fixed}
@@ -393,13 +393,12 @@ def _made(form: Any, values: Mapping[str, Any] | None, section: str) -> Any:
 
 def _mechanism_text(mechanism: Mechanism, free: frozenset[str]) -> str:
     idle = mechanism.idle_parameters()
-    parameters = [_parameter_text(mechanism, p, p.name in free) for p in mechanism.parameters() if p not in idle]
+    parameters = [
+        f"{p.name} = {_value_text(getattr(mechanism, p.name))}{f' {p.unit}' * bool(p.unit)}{' (free)' * (p.name in free)}"
+        for p in mechanism.parameters()
+        if p not in idle
+    ]
     return _wrapped(f"{mechanism.name}{': ' if parameters else ''}{', '.join(parameters)}")
-
-
-def _parameter_text(mechanism: Mechanism, parameter: Parameter, free: bool) -> str:
-    unit = f" {parameter.unit}" if parameter.unit else ""
-    return f"{parameter.name} = {_value_text(getattr(mechanism, parameter.name))}{unit}{' (free)' if free else ''}"
 
 
 def _noise_text(noise: NoiseModel | None) -> str:

@@ -1,4 +1,4 @@
-"""Turntable programmes: what a one-axis rate table is told to do, as a list of rates, rests and sweeps.
+"""Turntable programmes: the motion of a one-axis rate table as a list of rates, rests and sweeps.
 
 Written as text, `acceleration 10, rate 10 600, rate -10 600, rest 120, sweep -1 1 1800` turns at 10 deg/s for 600 s and back for as
 long, rests for 120 s and then goes from -1 to 1 deg/s at a steady acceleration within 1800 s. Between them the table speeds up or
@@ -167,11 +167,11 @@ def _both_ways(rates_deg_s: tuple[float, ...], seconds: float) -> str:
 PRESETS: Final[dict[str, str]] = {
     # Sensors 19, 4754 (2019), table 3: thirteen rates, each way
     "rates": "rest 300, " + _both_ways((1, 2, 3, 6, 9, 12, 15, 18, 24, 30, 40, 50, 60), 300) + ", rest 300",
-    # other rates in another order: for testing what was trained on "rates"
+    # other rates in another order: to test models trained on "rates"
     "other-rates": "rest 200, " + _both_ways((45, 5, 80, 20, 1.5, 10, 0.5, 25), 450) + ", rest 400",
-    # through zero: what tells lock-in from a bent scale factor
+    # through zero: they separate lock-in from a nonlinear scale factor
     "sweeps": "sweep -5 5 2400, sweep 0.5 -0.5 1800, sweep -60 60 1800, sweep 1 -1 1800, rest 300",
-    # slow turns: what repeats with the angle is seen sample by sample
+    # slow turns: effects that repeat with the angle are resolved sample by sample
     "slow-turns": _both_ways((0.5, 1, 2), 1440) + ", rest 300",
     # to and fro, as a rate-biased gyro runs
     "to-and-fro": ", ".join(["rate 60 60, rate -60 60"] * 20),

@@ -1,6 +1,6 @@
 r"""The errors of a triad of gyros and its accelerometers, as parameters in the units that laboratories quote.
 
-What the triad indicates is
+The triad indicates
 
 .. math:: \tilde\omega_b = (I + M)\,\omega_b + \varepsilon, \qquad
           M = \begin{pmatrix} \Delta k_x & 0 & \beta_{gx} \\ \alpha_{gy} & \Delta k_y & -\beta_{gy} \\
@@ -8,7 +8,7 @@ What the triad indicates is
 
 so that a scale factor error is (indicated - true) / true, negative where lock-in swallows pulses. The body frame is put so that the
 x gyro lies in its x-z plane; without that convention only the sum of the first two angles, :math:`m_{12} + \alpha_{gy}`, can be
-seen by gyros. Accelerometers have the full matrix and a bias.
+measured by gyros. Accelerometers have the full matrix and a bias.
 
 Source: Z. Liu et al., Sensors 19, 4754 (2019), section 2; signs as in its Table 3 (its printed equation 3 has the opposite one).
 """
@@ -88,7 +88,7 @@ class TriadErrors:
     Parameters
     ----------
     values : mapping of str to float
-        By parameter name; what is absent is zero.
+        By parameter name; an absent parameter is zero.
     parameters : tuple of ErrorParameter
         `GYRO` or `ACCELEROMETER`.
 
@@ -136,7 +136,7 @@ class TriadErrors:
         return bias
 
     def disturb(self, increments: Array, step_s: float) -> Array:
-        """What is indicated for true increments, shape (n, 3)."""
+        """Indicated increments for true ones, shape (n, 3)."""
         return increments + increments @ self.matrix().T + self.bias() * step_s
 
     def correct(self, indicated: Array, step_s: float) -> Array:

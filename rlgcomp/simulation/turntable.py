@@ -1,4 +1,4 @@
-"""The turntable of a simulated run: how it turns, what its encoder reads, and how the gyro warms up in the room meanwhile."""
+"""The turntable of a simulated run: its motion, the readings of its encoder, and the warm-up of the gyro in the room."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
 from rlgcomp.recording import TIME, Metadata
-from rlgcomp.simulation.monitors import wander
+from rlgcomp.simulation.monitors import gauss_markov
 from rlgcomp.simulation.plant import PlatinumThermometer
 from rlgcomp.simulation.programme import sample_count
 from rlgcomp.simulation.table_programme import TableProgramme
@@ -31,7 +31,7 @@ class Turntable:
     Parameters
     ----------
     latitude_deg : float, optional
-        Where it stands; without it the Earth's part is left out, and a bias stands for it.
+        Of the table; without it the Earth's part is left out, and a bias replaces it.
     start_deg : float
         Angle at the start.
     encoder_arcsec : float
@@ -71,11 +71,11 @@ class Turntable:
                 raise InputError(f"table: {field.name} is {value!r}; it must be {'zero or ' if least == 0.0 else ''}positive")
 
     def metadata(self) -> Metadata:
-        """What its recordings say beside their table."""
+        """Metadata of its recordings."""
         return Metadata(kind="turntable", latitude_deg=self.latitude_deg)
 
     def simulate(self, programme: TableProgramme, step_s: float, seed: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """What is there and what is recorded: two tables with the same columns.
+        """The quantities themselves and their readings: two tables with the same columns.
 
         A row belongs to the sample that ends at its time: the rate is the mean over it, the angle that at its end.
 
@@ -98,15 +98,15 @@ class Turntable:
         time_s: Array = edges_s[1:]
         room = self.room_degC if programme.room_degC is None else programme.room_degC
         block = room + self.warm_up_K * -np.expm1(-time_s / self.warm_up_s)
-        block += wander(self.room_drift_K, self.room_drift_s, time_s, stream(seed, "monitor:room"))
+        block += gauss_markov(self.room_drift_K, self.room_drift_s, time_s, stream(seed, "monitor:room"))
         read = PlatinumThermometer().read(block, time_s, stream(seed, "sensor:temperature_block_degC"))
-        encoder = _stepped(angle[1:], self.encoder_arcsec / ARCSEC_PER_DEG)
+        encoder = _quantised(angle[1:], self.encoder_arcsec / ARCSEC_PER_DEG)
         columns = (TIME, "table_angle_deg", "table_rate_deg_s", "temperature_block_degC")
         actual = dict(zip(columns, (time_s, angle[1:], rate, block), strict=True))
-        shown = _stepped(rate, self.rate_resolution_deg_s)
+        shown = _quantised(rate, self.rate_resolution_deg_s)
         recorded = dict(zip(columns, (time_s, np.mod(encoder, DEG_PER_TURN), shown, read), strict=True))
         return pd.DataFrame(actual), pd.DataFrame(recorded)
 
 
-def _stepped(values: Array, step: float) -> Array:
+def _quantised(values: Array, step: float) -> Array:
     return step * np.rint(values / step) if step else values

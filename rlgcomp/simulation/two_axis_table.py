@@ -68,7 +68,17 @@ class TwoAxisProgramme:
         modulation_deg: float = 0.0,
         acceleration_deg_s2: float = ACCELERATION_DEG_S2,
     ) -> Self:
-        """Programme of segments at constant rates (outer deg/s, inner deg/s, duration s), with ramps between them.
+        """Programme of segments at constant rates, with ramps between them.
+
+        Parameters
+        ----------
+        segments : sequence of (float, float, float)
+            Outer rate in deg/s, inner rate in deg/s, duration in s.
+        outer_start_deg, inner_start_deg : float
+        modulation_deg : float
+            Amplitude of the outer angle's part that follows sin(2 inner).
+        acceleration_deg_s2 : float
+            Of the ramps.
 
         Raises
         ------
@@ -111,8 +121,17 @@ def reversing(
 ) -> TwoAxisProgramme:
     """The inner axis turns `revolutions` forward, then as many back, `repeats` times.
 
-    With the outer axis turning as well, the two reverse in turn: were they always to reverse together, nothing could tell the scale
-    factor of x from that of y.
+    Parameters
+    ----------
+    inner_deg_s, outer_deg_s : float
+    revolutions, repeats : int
+    **start : float
+        Further parameters of :meth:`TwoAxisProgramme.of`.
+
+    Notes
+    -----
+    With the outer axis turning as well, the two reverse in turn: if they always reversed together, the scale factors of x and y
+    could not be separated.
     """
     duration_s = 360.0 * revolutions / inner_deg_s
     senses = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
@@ -149,7 +168,7 @@ class Triad:
     whole_pulses : bool
         Count whole pulses; otherwise fractions of them too, as a resolution-enhancing counter does.
     tilt_arcsec : tuple of float
-        Rotation of the table's base from where it is believed to stand: about east, north and up.
+        Rotation of the table's base from its assumed attitude: about east, north and up.
     latitude_deg, gravity_m_s2, encoder_arcsec : float
     """
 
@@ -172,6 +191,16 @@ class Triad:
     ) -> Recording:
         """Make a recording: pulses of three gyros, velocity increments of three accelerometers, both encoders.
 
+        Parameters
+        ----------
+        programme : TwoAxisProgramme or str
+            A programme, or the name of one in `PROGRAMMES`.
+        seed : int
+        step_s : float
+            Sample period.
+        name : str
+            Of the recording.
+
         Raises
         ------
         InputError
@@ -182,14 +211,14 @@ class Triad:
                 raise InputError(f"unknown table programme {programme!r}; known are {', '.join(PROGRAMMES)}")
             programme = PROGRAMMES[programme]
         samples = round(programme.duration_s / step_s)
-        turned, pushed = self._true_increments(programme, samples, step_s)
+        turned, accelerated = self._true_increments(programme, samples, step_s)
         to_axes = frames.GYRO_AXES[self.gyro_axes]
         indicated = self.gyro.disturb(turned, step_s) @ to_axes
         sd_rad = self.angle_random_walk_deg_sqrt_h * units.RAD_PER_DEG * math.sqrt(step_s / units.SECONDS_PER_HOUR)
         indicated += sd_rad * stream(seed, "angle_random_walk").standard_normal(indicated.shape)
         if self.lock_in_deg_s:
             indicated += self._lock_in_kicks(turned @ to_axes, step_s, stream(seed, "lock_in"))
-        velocity = self.accelerometer.disturb(pushed, step_s)
+        velocity = self.accelerometer.disturb(accelerated, step_s)
         walk = self.velocity_random_walk_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY_M_S2 * math.sqrt(step_s)
         velocity += walk * stream(seed, "velocity_random_walk").standard_normal(velocity.shape)
         velocity += self.velocity_noise_m_s * np.diff(stream(seed, "velocity_noise").standard_normal((samples + 1, 3)), axis=0)
@@ -225,7 +254,7 @@ class Triad:
         base = frames.matrix_of(frames.quaternion_of(np.array(self.tilt_arcsec) * units.RAD_PER_ARCSEC))
         earth = base.T @ frames.earth_rate_n_rad_s(self.latitude_deg)
         up = base.T @ np.array([0.0, 0.0, self.gravity_m_s2])
-        turned, pushed = np.zeros((samples, 3)), np.zeros((samples, 3))
+        turned, accelerated = np.zeros((samples, 3)), np.zeros((samples, 3))
         start = step_s * np.arange(samples)
         for node, weight in zip(_NODES, _WEIGHTS, strict=True):
             outer, inner, outer_rate, inner_rate = programme.motion(start + (0.5 + node) * step_s)
@@ -233,8 +262,8 @@ class Triad:
             phi = inner * units.RAD_PER_DEG
             gimbals = np.stack([outer_rate * np.sin(phi), outer_rate * np.cos(phi), inner_rate], axis=1) * units.RAD_PER_DEG
             turned += weight * step_s * (earth @ C + gimbals)
-            pushed += weight * step_s * (up @ C)
-        return turned, pushed
+            accelerated += weight * step_s * (up @ C)
+        return turned, accelerated
 
     def _lock_in_kicks(self, turned: Array, step_s: float, rng: np.random.Generator) -> Array:
         kicks = np.zeros_like(turned)
@@ -248,9 +277,20 @@ class Triad:
         return kicks
 
 
-def drawn_triads(units_count: int, errors: TriadErrors, *, seed: int = 0, **settings: float) -> Iterator[Triad]:
+def drawn_triads(units_count: int, errors: TriadErrors, *, seed: int = 0, **changes: float) -> Iterator[Triad]:
     """Triads with the same gyro errors, each with other accelerometer residuals and another tilt of the table.
 
+    Parameters
+    ----------
+    units_count : int
+    errors : TriadErrors
+        Of the gyros.
+    seed : int
+    **changes : float
+        Other parameters of :class:`Triad`.
+
+    Notes
+    -----
     Accelerometers are calibrated to 5 ug, 2 ppm and 2 arcsec (uniform), the table stands true to 3 arcsec and 60 arcsec in azimuth
     (standard deviations).
     """
@@ -259,7 +299,7 @@ def drawn_triads(units_count: int, errors: TriadErrors, *, seed: int = 0, **sett
         bounds = np.array([{"ug": 5.0, "ppm": 2.0, "arcsec": 2.0}[parameter.unit] for parameter in ACCELEROMETER])
         residuals = TriadErrors.of(rng.uniform(-bounds, bounds), ACCELEROMETER)
         east, north, up = rng.standard_normal(3) * (3.0, 3.0, 60.0)
-        yield dataclasses.replace(Triad(gyro=errors, accelerometer=residuals, tilt_arcsec=(east, north, up)), **settings)  # type: ignore[arg-type]
+        yield dataclasses.replace(Triad(gyro=errors, accelerometer=residuals, tilt_arcsec=(east, north, up)), **changes)  # type: ignore[arg-type]
 
 
 def _integrated(time_s: Array, knots_s: Sequence[float], rates: Sequence[float]) -> tuple[Array, Array]:

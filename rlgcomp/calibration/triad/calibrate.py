@@ -159,7 +159,7 @@ def calibrate_turntable(
     observability = _observability(triad)
     remarks = [message("calibration.outliers", text=text) for _, text in cut if text is not None]
     remarks += [*_remarks(triad, biases, alternatives), *navigator_remarks(triad.runs)]
-    if any(run.pushed_m_s is None for run in runs):
+    if any(run.delta_v_m_s is None for run in runs):
         remarks.append(message("calibration.no_accelerometers"))
     if any(run.pulse_arcsec is None for run in runs):
         remarks.append(message("calibration.gyros_came_as_rates"))
@@ -211,8 +211,8 @@ def predicted(noise: Noise, latitude_deg: float, thirds: Sequence[str] = ALTERNA
 def rate_bias(run: TableRun) -> RateBias:
     """Passages through zero rate of each gyro of a run."""
     every = max(1, round(_SMOOTHING_S / run.step_s))
-    windows = len(run.turned_rad) // every
-    axes_rad = run.turned_rad @ frames.GYRO_AXES[run.gyro_axes]
+    windows = len(run.delta_theta_rad) // every
+    axes_rad = run.delta_theta_rad @ frames.GYRO_AXES[run.gyro_axes]
     rates = axes_rad[: windows * every].reshape(windows, every, 3).mean(axis=1) / (run.step_s * units.RAD_PER_DEG)
     ends = np.arange(windows + 1) * every
     ends[-1] = min(ends[-1], len(run.inner_deg) - 1)

@@ -286,14 +286,14 @@ def _require_one_triad(runs: Sequence[TableRun]) -> None:
                 f"the runs differ in the {quantity}: {', '.join(values)}; calibrate runs of one triad at one place together"
             )
     for run in runs:
-        coarse = fastest_deg(run.turned_rad)
+        coarse = fastest_deg(run.delta_theta_rad)
         if run.shows == "velocity" and coarse > COARSEST_DEG:
             raise InputError(
                 f"{run.name}: the triad turns by up to {coarse:.3g} deg in a sample, too far to know how it turned in between (at "
                 f"most {COARSEST_DEG:g} deg); record faster, at {coarse / COARSEST_DEG / run.step_s:.2g} Hz or more, or turn slower"
             )
     for k, run in enumerate(runs):
-        twin = next((other.name for other in runs[:k] if np.array_equal(other.turned_rad, run.turned_rad)), None)
+        twin = next((other.name for other in runs[:k] if np.array_equal(other.delta_theta_rad, run.delta_theta_rad)), None)
         if twin is not None:
             raise InputError(f"{twin} and {run.name} hold the same data, which would count twice; give each run once")
 
@@ -309,7 +309,7 @@ def _result(
 ) -> RunResult:
     alone = SquareRootInformation(information.R, information.z).last(CONSTANTS)
     R = alone.R[:, : len(GYRO)] * prior
-    hours = len(run.turned_rad) * run.step_s / units.SECONDS_PER_HOUR
+    hours = len(run.delta_theta_rad) * run.step_s / units.SECONDS_PER_HOUR
     empty = np.zeros((0, 2))
     if before is None:
         return RunResult(run.name, "rate", hours, float("nan"), R.T @ R, np.zeros(0), empty, empty)

@@ -121,12 +121,12 @@ def angle_random_walk_deg_sqrt_h(runs: Sequence[TableRun]) -> float:
         every = max(1, round(WALK_WINDOW_S / run.step_s))
         phi = run.inner_middle_rad
         design = np.stack(
-            [np.ones(len(phi)), run.turned_rad[:, 2]]
+            [np.ones(len(phi)), run.delta_theta_rad[:, 2]]
             + [wave(order * phi) for order in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)],
             axis=1,
         )
-        turned = run.turned_rad[:, :2] / units.RAD_PER_ARCSEC
-        residual = turned - design @ np.linalg.solve(design.T @ design, design.T @ turned)
+        increments = run.delta_theta_rad[:, :2] / units.RAD_PER_ARCSEC
+        residual = increments - design @ np.linalg.solve(design.T @ design, design.T @ increments)
         windows = len(residual) // every
         angle = np.cumsum(residual, axis=0)[: windows * every].reshape(windows, every, 2).mean(axis=1)
         variances = [np.mean((angle[lag:] - angle[:-lag]) ** 2) for lag in (1, WALK_LAG)]
@@ -206,11 +206,11 @@ def linearise(run: TableRun, errors: TriadErrors, tilt_arcsec: Array, known: str
     """
     gravity_m_s2 = run.gravity_m_s2
     every = max(1, round(EPOCH_S / run.step_s))
-    parts = strapdown.parts_of(run.turned_rad)
+    parts = strapdown.parts_of(run.delta_theta_rad)
     C_bn = frames.matrix_of(frames.quaternion_of(tilt_arcsec * units.RAD_PER_ARCSEC)) @ frames.table_attitude(*run.start())
     trajectory = strapdown.integrate(
-        strapdown.divided(errors.correct(run.turned_rad, run.step_s), parts),
-        strapdown.divided(cast(Array, run.pushed_m_s), parts),
+        strapdown.divided(errors.correct(run.delta_theta_rad, run.step_s), parts),
+        strapdown.divided(cast(Array, run.delta_v_m_s), parts),
         run.step_s / parts,
         C_bn,
         frames.earth_rate_n_rad_s(run.latitude_deg),
@@ -256,13 +256,13 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
     inverse = np.eye(states)
     inverse[:DRIVEN, :DRIVEN] = np.linalg.inv(forward)
     white = (noise.angle_random_walk_deg_sqrt_h * units.ARCSEC_PER_DEG) ** 2 / units.SECONDS_PER_HOUR  # arcsec²/s
-    push = (noise.velocity_random_walk_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY_M_S2 / _MM) ** 2  # (mm/s)²/s
+    velocity_walk = (noise.velocity_random_walk_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY_M_S2 / _MM) ** 2  # (mm/s)²/s
     walk = white * np.eye(3) + run.angle_noise_arcsec**2 * _counting_walk(linear.trajectory, run.step_s)
     Q = np.zeros((DRIVEN, DRIVEN))
     Q[:3, :3] = epoch_s * walk
     Q[3:, :3] = epoch_s**2 / 2.0 * lean @ walk
     Q[:3, 3:] = Q[3:, :3].T
-    Q[3:, 3:] = epoch_s**3 / 3.0 * lean @ walk @ lean.T + push * epoch_s * np.eye(2)
+    Q[3:, 3:] = epoch_s**3 / 3.0 * lean @ walk @ lean.T + velocity_walk * epoch_s * np.eye(2)
     root: Array = np.asarray(np.linalg.cholesky(Q), dtype=np.float64)
 
     resolution = noise.velocity_resolution_m_s / _MM
@@ -295,10 +295,10 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
         Taken out of the gyros.
     noise : Noise
     """
-    turned = errors.correct(run.turned_rad, run.step_s)
+    increments = errors.correct(run.delta_theta_rad, run.step_s)
     phi = run.inner_middle_rad
-    design = np.stack([np.ones(len(phi)), turned[:, 2] / run.step_s, *_waves(run)], axis=1)
-    rates = turned[:, :2] / (run.step_s * GYRO[3].si)  # deg/h
+    design = np.stack([np.ones(len(phi)), increments[:, 2] / run.step_s, *_waves(run)], axis=1)
+    rates = increments[:, :2] / (run.step_s * GYRO[3].si)  # deg/h
     sd = units.arw_rate_sd_deg_h(noise.angle_random_walk_deg_sqrt_h, run.step_s)
     place = {parameter.name: k for k, parameter in enumerate(GYRO)}
     columns = [START + place["bias_x_deg_h"], START + place["bias_y_deg_h"]]
@@ -318,7 +318,7 @@ def rate_information(run: TableRun, errors: TriadErrors, noise: Noise) -> RunInf
             R[[START, START + 1], columns] = np.sqrt(information) / sd
             z[START:] = mean * np.sqrt(information) / sd
         curve.append((stop * run.step_s, R[START:, START:], z[START:]))
-    if run.pushed_m_s is not None:
+    if run.delta_v_m_s is not None:
         row, value = _north_deg_h(run, design, rates, sd)
         R, z = np.vstack([R, row]), np.r_[z, value]
         curve[-1] = (curve[-1][0], R[START:, START:], z[START:])
@@ -341,7 +341,7 @@ def _north_deg_h(run: TableRun, design: Array, rates: Array, sd_deg_h: float) ->
     make patterns that are not white: the scatter between parts of the run measures them.
     """
     _, north, up = frames.earth_rate_n_rad_s(run.latitude_deg) / GYRO[3].si  # deg/h
-    tilting = cast(Array, run.pushed_m_s)[:, :2] / (run.gravity_m_s2 * run.step_s)
+    tilting = cast(Array, run.delta_v_m_s)[:, :2] / (run.gravity_m_s2 * run.step_s)
     lean = _across(design, tilting)
     measured = float(np.linalg.norm(_across(design, rates) - up * lean))
     parts = [
@@ -372,7 +372,7 @@ def _counting_walk(trajectory: strapdown.Trajectory, sample_s: float) -> Array:
     Such noise q is bounded in the body, but not in the level frame: :math:`\int C\, dq = C q - \int C\, \omega \times q\, dt`, a
     walk with :math:`(|\omega|^2 I - \omega \omega^T)\, \Delta t` in the mean over the turning, a sample being :math:`\Delta t`.
     """
-    level = np.einsum("kij,kj->ki", trajectory.C_bi[:-1], trajectory.turned_rad / float(trajectory.time_s[1]))
+    level = np.einsum("kij,kj->ki", trajectory.C_bi[:-1], trajectory.delta_theta_rad / float(trajectory.time_s[1]))
     spread = level.T @ level / len(level)
     return np.asarray((np.trace(spread) * np.eye(3) - spread) * sample_s)
 

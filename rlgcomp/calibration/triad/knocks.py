@@ -51,10 +51,10 @@ def _far(run: TableRun) -> npt.NDArray[np.bool_]:
     phi = run.inner_middle_rad
     theta_deg = run.outer_deg - 0.5 * outer / units.RAD_PER_DEG
     turning = np.stack([outer * np.sin(phi), outer * np.cos(phi), inner], axis=1)
-    far = _off(run.turned_rad, turning, _LEAST_ARCSEC * units.RAD_PER_ARCSEC)
-    if run.pushed_m_s is not None:
+    far = _off(run.delta_theta_rad, turning, _LEAST_ARCSEC * units.RAD_PER_ARCSEC)
+    if run.delta_v_m_s is not None:
         up = frames.table_attitude(theta_deg, phi / units.RAD_PER_DEG)[:, 2, :]
-        far |= _off(run.pushed_m_s, up, _LEAST_M_S2 * run.step_s)
+        far |= _off(run.delta_v_m_s, up, _LEAST_M_S2 * run.step_s)
     speed = np.stack([outer, inner], axis=1)
     jerk = np.abs(np.diff(speed, axis=0, prepend=speed[:1]))
     unsteady = np.any(jerk > 10.0 * (SD_OF_MAD * np.median(jerk, axis=0) + 1e-5), axis=1)
@@ -75,12 +75,12 @@ def _turns(run: TableRun, rows: slice) -> bool:
 
 
 def _part(run: TableRun, rows: slice) -> TableRun:
-    pushed = None if run.pushed_m_s is None else run.pushed_m_s[rows]
+    pushed = None if run.delta_v_m_s is None else run.delta_v_m_s[rows]
     return dataclasses.replace(
         run,
         name=f"{run.name} from {run.step_s * rows.start:.6g} s",
-        turned_rad=run.turned_rad[rows],
-        pushed_m_s=pushed,
+        delta_theta_rad=run.delta_theta_rad[rows],
+        delta_v_m_s=pushed,
         outer_deg=run.outer_deg[rows],
         inner_deg=run.inner_deg[rows],
     )

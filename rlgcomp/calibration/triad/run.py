@@ -36,9 +36,9 @@ class TableRun:
     ----------
     name : str
     step_s : float
-    turned_rad : ndarray, shape (n, 3)
+    delta_theta_rad : ndarray, shape (n, 3)
         Gyro increments, taken from the sensitive axes to the body by their nominal geometry.
-    pushed_m_s : ndarray, shape (n, 3), or None
+    delta_v_m_s : ndarray, shape (n, 3), or None
         Velocity increments of the accelerometers.
     outer_deg, inner_deg : ndarray, shape (n,)
         Encoders at the end of each sample, running on.
@@ -55,8 +55,8 @@ class TableRun:
 
     name: str
     step_s: float
-    turned_rad: Array
-    pushed_m_s: Array | None
+    delta_theta_rad: Array
+    delta_v_m_s: Array | None
     outer_deg: Array
     inner_deg: Array
     gyro_axes: str
@@ -107,14 +107,14 @@ class TableRun:
                 "deg outer); rate-biased gyros are calibrated turning; for a gyro at rest use rlgcomp allan"
             )
         chosen = _agreeing_axes(recording.name, axes_rad, outer, inner, step_s, gyro_axes)
-        pushed = _pushed(recording, step_s)
-        if pushed is not None:
-            _require_gravity(recording.name, pushed, outer, inner, step_s)
+        delta_v_m_s = _velocity_increments(recording, step_s)
+        if delta_v_m_s is not None:
+            _require_gravity(recording.name, delta_v_m_s, outer, inner, step_s)
         return cls(
             name=recording.name,
             step_s=step_s,
-            turned_rad=axes_rad @ frames.GYRO_AXES[chosen].T,
-            pushed_m_s=pushed,
+            delta_theta_rad=axes_rad @ frames.GYRO_AXES[chosen].T,
+            delta_v_m_s=delta_v_m_s,
             outer_deg=outer,
             inner_deg=inner,
             gyro_axes=chosen,
@@ -131,7 +131,7 @@ class TableRun:
         About an upright axis that does not move the accelerometers are insensitive to the gyros' errors, but each horizontal gyro's
         bias is its mean rate: Earth's rotation averages out over a turn.
         """
-        if self.pushed_m_s is None:
+        if self.delta_v_m_s is None:
             if np.ptp(self.outer_deg) > STILL_DEG:
                 raise InputError(
                     f"{self.name}: both axes turn and there are no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...); nothing "
@@ -143,16 +143,16 @@ class TableRun:
 
     @property
     def gravity_m_s2(self) -> float:
-        """Gravity where the table stands, from the accelerometers: they are calibrated, and nothing but rotation moves them.
+        """Gravity where the table stands, from the accelerometers, which are calibrated and only rotate.
 
         Raises
         ------
         InputError
-            They show nothing like gravity.
+            Their mean is far from gravity.
         """
-        if self.pushed_m_s is None:
+        if self.delta_v_m_s is None:
             raise InputError(f"{self.name} has no accelerometers (accel_x_m_s2, ... or accel_x_m_s, ...)")
-        gravity = float(np.mean(np.linalg.norm(self.pushed_m_s, axis=1))) / self.step_s
+        gravity = float(np.mean(np.linalg.norm(self.delta_v_m_s, axis=1))) / self.step_s
         if not GRAVITY_M_S2[0] < gravity < GRAVITY_M_S2[1]:
             raise InputError(
                 f"{self.name}: the accelerometers show {gravity:.4g} m/s^2 in the mean instead of gravity; check their unit "
@@ -191,7 +191,7 @@ def _counting_noise_arcsec(recording: Recording, columns: list[str]) -> float:
     return recording.metadata.pulse_arcsec / math.sqrt(12.0) if whole else 0.0
 
 
-def _pushed(recording: Recording, step_s: float) -> Array | None:
+def _velocity_increments(recording: Recording, step_s: float) -> Array | None:
     if all(f"accel_{axis}_m_s" in recording for axis in AXES):
         return np.stack([recording.column(f"accel_{axis}_m_s") for axis in AXES], axis=1)
     if all(f"accel_{axis}_m_s2" in recording for axis in AXES):
@@ -210,8 +210,8 @@ def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_
     table = steps[: windows * every].reshape(windows, every, 3).sum(axis=1) / (every * step_s)
     if np.sqrt(np.mean(table**2)) < LEAST_RATE_DEG_S:
         raise InputError(f"{name}: the table turns at less than {LEAST_RATE_DEG_S} deg/s; rate-biased gyros are calibrated turning")
-    turned = axes_rad[1 : windows * every + 1].reshape(windows, every, 3).sum(axis=1)
-    gyros = turned / (units.RAD_PER_DEG * every * step_s)
+    rotations = axes_rad[1 : windows * every + 1].reshape(windows, every, 3).sum(axis=1)
+    gyros = rotations / (units.RAD_PER_DEG * every * step_s)
     misfit = {
         key: float(np.sqrt(np.mean((gyros @ matrix.T - table) ** 2) / np.mean(table**2)))
         for key, matrix in frames.GYRO_AXES.items()
@@ -228,7 +228,7 @@ def _agreeing_axes(name: str, axes_rad: Array, outer: Array, inner: Array, step_
     return best
 
 
-def _require_gravity(name: str, pushed_m_s: Array, outer_deg: Array, inner_deg: Array, step_s: float) -> None:
+def _require_gravity(name: str, delta_v_m_s: Array, outer_deg: Array, inner_deg: Array, step_s: float) -> None:
     """Raise unless accelerometers and encoders agree within 2 % and the turn in a sample: no encoder's instant is known better.
 
     At rest but for rotation a triad measures gravity alone, so that the accelerometers are to the encoders' angles as the gyros are
@@ -240,10 +240,10 @@ def _require_gravity(name: str, pushed_m_s: Array, outer_deg: Array, inner_deg: 
     InputError
         They disagree; the message names the change of order, sign or zero with which they would agree.
     """
-    mean_m_s = float(np.mean(np.linalg.norm(pushed_m_s, axis=1)))
+    mean_m_s = float(np.mean(np.linalg.norm(delta_v_m_s, axis=1)))
     if not mean_m_s > 0.0:
         return
-    up = pushed_m_s[1:] / mean_m_s
+    up = delta_v_m_s[1:] / mean_m_s
     outer, inner = (0.5 * (angle[1:] + angle[:-1]) for angle in (outer_deg, inner_deg))
     every = max(1, round(_AGREEMENT_WINDOW_S / step_s))
     steps = np.diff(np.stack([outer_deg, inner_deg]), axis=1) * units.RAD_PER_DEG

@@ -57,7 +57,7 @@ class Trajectory:
         Attitude with respect to the level frame as it stood at the start.
     velocity_m_s : ndarray, shape (n + 1, 3)
         East, north, up: integral of specific force less gravity.
-    turned_rad, pushed_m_s : ndarray, shape (n, 3)
+    delta_theta_rad, delta_v_m_s : ndarray, shape (n, 3)
         The increments.
     earth_rad_s : ndarray, shape (3,)
     gravity_m_s2 : float
@@ -66,20 +66,20 @@ class Trajectory:
     time_s: Array
     C_bi: Array
     velocity_m_s: Array
-    turned_rad: Array
-    pushed_m_s: Array
+    delta_theta_rad: Array
+    delta_v_m_s: Array
     earth_rad_s: Array
     gravity_m_s2: float
 
 
 def integrate(
-    turned_rad: Array, pushed_m_s: Array, step_s: float, C_bn: Array, earth_rad_s: Array, gravity_m_s2: float
+    delta_theta_rad: Array, delta_v_m_s: Array, step_s: float, C_bn: Array, earth_rad_s: Array, gravity_m_s2: float
 ) -> Trajectory:
     """Attitude and velocity from increments.
 
     Parameters
     ----------
-    turned_rad, pushed_m_s : ndarray, shape (n, 3)
+    delta_theta_rad, delta_v_m_s : ndarray, shape (n, 3)
         Body increments over each sample.
     step_s : float
         Sample period.
@@ -89,30 +89,30 @@ def integrate(
         Earth's rotation in the level frame.
     gravity_m_s2 : float
     """
-    before_turn = np.vstack([turned_rad[:1], turned_rad[:-1]])
-    before_push = np.vstack([pushed_m_s[:1], pushed_m_s[:-1]])
-    sigma = turned_rad + np.cross(before_turn, turned_rad) / 12.0
-    sideways = np.cross(turned_rad, pushed_m_s)
-    pushed = pushed_m_s + 0.5 * sideways + np.cross(turned_rad, sideways) / 6.0
-    pushed += (np.cross(before_turn, pushed_m_s) + np.cross(before_push, turned_rad)) / 12.0
+    previous_delta_theta = np.vstack([delta_theta_rad[:1], delta_theta_rad[:-1]])
+    previous_delta_v = np.vstack([delta_v_m_s[:1], delta_v_m_s[:-1]])
+    sigma = delta_theta_rad + np.cross(previous_delta_theta, delta_theta_rad) / 12.0
+    cross = np.cross(delta_theta_rad, delta_v_m_s)
+    corrected = delta_v_m_s + 0.5 * cross + np.cross(delta_theta_rad, cross) / 6.0
+    corrected += (np.cross(previous_delta_theta, delta_v_m_s) + np.cross(previous_delta_v, delta_theta_rad)) / 12.0
     turns = np.vstack([[1.0, 0.0, 0.0, 0.0], frames.running_product(frames.quaternion_of(sigma))])
     C_bi: Array = C_bn @ frames.matrix_of(turns)
-    inertial = _turned(C_bi[:-1], pushed)
-    time_s = step_s * np.arange(len(turned_rad) + 1, dtype=np.float64)
-    level = _turned(earth_turn(earth_rad_s, time_s[:-1] + 0.5 * step_s), inertial)
+    inertial = _rotated(C_bi[:-1], corrected)
+    time_s = step_s * np.arange(len(delta_theta_rad) + 1, dtype=np.float64)
+    level = _rotated(earth_turn(earth_rad_s, time_s[:-1] + 0.5 * step_s), inertial)
     level[:, 2] -= gravity_m_s2 * step_s
     velocity: Array = np.vstack([np.zeros(3), np.cumsum(level, axis=0)])
-    return Trajectory(time_s, C_bi, velocity, turned_rad, pushed_m_s, earth_rad_s, gravity_m_s2)
+    return Trajectory(time_s, C_bi, velocity, delta_theta_rad, delta_v_m_s, earth_rad_s, gravity_m_s2)
 
 
-def fastest_deg(turned_rad: Array) -> float:
+def fastest_deg(delta_theta_rad: Array) -> float:
     """The farthest turn in a sample."""
-    return float(np.linalg.norm(turned_rad, axis=1).max()) / units.RAD_PER_DEG
+    return float(np.linalg.norm(delta_theta_rad, axis=1).max()) / units.RAD_PER_DEG
 
 
-def parts_of(turned_rad: Array) -> int:
+def parts_of(delta_theta_rad: Array) -> int:
     """Parts into which samples are to be divided, so that the triad turns little in each."""
-    return max(1, math.ceil(fastest_deg(turned_rad) / MOST_TURN_DEG)) if len(turned_rad) >= _NEIGHBOURS else 1
+    return max(1, math.ceil(fastest_deg(delta_theta_rad) / MOST_TURN_DEG)) if len(delta_theta_rad) >= _NEIGHBOURS else 1
 
 
 def divided(increments: Array, parts: int) -> Array:
@@ -169,7 +169,7 @@ def sensitivity(
         Samples from epoch to epoch.
     gyro, accelerometer : sequence of ErrorParameter
     """
-    n = len(trajectory.turned_rad)
+    n = len(trajectory.delta_theta_rad)
     step_s = float(trajectory.time_s[1])
     middle = 0.5 * (trajectory.C_bi[:-1] + trajectory.C_bi[1:])
     turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s)
@@ -178,12 +178,12 @@ def sensitivity(
     total = len(gyro) + len(accelerometer)
     tilt, velocity = np.zeros((epochs, 3, total)), np.zeros((epochs, 3, total))
     for column, parameter in enumerate(gyro):
-        drive = trajectory.turned_rad[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
-        phi, pushed = _tilt_response(trajectory, turn, middle[:, :, parameter.row] * (-parameter.si * drive)[:, None])
-        tilt[:, :, column], velocity[:, :, column] = phi[::every], pushed[::every]
+        drive = trajectory.delta_theta_rad[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
+        phi, velocity_m_s = _tilt_response(trajectory, turn, middle[:, :, parameter.row] * (-parameter.si * drive)[:, None])
+        tilt[:, :, column], velocity[:, :, column] = phi[::every], velocity_m_s[::every]
     for column, parameter in enumerate(accelerometer, start=len(gyro)):
-        drive = trajectory.pushed_m_s[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
-        level = _turned(half_turn, middle[:, :, parameter.row] * (parameter.si * drive)[:, None])
+        drive = trajectory.delta_v_m_s[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
+        level = _rotated(half_turn, middle[:, :, parameter.row] * (parameter.si * drive)[:, None])
         summed = np.zeros((n + 1, 3))
         np.cumsum(level, axis=0, out=summed[1:])
         velocity[:, :, column] = summed[::every]
@@ -203,7 +203,7 @@ def earth_sensitivity(trajectory: Trajectory, every: int, si: float) -> Sensitiv
 
     Notes
     -----
-    In :math:`\dot\varphi = -\omega_{ie} \times \varphi + \delta\omega_{ie}` it is to the level frame what a bias is to the body.
+    In :math:`\dot\varphi = -\omega_{ie} \times \varphi + \delta\omega_{ie}` it acts on the level frame as a bias acts on the body.
     """
     turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s)
     fixed = np.swapaxes(0.5 * (turn[:-1] + turn[1:]), 1, 2)  # from the level frame to that at the start
@@ -217,11 +217,11 @@ def _tilt_response(trajectory: Trajectory, turn: Array, driven: Array) -> tuple[
     """Tilt in rad and velocity in m/s caused by increments of the tilt in the level frame at the start."""
     summed = np.zeros((len(driven) + 1, 3))
     np.cumsum(driven, axis=0, out=summed[1:])
-    phi = _turned(turn, summed)
-    pushed = np.zeros((len(driven) + 1, 2))
-    np.cumsum(0.5 * (phi[1:, :2] + phi[:-1, :2]), axis=0, out=pushed[1:])
-    pushed *= trajectory.gravity_m_s2 * float(trajectory.time_s[1])
-    return phi, np.column_stack([-pushed[:, 1], pushed[:, 0], np.zeros(len(pushed))])
+    phi = _rotated(turn, summed)
+    tilted = np.zeros((len(driven) + 1, 2))
+    np.cumsum(0.5 * (phi[1:, :2] + phi[:-1, :2]), axis=0, out=tilted[1:])
+    tilted *= trajectory.gravity_m_s2 * float(trajectory.time_s[1])
+    return phi, np.column_stack([-tilted[:, 1], tilted[:, 0], np.zeros(len(tilted))])
 
 
 def earth_turn(earth_rad_s: Array, time_s: npt.ArrayLike) -> Array:
@@ -229,5 +229,5 @@ def earth_turn(earth_rad_s: Array, time_s: npt.ArrayLike) -> Array:
     return frames.matrix_of(frames.quaternion_of(-np.multiply.outer(np.asarray(time_s, dtype=np.float64), earth_rad_s)))
 
 
-def _turned(matrices: Array, vectors: Array) -> Array:
+def _rotated(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
