@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, require_folder, say
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.show import show_json, show_remarks, show_table
 
 
 @command("export", several=["--test"])
@@ -45,12 +45,11 @@ def export(
     gyro = load(model).gyro if test and calibration is not None else None
     runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration, gyro=gyro)
     options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name, not no_board)  # type: ignore[arg-type]
-    found = export_model(model, out, to, options)
+    exported = export_model(model, out, to, options)
     if as_json:
-        show_json(found.to_mapping())
+        show_json(exported.to_mapping())
         return
-    for title, rows in found.tables:
+    for title, rows in exported.tables:
         show_table(title, rows)
-    for remark in found.remarks:
-        typer.echo(f"- {remark}")
+    show_remarks(exported.remarks)
     say(f"{out}: written")

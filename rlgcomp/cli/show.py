@@ -3,17 +3,38 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+if TYPE_CHECKING:
+    from rlgcomp.report.messages import Message
+
 
 def show_json(value: Any) -> None:
-    """A result for machines, on standard output."""
+    """Print a result for machines on standard output; messages in it as code, data and text."""
     from rlgcomp.files import to_json
 
-    typer.echo(to_json(value))
+    typer.echo(to_json(_plain(value)))
+
+
+def show_remarks(remarks: Iterable[Message | str]) -> None:
+    """Print remarks as a list on standard output."""
+    for remark in remarks:
+        typer.echo(f"- {remark}")
+
+
+def _plain(value: Any) -> Any:
+    from rlgcomp.report.messages import Message
+
+    if isinstance(value, Message):
+        return value.to_mapping()
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
 
 
 def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -49,8 +70,7 @@ def show_evaluation(evaluation: Any) -> None:
         show_table("By feature and model, deg/h: bias stability (rms, offset included)", rows)
     rows = [row | {"correlation": f"{row['correlation']:.3f}"} for row in evaluation.correlation.to_dict("records")]
     show_table("Correlation with the gyro", rows)
-    for remark in evaluation.remarks:
-        typer.echo(f"- {remark}")
+    show_remarks(evaluation.remarks)
 
 
 def _cell(value: Any) -> str:

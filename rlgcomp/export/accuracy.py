@@ -67,7 +67,7 @@ def bounds_of(stream: Stream, compensator: Compensator, expansion: Expansion, pr
     return Bounds(
         _allowed_deg_h(stream, compensator, expansion, precision, entering),
         unit * (beyond + (8.0 + expansion.features) * stream.half_width_deg_h),
-        _with_doubts(stream, expansion, 4.0 * unit * (entering + limits)),
+        _status_within_rounding(stream, expansion, 4.0 * unit * (entering + limits)),
     )
 
 
@@ -99,26 +99,26 @@ def magnitudes(stream: Stream, compensator: Compensator) -> Array:
     recipe = compensator.pipeline_
     sizes = np.maximum.accumulate(np.where(stream.valid[:, None], np.abs(stream.monitors), 0.0), axis=0)
     largest = dict(zip(recipe.columns, sizes.T, strict=True))
-    found: list[Array] = []
+    columns: list[Array] = []
     for feature in recipe.features:
         size = np.sum([largest[column] for column in feature.columns], axis=0)
         if isinstance(feature, Rate):
-            found.append(SECONDS_PER_MINUTE / feature.time_constant_s * 8.0 * size)
+            columns.append(SECONDS_PER_MINUTE / feature.time_constant_s * 8.0 * size)
         elif isinstance(feature, Lag):
-            found += [8.0 * size] * len(feature.names)
+            columns += [8.0 * size] * len(feature.names)
         elif isinstance(feature, Memory):
-            found += [4.0 * (size + radius) for radius in feature.radii]
+            columns += [4.0 * (size + radius) for radius in feature.radii]
         elif isinstance(feature, ReadoutDifference):
-            found.append(np.full(len(size), 6.0))
+            columns.append(np.full(len(size), 6.0))
         else:
-            found.append(4.0 * size)
-    return np.column_stack(found)
+            columns.append(4.0 * size)
+    return np.column_stack(columns)
 
 
-def _with_doubts(stream: Stream, expansion: Expansion, doubt: Array) -> npt.NDArray[np.int64]:
-    near = np.minimum(np.abs(stream.X - expansion.low), np.abs(stream.X - expansion.high)) <= doubt
-    surely = ((stream.X < expansion.low - doubt) | (stream.X > expansion.high + doubt)).any(axis=1)
-    return np.where(stream.valid & near.any(axis=1) & ~surely, EITHER, stream.status)
+def _status_within_rounding(stream: Stream, expansion: Expansion, margin: Array) -> npt.NDArray[np.int64]:
+    near = np.minimum(np.abs(stream.X - expansion.low), np.abs(stream.X - expansion.high)) <= margin
+    certain = ((stream.X < expansion.low - margin) | (stream.X > expansion.high + margin)).any(axis=1)
+    return np.where(stream.valid & near.any(axis=1) & ~certain, EITHER, stream.status)
 
 
 def _rounding_in_python(compensator: Compensator, expansion: Expansion, X: Array) -> float:

@@ -2,32 +2,153 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from rlgcomp.compensation.artefact import identity
 from rlgcomp.compensation.compensator import load
 from rlgcomp.export import toolchain as tools
 from rlgcomp.export.accuracy import Bounds, bounds_of, span_deg_h
-from rlgcomp.export.budget import sized
-from rlgcomp.export.c_result import CExport
 from rlgcomp.export.c_source import KINDS, Design, operations, render, state_bytes
 from rlgcomp.export.expansion import expansion_of
 from rlgcomp.export.golden import OK, Stream, golden_stream, stream_of
-from rlgcomp.export.reduce import smallest_within
+from rlgcomp.export.reduction import sized, smallest_within
 from rlgcomp.export.target import REPORT, Options
 from rlgcomp.export.target import written as all_written
 from rlgcomp.files import to_json, whole_folder
+from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
+_JUDGES: Final = {"unseen": "runs not trained on", "trained_on": "the training runs"}
+
+
+@dataclasses.dataclass(frozen=True)
+class CExport:
+    """A module in C: its size and speed, its comparison with Python, and the size curve.
+
+    Parameters
+    ----------
+    summary : dict
+        Model, sizes, operations, speed, as plain data.
+    checks : tuple of Check
+    skipped : tuple of Message
+        Why a toolchain was not used.
+    curve : pandas.DataFrame
+        Held-out stability by number of centres; empty where no size was asked for.
+    """
+
+    summary: Mapping[str, Any]
+    checks: tuple[tools.Check, ...]
+    skipped: tuple[Message, ...]
+    curve: pd.DataFrame
+
+    @property
+    def tables(self) -> Sequence[tuple[str, Sequence[Mapping[str, Any]]]]:
+        """Titles and rows for people."""
+        found: list[tuple[str, Sequence[Mapping[str, Any]]]] = [
+            (f"{self.summary['model']} in C99, {self.summary['precision']}", self._facts()),
+            ("Every sample compared with Python", self._compared()),
+        ]
+        if not self.curve.empty:
+            found.append(("Size against bias stability, training runs left out in turn", [self._size(row) for row in self._rows()]))
+        return found if self.checks else [found[0], *found[2:]]
+
+    @property
+    def remarks(self) -> tuple[Message, ...]:
+        """Skipped toolchains, missing verification and the smallest model of the curve."""
+        remarks = list(self.skipped)
+        if not self.checks:
+            remarks.append(message("export.not_compiled"))
+        if not self.curve.empty:
+            remarks.append(message("export.smallest_within_1_percent", centres=self.summary["smallest_within_1_percent"]))
+        return tuple(remarks)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Everything as plain data."""
+        return {
+            "schema": "rlgcomp.export/1",
+            **self.summary,
+            "verified": bool(self.checks),
+            "checks": [dataclasses.asdict(check) for check in self.checks],
+            "skipped": [remark.to_mapping() for remark in self.skipped],
+            "curve": self.curve.to_dict("records"),
+        }
+
+    def to_markdown(self) -> str:
+        """The report as a page."""
+        parts = [f"# {self.summary['name']}: bias compensation in C99\n"]
+        for title, rows in self.tables:
+            head = list(rows[0])
+            lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+            lines += [f"| {' | '.join(str(row[column]) for column in head)} |" for row in rows]
+            parts.append(f"## {title}\n\n" + "\n".join(lines) + "\n")
+        parts += [f"- {remark}" for remark in self.remarks]
+        return "\n".join(parts) + "\n"
+
+    def _rows(self) -> list[dict[Any, Any]]:
+        return self.curve.to_dict("records")
+
+    def _size(self, row: Mapping[Any, Any]) -> dict[str, str]:
+        shown = {
+            "centres": f"{row['centres']:.0f}",
+            "tables, bytes": f"{row['table_bytes']:.0f}",
+            "left out, deg/h": f"{row['left_out_deg_h']:.6f}",
+            "loss": f"{100.0 * row['left_out_loss']:+.2g} %",
+        }
+        for judge, runs in _JUDGES.items():
+            if f"{judge}_deg_h" in row:
+                shown |= {
+                    f"{runs}, deg/h": f"{row[f'{judge}_deg_h']:.6f}",
+                    f"loss on {runs}": f"{100.0 * row[f'{judge}_loss']:+.2g} %",
+                }
+        return shown
+
+    def _facts(self) -> list[dict[str, str]]:
+        summary = self.summary
+        facts = {
+            "model, SHA-256": summary["sha256"],
+            "kind": f"{summary['kind']}, {summary['centres']} of {summary['centres_of_model']} centres, {summary['inputs']} inputs",
+            "constant tables, bytes": summary["table_bytes"],
+            "state, bytes": summary["state_bytes"],
+        }
+        for measured in summary["measured"]:
+            facts[f"flash and stack, bytes ({measured['toolchain']}, -Os)"] = (
+                f"{measured['flash_bytes']} and {measured['stack_bytes']}"
+            )
+        counted = [f"{name.replace('_', ' ')} {count}" for name, count in summary["operations"].items() if count]
+        facts["operations a step"] = ", ".join(counted)
+        for name, ns in summary["step_ns"].items():
+            facts[f"one step here, ns ({name})"] = f"{ns:.0f}"
+        facts["allowed difference within range, deg/h"] = (
+            f"{summary['allowed_deg_h']:.3g} ({summary['allowed_of_span']:.2g} of the span)"
+        )
+        if summary["changed_deg_h"]:
+            facts["changed by fewer centres, deg/h"] = f"{summary['changed_deg_h']:.3g} at most on the training rows"
+        return [{"": name, " ": str(value)} for name, value in facts.items()]
+
+    def _compared(self) -> list[dict[str, str]]:
+        span = self.summary["span_deg_h"]
+        return [
+            {
+                "built and run with": check.toolchain,
+                "recording": check.stream,
+                "samples": str(check.samples),
+                "largest difference within range, deg/h": f"{check.largest_deg_h:.2g}",
+                "of the span": f"{check.largest_deg_h / span:.2g}",
+                "of what is allowed, anywhere": f"{check.share:.2g}",
+            }
+            for check in self.checks
+        ]
 
 
 def export(model: Path, out: Path, options: Options) -> CExport:
@@ -99,25 +220,25 @@ def export(model: Path, out: Path, options: Options) -> CExport:
 
 def _verified(
     folder: Path, design: Design, streams: Sequence[Stream], bounds: Sequence[Bounds], *, board: bool
-) -> tuple[list[tools.Check], list[str], list[dict[str, Any]], dict[str, float]]:
+) -> tuple[list[tools.Check], list[Message], list[dict[str, Any]], dict[str, float]]:
     """Checks, what was skipped, measured sizes and nanoseconds a step, by toolchain."""
     checks: list[tools.Check] = []
-    skipped: list[str] = []
+    skipped: list[Message] = []
     measured: list[dict[str, Any]] = []
     step_ns: dict[str, float] = {}
     module, test = folder / f"{design.name}.c", folder / f"{design.name}_selftest.c"
     for toolchain in tools.TOOLCHAINS:
         if toolchain.board and not board:
-            skipped.append(f"{toolchain.name}: skipped, as was asked")
+            skipped.append(message("export.toolchain_not_requested", toolchain=toolchain.name))
             continue
         if toolchain.missing:
-            skipped.append(f"{toolchain.name}: skipped, {toolchain.missing} is not installed")
+            skipped.append(message("export.toolchain_missing", toolchain=toolchain.name, program=toolchain.missing))
             continue
         with tempfile.TemporaryDirectory() as built:
             try:
                 command = tools.build(toolchain, [module, test], Path(built))
             except tools.ToolchainError as error:
-                skipped.append(str(error))
+                skipped.append(message("export.toolchain_broken", toolchain=toolchain.name, reason=str(error)))
                 continue
             samples = sum(len(stream.time_s) for stream in streams)
             logger.info("%s: comparing %d samples with Python", toolchain.name, samples)  # minutes on an emulated board

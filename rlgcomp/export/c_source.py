@@ -65,7 +65,7 @@ _EXP: Final[Mapping[Precision, Mapping[str, Any]]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """What is to be written.
+    """One C module: its name, model, precision and permitted library.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def render(design: Design, golden: Stream, bounds: Bounds, quiet_rows: int) -> d
         lstrip_blocks=True,
         keep_trailing_newline=True,
         undefined=jinja2.StrictUndefined,
-        autoescape=False,  # noqa: S701  (C, not HTML; what comes from the artefact goes through _said, identifiers and number)
+        autoescape=False,  # noqa: S701  (C, not HTML; what comes from the artefact goes through _comment_text, identifiers and number)
     )
     number = _number(design.precision)
     environment.filters["number"] = number
@@ -225,12 +225,12 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "coverage": f"{100.0 * compensator.interval_.coverage:g} %",
         "spans": np.where(e.high > e.low, e.high - e.low, 1.0),
         "version": rlgcomp.__version__,
-        "model": _said(design.name),
+        "model": _comment_text(design.name),
         "sha256": design.sha256,
-        "kind": _said(_kind(design)),
-        "gyro": _said(compensator.gyro_),
-        "unit": _said(", ".join(sorted({str(run.get("unit") or "not stated") for run in compensator.provenance_}))),
-        "calibration": _said(", ".join(sorted({str(note["calibration"]) for note in notes if "calibration" in note}))),
+        "kind": _comment_text(_kind(design)),
+        "gyro": _comment_text(compensator.gyro_),
+        "unit": _comment_text(", ".join(sorted({str(run.get("unit") or "not stated") for run in compensator.provenance_}))),
+        "calibration": _comment_text(", ".join(sorted({str(note["calibration"]) for note in notes if "calibration" in note}))),
         **_gyro(design.name, compensator.gyro_),
         "rows": sum(len(part.y_deg_h) for part in compensator.training_),
         "runs": len(compensator.training_),
@@ -238,7 +238,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "table_bytes": design.table_bytes,
         "centres_of_model": len(getattr(compensator.model_, "alpha_", ())),
         "monitors": monitors,
-        "inputs": list(zip(map(_said, compensator.pipeline_.names), map(_short, e.low), map(_short, e.high), strict=True)),
+        "inputs": list(zip(map(_comment_text, compensator.pipeline_.names), map(_short, e.low), map(_short, e.high), strict=True)),
     }
 
 
@@ -303,10 +303,10 @@ def _kind(design: Design) -> str:
 
 def _monitor_comment(column: str) -> str:
     unit = column_unit(column)
-    return _said(column) + (f", in {unit}" if unit else "")
+    return _comment_text(column) + (f", in {unit}" if unit else "")
 
 
-def _said(text: str) -> str:
+def _comment_text(text: str) -> str:
     """Text that a C comment can hold, wherever it came from."""
     plain = re.sub(r"[^ -~]", " ", text).replace("\\", "/")
     return re.sub(r"\?\?|\*/|/\*", "-", plain)[:200]

@@ -21,19 +21,20 @@ import pandas as pd
 from rlgcomp.compensation.artefact import identity
 from rlgcomp.compensation.compensator import Compensator, load
 from rlgcomp.errors import InputError
-from rlgcomp.export.budget import sized
 from rlgcomp.export.expansion import Expansion, expansion_of
 from rlgcomp.export.golden import golden_stream
+from rlgcomp.export.reduction import sized
 from rlgcomp.export.target import REPORT, Options
 from rlgcomp.export.target import written as all_written
 from rlgcomp.files import to_json, whole_folder
+from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 OPSET: Final = 17
 IR_VERSION: Final = 8
 TOLERANCE_OF_SPAN: Final = {"double": 1e-9, "float": 1e-4}  # of the bias in training
 _SERIES: Final = 24
-_WHAT: Final = (
+_DESCRIPTION: Final = (
     "Stateless core of a ring laser gyro's bias compensation: features in, bias out. Filters and hysteresis memory are not in it; "
     "rlgcomp's FeatureRecipe.step, or the C that rlgcomp exports, computes the features sample by sample."
 )
@@ -41,7 +42,7 @@ _WHAT: Final = (
 
 @dataclasses.dataclass(frozen=True)
 class OnnxExport:
-    """What was written, and how it compares with Python.
+    """An ONNX file and its comparison with Python.
 
     Parameters
     ----------
@@ -49,12 +50,12 @@ class OnnxExport:
         Names, sizes, metadata.
     checks : tuple of dict
         One row a comparison: what was run, rows, largest difference and the bound on it. Empty without onnxruntime.
-    remarks : tuple of str
+    remarks : tuple of Message
     """
 
     summary: dict[str, Any]
     checks: tuple[dict[str, Any], ...]
-    remarks: tuple[str, ...]
+    remarks: tuple[Message, ...]
 
     @property
     def tables(self) -> Sequence[tuple[str, Sequence[Mapping[str, Any]]]]:
@@ -64,7 +65,7 @@ class OnnxExport:
 
     def to_mapping(self) -> dict[str, Any]:
         """Everything as plain data."""
-        return {**self.summary, "checks": list(self.checks), "remarks": list(self.remarks)}
+        return {**self.summary, "checks": list(self.checks), "remarks": [remark.to_mapping() for remark in self.remarks]}
 
 
 def export(model: Path, out: Path, options: Options) -> OnnxExport:
@@ -164,10 +165,14 @@ def graph(compensator: Compensator, expansion: Expansion, precision: str, metada
             helper.make_tensor_value_info("half_width_deg_h", kind, ["batch"], "of the interval about the bias, deg/h"),
         ],
         made.constants,
-        doc_string=_WHAT,
+        doc_string=_DESCRIPTION,
     )
     model = helper.make_model(
-        body, producer_name="rlgcomp", opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, doc_string=_WHAT
+        body,
+        producer_name="rlgcomp",
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        doc_string=_DESCRIPTION,
     )
     helper.set_model_props(model, {key: value if isinstance(value, str) else json.dumps(value) for key, value in metadata.items()})
     onnx.checker.check_model(model, full_check=True)
@@ -253,7 +258,7 @@ def _metadata(compensator: Compensator, expansion: Expansion, sha256: str) -> di
     return {
         "schema": "rlgcomp.onnx/1",
         "sha256": sha256,
-        "what": _WHAT,
+        "what": _DESCRIPTION,
         "gyro": compensator.gyro_,
         "gyro_unit": sorted({str(run.get("unit") or "not stated") for run in compensator.provenance_}),
         "features": list(compensator.pipeline_.names),
@@ -276,34 +281,34 @@ def _expected(compensator: Compensator, expansion: Expansion, X: Array) -> dict[
 
 def _compared(
     content: bytes, compensator: Compensator, expansion: Expansion, streams: Mapping[str, Array], precision: str
-) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
+) -> tuple[tuple[dict[str, Any], ...], tuple[Message, ...]]:
     """Largest differences from Python, in a batch and row by row."""
     try:
         import onnxruntime
     except ImportError:
-        return (), ('not compared with Python: onnxruntime is not installed; pip install "rlgcomp[onnx]"',)
+        return (), (message("export.not_compared"),)
     session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
     real: Any = np.float64 if precision == "double" else np.float32
     bound = TOLERANCE_OF_SPAN[precision] * compensator.interval_.per_span_deg_h
     checks = []
     for name, X in streams.items():
-        given: npt.NDArray[Any] = X.astype(real)
+        features: npt.NDArray[Any] = X.astype(real)
         expected = _expected(compensator, expansion, X)
         # a limit rounded to single precision may lie on the other side of an input
         near = [np.abs(X - limit) <= 2.0 * np.finfo(real).eps * np.abs(limit) for limit in (expansion.low, expansion.high)]
         certain = ~(near[0] | near[1]).any(axis=1)
-        batch = session.run(None, {"features": given})
+        batch = session.run(None, {"features": features})
         single = [
-            np.concatenate(parts) for parts in zip(*(session.run(None, {"features": row[None]}) for row in given), strict=True)
+            np.concatenate(parts) for parts in zip(*(session.run(None, {"features": row[None]}) for row in features), strict=True)
         ]
         for how, (bias, outside, width) in (("batch", batch), ("one by one", single)):
             off = float(np.abs(bias - expected["bias_deg_h"]).max())
             off_width = float((np.abs(width - expected["half_width_deg_h"]) / expected["half_width_deg_h"]).max())
             flags = int((outside != expected["out_of_range"])[certain].sum())
             if off > bound or flags or off_width > 1e3 * float(np.finfo(real).eps):
-                said = f"{name}, {how}: off by up to {off:.2g} deg/h of {bound:.2g}, {flags} flags differ"
+                difference = f"{name}, {how}: off by up to {off:.2g} deg/h of {bound:.2g}, {flags} flags differ"
                 if precision == "float":
-                    raise InputError(f"single precision cannot carry this model ({said}); use --precision double")
-                raise RuntimeError(f"onnxruntime does not agree with Python: {said}")
+                    raise InputError(f"single precision cannot carry this model ({difference}); use --precision double")
+                raise RuntimeError(f"onnxruntime does not agree with Python: {difference}")
             checks.append({"stream": name, "how": how, "rows": len(X), "largest difference, deg/h": off, "bound, deg/h": bound})
     return tuple(checks), ()

@@ -1,7 +1,7 @@
-"""What every export target takes and gives.
+"""Export targets: their options, their result, and the table of targets.
 
-A target is a module of this package with `export(model, out, options) -> Exported`, `name_from(model)`, what files are named by
-default, and `written(name)`, the files' names besides `report.json`; :data:`TARGETS` lists them.
+A target is a module of this package with `export(model, out, options) -> Exported`, `name_from(model)`, the default name of its
+files, and `written(name)`, the names of its files without `report.json`; :data:`TARGETS` lists them.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any, Final, Literal, Protocol
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message
 
 Precision = Literal["double", "float"]
 REPORT: Final = "report.json"  # in every folder that an export wrote
@@ -74,8 +75,8 @@ class Exported(Protocol):
         """Titles and rows for people."""
 
     @property
-    def remarks(self) -> Sequence[str]:
-        """What else should be known, in sentences."""
+    def remarks(self) -> Sequence[Message]:
+        """Messages for the reader, printed below the tables."""
 
     def to_mapping(self) -> dict[str, Any]:
         """Everything as plain data."""

@@ -83,7 +83,7 @@ class Check:
 
 
 class ToolchainError(Exception):
-    """A toolchain that is installed does not work on this machine."""
+    """A toolchain that is installed does not work on this machine; its text is the toolchain's own last line."""
 
 
 def build(toolchain: Toolchain, sources: Sequence[Path], folder: Path) -> list[str]:
@@ -102,7 +102,7 @@ def build(toolchain: Toolchain, sources: Sequence[Path], folder: Path) -> list[s
     if probed.returncode == 0:
         probed = _run(_command(toolchain, folder / "probe"), "1.0\n")
     if probed.returncode != 0:
-        raise ToolchainError(f"{toolchain.name}: installed, but a trivial program cannot be built and run: {_last_line(probed)}")
+        raise ToolchainError(_last_line(probed))
     compiled = _compile(toolchain, sources, folder / "selftest")
     if compiled.returncode != 0:
         raise RuntimeError(f"{toolchain.name} does not compile the exported C:\n{compiled.stderr[:2000]}")
@@ -138,7 +138,7 @@ def check(toolchain: Toolchain, command: Sequence[str], stream: Stream, bounds: 
 
 
 def selftest(toolchain: Toolchain, command: Sequence[str]) -> str:
-    """What the self-test prints of its golden recording.
+    """Run the self-test of the golden recording and return its output.
 
     Raises
     ------
@@ -202,5 +202,5 @@ def _run(command: Sequence[str], text: str = "") -> subprocess.CompletedProcess[
 
 
 def _last_line(done: subprocess.CompletedProcess[str]) -> str:
-    said = (done.stderr.strip() or done.stdout.strip()).splitlines()
-    return said[-1][:300] if said else f"exit code {done.returncode}"
+    lines = (done.stderr.strip() or done.stdout.strip()).splitlines()
+    return lines[-1][:300] if lines else f"exit code {done.returncode}"

@@ -1,4 +1,4 @@
-r"""Fewer centres: how small a model may be made, and what it costs on runs held out.
+r"""Fewer centres: how small a model may be made, what it costs on runs held out, and which size is exported.
 
 A kernel model f = smooth + sum_i a_i k(z_i, x) is restricted to m of its training rows. They are chosen one by one, each time the
 row at which the part still to be explained is furthest off in units of what a centre there could explain,
@@ -39,12 +39,55 @@ from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.evaluation import trained_on
+from rlgcomp.export.c_source import table_bytes
 from rlgcomp.export.expansion import Expansion, expansion_of, expansion_of_model
+from rlgcomp.export.target import Options
 from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 WITHIN: Final = 0.01
 _SMALLEST_PIVOT: Final = 1e-14  # of the largest diagonal element; below it a pivot is rounding
+
+
+def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple[Expansion, pd.DataFrame]:
+    """The expansion to export, and the curve of stability against size; see :func:`size_curve`.
+
+    Without a budget that is the whole model. A budget alone takes the largest model within it; `smallest` takes the smallest that
+    is within 1 % of the best that the budget leaves.
+
+    Raises
+    ------
+    InputError
+        The budget cannot be met, or the model cannot be made smaller.
+    """
+    centres = len(whole.weights)
+    limit = centres if options.max_centres is None else min(centres, options.max_centres)
+    if options.max_bytes is not None:
+        limit = _fitting(whole, limit, options)
+    asked = options.smallest or limit < centres
+    if not centres or not (asked or options.runs):
+        return whole, pd.DataFrame()
+    if whole.form == "sigmoid" and not asked:
+        return whole, pd.DataFrame()
+    curve = size_curve(compensator, options.runs, [limit])
+    curve.insert(1, "table_bytes", [table_bytes(whole, int(m), options.precision) for m in curve["centres"]])
+    if options.smallest:
+        limit = smallest_within(curve[curve["centres"] <= limit])
+    return (whole if limit == centres else reduction_of(compensator).with_centres(limit)), curve
+
+
+def _fitting(whole: Expansion, limit: int, options: Options) -> int:
+    """Most centres, up to a limit, whose tables fit."""
+    fewest = 0 if whole.form in ("wide", "polynomial") else 1
+    fitting = [m for m in range(fewest, limit + 1) if table_bytes(whole, m, options.precision) <= (options.max_bytes or 0)]
+    if not fitting:
+        least = table_bytes(whole, fewest, options.precision)
+        advice = "try --precision float, or train on fewer --features" if options.precision == "double" else "use fewer --features"
+        raise InputError(
+            f"--max-bytes {options.max_bytes} cannot be met: the smallest tables of this model take {least} bytes in "
+            f"{options.precision}; {advice}"
+        )
+    return fitting[-1]
 
 
 class Reduction:
