@@ -15,11 +15,6 @@ from sklearn.base import clone
 import rlgcomp as rlg
 from rlgcomp.simulation.two_axis_table import reversing
 
-NAMES = (
-    "read", "Compensator", "LSSVMRegressor", "load", "Simulator", "diagnose", "allan_deviation", "Mechanism", "CATALOGUE",
-    "CubicLeastSquares", "KernelBaselines", "calibrate_scale_factor", "calibrate_turntable", "angle_random_walk", "evaluate",
-)  # fmt: skip
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -49,12 +44,6 @@ def static() -> rlg.Recording:
     x, y = 10.0 + noise + np.where(time < 200.0, 1e3, 0.0)
     table = pd.DataFrame({"time_s": time, "gyro_x_deg_h": x, "gyro_y_deg_s": 2.0 * y / 3600.0})
     return rlg.Recording(table, rlg.Metadata(kind="static", lead_in_s=200.0))
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_promised_name_is_there(name: str) -> None:
-    assert name in rlg.__all__
-    assert getattr(rlg, name) is not None
 
 
 def test_train_correct_save_and_load(folder: Path, runs: list[rlg.Recording], tmp_path: Path) -> None:
