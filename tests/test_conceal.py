@@ -85,7 +85,7 @@ class TestInjection:
         design = problem().baseline / np.linalg.norm(problem().baseline, axis=0)
         assert np.abs(design.T @ residual).max() < 1e-8 * np.linalg.norm(residual)
 
-    def test_the_simulator_absorbs_what_it_has(self) -> None:
+    def test_the_simulator_absorbs_its_own_terms(self) -> None:
         cubic = [1e-6 * run.column("temperature_block_degC") ** 3 for run in problem().runs]
         assert np.abs(unabsorbed(problem(), cubic)).max() < 1e-6
 
@@ -107,7 +107,7 @@ class TestInjection:
         assert injected(run, error).rate_deg_h() - run.rate_deg_h() == pytest.approx(error, abs=1e-9)
         assert (injected(run, error).column(column) - run.column(column)) * factor == pytest.approx(error, abs=1e-9)
 
-    def test_pulses_stay_whole_and_lose_nothing_on_the_way(self) -> None:
+    def test_pulses_stay_whole_and_add_up(self) -> None:
         table = pd.DataFrame({"time_s": np.arange(5000.0), "gyro_pulses": np.full(5000, 7.0)})
         run = rlg.Recording(table, rlg.Metadata(pulse_arcsec=0.9))
         counted = injected(run, np.full(5000, 0.05)).column("gyro_pulses")
@@ -307,12 +307,12 @@ class TestReveal:
         assert "Error" not in str(error.value)
 
     def test_a_truth_kept_elsewhere(self, folder: Path) -> None:
-        kept = folder.parent / "kept.json"
-        (folder / "truth.json").rename(kept)
+        truth = folder.parent / "kept.json"
+        (folder / "truth.json").rename(truth)
         path = self.write(folder, diagnosis("none"))
         with pytest.raises(rlg.InputError, match="--truth"):
             reveal(folder, path)
-        assert not reveal(folder, path, truth=kept).score.detected
+        assert not reveal(folder, path, truth=truth).score.detected
 
     def test_a_diagnosis_of_other_recordings_is_refused(self, folder: Path) -> None:
         own = {name: sha256(folder / name) for name in ("train0.parquet", "train1.parquet", "test0.parquet")}
@@ -471,7 +471,7 @@ class TestCommands:
         assert refused.exit_code == 2
         assert "sealed" in refused.stderr
 
-    def test_bad_input_ends_with_2_and_leaves_nothing(self, tmp_path: Path) -> None:
+    def test_bad_input_ends_with_2_and_writes_no_file(self, tmp_path: Path) -> None:
         (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
         for arguments in (["--hide", "gravity"], ["--hide", "ageing", "--strength", "-1"]):
             done = self.run("conceal", tmp_path / "gyro.yaml", *arguments, "--out", tmp_path / "c")

@@ -56,12 +56,12 @@ def value(x: float, **changes: Any) -> float:
         ("periodic", lambda u: math.cos(2 * math.pi * (u - 15.0) / 0.02)),
     ],
 )
-def test_forms_are_what_their_table_says(form: str, expected: Any) -> None:
+def test_forms_agree_with_their_table(form: str, expected: Any) -> None:
     for u in (14.951, 14.99, 15.003, 15.02, 15.049):
         assert value(u, form=form) == pytest.approx(expected(u), abs=1e-9)
 
 
-def test_no_form_is_left_out() -> None:
+def test_every_form_is_tested() -> None:
     assert len(FORMS) == 9
     for form in FORMS:
         for memory in MEMORIES:
@@ -77,7 +77,7 @@ def test_a_power_goes_on_straight_beyond_its_range(exponent: int) -> None:
     assert value(15.0499999, exponent=exponent) == pytest.approx(value(15.0500001, exponent=exponent), abs=3e-5)
 
 
-def test_what_is_local_stays_local_and_what_saturates_saturates() -> None:
+def test_local_forms_stay_local_and_saturating_forms_saturate() -> None:
     assert value(16.0, form="bump") < 1e-9
     assert value(16.0, form="resonance") < 1e-3
     assert abs(value(16.0, form="dispersion")) < 0.05
@@ -126,7 +126,7 @@ def relays(u: np.ndarray, half_widths: np.ndarray, low: float, high: float, leve
 
 
 @pytest.mark.parametrize("memory", ["play", "plays"])
-def test_play_is_what_relays_add_up_to(memory: str) -> None:
+def test_play_is_the_sum_of_relays(memory: str) -> None:
     """Relays of one width, evenly spread, are a play operator; of exponentially distributed widths, the mean of plays."""
     radius = 0.012
     widths = np.array([radius]) if memory == "play" else -radius * np.log1p(-(np.arange(60) + 0.5) / 60)

@@ -69,7 +69,7 @@ def test_single_precision_ruins_the_printed_form_and_not_the_others() -> None:
     assert not np.abs(ruined - truth).max() < 1e-4  # larger, or not a number
 
 
-def test_a_confident_prior_shrinks_what_the_velocity_hardly_shows() -> None:
+def test_a_confident_prior_shrinks_weakly_determined_parameters() -> None:
     """P of (100 arcsec)² with noise of 1 m/s, as the recursion is printed, takes some 4 arcsec off beta_gy."""
     H, Z, truth = first_step_problem()
     prior = np.diag([1e-4, 2.7e-4 * 0.1, 4.8e-4, 4.8e-4]) ** 2

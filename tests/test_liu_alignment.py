@@ -22,7 +22,7 @@ LATITUDE_DEG = 39.98
 def published() -> pd.DataFrame:
     path = Path(__file__).resolve().parents[2] / "shared" / "data" / "published" / "liu_table7.csv"
     if not path.exists():
-        pytest.skip("no published tables beside the project (../shared/data/published)")
+        pytest.skip("no published tables next to the project (../shared/data/published)")
     return pd.read_csv(path)
 
 
@@ -100,7 +100,7 @@ def test_standard_errors_are_true(options: dict[str, object], floor: float) -> N
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "text"),
     [
         (([60.0], [1.0], 40.0), "at least 2"),
         (([60.0, 60.0], [1.0, 2.0], 40.0), "one alignment time"),
@@ -109,8 +109,8 @@ def test_standard_errors_are_true(options: dict[str, object], floor: float) -> N
         (([60.0, 120.0], [1.0], 40.0), "as many of both"),
     ],
 )
-def test_what_cannot_be_fitted_is_refused(arguments: tuple[object, ...], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_impossible_arguments_are_refused(arguments: tuple[object, ...], text: str) -> None:
+    with pytest.raises(InputError, match=text):
         fit_alignment(*arguments)
 
 

@@ -63,16 +63,16 @@ def test_a_ramp_that_begins_with_a_sample_runs_through_it(starts_within: float) 
     assert backwards == pytest.approx(expected[::-1], abs=0.5)
 
 
-def test_a_recording_that_begins_and_ends_in_a_sweep_is_none_the_worse() -> None:
+def test_a_recording_that_begins_and_ends_in_a_sweep_has_the_same_basis() -> None:
     law = LockIn(lock_in_deg_s=0.01, acts_on="table", offset_deg_h=3.0)
     rate = sweep(0.05, 0.011)
     whole, piece = law.basis(at_rates(rate)), law.basis(at_rates(rate[18:23]))
     assert piece == pytest.approx(whole[18:23], rel=1e-9)
-    assert not law.unmodelled(at_rates(rate[18:23]))[:, 96:].any()  # nor is its course left open
+    assert not law.unmodelled(at_rates(rate[18:23]))[:, 96:].any()  # nor is its course unmodelled
 
 
 @pytest.mark.parametrize("rests", [0, 5])
-def test_what_the_light_feels_is_told_by_all_rows(rests: int) -> None:
+def test_the_offset_is_estimated_from_all_rows(rests: int) -> None:
     """Of a slow swing no steady row is slow, and of a table that rests for five samples hardly one."""
     time_s = np.arange(3000.0)
     swing = 60.0 * np.sin(2.0 * np.pi * time_s / 900.0)
@@ -80,14 +80,14 @@ def test_what_the_light_feels_is_told_by_all_rows(rests: int) -> None:
     run = at_rates(rate)
     gyro = run.rate_deg_h() + 55.6 + LockIn(0.06, acts_on="table", offset_deg_h=55.6).basis(run)[:, 0]
     shown = rlg.Recording(run.table.assign(gyro_deg_h=gyro), rlg.Metadata(kind="turntable"))
-    felt = {one.offset_deg_h for one in LockIn.grid((shown,)) if one.acts_on == "total"}
-    assert list(felt) == pytest.approx([55.6], abs=0.05)
+    offsets = {one.offset_deg_h for one in LockIn.grid((shown,)) if one.acts_on == "total"}
+    assert list(offsets) == pytest.approx([55.6], abs=0.05)
 
 
-def test_where_the_rates_do_not_tell_what_the_light_feels_the_latitude_does() -> None:
+def test_where_the_rates_do_not_determine_the_offset_the_latitude_does() -> None:
     run = at_rates(np.repeat([20.0, -20.0, 60.0], 50), latitude_deg=30.0)
-    felt = {one.offset_deg_h for one in LockIn.grid((run,)) if one.acts_on == "total"}
-    assert list(felt) == pytest.approx([7.52], abs=0.01)
+    offsets = {one.offset_deg_h for one in LockIn.grid((run,)) if one.acts_on == "total"}
+    assert list(offsets) == pytest.approx([7.52], abs=0.01)
 
 
 def test_where_the_rate_steps_it_is_the_error_at_the_rate() -> None:
@@ -98,7 +98,7 @@ def test_where_the_rate_steps_it_is_the_error_at_the_rate() -> None:
 
 
 def test_passages_through_zero_scatter_as_the_phase_equation_does() -> None:
-    """The angle lost in a fast sweep, over many phases at which it begins: its spread is what the law leaves open."""
+    """The angle lost in a fast sweep, over many phases at which it begins: its spread is the unmodelled part of the law."""
     lock_in, slope = 4e-4, 0.02
     edges = slope * SAMPLE_S * ((np.arange(41 * INSTANTS) + 0.5) / INSTANTS - 20.5)
     lost = []
@@ -166,22 +166,22 @@ def test_where_a_sample_ends_within_a_beat_the_angle_is_ahead_or_behind() -> Non
     assert ahead_deg == pytest.approx(np.std(angle_deg - steady), rel=0.3)
 
 
-def test_the_course_of_a_rate_that_sets_off_in_a_sample_is_left_open() -> None:
-    """Half of the error there, which a step and an even rise within the sample bracket; nothing where it is seen to be even."""
+def test_the_course_of_a_rate_that_steps_within_a_sample_is_unmodelled() -> None:
+    """Half of the error there, which a step and an even rise within the sample bracket; zero where it is even."""
     law = LockIn(lock_in_deg_s=0.05, acts_on="table")
     even = np.r_[np.full(9, -13.0), 2.0 * np.arange(13) - 12.0, np.full(9, 13.0)]
     sudden = np.r_[np.zeros(9), 0.3, np.full(9, 12.0)]
-    column = slice(96, None)  # beside what the phase leaves open
+    column = slice(96, None)  # after those of the phase
     assert not law.unmodelled(at_rates(even))[:, column].any()
-    left_open = np.abs(law.unmodelled(at_rates(sudden))[:, column]).sum(axis=1)
-    assert np.flatnonzero(left_open).tolist() == [9]
+    unmodelled = np.abs(law.unmodelled(at_rates(sudden))[:, column]).sum(axis=1)
+    assert np.flatnonzero(unmodelled).tolist() == [9]
     at_once, evenly = np.full(20000, 12.0), np.linspace(0.0, 12.0, 20001)[1:]
     for rate, share in ((at_once, 0.3 / 12.0), (evenly, 0.3 / 6.0)):  # of the sample, at its end
         error = SECONDS_PER_HOUR * share * np.mean(np.sqrt(np.maximum(rate**2 - 0.05**2, 0.0)) - rate)
-        assert abs(law.basis(at_rates(sudden))[9, 0] - error) < 4.0 * left_open[9]
+        assert abs(law.basis(at_rates(sudden))[9, 0] - error) < 4.0 * unmodelled[9]
 
 
-def test_lock_in_stands_out_beside_other_laws_of_the_rate_and_they_do_not_pose_as_it() -> None:
+def test_lock_in_is_evident_among_other_laws_of_the_rate_and_they_are_not_taken_for_it() -> None:
     rate = np.repeat([0.0, 5.0, -7.0, 10.0, -15.0, 20.0, -30.0, 40.0], 300)
     noise = 8.0 + 0.02 * np.random.default_rng(0).standard_normal(len(rate))
     plain = noise + SECONDS_PER_HOUR * (1e-5 * rate + 2e-6 * np.abs(rate) + 5e-8 * rate * np.abs(rate))
@@ -198,7 +198,7 @@ def test_lock_in_stands_out_beside_other_laws_of_the_rate_and_they_do_not_pose_a
 
 
 def course(targets_deg_s: list[float], seconds: int, *, smooth: bool, begins_s: float) -> np.ndarray:
-    """Rates at the instants of one-second samples, each target held for a while; between them 2 deg/s² even, or sine-shaped."""
+    """Rates at the instants of one-second samples, each target for a while; between them 2 deg/s² even, or sine-shaped."""
     pieces, now = [np.zeros(round((200.0 + begins_s) * FINE))], 0.0
     for target in targets_deg_s:
         count = round(abs(target - now) / 2.0 * FINE)
@@ -247,12 +247,12 @@ def test_of_a_table_that_rests_and_turns_one_way_the_lock_in_rate_is_right(
     assert cause.mechanism.offset_deg_h == pytest.approx(8.0 if acts_on == "total" else 0.0, abs=0.02)
 
 
-def test_a_table_that_does_not_sweep_leaves_nothing_open() -> None:
+def test_a_table_that_does_not_sweep_has_no_unmodelled_part() -> None:
     assert not LockIn(acts_on="table").unmodelled(at_rates(np.repeat([1.0, -1.0, 3.0], 9))).any()
     assert not LockIn(acts_on="table", offset_deg_h=9.0).unmodelled(at_rates(np.zeros(30))).any()
 
 
-def test_two_rates_tell_no_law_from_another_and_the_passages_through_zero_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_passages_through_zero_separate_laws_that_two_rates_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """At two rates each way a cubic scale factor is as good as lock-in, but not while the table reverses."""
     monkeypatch.setattr(turntable, "INSTANTS", FINE)
     simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
@@ -268,7 +268,7 @@ def test_two_rates_tell_no_law_from_another_and_the_passages_through_zero_do(mon
 
 @pytest.mark.usefixtures("fine_instants")
 def test_a_table_that_swings_names_lock_in_with_its_size() -> None:
-    """Back through zero at the end of a sample, which is where a step of unknown phase says nothing of the mean error."""
+    """Back through zero at the end of a sample, where a step of unknown phase does not determine the mean error."""
     simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
     recordings = []
     for seed, (top_deg_s, period_s) in enumerate(((20.0, 120.0), (35.0, 200.0))):

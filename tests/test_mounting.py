@@ -99,7 +99,7 @@ def test_budget_of_the_paper() -> None:
     assert exact / printed == pytest.approx(1.0 / math.cos(300.0 * RAD_PER_ARCSEC), rel=1e-12)
 
 
-def test_marks_at_their_worst_bound_what_monte_carlo_gives() -> None:
+def test_marks_at_their_worst_bound_the_monte_carlo() -> None:
     """Four passages, each of a uniform distribution: none goes beyond the bound, and some come near."""
     alone = PositionTable(
         errors=TableErrors().only("sync_arcsec"),
@@ -120,7 +120,7 @@ def test_marks_at_their_worst_bound_what_monte_carlo_gives() -> None:
     ("row", "name"),
     list(enumerate(["positioning_arcsec", "wobble_arcsec", "setting_arcsec", "runout_arcsec", "counting"])),
 )
-def test_budget_is_what_monte_carlo_gives_by_term(row: int, name: str, reading: str) -> None:
+def test_budget_agrees_with_monte_carlo_by_term(row: int, name: str, reading: str) -> None:
     column = "uniform_arcsec" if reading == "uniform" else "three_sigma_arcsec"
     table = dataclasses.replace(IDEAL, errors=TableErrors().only(name), reading=reading)
     drawn = monte_carlo(table, np.random.default_rng(row), experiments=60)
@@ -200,7 +200,7 @@ def test_files_in_any_order_and_split_are_the_same() -> None:
         ([0.0, 120.0, 240.0], [1.0, 2.0], "one count an angle"),
     ],
 )
-def test_what_cannot_give_an_angle_is_refused(beta: list[float], pulses: list[float], text: str) -> None:
+def test_measurements_without_an_angle_are_refused(beta: list[float], pulses: list[float], text: str) -> None:
     with pytest.raises(InputError, match=text):
         mounting_angle(beta, pulses, 0.8427948)
 

@@ -77,7 +77,7 @@ def test_the_mechanisms_of_the_contract_are_all_there(kind: str, names: set[str]
 
 
 @each
-def test_it_says_what_it_is(mechanism: type[Mechanism]) -> None:
+def test_its_description_is_complete(mechanism: type[Mechanism]) -> None:
     assert mechanism.name in mechanism.__module__
     assert "=" in mechanism.equation
     assert len(mechanism.reference) > 30
@@ -108,15 +108,15 @@ def test_the_same_seed_gives_the_same(mechanism: type[Mechanism], run: rlg.Recor
 def test_it_is_linear_in_its_amplitudes(mechanism: type[Mechanism], run: rlg.Recording) -> None:
     usual = mechanism()
     names = amplitudes(usual)
-    nothing = dataclasses.replace(usual, **dict.fromkeys(names, 0.0))
-    assert not contribution(nothing, run).any()
+    zero = dataclasses.replace(usual, **dict.fromkeys(names, 0.0))
+    assert not contribution(zero, run).any()
     double = dataclasses.replace(usual, **{name: 2.0 * value for name, value in names.items()})
     assert contribution(double, run) == pytest.approx(2.0 * contribution(usual, run), rel=1e-12, abs=1e-15)
     assert usual.basis(run).shape == (len(run), len(names))
 
 
 @each_linear
-def test_its_basis_is_what_it_adds(mechanism: type[Mechanism], run: rlg.Recording) -> None:
+def test_its_basis_spans_its_contribution(mechanism: type[Mechanism], run: rlg.Recording) -> None:
     """Least squares on its own basis gives its own amplitudes back."""
     chosen = dataclasses.replace(
         mechanism(), **{parameter.name: 0.5 * parameter.high for parameter in mechanism().amplitude_parameters()}
@@ -164,8 +164,8 @@ def test_values_out_of_bounds_are_refused(mechanism: type[Mechanism]) -> None:
 
 
 @each
-def test_settings_are_finite_and_whole_where_they_count(mechanism: type[Mechanism]) -> None:
-    """A number that is rounded in silence says one thing and does another."""
+def test_options_are_finite_and_whole_where_they_count(mechanism: type[Mechanism]) -> None:
+    """A silently rounded number would not be the stated one."""
     numbers = [p for p in mechanism.parameters() if p.role == "setting" and not isinstance(p.typical, str)]
     for parameter in numbers:
         for value in (float("inf"), float("-inf"), float("nan"), *([max(parameter.typical, 2) + 0.5] if parameter.whole else [])):
@@ -214,8 +214,8 @@ def test_warming_up_may_take_two_terms(run: rlg.Recording) -> None:
         initial_deg_h=0.02, slower_share=0.25, time_constant_s=900.0, slower_time_constant_s=5000.0, terms="two"
     )
     since_s, rng = run.time_s - run.time_s[0], np.random.default_rng(0)
-    left = two.contribution(run, rng) - 0.75 * one.contribution(run, rng)
-    np.testing.assert_allclose(left, 0.005 * np.exp(-since_s / 5000.0), atol=1e-15)
+    difference = two.contribution(run, rng) - 0.75 * one.contribution(run, rng)
+    np.testing.assert_allclose(difference, 0.005 * np.exp(-since_s / 5000.0), atol=1e-15)
     assert all(
         other.terms == "two" and other.time_constant_s <= 900.0 <= other.slower_time_constant_s for other in one.extensions([run])
     )
@@ -223,7 +223,7 @@ def test_warming_up_may_take_two_terms(run: rlg.Recording) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "shapes"),
+    ("name", "values", "nonlinear"),
     [
         ("warm_up", {}, ["time_constant_s"]),
         ("warm_up", {"terms": "two"}, ["time_constant_s", "slower_time_constant_s", "slower_share"]),
@@ -233,14 +233,16 @@ def test_warming_up_may_take_two_terms(run: rlg.Recording) -> None:
         ("thermal_hysteresis", {"law": "coleman_hodgdon"}, ["radius_K", "curve_centre_degC", "curve_K"]),
     ],
 )
-def test_a_shape_that_is_not_in_use_is_neither_free_nor_written(name: str, given: dict[str, object], shapes: list[str]) -> None:
-    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{name: given}]})
+def test_an_unused_nonlinear_parameter_is_neither_free_nor_written(
+    name: str, values: dict[str, object], nonlinear: list[str]
+) -> None:
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{name: values}]})
     (mechanism,) = simulator.mechanisms
     amplitudes = [parameter.name for parameter in mechanism.amplitude_parameters()]
-    all_shapes = {parameter.name for parameter in mechanism.parameters() if parameter.role == "shape"}
-    assert simulator.free[name] & all_shapes == set(shapes)
+    all_nonlinear = {parameter.name for parameter in mechanism.parameters() if parameter.role == "shape"}
+    assert simulator.free[name] & all_nonlinear == set(nonlinear)
     (written,) = simulator.to_mapping()["mechanisms"]
-    assert {key for key, value in written[name].items() if isinstance(value, dict)} == {*amplitudes, *shapes}
+    assert {key for key, value in written[name].items() if isinstance(value, dict)} == {*amplitudes, *nonlinear}
 
 
 def test_bouc_wen_does_not_forget_by_read_noise() -> None:
@@ -281,13 +283,13 @@ def test_telegraph_has_its_covariance() -> None:
 
 
 def by_equation(law: str, temperature: np.ndarray, radius: float, centre: float, span: float) -> np.ndarray:
-    """The equation that is stated, for k1 = 1, coded from its text, sample by sample."""
+    """The stated equation for k1 = 1, coded from its text, sample by sample."""
 
     def play(r: float) -> np.ndarray:
-        held, out = temperature[0], []
+        state, out = temperature[0], []
         for t in temperature:
-            held = max(t - r, min(t + r, held))
-            out.append(held)
+            state = max(t - r, min(t + r, state))
+            out.append(state)
         return np.array(out)
 
     if law == "play":
@@ -313,7 +315,7 @@ def by_equation(law: str, temperature: np.ndarray, radius: float, centre: float,
 
 
 @pytest.mark.parametrize("law", ["play", "plays", "preisach", "bouc_wen"])
-def test_the_equation_that_is_stated_is_the_one_that_is_fitted(law: str) -> None:
+def test_the_stated_equation_is_the_fitted_one(law: str) -> None:
     run = rlg.Simulator().simulate("minor-loops", seed=3, step_s=60.0)
     temperature = run.column(run.temperature_column)
     mechanism = rlg.CATALOGUE["thermal_hysteresis"](law=law, radius_K=9.0, centre_degC=10.0, span_K=120.0)
@@ -343,7 +345,7 @@ def test_hysteresis_opens_a_loop_whatever_the_speed(law: str) -> None:
 
 
 def test_a_gradient_read_by_late_thermometers_is_the_gradient_itself() -> None:
-    """Ahead of their lag of the first order, readings are what a slab's two ends have; what is simulated has these."""
+    """Readings corrected for their first-order lag are the temperatures at a slab's two ends, which a simulation has."""
     time_s = np.arange(0.0, 30000.0, 20.0)
     inside, outside = (20.0 + 15.0 * np.sin(2.0 * np.pi * (time_s - late) / 9000.0) for late in (400.0, 0.0))
     late = rlg.CATALOGUE["thermal_gradient"](k_deg_h_K=1.0, thermometers_late_s=30.0)

@@ -22,7 +22,7 @@ def test_a_file_becomes_a_module_once(tmp_path: Path) -> None:
     assert not (tmp_path / "__pycache__").exists()
 
 
-def test_it_may_import_what_lies_beside_it_and_leaves_the_path_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_may_import_its_neighbours_and_restores_the_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     (tmp_path / "neighbour_of_mine.py").write_text("K = 5\n")
     (tmp_path / "mine.py").write_text("from neighbour_of_mine import K\n")
@@ -51,7 +51,7 @@ def test_a_dataclass_with_postponed_annotations_works(tmp_path: Path) -> None:
         (b"x = 1\0\n", "mine.py"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: bytes, message: str) -> None:
+def test_faults_are_reported_with_their_line(tmp_path: Path, text: bytes, message: str) -> None:
     (tmp_path / "mine.py").write_bytes(text)
     loaded = set(sys.modules)
     with pytest.raises(rlg.InputError, match=message):

@@ -53,24 +53,24 @@ def test_counts_of_one_revolution(beta_deg: float, sign: int) -> None:
 
 
 def test_square_part_of_earth_rate_by_direct_integration() -> None:
-    """With the rate varying once a revolution, -omega_h sin(gamma) r tau / 2 cos(phases) is left; 0.17 arcsec at most for 1e-3."""
+    """With the rate varying once a revolution, -omega_h sin(gamma) r tau / 2 cos(phases) remains; 0.17 arcsec at most for 1e-3."""
     r, period_s = 1e-3, 36.0
     table = dataclasses.replace(IDEAL, mounting_arcsec=0.0)
-    left = [
+    residuals = [
         integrated_arcsec(table, 0.0, period_s, hunting=r, phase=phase) - integrated_arcsec(table, 0.0, period_s)
         for phase in np.linspace(0.0, 2.0 * math.pi, 8, endpoint=False)
     ]
     horizontal = EARTH_RATE_RAD_S * math.cos(math.radians(table.latitude_deg)) / RAD_PER_ARCSEC
     expected = horizontal * period_s * r / 2.0 * math.sin(math.radians(table.tilt_deg))
     assert expected == pytest.approx(0.17, abs=0.005)
-    assert max(left) == pytest.approx(expected, rel=0.01)
+    assert max(residuals) == pytest.approx(expected, rel=0.01)
     drawn = dataclasses.replace(table, rate_error=r, bias_deg_h=0.0).position_counts(np.zeros(20000), np.random.default_rng(1))[0]
     drawn_arcsec = table.scale_arcsec * (drawn - drawn.mean())
     assert drawn_arcsec.std() == pytest.approx(expected / math.sqrt(2.0), rel=0.02)
 
 
 @pytest.mark.parametrize("beta_deg", [10.0, 250.0])
-def test_recording_counts_what_direct_integration_gives(beta_deg: float) -> None:
+def test_counts_of_a_recording_agree_with_direct_integration(beta_deg: float) -> None:
     """One revolution, from 100 Hz samples: half a sample's rounding of the perpendicular Earth rate is all that differs."""
     table = dataclasses.replace(IDEAL, bias_deg_h=0.0)
     turns = whole_revolutions(table.position_recording(beta_deg, 1), "angle_outer_deg")

@@ -23,7 +23,7 @@ RATES = np.array([1.0, 2.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 24.0, 30.0, 40.0, 5
 def published() -> RateTable:
     path = Path(__file__).resolve().parents[2] / "shared" / "data" / "published" / "liu_table3.csv"
     if not path.exists():
-        pytest.skip("no published tables beside the project (../shared/data/published)")
+        pytest.skip("no published tables next to the project (../shared/data/published)")
     table = pd.read_csv(path)
     return RateTable(table["rate_dps"].to_numpy(dtype=float), table.filter(regex="^r[0-9]").to_numpy())
 

@@ -67,10 +67,10 @@ def test_a_gap_costs_its_revolution_and_no_other() -> None:
     turns = whole_revolutions(recording, "table_angle_deg")
     middle = float(turns["start_s"][1]) + 1.0
     broken = recording.replace(table=recording.table[(time_s < middle) | (time_s > middle + 0.2)])
-    left = whole_revolutions(broken, "table_angle_deg")
-    assert left["start_s"].to_numpy() == pytest.approx(turns["start_s"].drop(1).to_numpy(), abs=1e-9)
-    assert left["pulses"].to_numpy() == pytest.approx(turns["pulses"].drop(1).to_numpy(), abs=1e-9)
-    assert constant_rate_segments(left)["turns"].tolist() == [1, 2, 4]
+    remaining = whole_revolutions(broken, "table_angle_deg")
+    assert remaining["start_s"].to_numpy() == pytest.approx(turns["start_s"].drop(1).to_numpy(), abs=1e-9)
+    assert remaining["pulses"].to_numpy() == pytest.approx(turns["pulses"].drop(1).to_numpy(), abs=1e-9)
+    assert constant_rate_segments(remaining)["turns"].tolist() == [1, 2, 4]
 
 
 def test_an_uneven_revolution_is_left_out() -> None:
@@ -274,21 +274,21 @@ def test_two_tables_alone_serve_for_both_measurements() -> None:
 
 
 def test_one_file_may_hold_everything() -> None:
-    turning, held = TABLE.rate_recording(3, 2), TABLE.position_recording(POSITIONS, 3)
+    turning, positions = TABLE.rate_recording(3, 2), TABLE.position_recording(POSITIONS, 3)
     first = turning.table.rename(columns={"table_angle_deg": "angle_inner_deg"}).assign(angle_outer_deg=0.0)
-    second = held.table.assign(time_s=held.time_s + turning.duration_s + 60.0)
+    second = positions.table.assign(time_s=positions.time_s + turning.duration_s + 60.0)
     both = turning.replace(table=pd.concat([first, second])[first.columns])
     assert calibrate_scale_factor([both]).scale_arcsec == pytest.approx(
-        calibrate_scale_factor([turning, held]).scale_arcsec, rel=1e-13
+        calibrate_scale_factor([turning, positions]).scale_arcsec, rel=1e-13
     )
 
 
 def test_positions_during_which_the_inner_table_crept_are_left_out() -> None:
-    held = TABLE.position_recording([*POSITIONS, 45.0], 3)
-    crept = held.table.assign(
-        angle_inner_deg=held.column("angle_inner_deg") + np.where(held.time_s > 300.0, held.time_s / 60.0, 0.0)
+    positions = TABLE.position_recording([*POSITIONS, 45.0], 3)
+    crept = positions.table.assign(
+        angle_inner_deg=positions.column("angle_inner_deg") + np.where(positions.time_s > 300.0, positions.time_s / 60.0, 0.0)
     )
-    found = calibrate_scale_factor([held.replace(table=crept)], conventional_arcsec=TABLE.conventional_arcsec)
+    found = calibrate_scale_factor([positions.replace(table=crept)], conventional_arcsec=TABLE.conventional_arcsec)
     assert len(found.mounting.positions) == 4
     moved = [remark.data for remark in found.remarks if remark.code == "calibration.table_moved"]
     assert [(data["column"], data["segments"]) for data in moved] == [("angle_inner_deg", 2)]
@@ -296,8 +296,8 @@ def test_positions_during_which_the_inner_table_crept_are_left_out() -> None:
 
 def test_positions_more_than_once_round_are_no_conventional_measurement() -> None:
     """Steps of 100 degrees without unwinding: the inner table turns by three revolutions, and never steadily."""
-    held = TABLE.position_recording(100.0 * np.arange(12), 3, rate_deg_s=40.0)
-    found = calibrate_scale_factor([held], conventional_arcsec=TABLE.conventional_arcsec)
+    positions = TABLE.position_recording(100.0 * np.arange(12), 3, rate_deg_s=40.0)
+    found = calibrate_scale_factor([positions], conventional_arcsec=TABLE.conventional_arcsec)
     assert found.conventional is None
     assert len(found.mounting.positions) == 12
     assert found.mounting.theta_arcsec == pytest.approx(TABLE.mounting_arcsec, abs=1.0)
@@ -418,7 +418,7 @@ def test_command_without_a_conventional_measurement(folder: Path) -> None:
     assert found["relative_sd"] is None
 
 
-def test_command_says_what_is_wrong(folder: Path, tmp_path: Path) -> None:
+def test_command_names_the_fault_of_its_input(folder: Path, tmp_path: Path) -> None:
     turning = rlg.read(folder / "turning.parquet")
     reversal = turning.time_s[int(np.argmax(turning.column("table_angle_deg") > 1800.0))]
     rlg.write(turning.between(0.0, reversal), tmp_path / "forwards.parquet")

@@ -18,9 +18,9 @@ def printed(code: list[str], shared: Path) -> str:
 
 
 def test_zhan_2010(shared: Path, tmp_path: Path) -> None:
-    said = printed(["-m", "experiments.zhan_2010", "--quick", "--out", str(tmp_path / "figures")], shared)
+    output = printed(["-m", "experiments.zhan_2010", "--quick", "--out", str(tmp_path / "figures")], shared)
     for number in ("| 0.84279066 | 0.8427906570 |", "1.0577e-06", "(0.318 + 0.500 + 0.145 + 1.000) = 2.78", "+0.0021″", "0.0064″"):
-        assert number in said
+        assert number in output
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
         f"figure_{n}.{kind}" for n in (5, 6) for kind in ("png", "csv")
     }
@@ -34,9 +34,9 @@ def test_zhan_2010(shared: Path, tmp_path: Path) -> None:
     ],
 )
 def test_sections_of_liu_2019(section: str, numbers: list[str], shared: Path) -> None:
-    said = printed(["-c", f"from experiments.liu_2019 import {section}; {section}.show(True)"], shared)
+    output = printed(["-c", f"from experiments.liu_2019 import {section}; {section}.show(True)"], shared)
     for number in numbers:
-        assert number in said
+        assert number in output
 
 
 def test_without_the_published_tables_there_is_a_message(tmp_path: Path) -> None:

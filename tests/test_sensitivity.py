@@ -130,7 +130,9 @@ class TestSensitivity:
     def test_the_picture_holds_each_curve_at_its_place(self, monkeypatch: pytest.MonkeyPatch) -> None:
         drawn: list[Figure] = []
         save = Figure.savefig
-        monkeypatch.setattr(Figure, "savefig", lambda figure, *given, **more: [drawn.append(figure), save(figure, *given, **more)])
+        monkeypatch.setattr(
+            Figure, "savefig", lambda figure, *args, **options: [drawn.append(figure), save(figure, *args, **options)]
+        )
         at = np.geomspace(0.05, 3.2, 50)
         curves = [
             FoundCurve(label, np.array([0.1, 1.6]), np.array([0.2, 1.0]), at, np.clip(at * rise, 0.0, 1.0), 0.9 / rise, (0.5, 1.5))

@@ -1,4 +1,4 @@
-"""Simulation: programmes, plant, optics, monitors, and the simulator's promises."""
+"""Simulation: programmes, plant, monitors, and the simulator."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ class TestMonitors:
         assert np.abs(np.diff(cw))[12_100:].max() < 1e-8  # only creep
         assert np.array_equal(cw, ccw)
 
-    def test_what_is_recorded_is_near_what_is_there(self) -> None:
+    def test_readings_are_near_the_quantities(self) -> None:
         actual, recorded = Monitors().simulate(rlg.Programme.parse("short"), 5.0, 2)
         assert list(actual) == list(recorded)
         for name in AMBIENT:
@@ -224,7 +224,7 @@ class TestSimulator:
         assert np.array_equal(one.truth["thermal_polynomial"], other.truth["thermal_polynomial"])
         assert not np.array_equal(one.truth["angle_random_walk"], other.truth["angle_random_walk"])
 
-    def test_a_prediction_is_what_was_simulated_less_noise(self, unit: rlg.Simulator) -> None:
+    def test_a_prediction_is_the_simulation_without_noise(self, unit: rlg.Simulator) -> None:
         """The recorded monitors differ from the actual by sensor noise only: a hundredth of the bias."""
         run = unit.simulate("short", seed=4, step_s=5.0)
         expected = run.truth.drop(columns=[name for name in NOISES if name in run.truth]).sum(axis=1)
@@ -233,7 +233,7 @@ class TestSimulator:
         error = predicted.averaged().rate_deg_h() - run.replace(table=run.table.assign(gyro_deg_h=expected)).averaged().rate_deg_h()
         assert np.std(error) < 0.02 * expected.std()
 
-    def test_runs_are_told_apart_by_programme_and_seed(self, unit: rlg.Simulator, tmp_path: Path) -> None:
+    def test_runs_are_named_by_programme_and_seed(self, unit: rlg.Simulator, tmp_path: Path) -> None:
         (tmp_path / "soak.yaml").write_text("programme: start 20, hold 30\n")
         programmes = ("short", rlg.Programme.parse("short"), "start 20, hold 30", str(tmp_path / "soak.yaml"))
         names = [unit.simulate(programme, seed=2, step_s=60.0).name for programme in programmes]
@@ -244,7 +244,7 @@ class TestSimulator:
         simulator = rlg.Simulator((rlg.CATALOGUE["random_telegraph"](),))
         assert not simulator.predict(simulator.simulate("short", step_s=20.0)).rate_deg_h().any()
 
-    def test_without_anything_there_is_nothing(self) -> None:
+    def test_without_mechanisms_and_noise_the_gyro_is_zero(self) -> None:
         assert not rlg.Simulator(noise=rlg.NoiseModel()).simulate("short", step_s=20.0).rate_deg_h().any()
 
 
@@ -268,17 +268,17 @@ class TestSimulatorFile:
         assert simulator.free["temperature_rate"] == {"k_deg_h_min_K"}
         assert rlg.Simulator.from_mapping(simulator.to_mapping()) == simulator
 
-    @pytest.mark.parametrize("given", ["free", {"free": True}, {"value": 0.005, "unit": "deg/h per K/min", "free": True}])
-    def test_free_is_said_in_several_ways(self, given: object) -> None:
-        item = {"temperature_rate": {"k_deg_h_min_K": given}}
+    @pytest.mark.parametrize("entry", ["free", {"free": True}, {"value": 0.005, "unit": "deg/h per K/min", "free": True}])
+    def test_free_is_written_in_several_ways(self, entry: object) -> None:
+        item = {"temperature_rate": {"k_deg_h_min_K": entry}}
         made = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [item]})
         assert made.free["temperature_rate"] == {"k_deg_h_min_K"}
 
     @pytest.mark.parametrize(
-        "given", [{"value": 0.005, "free": "maybe"}, {"value": 0.005, "unit": "deg/s"}, "maybe", {"valu": 1.0}]
+        "entry", [{"value": 0.005, "free": "maybe"}, {"value": 0.005, "unit": "deg/s"}, "maybe", {"valu": 1.0}]
     )
-    def test_what_is_not_understood_is_not_taken_for_something(self, given: object) -> None:
-        item = {"temperature_rate": {"k_deg_h_min_K": given}}
+    def test_malformed_entries_are_refused(self, entry: object) -> None:
+        item = {"temperature_rate": {"k_deg_h_min_K": entry}}
         with pytest.raises(rlg.InputError, match="temperature_rate: k_deg_h_min_K"):
             rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [item]})
 
@@ -288,8 +288,8 @@ class TestSimulatorFile:
             *("c0_deg_h", "c1_deg_h_K", "c2_deg_h_K2", "c3_deg_h_K3", "degree", "reference_degC")
         }
         assert rlg.Simulator.from_mapping(cubic.to_mapping()) == cubic
-        told = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"c4_deg_h_K4": 1e-9}}]}
-        assert rlg.Simulator.from_mapping(told).to_mapping()["mechanisms"][0]["thermal_polynomial"]["c4_deg_h_K4"] == 1e-9
+        content = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"c4_deg_h_K4": 1e-9}}]}
+        assert rlg.Simulator.from_mapping(content).to_mapping()["mechanisms"][0]["thermal_polynomial"]["c4_deg_h_K4"] == 1e-9
 
     @pytest.mark.parametrize(
         ("content", "message"),

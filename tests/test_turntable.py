@@ -130,7 +130,7 @@ class TestSimulator:
         assert other.rate_deg_h() == pytest.approx(one.rate_deg_h(), abs=1e-9)
         pd.testing.assert_frame_equal(other.truth[list(one.truth)], one.truth, check_exact=False, rtol=0, atol=1e-9)
 
-    def test_a_prediction_is_what_was_simulated_less_noise(self, everything: rlg.Simulator) -> None:
+    def test_a_prediction_is_the_simulation_without_noise(self, everything: rlg.Simulator) -> None:
         """From rate and angle, from the angle alone, and in the gyro's own unit; the encoder's step of 0.1 arcsec is 0.05 deg/h."""
         quiet = dataclasses.replace(everything, noise=QUIET)
         run = quiet.simulate("short-turns", seed=4)
@@ -223,7 +223,7 @@ def beat_deg_s(rate_deg_s: float, lock_in_deg_s: float, seconds: float) -> float
 class TestLockIn:
     @pytest.mark.parametrize("rate", [0.02, -0.049, 0.051, 0.06, -0.1, 0.3])
     def test_the_phase_equation_is_the_referee(self, rate: float) -> None:
-        """Over 2 s a part of a fringe is left over: 1 / (2 S) rad in 2 s, 1.6e-4 deg/s."""
+        """Over 2 s a part of a fringe remains: 1 / (2 S) rad in 2 s, 1.6e-4 deg/s."""
         table = {"time_s": np.arange(3.0), "gyro_deg_s": np.zeros(3), "table_rate_deg_s": np.full(3, rate)}
         error = LockIn(lock_in_deg_s=0.05).contribution(rlg.Recording(pd.DataFrame(table)), stream(0, "lock_in"))[1]
         assert rate + error / 3600.0 == pytest.approx(beat_deg_s(rate, 0.05, 2.0), abs=1.6e-4)
@@ -240,14 +240,14 @@ class TestLockIn:
         assert (other.canonical().lock_in_deg_s, other.canonical().fraction) == (pytest.approx(0.05), 1.0)
 
     def test_it_locks_the_bias_with_the_rest(self) -> None:
-        """A table at rest: the gyro shows neither its bias nor the Earth, but nothing."""
+        """A table at rest: the gyro shows neither its bias nor the Earth."""
         table = Turntable(latitude_deg=60.0)
         run = of(ScaleFactor(bias_deg_h=5.0), LockIn(lock_in_deg_s=0.05), table=table).simulate("rest 60, rate 5 60")
         assert np.abs(run.rate_deg_h()[:59]).max() < 1e-9
         free = of(ScaleFactor(bias_deg_h=5.0), LockIn(lock_in_deg_s=0.05, acts_on="table"), table=table).simulate("rest 60")
         assert free.rate_deg_h() == pytest.approx(np.full(60, 5.0 + 15.041067 * np.sin(np.pi / 3.0)), abs=1e-5)
 
-    def test_what_is_tried_holds_what_the_simulator_does(self) -> None:
+    def test_the_grid_contains_the_simulators_effect(self) -> None:
         """With the offset read off the recording, the column on the bare table rate is what the simulator adds."""
         truth = LockIn(lock_in_deg_s=0.05)
         run = of(ScaleFactor(bias_deg_h=8.0), truth).simulate("rest 300, rate 1 300, rate -1 300, rate 20 300, rate -20 300")
@@ -415,10 +415,10 @@ def test_predict_takes_the_size_of_a_pulse(tmp_path: Path) -> None:
     rlg.write(run.replace(table=table, truth=None), tmp_path / "run.parquet")
     (tmp_path / "sim.yaml").write_text("kind: turntable\nmechanisms: []\n")
     register_commands()
-    arguments = ["predict", str(tmp_path / "sim.yaml"), str(tmp_path / "run.parquet"), "--out", str(tmp_path / "said.parquet")]
+    arguments = ["predict", str(tmp_path / "sim.yaml"), str(tmp_path / "run.parquet"), "--out", str(tmp_path / "predicted.parquet")]
     refused = CliRunner().invoke(app, arguments)
     assert refused.exit_code == 2
     assert "give --pulse-arcsec" in " ".join(refused.output.split())
     done = CliRunner().invoke(app, [*arguments, "--pulse-arcsec", "0.8"])
     assert done.exit_code == 0, done.output
-    assert rlg.read(tmp_path / "said.parquet").column("gyro_deg_s") == pytest.approx(run.column("gyro_deg_s"), abs=0.01)
+    assert rlg.read(tmp_path / "predicted.parquet").column("gyro_deg_s") == pytest.approx(run.column("gyro_deg_s"), abs=0.01)

@@ -1,4 +1,4 @@
-"""Mechanisms from a user's own file: added to the catalogue, or refused with all that is wrong and where."""
+"""Mechanisms from a user's own file: added to the catalogue, or refused with all faults and their lines."""
 
 from __future__ import annotations
 
@@ -146,8 +146,8 @@ def test_what_reads_how_a_table_turned_is_computed_at_the_full_rate(tmp_path: Pa
     """Unless it says otherwise: at window means it would lose to a mechanism of the catalogue with the very same equation."""
     text = GOOD.replace('kind = "chamber"', 'kind = "turntable"').replace('("pressure_hPa",)', repr(drivers))
     assert user_catalogue([write(tmp_path, text)])["pump"].fast is fast
-    said = text.replace('name = "pump"', 'name = "pump"\n    fast = False')
-    assert not user_catalogue([write(tmp_path, said)])["pump"].fast
+    source = text.replace('name = "pump"', 'name = "pump"\n    fast = False')
+    assert not user_catalogue([write(tmp_path, source)])["pump"].fast
 
 
 @pytest.mark.parametrize(("driver", "read"), [("table_rate", motion.rate_deg_s), ("table_angle", motion.angle_deg)])
@@ -162,7 +162,7 @@ def test_rate_and_angle_are_read_in_their_units_whichever_was_recorded(
     assert pump().basis(run)[:, 0] == pytest.approx(read(run) - 1000.0, abs=1e-9)
 
 
-def test_a_threshold_is_not_taken_for_nothing(tmp_path: Path) -> None:
+def test_a_threshold_is_not_taken_for_a_zero_basis(tmp_path: Path) -> None:
     """What begins above 990 hPa is zero where a trial's pressure is about 1."""
     text = GOOD.replace("(pressure - self.at_hPa)", "np.maximum(0.0, pressure - self.at_hPa)")
     assert "pump" in user_catalogue([write(tmp_path, text)])
@@ -178,8 +178,8 @@ def test_the_readmes_example_is_found_on_a_table_with_an_encoder_alone(tmp_path:
     readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
     (example,) = (block.partition("```")[0] for block in readme.split("```python\n") if "class Stretch" in block)
     catalogue = user_catalogue([write(tmp_path, example)])
-    said = {"kind": "turntable", "mechanisms": [{"scale_factor": {"k_ppm": 5.0}}, {"centrifugal_stretch": {"k_deg_h": 0.05}}]}
-    made = rlg.Simulator.from_mapping(said, catalogue).simulate("rates", seed=1)
+    content = {"kind": "turntable", "mechanisms": [{"scale_factor": {"k_ppm": 5.0}}, {"centrifugal_stretch": {"k_deg_h": 0.05}}]}
+    made = rlg.Simulator.from_mapping(content, catalogue).simulate("rates", seed=1)
     run = made.replace(table=made.table.drop(columns="table_rate_deg_s"), truth=None)
     simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
     found = rlg.diagnose(simulator, [run], mechanisms=catalogue, black_box=False)
@@ -197,7 +197,7 @@ def test_a_mechanism_without_a_docstring_is_described_without_one(tmp_path: Path
         assert done.output.startswith(head), done.output
 
 
-def test_a_syntax_error_is_said_with_its_line(tmp_path: Path) -> None:
+def test_a_syntax_error_is_reported_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(rlg.InputError, match="line 3: invalid syntax"):
         user_catalogue([write(tmp_path, "x = 1\n\nclass A(:\n")])
 
@@ -206,14 +206,14 @@ def test_simulate_and_predict_take_several_files_after_one_option(tmp_path: Path
     register_commands()
     first, second = write(tmp_path, GOOD), write(tmp_path, GOOD.replace("Pump", "Fan").replace('"pump"', '"fan"'), "other.py")
     (tmp_path / "sim.yaml").write_text("kind: chamber\nmechanisms: [pump, fan]\n")
-    made, said = tmp_path / "run.parquet", tmp_path / "said.parquet"
+    made, predicted = tmp_path / "run.parquet", tmp_path / "predicted.parquet"
     own = ["--mechanisms", str(first), str(second)]
     for arguments in (
         ["simulate", str(tmp_path / "sim.yaml"), "--profile", "short", "--step-s", "10", "--out", str(made), *own],
-        ["predict", str(tmp_path / "sim.yaml"), str(made), "--out", str(said), *own],
+        ["predict", str(tmp_path / "sim.yaml"), str(made), "--out", str(predicted), *own],
     ):
         done = CliRunner().invoke(app, arguments)
         assert done.exit_code == 0, done.output
     run = rlg.read(made)
     assert {"pump", "fan"} <= set(run.truth.columns)
-    assert rlg.read(said).column("gyro_deg_h") == pytest.approx(0.002 * (run.column("pressure_hPa") - 1000.0), abs=1e-9)
+    assert rlg.read(predicted).column("gyro_deg_h") == pytest.approx(0.002 * (run.column("pressure_hPa") - 1000.0), abs=1e-9)
