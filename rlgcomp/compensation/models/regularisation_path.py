@@ -140,7 +140,7 @@ class TridiagonalPath:
         gram -= means
         gram += (means.mean() + level / len(y) - means)[:, None]
         factor = _low_rank_factor_if_likely(gram, max(0.4 * len(y) * np.finfo(np.float64).eps * level, _DROPPED / float(c.max())))
-        self.basis, diagonal, off_diagonal = tridiagonal(gram if factor is None else factor.T @ factor, keep=False)
+        self.basis, diagonal, off_diagonal = tridiagonal(gram if factor is None else factor.T @ factor, overwrite=True)
         if factor is not None:
             self.basis = self.basis @ factor.T
         self.c, self.y, self.low_rank = c, y - y.mean(), factor is not None
