@@ -135,7 +135,7 @@ def test_a_recording_with_dark_readouts_is_refused_in_words(trained: rlg.Compens
     run = short_runs[2]
     table = run.table.copy()
     table.loc[table.index[7], ["readout_a_V", "readout_b_V"]] = 0.0
-    with pytest.raises(rlg.InputError, match=f"at {run.time_s[7]:g} s readout_difference cannot be told from .*readout_a_V = 0"):
+    with pytest.raises(rlg.InputError, match=f"at {run.time_s[7]:g} s readout_difference is undefined for .*readout_a_V = 0"):
         trained.predict(run.replace(table=table))
 
 

@@ -90,7 +90,7 @@ def test_a_selected_model_predicts_new_rows_to_the_noise() -> None:
 def test_centres_are_the_same_compiled_and_plain(monkeypatch: pytest.MonkeyPatch) -> None:
     X = path(3000)[0]
     plain = spread_out(X, 40)
-    monkeypatch.setattr(fixed_size, "_MANY", 1)
+    monkeypatch.setattr(fixed_size, "COMPILED_DISTANCES", 1)
     assert np.array_equal(spread_out(X, 40), plain)
 
 

@@ -110,18 +110,6 @@ def test_a_pickled_model_is_plain_numbers(data: tuple[np.ndarray, np.ndarray]) -
     assert np.array_equal(pickle.loads(pickled).predict(data[0]), model.predict(data[0]))  # noqa: S301
 
 
-@pytest.mark.parametrize(("device", "rows", "warned"), [("cpu", 50, True), ("cpu", 5000, False), (None, 50, False)])
-def test_much_work_on_a_processor_is_told_beforehand(
-    short_runs: list[rlg.Recording], monkeypatch: pytest.MonkeyPatch, device: str | None, rows: int, warned: bool
-) -> None:
-    said: list[str] = []
-    monkeypatch.setattr(compensation, "MANY_ROWS", rows)
-    monkeypatch.setattr(compensation, "say", said.append)
-    compensation._say_what_takes_long(device, short_runs[:1], 100.0)
-    count = round(short_runs[0].duration_s / 100.0)
-    assert [f"some {count} rows are fitted on the processor" in text for text in said] == [True] * warned
-
-
 def test_what_is_saved_knows_no_device(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
     """An artefact from a card is read where there is none, and predicts the same."""
     on_device, plain = (
@@ -150,20 +138,20 @@ def test_names_of_no_device_are_refused(data: tuple[np.ndarray, np.ndarray], nam
         rlg.LSSVMRegressor(device=name).fit(*data)
 
 
-def test_a_device_that_is_not_there_is_said(data: tuple[np.ndarray, np.ndarray]) -> None:
-    with pytest.raises(rlg.InputError, match=r"device='cuda:999' is not there .* give 'cpu', or leave it out"):
+def test_a_device_that_is_missing_is_refused(data: tuple[np.ndarray, np.ndarray]) -> None:
+    with pytest.raises(rlg.InputError, match=r"device='cuda:999' is not available .* give 'cpu', or leave it out"):
         rlg.LSSVMRegressor(device="cuda:999").fit(*data)
     assert device_named("auto").type == ("cuda" if torch.cuda.is_available() else "cpu")
 
 
-def test_without_torch_it_says_how_to_get_it(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_torch_the_error_names_the_extra(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(rlg.InputError, match="needs torch, which is not installed; pip install"):
         rlg.LSSVMRegressor(device="cpu").fit(*data)
 
 
 @pytest.mark.parametrize("said", ["CUDA out of memory. Tried to allocate 37 GiB", "DefaultCPUAllocator: can't allocate memory"])
-def test_too_many_rows_for_its_memory_are_said(
+def test_too_many_rows_for_its_memory_are_refused(
     data: tuple[np.ndarray, np.ndarray], said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any) -> None:
@@ -190,10 +178,15 @@ def run_files(short_runs: list[rlg.Recording], tmp_path: Path) -> list[str]:
     return [str(path) for path in paths]
 
 
-def test_the_command_trains_on_it(run_files: list[str], tmp_path: Path) -> None:
-    options = ["train", *run_files, "--features", "temperature", "--device", "auto", "--out", str(tmp_path / "model")]
-    done = CliRunner().invoke(app, options)
+@pytest.mark.parametrize(("device", "rows", "warned"), [("cpu", 50, True), ("auto", 5000, False), (None, 50, False)])
+def test_the_command_trains_on_it_and_warns_of_a_long_fit(
+    run_files: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: str | None, rows: int, warned: bool
+) -> None:
+    monkeypatch.setattr(compensation, "MANY_ROWS", rows)
+    options = ["train", *run_files, "--features", "temperature", "--out", str(tmp_path / "model")]
+    done = CliRunner().invoke(app, options + ([] if device is None else ["--device", device]))
     assert done.exit_code == 0, done.output
+    assert ("rows are fitted on the processor" in " ".join(done.output.split())) is warned
     assert rlg.load(tmp_path / "model").model_.device is None
 
 
@@ -201,7 +194,7 @@ def test_the_command_trains_on_it(run_files: list[str], tmp_path: Path) -> None:
     ("options", "message"),
     [
         (["--device", "gpu"], "'device' parameter"),
-        (["--device", "cuda:999"], "is not there"),
+        (["--device", "cuda:999"], "is not available"),
         (["--device", "cpu", "--model", "cubic"], "--device is for --model lssvm alone"),
     ],
 )

@@ -87,8 +87,8 @@ def train(
 ) -> None:
     """Train a bias compensation, its parameters selected by leaving runs out.
 
-    A search that was stopped goes on where it was when the same command is given again. With --adapt model, features and averaging
-    are those of the given model.
+    The same command resumes a search that was interrupted. With --adapt, model, features and averaging are those of the adapted
+    model.
 
     Example: `rlgcomp train cold.parquet hot.parquet --model lssvm --features all --out models/unit-17`
 
@@ -112,7 +112,7 @@ def train(
     estimator = _estimator(model, device, adapted=adapt is not None)
     fleet = None if adapt is None else load(adapt)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=gyro if fleet is None else fleet.gyro)
-    _say_what_takes_long(device, recordings, averaging_s)
+    _warn_of_long_fit(device, recordings, averaging_s)
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
     if fleet is not None:
         from rlgcomp.compensation.adaptation import adapt as adapt_to
@@ -129,7 +129,7 @@ def train(
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
     if export is not None and _lies_in(export, out):
         _require_folders(out, export)  # the work may have taken hours
-        shutil.rmtree(export, ignore_errors=True)  # code of the model that is replaced, as was asked for
+        shutil.rmtree(export, ignore_errors=True)  # code of the model that is replaced
     compensator.save(out)
     journal.unlink(missing_ok=True)
     exported = None
@@ -172,7 +172,7 @@ def train(
 
 
 def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | None) -> None:
-    """Refuse places that `train` could not write; the code may lie in the model's folder, and is written anew with it."""
+    """Refuse places that `train` could not write; the code may lie in the model's folder, and is replaced with it."""
     from rlgcomp.compensation.artefact import FILES
     from rlgcomp.errors import InputError
     from rlgcomp.export.target import written
@@ -189,8 +189,8 @@ def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | N
     require_folder(out, model, *read)
 
 
-def _say_what_takes_long(device: str | None, recordings: list[Recording], averaging_s: float) -> None:
-    """Where `--device` finds no graphics card: how many rows there are to fit on the processor."""
+def _warn_of_long_fit(device: str | None, recordings: list[Recording], averaging_s: float) -> None:
+    """Warn where `--device` finds no graphics card and many rows are fitted on the processor."""
     rows = sum(round(recording.duration_s / averaging_s) for recording in recordings)
     if device is None or rows <= MANY_ROWS:
         return
@@ -268,7 +268,7 @@ def compensate(
     model: Model,
     run: Annotated[str, typer.Argument(metavar="RUN", help="Recording; with --follow a CSV file, or - for standard input.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Corrected recording; with --follow also -.")],
-    follow: Annotated[bool, typer.Option("--follow", help="Go on as the file grows; write each line once it is whole.")] = False,
+    follow: Annotated[bool, typer.Option("--follow", help="Continue as the file grows; write each line once it is whole.")] = False,
     idle_s: Annotated[float | None, typer.Option("--idle-s", min=0.0, help="--follow ends after so long without growth.")] = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -279,10 +279,10 @@ def compensate(
 ) -> None:
     """A corrected recording: the gyro less its estimated bias, and how far that may be off.
 
-    A monitor's single wild samples are put between their neighbours, a gyro's knocks stay; both are told. With --follow, which
-    cannot know what comes next, wild samples are followed.
+    Single outliers of a monitor are interpolated, outliers of the gyro stay; both are reported. With --follow, which does not know
+    later samples, outliers of monitors are used as they are.
 
-    With --follow it is interrupted by Ctrl-C; the same command then goes on where it was.
+    Ctrl-C ends --follow; the same command resumes.
 
     Example: `rlgcomp compensate models/unit-17 new.parquet --out corrected.parquet`
 

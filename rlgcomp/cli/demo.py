@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rlgcomp.diagnosis.result import Diagnosis
 
 UNIT = 1
-# Concealed, by chamber programmes: short runs show hysteresis too little to name it beyond doubt.
+# Concealed, by chamber programmes: short runs show too little hysteresis to name it with certainty.
 CONCEALED, CONCEALED_QUICK = "thermal_hysteresis", "readout_incoherence"
 
 OWN: Final = ("held-out.parquet", "train-1.parquet", "train-2.parquet", "simulator.yaml")  # what no other command writes
@@ -47,8 +47,8 @@ def demo(
     from rlgcomp.report.page import write_report
     from rlgcomp.simulation.random_units import simulated_unit
 
-    diagnosis = (f"diagnosis/{name}" for name in (*DIAGNOSIS, "simulator.yaml"))
-    writes = (*OWN, *EVALUATION, *diagnosis, *(f"model/{name}" for name in artefact.FILES))
+    diagnosis_files = (f"diagnosis/{name}" for name in (*DIAGNOSIS, "simulator.yaml"))
+    writes = (*OWN, *EVALUATION, *diagnosis_files, *(f"model/{name}" for name in artefact.FILES))
     require_folder(out, writes)
     unit = simulated_unit(UNIT)
     programmes = (
@@ -68,7 +68,9 @@ def demo(
     say(f"concealing {concealed} and diagnosing what the simulator then lacks")
     simulator = lacking(unit, concealed, seed=UNIT)
     with progress("diagnosing", 100) as advance:
-        found = diagnose(simulator, runs[:2], runs[2:], seed=UNIT, progress=lambda fraction: advance(round(100 * fraction), 100))
+        diagnosis = diagnose(
+            simulator, runs[:2], runs[2:], seed=UNIT, progress=lambda fraction: advance(round(100 * fraction), 100)
+        )
     with whole_folder(out, writes=writes) as folder:
         for run in runs:
             write(run, folder / f"{run.name}.parquet")
@@ -77,14 +79,14 @@ def demo(
         write_report(folder, evaluation, compensator, title="Bias compensation of a simulated ring laser gyro", simulated=runs[2:])
         (folder / "diagnosis").mkdir()
         simulator.to_yaml(folder / "diagnosis" / "simulator.yaml")
-        found.save(folder / "diagnosis")
-        found.report(folder / "diagnosis" / "report.html")
+        diagnosis.save(folder / "diagnosis")
+        diagnosis.report(folder / "diagnosis" / "report.html")
     if as_json:
-        show_json(evaluation.to_mapping() | {"concealed": concealed, "diagnosis": found.to_mapping()})
+        show_json(evaluation.to_mapping() | {"concealed": concealed, "diagnosis": diagnosis.to_mapping()})
         return
     show_evaluation(evaluation)
-    typer.echo(f"\nConcealed from the simulator: {concealed}. {found.sentence}\n")
-    show_table("What was found", _findings(found))
+    typer.echo(f"\nConcealed from the simulator: {concealed}. {diagnosis.sentence}\n")
+    show_table("Findings", _findings(diagnosis))
     say(
         f"\n{out}/\n"
         "  report.html             look at it in a browser\n"
@@ -96,7 +98,7 @@ def demo(
     )
 
 
-def _findings(found: Diagnosis) -> list[dict[str, str | float]]:
+def _findings(diagnosis: Diagnosis) -> list[dict[str, str | float]]:
     """One row a parameter of each finding."""
     from rlgcomp.diagnosis.result.phrases import sure_text
 
@@ -108,6 +110,6 @@ def _findings(found: Diagnosis) -> list[dict[str, str | float]]:
             "parameter": name,
             "value": str(estimate),
         }
-        for cause in found.causes
+        for cause in diagnosis.causes
         for name, estimate in cause.parameters.items()
     ]

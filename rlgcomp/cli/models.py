@@ -23,7 +23,7 @@ def models(
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """List a folder's models, verify each (checksums, numbers, golden vectors, the code beside it) and compare them.
+    """List a folder's models, verify each (checksums, numbers, golden vectors, the code next to it) and compare them.
 
     Ends with exit code 2 if one cannot be used.
 
@@ -31,9 +31,9 @@ def models(
     """
     from rlgcomp.evaluation.model_registry import survey
 
-    found = survey(folder, read_runs(on or [], mapping, drop, pulse_arcsec, calibration))
+    registry = survey(folder, read_runs(on or [], mapping, drop, pulse_arcsec, calibration))
     if as_json:
-        show_json(found.to_mapping())
+        show_json(registry.to_mapping())
     else:
         rows = [
             {
@@ -48,17 +48,17 @@ def models(
                 "code": ", ".join(entry.code),
                 "SHA-256": entry.sha256[:12],
             }
-            for entry in found.entries
+            for entry in registry.entries
             if entry.problem is None
         ]
         if rows:
-            show_table("Whole, and giving their golden vectors again", rows)
-        if not found.comparison.empty:
-            rows = found.to_mapping()["comparison"]
+            show_table("Verified models", rows)
+        if not registry.comparison.empty:
+            rows = registry.to_mapping()["comparison"]
             show_table("On the runs given", [{key: row[key] for key in row if key != "trained_on"} for row in rows])
-        for remark in found.remarks:
+        for remark in registry.remarks:
             typer.echo(f"- {remark.text}")
-    for entry in found.refused:
+    for entry in registry.refused:
         say(f"{entry.name}: {entry.problem or '; '.join(entry.code)}")
-    if found.refused:
+    if registry.refused:
         raise typer.Exit(BAD_INPUT)

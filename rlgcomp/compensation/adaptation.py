@@ -4,14 +4,14 @@ A cubic or dynamic model is linear in its coefficients. Each unit u has its own,
 
 .. math:: y_u = \Phi_u \beta_u + \epsilon, \qquad \beta_u \sim N(\mu, \Sigma), \qquad \epsilon \sim N(0, \sigma^2),
 
-offset included. The training runs of several units tell mu, Sigma and sigma by expectation maximisation; a new unit's short run
-then moves its coefficients from mu as far as it has something to say,
+offset included. Expectation maximisation estimates mu, Sigma and sigma from the training runs of several units; the short run of a
+new unit then gives the posterior mean of its coefficients,
 
 .. math:: \hat\beta = \mu + (\Phi^T\Phi/\sigma^2 + \Sigma^{-1})^{-1}\, \Phi^T (y - \Phi \mu) / \sigma^2.
 
-Where units are alike the others' knowledge stays, where they differ and the run shows how, it is replaced; nothing is tuned. The
-interval is calibrated on units: each known unit is adapted to in turn from as many windows, by what the others know, and scored
-on the rest of its windows.
+Where units are alike the prior decides, where they differ the run does; there is no parameter to tune. The interval is calibrated
+on units: each known unit is adapted to in turn from the same number of windows, with the prior of the others, and scored on the
+rest of its windows.
 
 Reference
 ---------
@@ -46,12 +46,12 @@ Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
 FEWEST_UNITS: Final = 3
 _ROUNDS: Final = 100
-_FLOOR: Final = 1e-12  # of the variances, relative to the largest: what no unit shows differently stays as it is
+_FLOOR: Final = 1e-12  # of the variances, relative to the largest: coefficients that do not differ between units stay fixed
 
 
 @dataclasses.dataclass(frozen=True)
 class Population:
-    """What units of one make are like.
+    """Distribution of the coefficients of units of one make.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ class Population:
     def of(cls, designs: Sequence[Array], targets: Sequence[Array]) -> Self:
         """By expectation maximisation, from the windows of each unit.
 
-        With fewer units than coefficients correlations cannot all be known: as many made-up units as there are coefficients, whose
-        coefficients are uncorrelated and vary as much as the others', stand in for what is missing.
+        Fewer units than coefficients do not determine all correlations. An inverse-Wishart prior regularises them: one pseudo-unit
+        a coefficient, uncorrelated and with the variances of the real units.
 
         Parameters
         ----------
@@ -81,25 +81,24 @@ class Population:
         """
         p, count = designs[0].shape[1], sum(len(y) for y in targets)
         squares = [(phi.T @ phi, phi.T @ y, float(y @ y)) for phi, y in zip(designs, targets, strict=True)]
-        everything = np.vstack(designs)
-        start = np.concatenate(targets)
-        mean, variance = np.zeros(p), float(start.var())
-        covariance = np.diag(variance / np.maximum((everything**2).mean(axis=0), 1e-12) / p)
+        all_rows = np.vstack(designs)
+        mean, variance = np.zeros(p), float(np.concatenate(targets).var())
+        covariance = np.diag(variance / np.maximum((all_rows**2).mean(axis=0), 1e-12) / p)
         for _ in range(_ROUNDS):
             posteriors = [_posterior(gram, cross, mean, covariance, variance) for gram, cross, _ in squares]
             mean = np.mean([middle for middle, _ in posteriors], axis=0)
             total = sum((np.outer(middle - mean, middle - mean) + spread for middle, spread in posteriors), np.zeros((p, p)))
             own = np.diag(np.maximum(np.diag(total) / len(posteriors), _FLOOR * np.diag(total).max()))
             covariance = (total + p * own) / (len(posteriors) + p)
-            left = sum(
+            residual = sum(
                 power - 2.0 * middle @ cross + middle @ gram @ middle + np.sum(gram * spread)
                 for (gram, cross, power), (middle, spread) in zip(squares, posteriors, strict=True)
             )
-            variance = max(float(left) / count, np.finfo(np.float64).tiny)
+            variance = max(float(residual) / count, np.finfo(np.float64).tiny)
         return cls(mean, covariance, float(np.sqrt(variance)))
 
     def adapted(self, design: Array, target: Array) -> Array:
-        """Coefficients of a unit that has shown these windows, shape (p,)."""
+        """Posterior mean of the coefficients of a unit with these windows, shape (p,)."""
         return _posterior(design.T @ design, design.T @ target, self.mean, self.covariance, self.noise**2)[0]
 
 
@@ -109,7 +108,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     Parameters
     ----------
     compensator : Compensator
-        Cubic or dynamic, trained on runs of several units, which their metadata's `unit` tells apart.
+        Cubic or dynamic, trained on runs of several units, which their metadata's `unit` names.
     runs : sequence of Recording
         Of the new unit; a part of a chamber programme may do.
 
@@ -140,13 +139,13 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     if len(known) < FEWEST_UNITS:
         raise InputError(
             f"it was trained on {len(known)} units that are named ({', '.join(known) or 'none'}); at least {FEWEST_UNITS} are "
-            "needed to know how units differ; train on runs of more units, whose metadata say `unit`"
+            "needed to know how units differ; train on runs of more units, whose metadata name the `unit`"
         )
     parts = {unit: [part for part, owner in zip(compensator.training_, units, strict=True) if owner == unit] for unit in known}
     basis = _Basis(compensator, model)
-    shown = tuple(window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs)
+    windows = tuple(window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs)
     population = Population.of(*basis.stacked(list(parts.values())))
-    (design,), (target,) = basis.stacked([shown])
+    (design,), (target,) = basis.stacked([windows])
     new = Compensator(
         clone(model),
         features=list(compensator.pipeline_.names),
@@ -155,7 +154,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         keep_mean=compensator.keep_mean,
     )
     samples = np.vstack([compensator.pipeline_.transform(run).to_numpy()[run.scored] for run in runs])
-    new.specification_, new.pipeline_, new.training_ = compensator.specification_, compensator.pipeline_, shown
+    new.specification_, new.pipeline_, new.training_ = compensator.specification_, compensator.pipeline_, windows
     new.scaling_ = dataclasses.replace(
         compensator.scaling_,
         low=np.minimum(compensator.scaling_.low, samples.min(axis=0)),
@@ -163,7 +162,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     )
     new.gyro_, new.schema_ = compensator.gyro_, compensator.schema_
     new.model_ = basis.model(population.adapted(design, target))
-    errors, X, y, owner = _left_out(parts, basis, sum(len(part.y_deg_h) for part in shown))
+    errors, X, y, owner = _left_out(parts, basis, sum(len(part.y_deg_h) for part in windows))
     new.interval_ = Interval.calibrated(errors, X, y, owner, runs=len(known))
     rmse = float(np.sqrt(np.mean(errors**2))) / compensator.scaling_.y_scale_deg_h
     new.selection_ = Selection({}, rmse, pd.DataFrame({"rmse": [rmse], "chosen": [True]}))
@@ -226,7 +225,7 @@ class _Basis:
 def _left_out(
     parts: dict[str, list[WindowMeans]], basis: _Basis, windows: int
 ) -> tuple[Array, Array, Array, npt.NDArray[np.int64]]:
-    """Errors of each unit's later windows when it is adapted to from its first ones, by what the other units know."""
+    """Errors of each unit's later windows, adapted to from its first ones with the prior of the other units."""
     errors, X, y, owner = [], [], [], []
     for k, unit in enumerate(parts):
         population = Population.of(*basis.stacked([others for other, others in parts.items() if other != unit]))

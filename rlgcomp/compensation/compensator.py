@@ -63,7 +63,14 @@ def _require_regressor(model: Any) -> None:
 
 
 def no_gain(selection: Selection, scaling: Scaling, parts: str) -> list[Message]:
-    """A remark on a model that is no better than none with parts ("runs", "units") left out; empty for any other model."""
+    """A remark on a model that is no better than none with parts left out; empty for any other model.
+
+    Parameters
+    ----------
+    selection : Selection
+    scaling : Scaling
+    parts : {"runs", "units"}
+    """
     if selection.rmse is None or selection.rmse < 1.0:
         return []
     before = scaling.y_scale_deg_h

@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class FeatureRecipe:
-    """An ordered list of features: all that a real-time box must know to compute a model's inputs.
+    """An ordered list of features: the definition of a model's inputs.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class FeatureRecipe:
 
     @property
     def dynamic(self) -> tuple[int, ...]:
-        """Places of the inputs that tell what temperature has been doing: gradient, rate, lag and memory."""
+        """Places of the inputs that depend on the history of temperature: gradient, rate, lag and memory."""
         owners = [feature.group for feature in self.features for _ in feature.names]
         return tuple(place for place, group in enumerate(owners) if group in DYNAMIC)
 
@@ -64,7 +64,7 @@ class FeatureRecipe:
         Raises
         ------
         InputError
-            A monitor is not in the recording, or a feature cannot be told from its samples.
+            A monitor is not in the recording, or a feature is undefined for its samples.
         """
         missing = [column for column in self.columns if column not in recording]
         if missing:
@@ -94,7 +94,7 @@ class FeatureRecipe:
         Raises
         ------
         InputError
-            A value is missing or not finite, as is what comes of it, or time does not increase.
+            A value is missing, or it or a feature is not finite, or time does not increase.
         """
         wanted = (TIME, *self.columns)
         bad = [name for name in wanted if not _finite(sample.get(name))]
@@ -147,8 +147,8 @@ class FeatureRecipe:
             return
         row = int(np.flatnonzero(bad.any(axis=1))[0])
         names = ", ".join(name for name, wrong in zip(self.names, bad[row], strict=True) if wrong)
-        given = ", ".join(f"{column} = {value:g}" for column, value in zip(self.columns, samples[row].tolist(), strict=True))
-        raise InputError(f"at {time_s[row]:g} s {names} cannot be told from {given}; leave that sample out")
+        received = ", ".join(f"{column} = {value:g}" for column, value in zip(self.columns, samples[row].tolist(), strict=True))
+        raise InputError(f"at {time_s[row]:g} s {names} is undefined for {received}; leave that sample out")
 
     def to_list(self) -> list[dict[str, Any]]:
         """Plain description, for the artefact."""
@@ -179,7 +179,7 @@ class FeatureRecipe:
 
 
 def _require_usable(feature: Any) -> None:
-    """Refuse values that no pipeline made here has: what is read from a file is not to be trusted."""
+    """Refuse values from a file that no pipeline made here has."""
     for field in dataclasses.fields(feature):
         value = getattr(feature, field.name)
         if isinstance(field.default, str):
@@ -195,7 +195,7 @@ def _require_usable(feature: Any) -> None:
 def _finite(value: Any) -> bool:
     try:
         return math.isfinite(value)
-    except (TypeError, ValueError, OverflowError):  # nothing, a text, several numbers, or an int beyond all floats
+    except (TypeError, ValueError, OverflowError):  # None, a text, several numbers, or an int beyond all floats
         return False
 
 

@@ -1,11 +1,11 @@
-r"""Features: what a compensation sees of a recording. Causal, with explicit state.
+r"""Features: the inputs of a compensation. Causal functions of the monitors, with explicit state.
 
-A feature turns a few monitor columns into a few numbers a sample. `run(state, samples, step_s) -> (values, state)` is the only
-place where it is computed, whole recordings and single samples alike, so that a real-time box that follows these lines computes
-what the model was trained on, to the last bit.
+A feature turns a few monitor columns into a few numbers a sample. `run(state, samples, step_s) -> (values, state)` computes it for
+whole recordings and single samples alike, so that a real-time box that follows these lines computes the model's training inputs to
+the last bit.
 
-To add a feature: write its class, name it in `FEATURES`, and say in :func:`rlgcomp.compensation.feature_pipeline.pipeline_for` when
-it is used.
+To add a feature, write its class, name it in `FEATURES`, and add its use to
+:func:`rlgcomp.compensation.feature_pipeline.pipeline_for`.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ State = Any
 
 
 class Feature(Protocol):
-    """What every feature offers."""
+    """The contract of every feature."""
 
     kind: ClassVar[str]
 
     @property
     def group(self) -> str:
-        """Name it goes by in tables and on the command line."""
+        """Name of its group in tables and on the command line."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -38,18 +38,32 @@ class Feature(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the numbers it makes, each ending in its unit."""
+        """Names of its values, each ending in its unit."""
 
     def init(self, sample: Array) -> State:
-        """State before the first sample, whose monitor values are given."""
+        """State before the first sample, from its monitor values, shape (columns,)."""
 
     def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
-        """Values, shape (n, names), for samples of shape (n, columns), and the state after the last."""
+        """Values of consecutive samples, and the state after the last.
+
+        Parameters
+        ----------
+        state : object
+            As :meth:`init` or the last call returned it.
+        samples : ndarray, shape (n, columns)
+        step_s : ndarray, shape (n,)
+            Time since the sample before.
+
+        Returns
+        -------
+        values : ndarray, shape (n, names)
+        state : object
+        """
 
 
 @dataclasses.dataclass(frozen=True)
 class Level:
-    """A monitor as it stands, smoothed by a first-order low-pass filter where `smoothing_s` is positive."""
+    """The monitor itself, smoothed by a first-order low-pass filter where `smoothing_s` is positive."""
 
     kind: ClassVar[str] = "level"
     column: str = "temperature_block_degC"
@@ -107,7 +121,7 @@ class Rate:
 
 @dataclasses.dataclass(frozen=True)
 class Lag:
-    r"""How far slower parts are behind the monitor: :math:`x_\tau - x` for each time constant."""
+    r"""Lag of slower parts behind the monitor: :math:`x_\tau - x` for each time constant."""
 
     kind: ClassVar[str] = "lag"
     column: str = "temperature_block_degC"
@@ -135,7 +149,7 @@ class Lag:
 
 @dataclasses.dataclass(frozen=True)
 class Memory:
-    """Hysteresis memory: where play operators of several radii have been left, relative to the monitor."""
+    """Hysteresis memory: outputs of play operators of several radii, relative to the monitor."""
 
     kind: ClassVar[str] = "memory"
     column: str = "temperature_block_degC"

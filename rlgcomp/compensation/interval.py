@@ -5,18 +5,17 @@ left out of training, :math:`s_i = |y_i - \hat B_{-r}(x_i)|` are the scores of i
 
 .. math:: \hat B(x) \pm \big( q + w\, e(x) \big), \qquad e(x) = \sum_j \max(0,\; l_j - x_j,\; x_j - h_j) / (h_j - l_j)
 
-e says by how many spans the inputs lie beyond the training range. No run can calibrate what happens there: w is the span of the
-bias in training, so that a bias that goes on changing as steeply as it ever did over the whole range of an input stays inside.
+e is the number of spans by which the inputs lie beyond the training range, where no run can calibrate the interval. w is the span
+of the bias in training: a bias that continues to change by its whole span for each span of an input stays inside.
 
-q is calibrated. Windows of a run resemble each other, runs are drawn anew: every run counts the same, and what a few runs cannot
-know of the next is found by leaving runs out once more. With Q the 90 % quantile of the scores of all runs and
-Q_{-r} that of all but r,
+q is calibrated. The windows of a run resemble each other and runs are independent, so every run counts the same, and leaving runs
+out once more shows how runs differ. With Q the 90 % quantile of the scores of all runs and Q_{-r} that of all but r,
 
 .. math:: q = Q + m, \qquad m \text{ being the 90 % quantile of } s_i - Q_{-r}:
 
 a quantile taken from the other runs, raised by m, covers 90 % of the windows of the run that it has not seen, on average over runs.
-Windows beyond the range of the runs trained on tell of w, not of q, and are not counted; a run that has hardly any others counts
-with what w leaves of their scores.
+Windows beyond the range of the training runs depend on w, not on q, and are not counted; a run that has hardly any others counts
+with its scores less w e.
 
 References
 ----------
@@ -54,7 +53,7 @@ class Interval:
     per_span_deg_h : float
         w: added for each span of its range that an input lies beyond it.
     coverage : float
-        Share of the windows of a new run that it is to hold, on average over runs.
+        Nominal share of the windows of a new run inside the interval, on average over runs.
     runs : int
         How many runs it was calibrated on, each left out in turn; 1 where blocks of a single run took their place.
     """
@@ -68,12 +67,12 @@ class Interval:
     def calibrated(
         cls, errors_deg_h: Array, X: Array, y_deg_h: Array, groups: npt.NDArray[Any], *, runs: int, coverage: float = COVERAGE
     ) -> Self:
-        """From errors with each group left out.
+        """The interval from errors with each group left out.
 
         Parameters
         ----------
         errors_deg_h : ndarray, shape (n,)
-            Of every training window while its group is left out.
+            Error of every training window with its group left out.
         X : ndarray, shape (n, features)
             Inputs of the windows, not scaled.
         y_deg_h : ndarray, shape (n,)
@@ -116,7 +115,7 @@ class Interval:
         return cls(inside, per_span, coverage, runs)
 
     def half_width_deg_h(self, spans_outside: Array) -> Array:
-        """Half width for inputs that are so many spans beyond the training range, shape (n,); see :func:`excess`."""
+        """Half width for inputs this number of spans beyond the training range, shape (n,); see :func:`excess`."""
         return np.asarray(self.inside_deg_h + self.per_span_deg_h * spans_outside)
 
     def to_mapping(self) -> dict[str, float | int]:
@@ -125,10 +124,16 @@ class Interval:
 
 
 def excess(X: Array, low: Array, high: Array) -> Array:
-    """e: by how many spans of their ranges inputs of shape (n, features) lie beyond them, summed over the inputs; shape (n,).
+    """e, shape (n,): the number of spans by which inputs lie beyond their ranges, summed over the inputs.
 
-    An input that stood still in training counts in its own unit. The sum is taken input by input, so that a sample alone gives the
+    An input that was constant in training counts in its own unit. The sum is taken input by input, so that a sample alone gives the
     same bits as among others.
+
+    Parameters
+    ----------
+    X : ndarray, shape (n, features)
+    low, high : ndarray, shape (features,)
+        The ranges.
     """
     span = np.where(high > low, high - low, 1.0)
     total = np.zeros(len(X))
@@ -138,7 +143,7 @@ def excess(X: Array, low: Array, high: Array) -> Array:
 
 
 def quantile(scores: Sequence[Array], share: float) -> float:
-    """Smallest score that at least this share lies at or below, every run counting the same however long it is."""
+    """Weighted quantile of scores, one array a run, every run counting the same whatever its length."""
     values = np.concatenate(scores)
     weights = np.concatenate([np.full(len(part), 1.0 / (len(part) * len(scores))) for part in scores])
     order = np.argsort(values, kind="stable")

@@ -1,7 +1,7 @@
-"""Choosing a model's parameters by leaving runs out: in parallel, with progress, and resumable after a kill.
+"""Selection of a model's parameters by leaving runs out: in parallel, with progress, and resumable after a kill.
 
-Each finished piece of work is appended to a journal, one JSON line; a second run with the same data and grid takes what is there
-and goes on. The journal begins with a fingerprint of data, folds and grid, so that a stale one is never believed.
+The scores of each batch of candidates are appended to a journal, one JSON line; a second run with the same data and grid resumes
+from it. The journal begins with a fingerprint of data, folds and grid, so that a stale one is ignored.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rlgcomp.files import to_json
 from rlgcomp.numerics.compiled import blas_threads
 
 Array = npt.NDArray[np.float64]
-TIE: Final = 0.01  # candidates whose error is this close to the smallest count as equal; the first, which is the smoothest, wins
+TIE: Final = 0.01  # candidates whose error is this close to the smallest are equal; the first, the smoothest, is selected
 Progress = Callable[[int, int], None]
 Scored = tuple[int, list[float]]
 Work = Callable[[], Scored]
@@ -42,7 +42,7 @@ class Selection:
     Parameters
     ----------
     best : dict
-        Parameters of the winner, empty where there was nothing to choose.
+        Selected parameters, empty where there is one candidate.
     rmse : float, optional
         Its error with groups left out, in units of the model's output.
     table : pandas.DataFrame
@@ -55,7 +55,7 @@ class Selection:
 
 
 def select(
-    form: ModelSpecification,
+    specification: ModelSpecification,
     model: Any,
     X: Array,
     y: Array,
@@ -67,11 +67,11 @@ def select(
 ) -> Selection:
     """Search a model's grid for the smallest error on groups left out; of candidates within 1 % of it, the smoothest.
 
-    Runs of one programme cannot tell which of two equally good candidates carries over to another programme; smoothness can.
+    Runs of one programme do not show which of two equally good candidates transfers to another programme; the smoother one does.
 
     Parameters
     ----------
-    form : ModelSpecification
+    specification : ModelSpecification
     model : estimator
         Parameters that are not searched are taken from it.
     X : ndarray, shape (n, features)
@@ -79,28 +79,28 @@ def select(
     groups : ndarray, shape (n,)
         Label of the run that each row belongs to; at least two.
     journal : path, optional
-        Where to keep finished work.
+        File of finished work.
     n_jobs : int
         Workers, processes or threads as the model needs; each computes with one thread of BLAS.
     progress : callable, optional
         Called with (done, total).
     """
-    batches = form.batches(X.shape[1])
+    batches = specification.batches(X.shape[1])
     if not batches:
-        (only,) = form.rmse(model, [{}], X, y, groups).tolist()
+        (only,) = specification.rmse(model, [{}], X, y, groups).tolist()
         return Selection({}, only, pd.DataFrame({"rmse": [only], "chosen": [True]}))
-    fingerprint = _fingerprint(form, model, batches, X, y, groups) if journal is not None else ""
+    fingerprint = _fingerprint(specification, model, batches, X, y, groups) if journal is not None else ""
     scores = _read_journal(journal, fingerprint)
     if scores and journal is not None:
-        logger.info("resuming: %d of %d pieces of the search are in %s", len(scores), len(batches), journal)
-    # the least smooth, which take the longest, go first, so that no worker is left alone with one of them
+        logger.info("resuming: %d of %d batches of the search are in %s", len(scores), len(batches), journal)
+    # the least smooth, which take the longest, are first, so that no worker ends late with one of them
     waiting = [k for k in reversed(range(len(batches))) if k not in scores]
     if progress:
         progress(len(scores), len(batches))
-    side_by_side = _in_threads if form.threads else _in_processes
+    in_parallel = _in_threads if specification.threads else _in_processes
     with _appending(journal, fingerprint, scores) as append, blas_threads(1):
-        work = [functools.partial(_score, k, form, model, batches[k], X, y, groups) for k in waiting]
-        for k, score in side_by_side(work, max(1, min(joblib.effective_n_jobs(n_jobs), len(waiting)))):
+        work = [functools.partial(_score, k, specification, model, batches[k], X, y, groups) for k in waiting]
+        for k, score in in_parallel(work, max(1, min(joblib.effective_n_jobs(n_jobs), len(waiting)))):
             scores[k] = score
             append({"piece": k, "rmse": score})
             if progress:
@@ -112,12 +112,14 @@ def select(
     return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen))
 
 
-def _score(k: int, form: ModelSpecification, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Scored:
-    return k, form.rmse(model, candidates, X, y, groups).tolist()
+def _score(
+    k: int, specification: ModelSpecification, model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels
+) -> Scored:
+    return k, specification.rmse(model, candidates, X, y, groups).tolist()
 
 
 def _in_threads(work: Sequence[Work], workers: int) -> Iterator[Scored]:
-    """What each piece of work returns, as they end; what has not begun when the caller stops is not done."""
+    """Results as they end; when the caller stops, work that has not begun is cancelled."""
     with ThreadPoolExecutor(workers) as pool:
         try:
             for done in as_completed([pool.submit(piece) for piece in work]):
@@ -137,9 +139,9 @@ def _one_thread(piece: Work) -> Scored:
 
 
 def _fingerprint(
-    form: ModelSpecification, model: Any, batches: list[list[dict[str, Any]]], X: Array, y: Array, groups: Labels
+    specification: ModelSpecification, model: Any, batches: list[list[dict[str, Any]]], X: Array, y: Array, groups: Labels
 ) -> str:
-    digest = hashlib.sha256(json.dumps([form.name, repr(model), batches], default=str).encode())
+    digest = hashlib.sha256(json.dumps([specification.name, repr(model), batches], default=str).encode())
     for part in (X, y, np.unique(groups, return_inverse=True)[1]):
         digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
@@ -163,7 +165,7 @@ def _read_journal(journal: Path | None, fingerprint: str) -> dict[int, list[floa
 def _appending(
     journal: Path | None, fingerprint: str, scores: dict[int, list[float]]
 ) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """Begin the journal anew with what is known, and yield what appends to it."""
+    """Rewrite the journal with the known scores, and yield a function that appends to it."""
     if journal is None:
         yield lambda entry: None
         return

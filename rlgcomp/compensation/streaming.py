@@ -89,7 +89,7 @@ def compensate_stream(
     idle_s: float | None = None,
     notify: Callable[[Message], None] = lambda remark: None,
 ) -> StreamSummary:
-    """Correct a stream of CSV lines until it ends or a signal comes; the same call then goes on where it was.
+    """Correct a stream of CSV lines until it ends or a signal comes; the same call then resumes.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ class StreamCompensator:
     Raises
     ------
     InputError
-        A column that is needed is not there.
+        A column that the model needs is missing.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Which input helps, with which model: tables over feature groups and models, on the training rows of one compensation."""
+"""Comparison tables: feature groups by models, all trained on the windows of one compensation, and correlations of the inputs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def correlation_table(held_out: Sequence[WindowMeans], names: Sequence[str]) -> 
 
 
 def comparison_table(compensator: Compensator, held_out: Sequence[WindowMeans], *, n_jobs: int = 1) -> pd.DataFrame:
-    """What is left held out by each model, on each feature group alone and on all, trained on the same rows.
+    """Held-out residuals of each model, on each feature group alone and on all, trained on the same windows.
 
     Parameters
     ----------
@@ -55,21 +55,21 @@ def comparison_table(compensator: Compensator, held_out: Sequence[WindowMeans], 
         standard deviations.
     """
     own = compensator.specification_
-    forms = [MODELS[name] for name in ALWAYS] + ([own] if own is not None and own.name not in ALWAYS else [])
+    specifications = [MODELS[name] for name in ALWAYS] + ([own] if own is not None and own.name not in ALWAYS else [])
     raw = _pooled([np.std(part.y_deg_h, ddof=1) for part in held_out])
     table = []
     for group, places in _inputs_by_group(compensator).items():
-        for form in forms:
-            model = _fitted(compensator, form, places, n_jobs)
-            scaling = dataclasses.replace(compensator.scaling_, reach=form.reach)
-            left = [part.y_deg_h - _predict(model, scaling, part, places) for part in held_out]
-            deviation = _pooled([np.std(values, ddof=1) for values in left])
+        for specification in specifications:
+            model = _fitted(compensator, specification, places, n_jobs)
+            scaling = dataclasses.replace(compensator.scaling_, reach=specification.reach)
+            residuals = [part.y_deg_h - _predict(model, scaling, part, places) for part in held_out]
+            deviation = _pooled([np.std(values, ddof=1) for values in residuals])
             table.append(
                 {
                     "features": group,
-                    "model": form.name,
+                    "model": specification.name,
                     "residual_std_deg_h": deviation,
-                    "residual_rms_deg_h": _pooled([np.sqrt(np.mean(values**2)) for values in left]),
+                    "residual_rms_deg_h": _pooled([np.sqrt(np.mean(values**2)) for values in residuals]),
                     "reduction_percent": 100.0 * (1.0 - deviation / raw),
                     "factor": raw / deviation,
                 }
@@ -77,12 +77,12 @@ def comparison_table(compensator: Compensator, held_out: Sequence[WindowMeans], 
     return pd.DataFrame(table)
 
 
-def _fitted(compensator: Compensator, form: ModelSpecification, places: list[int], n_jobs: int) -> Any:
+def _fitted(compensator: Compensator, specification: ModelSpecification, places: list[int], n_jobs: int) -> Any:
     X, y, groups = compensator.training_rows()
-    model = form.make()
+    model = specification.make()
     if model.get_params().get("linear") == DYNAMICS:
         model.set_params(linear=tuple(k for k, place in enumerate(places) if place in compensator.pipeline_.dynamic))
-    best = select(form, model, X[:, places], y, groups, n_jobs=n_jobs).best
+    best = select(specification, model, X[:, places], y, groups, n_jobs=n_jobs).best
     model = clone(model).set_params(**best)
     return model.fit(X[:, places], y, **({"groups": compensator.run_labels()} if sequential(model) else {}))
 
@@ -92,7 +92,7 @@ def _predict(model: Any, scaling: Scaling, part: WindowMeans, places: list[int])
 
 
 def _inputs_by_group(compensator: Compensator) -> Mapping[str, list[int]]:
-    """Places of the inputs of each feature group, and of all together."""
+    """Columns of the inputs of each feature group, and of all together."""
     owners = [feature.group for feature in compensator.pipeline_.features for _ in feature.names]
     groups = {group: [place for place, owner in enumerate(owners) if owner == group] for group in dict.fromkeys(owners)}
     return groups if len(groups) == 1 else {**groups, "all": list(range(len(owners)))}

@@ -29,7 +29,7 @@ from rlgcomp.report.notebook import ShownAsTable
 
 Array = npt.NDArray[np.float64]
 OFTEN_OUT_OF_RANGE: Final = 0.01
-ROUNDED: Final = 0.01  # of the averaging time, and of how neighbouring averages differ: files of one run differ by less
+ROUNDED: Final = 0.01  # of the averaging time and of the difference of neighbouring averages: copies of one run differ by less
 FEWEST_COMMON: Final = 3
 
 
@@ -45,10 +45,10 @@ class RunResult:
     raw_std_deg_h, residual_std_deg_h : float
         Bias stability before and after compensation.
     residual_mean_deg_h : float
-        What is left on average: the bias from switch-on to switch-on.
+        Mean of the residual: the bias from switch-on to switch-on.
     residual_rms_deg_h : float
     noise_floor_deg_h : float
-        What no compensation can remove: of a simulated run the standard deviation of its noise, else from the Allan deviation.
+        Lower bound of any compensation: the standard deviation of a simulated run's noise, otherwise from the Allan deviation.
     factor, factor_low, factor_high : float
         raw / residual, with its 95 % interval by block bootstrap.
     out_of_range : float
@@ -96,7 +96,7 @@ class RunResult:
 
 @dataclasses.dataclass(frozen=True)
 class Trace:
-    """Averages of one run, for pictures.
+    """Averages of one run, for figures.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Evaluation(ShownAsTable):
     correlation : pandas.DataFrame
         Correlation of each input with the gyro.
     comparison : pandas.DataFrame
-        By feature group and model, what is left held out; see :func:`rlgcomp.evaluation.comparison.comparison_table`.
+        Held-out residuals by feature group and model; see :func:`rlgcomp.evaluation.comparison.comparison_table`.
     input_remarks : tuple of Message
         On outliers of the gyro, which are left out, and of monitors, which the compensation follows, and on runs of another gyro
         than the one trained on.
@@ -163,7 +163,7 @@ class Evaluation(ShownAsTable):
 
     @property
     def held_out(self) -> bool:
-        """Whether none of the runs was trained on, as far as their averages tell."""
+        """Whether none of the runs was trained on, judged by their averages."""
         return not any(run.trained_on for run in self.runs)
 
     @property
@@ -224,7 +224,7 @@ class Evaluation(ShownAsTable):
 
 
 def stability_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Bias stability before and after, a row a run, for people; in deg/h where nothing else is said."""
+    """Bias stability before and after, a row a run, for people; in deg/h unless stated."""
     return [
         {
             "run": run.run,

@@ -1,4 +1,4 @@
-"""A folder of models: which there are, whether each is whole and gives its golden vectors again, and how they compare."""
+"""Model registry: the models of a folder, each verified (checksums, numbers, golden vectors), and compared on runs."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Entry:
     ----------
     name : str
     problem : str, optional
-        Why it cannot be used; then all else is unknown.
+        Why it cannot be used; its other fields are unknown then.
     sha256 : str
-        That stands for the whole artefact.
+        Of the whole artefact.
     schema : str
     model : str
     inputs : int
@@ -48,7 +48,7 @@ class Entry:
     bytes : int
         Of its arrays that are needed to use it.
     code : tuple of str
-        Exported code beside it, by target, and whether it was made of this model.
+        Exported code next to it, by target, and whether it was made from this model.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Entry:
 
 
 @dataclasses.dataclass(frozen=True)
-class Collection:
+class ModelRegistry:
     """Models of a folder.
 
     Parameters
@@ -94,7 +94,7 @@ class Collection:
 
     @property
     def refused(self) -> tuple[Entry, ...]:
-        """Those that cannot be used, or whose code was made of another model."""
+        """Models that cannot be used, or whose code was made from another model."""
         return tuple(entry for entry in self.entries if entry.problem or any("another model" in code for code in entry.code))
 
     def to_frame(self) -> pd.DataFrame:
@@ -112,7 +112,7 @@ class Collection:
         }
 
 
-def survey(folder: str | Path, runs: Sequence[Recording] = ()) -> Collection:
+def survey(folder: str | Path, runs: Sequence[Recording] = ()) -> ModelRegistry:
     """Verify every model in a folder, or the one that the folder is, and compare them on runs.
 
     Models are the folder's own folders, or `model` in them, as a fleet writes it: that has its unit's name.
@@ -125,41 +125,41 @@ def survey(folder: str | Path, runs: Sequence[Recording] = ()) -> Collection:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder} {'is no folder' if folder.exists() else 'does not exist'}; give a folder of models, or a model")
-    children = [folder] if _looks_like_one(folder) else sorted(folder.iterdir())
-    places = [child if _looks_like_one(child) else child / OF_A_UNIT for child in children]
-    candidates = [place for place in places if _looks_like_one(place)]
+    children = [folder] if _is_model(folder) else sorted(folder.iterdir())
+    places = [child if _is_model(child) else child / OF_A_UNIT for child in children]
+    candidates = [place for place in places if _is_model(place)]
     if not candidates:
         raise InputError(
             f"{folder} holds no model: no folder in it, nor {OF_A_UNIT} in one, has {MANIFEST} and {SUMS}; "
             "train one with rlgcomp train"
         )
-    looked_at = [_entry(place, of_a_unit=place.parent in children) for place in candidates]
-    compared = [_on_run(entry.name, model, run) for entry, model in looked_at if model is not None for run in runs]
-    return Collection(folder, tuple(entry for entry, _ in looked_at), pd.DataFrame(compared))
+    entries = [_entry(place, of_a_unit=place.parent in children) for place in candidates]
+    compared = [_on_run(entry.name, model, run) for entry, model in entries if model is not None for run in runs]
+    return ModelRegistry(folder, tuple(entry for entry, _ in entries), pd.DataFrame(compared))
 
 
-def _looks_like_one(path: Path) -> bool:
+def _is_model(path: Path) -> bool:
     return path.is_dir() and ((path / MANIFEST).exists() or (path / SUMS).exists())
 
 
 def _entry(path: Path, *, of_a_unit: bool) -> tuple[Entry, Compensator | None]:
-    """What there is to say of a model, with the code in its folder or beside it in its unit's."""
+    """Entry of a model, with the code in its folder or in the folder of its unit."""
     name = printable(path.parent.name if of_a_unit else path.name)
-    beside = path.parent.glob(f"*/{REPORT}") if of_a_unit else ()
+    unit_reports = path.parent.glob(f"*/{REPORT}") if of_a_unit else ()
     try:
         model = load(path)
         sha256 = identity(path)
-        code = tuple(_code(report, sha256) for report in sorted([*path.glob(f"*/{REPORT}"), *beside]))
+        code = tuple(_code(report, sha256) for report in sorted([*path.glob(f"*/{REPORT}"), *unit_reports]))
     except InputError as error:
         return Entry(name, printable(str(error))), None
-    rmse, form = model.selection_.rmse, model.specification_
-    arrays = {} if form is None else form.pack(model.model_)[1]
+    rmse, specification = model.selection_.rmse, model.specification_
+    arrays = {} if specification is None else specification.pack(model.model_)[1]
     return (
         Entry(
             name=name,
             sha256=sha256,
             schema=model.schema_,
-            model="" if form is None else form.name,
+            model="" if specification is None else specification.name,
             inputs=len(model.pipeline_.names),
             units=printable(", ".join(sorted({str(run.get("unit") or "not stated") for run in model.provenance_}))),
             hours=float(sum(float(run["hours"]) for run in model.provenance_)),
@@ -184,17 +184,17 @@ def _code(report: Path, sha256: str) -> str:
 
 
 def _on_run(name: str, model: Compensator, run: Recording) -> dict[str, Any]:
-    nothing = dict.fromkeys(("residual_std_deg_h", "residual_rms_deg_h", "factor", "in_interval", "out_of_range"), np.nan)
+    unknown = dict.fromkeys(("residual_std_deg_h", "residual_rms_deg_h", "factor", "in_interval", "out_of_range"), np.nan)
     try:
         (result,) = evaluate(model, [run], compare=False).runs
     except InputError as error:
-        return {"model": name, "run": run.name, **nothing, "trained_on": False, "problem": printable(str(error))}
-    found = {key: getattr(result, key) for key in (*nothing, "trained_on")}
-    return {"model": name, "run": run.name, **found, "problem": ""}
+        return {"model": name, "run": run.name, **unknown, "trained_on": False, "problem": printable(str(error))}
+    values = {key: getattr(result, key) for key in (*unknown, "trained_on")}
+    return {"model": name, "run": run.name, **values, "problem": ""}
 
 
 def printable(text: str) -> str:
-    """Text from a file that may have been made to mislead a terminal: what does not print is shown by its code.
+    """Text from an untrusted file, safe for a terminal: characters that do not print are escaped.
 
     >>> printable("unit 7\\x1b[2J")
     'unit 7\\\\x1b[2J'

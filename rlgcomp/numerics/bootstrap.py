@@ -1,7 +1,7 @@
-r"""Circular block bootstrap: averages of a run drawn anew in blocks, so that what is correlated within a block stays so.
+r"""Circular block bootstrap: averages of a run are resampled in blocks, which preserves correlation within a block.
 
-Sums over drawn blocks come from running sums: :math:`S_{a,l} = C_{a+l} - C_a`, C being the cumulative sum of the run and of its own
-beginning once more. As many values are drawn as the run has; the last block is cut short.
+Sums over blocks come from cumulative sums: :math:`S_{a,l} = C_{a+l} - C_a`, C being the cumulative sum of the run continued by its
+own beginning. A sample has the length of the run; its last block is shorter.
 
 Reference
 ---------
@@ -24,7 +24,7 @@ DRAWS: Final = 2000
 def drawn_squares(
     series: Sequence[Array], *, block: int, rng: np.random.Generator, draws: int = DRAWS
 ) -> tuple[list[Array], list[Array]]:
-    """Sums of squares of series drawn together: of the values, and of the values about the mean of those drawn.
+    """Sums of squares of series resampled together: of the values, and of the values about the mean of the sample.
 
     Parameters
     ----------

@@ -81,7 +81,8 @@ def tridiagonal(matrix: Array, *, overwrite: bool = False) -> tuple[Array, Array
     n = len(matrix)
     if not lock_free():
         reduced, q = linalg.hessenberg(matrix, calc_q=True, check_finite=False)
-        return q.T, np.diag(reduced).copy(), np.diag(reduced, -1).copy() if n > 1 else np.zeros(1)
+        off_diagonal = np.diag(reduced, -1) if n > 1 else np.zeros(1)
+        return np.asarray(q.T), np.array(np.diag(reduced)), np.array(off_diagonal)
     basis = matrix.T if overwrite else np.array(matrix, order="F")
     diagonal, off_diagonal, scales = np.empty(n), np.empty(max(1, n - 1)), np.empty(max(1, n - 1))
     work = np.empty(_BLOCK * n)

@@ -1,7 +1,7 @@
 """Kernel baselines: scikit-learn's kernel ridge, support vector and Gaussian process regression, chosen by grid search.
 
-They stand beside the LS-SVM in every table. Each of them predicts with a sum of kernels about its training rows, so that is what is
-kept of the winner: it can be saved as numbers, without the library that fitted it.
+Every comparison has them next to the LS-SVM. Each predicts with a sum of kernels about its training rows, which is saved as
+numbers and needs no library that fitted it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rlgcomp.compensation.models.specification import ModelSpecification, requir
 
 Array = npt.NDArray[np.float64]
 METHODS: Final = ("kernel_ridge", "svr", "gaussian_process")
-BEST: Final = "best"  # of these, which selection finds
+BEST: Final = "best"  # of these; selection finds it
 
 
 class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
@@ -27,8 +27,8 @@ class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     method : {"kernel_ridge", "svr", "gaussian_process", "best"}
-        Kernel ridge and support vector regression with a Gaussian kernel; Gaussian process with a Matérn kernel of order 3/2. The
-        best of them is for a Compensator's selection to find: it cannot be fitted by itself.
+        Kernel ridge and support vector regression with a Gaussian kernel; Gaussian process with a Matérn kernel of order 3/2.
+        A Compensator's selection finds the best of them, which cannot be fitted by itself.
     c : float, default 100.0
         Weight of the errors: 1/alpha of kernel ridge, C of the support vectors, 1/noise variance of the Gaussian process.
     sigma : float, default 1.0
@@ -51,7 +51,13 @@ class KernelBaselines(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.epsilon = epsilon
 
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
-        """Fit by scikit-learn and keep the sum of kernels."""
+        """Fit by scikit-learn and store the sum of kernels.
+
+        Parameters
+        ----------
+        X : array_like, shape (n, features)
+        y : array_like, shape (n,)
+        """
         self.check_parameters()
         inputs, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
         gamma, mean = 0.5 / self.sigma**2, float(target.mean())
@@ -109,7 +115,7 @@ def _check(model: KernelBaselines, features: int) -> None:
     require_shape(model, "alpha_", len(model.X_fit_))
 
 
-def _form(name: str, method: str, methods: tuple[str, ...]) -> ModelSpecification:
+def _specification(name: str, method: str, methods: tuple[str, ...]) -> ModelSpecification:
     def batches(features: int) -> list[list[dict[str, Any]]]:
         widths = np.sqrt(features) * 2.0 ** np.arange(3.0, -1.5, -1.0)
         return [
@@ -131,6 +137,6 @@ def _form(name: str, method: str, methods: tuple[str, ...]) -> ModelSpecificatio
 
 
 SPECIFICATIONS: Final = (
-    _form("kernels", BEST, METHODS),
-    *(_form(method.replace("_", "-"), method, (method,)) for method in METHODS),
+    _specification("kernels", BEST, METHODS),
+    *(_specification(method.replace("_", "-"), method, (method,)) for method in METHODS),
 )

@@ -1,4 +1,4 @@
-"""Least squares fit of a polynomial in each feature: the field's standard, and the yardstick of everything else."""
+"""Cubic least squares: a polynomial in each feature, the standard of the field and the reference of every other model."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class CubicLeastSquares(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     degree : int, default 3
         1 gives the straight line.
     linear : tuple of int, default ()
-        Columns that enter to the first power only. A Compensator understands "dynamics": those that tell what temperature has been
-        doing, to which the bias responds in proportion (rate, lag, memory, gradient), while levels keep their cubic.
+        Columns that enter to the first power only. A Compensator also takes "dynamics": the features of the history of temperature
+        (rate, lag, memory, gradient), to which the bias responds in proportion, while levels enter as cubics.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class CubicLeastSquares(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
-        # products, then a sum along each row: a matrix product may round a row differently beside other rows
+        # products, then a sum along each row: a matrix product may round a row differently among other rows
         return np.asarray((self._powers(inputs) * self.coef_.ravel()).sum(axis=1) + self.intercept_)
 
     def _linear_columns(self, features: int) -> list[int]:
@@ -122,21 +122,21 @@ def _check(model: CubicLeastSquares, features: int) -> None:
         raise InputError("half_range_ has values that are not positive")
 
 
-def _nothing_to_select(features: int) -> list[list[dict[str, Any]]]:
+def _one_candidate(features: int) -> list[list[dict[str, Any]]]:
     del features
     return []
 
 
-def _form(name: str, **defaults: str) -> ModelSpecification:
+def _specification(name: str, **defaults: str) -> ModelSpecification:
     return ModelSpecification(
         name=name,
         estimator=CubicLeastSquares,
         defaults=defaults,
-        batches=_nothing_to_select,
+        batches=_one_candidate,
         numbers=("intercept_",),
         arrays=("coef_", "centre_", "half_range_"),
         check=_check,
     )
 
 
-SPECIFICATIONS: Final = (_form("cubic"), _form("dynamic", linear=DYNAMICS))
+SPECIFICATIONS: Final = (_specification("cubic"), _specification("dynamic", linear=DYNAMICS))

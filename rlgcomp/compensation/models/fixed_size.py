@@ -1,19 +1,19 @@
-r"""Fixed-size LS-SVM: the Gaussian kernel held by a few centres, for as many rows as there are.
+r"""Fixed-size LS-SVM: the Gaussian kernel approximated on a few centres, for any number of rows.
 
 With centres Z spread over the rows and L L^T = K(Z, Z) (pivoted, to rounding), :math:`\varphi(x) = L^{-1} k(Z, x)` has as many
-coordinates as there are centres, and the LS-SVM in the primal is a ridge regression with a free intercept:
+coordinates as centres, and the LS-SVM in the primal is a ridge regression with a free intercept:
 
 .. math:: \min_{w, b} \tfrac12 w^T w + \tfrac{c}{2} \sum_i (y_i - w^T \varphi(x_i) - b)^2, \qquad f(x) = \sum_j a_j k(z_j, x) + b,
           \quad a = L^{-T} w.
 
-Everything it needs is in the products of (phi, 1, y) summed over rows, taken in one pass, group by group: a group is left out by
-subtracting its sums, exactly, and its error follows from the same sums. Neither the kernel matrix nor phi is ever held: memory does
-not grow with the rows, and time grows in proportion to them. With all rows as centres it is the LS-SVM itself.
+The products of (phi, 1, y), summed over rows in one pass, group by group, suffice: subtracting the sums of a group leaves it out
+exactly, and its error follows from the same sums. Neither the kernel matrix nor phi is stored: memory does not grow with the rows,
+and time grows in proportion to them. With all rows as centres it is the LS-SVM itself.
 
 References
 ----------
 J. A. K. Suykens et al., *Least Squares Support Vector Machines*, World Scientific, 2002, chapter 6 (fixed-size LS-SVM).
-T. F. Gonzalez, Theoretical Computer Science 38, 293 (1985) (centres, each as far as can be from those before it).
+T. F. Gonzalez, Theoretical Computer Science 38, 293 (1985) (farthest-point selection of the centres).
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from rlgcomp.numerics.compiled import available, compiled
 from rlgcomp.numerics.lapack import pivoted_cholesky, shifted_solutions, solve_lower
 
 Array = npt.NDArray[np.float64]
-_ROWS_AT_ONCE: Final = 1024
-_LOOKED_AT: Final = 10_000  # rows among which centres are looked for, once or twice as many
-_MANY: Final = 1_000_000  # distances from which the compiled search for centres pays
-_MARGIN: Final = 1e-12  # of the kernel's diagonal: what the centres leave of each other below this is rounding
+_BATCH_ROWS: Final = 1024
+_CANDIDATE_ROWS: Final = 10_000  # among once to twice this number of rows the centres are selected
+COMPILED_DISTANCES: Final = 1_000_000  # from which the compiled selection of centres pays
+_PIVOT_TOLERANCE: Final = 1e-12  # of the kernel's diagonal: smaller pivots are rounding
 
 
 class FixedSizeLSSVM(RegressorMixin, BaseEstimator):  # type: ignore[misc]
@@ -47,7 +47,7 @@ class FixedSizeLSSVM(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     centres : int, default 300
-        At most so many; with all rows it is :class:`~rlgcomp.LSSVMRegressor`.
+        Their largest number; with all rows it is :class:`~rlgcomp.LSSVMRegressor`.
     c : float, default 100.0
         Weight of the errors against the smoothness; larger fits closer.
     sigma : float, default 1.0
@@ -122,7 +122,7 @@ def fixed_size_rmse(X: Array, y: Array, groups: npt.NDArray[Any], centres: int, 
     groups : ndarray, shape (n,)
         Label of each row's group.
     centres : int
-        At most so many, chosen among all rows: their inputs are used, not what was measured there.
+        Their largest number, selected among all rows by their inputs alone.
     sigma : float
     c_values : array_like, shape (m,)
 
@@ -144,43 +144,52 @@ def fixed_size_rmse(X: Array, y: Array, groups: npt.NDArray[Any], centres: int, 
 
 
 def spread_out(X: Array, count: int) -> npt.NDArray[np.int64]:
-    """Rows each as far as can be from those before it, the first nearest the mean; fewer where the others repeat them.
+    """Farthest-point selection of rows: each is the farthest from those before it, the first the nearest to the mean.
 
-    Of many rows every so many-th is looked at: those of one recording that follow each other are alike.
+    There are fewer where the other rows repeat them. Of many rows a regular subset is searched: consecutive rows of a recording are
+    alike.
     """
-    step = max(1, len(X) // _LOOKED_AT)
+    step = max(1, len(X) // _CANDIDATE_ROWS)
     rows = np.ascontiguousarray(X[::step])
-    compiled_search = len(rows) * min(count, len(rows)) >= _MANY and available()
+    compiled_search = len(rows) * min(count, len(rows)) >= COMPILED_DISTANCES and available()
     return step * _spread_out(rows.tobytes(), rows.shape[1], min(count, len(rows)), compiled_search)
 
 
 @functools.lru_cache(maxsize=2)
 def _spread_out(data: bytes, features: int, count: int, compiled_search: bool) -> npt.NDArray[np.int64]:
-    """Kept for the width that is tried on the same rows next."""
+    """Cached for the next width on the same rows."""
     rows = np.frombuffer(data).reshape(-1, features)
     chosen = np.zeros(count, dtype=np.int64)
     chosen[0] = int(np.argmin(((rows - rows.mean(axis=0)) ** 2).sum(axis=1)))
-    found = int((_farthest if compiled_search else _farthest_plain)(rows, chosen))
-    return chosen[:found]
+    number = int((_farthest if compiled_search else _farthest_plain)(rows, chosen))
+    return chosen[:number]
 
 
 class _Basis:
     """phi of some centres."""
 
     def __init__(self, centres: Array, sigma: float) -> None:
-        factor, order = pivoted_cholesky(gaussian(centres, centres, sigma=sigma), _MARGIN)
+        factor, order = pivoted_cholesky(gaussian(centres, centres, sigma=sigma), _PIVOT_TOLERANCE)
         self.centres = np.ascontiguousarray(centres[order[: factor.shape[1]]])
         self.sigma = sigma
         self.lower = np.asfortranarray(factor[: factor.shape[1]])
 
     def sums(self, X: Array, y: Array, members: list[npt.NDArray[np.intp]]) -> Array:
-        """Products of (phi, 1, y) summed over the rows of each group, shape (groups, r + 2, r + 2)."""
+        """Products of (phi, 1, y) summed over the rows of each group, shape (groups, r + 2, r + 2).
+
+        Parameters
+        ----------
+        X : ndarray, shape (n, features)
+        y : ndarray, shape (n,)
+        members : list of ndarray
+            Rows of each group.
+        """
         r = len(self.centres)
         sums = np.zeros((len(members), r + 2, r + 2))
-        block = np.empty((min(_ROWS_AT_ONCE, len(X)), r + 2))
+        block = np.empty((min(_BATCH_ROWS, len(X)), r + 2))
         for k, rows in enumerate(members):
-            for start in range(0, len(rows), _ROWS_AT_ONCE):
-                taken = rows[start : start + _ROWS_AT_ONCE]
+            for start in range(0, len(rows), _BATCH_ROWS):
+                taken = rows[start : start + _BATCH_ROWS]
                 part = block[: len(taken)]
                 part[:, :r] = gaussian(X[taken], self.centres, sigma=self.sigma)
                 solve_lower(self.lower, part[:, :r])
@@ -237,7 +246,7 @@ def _batches(features: int) -> list[list[dict[str, Any]]]:
     return [[{"sigma": float(sigma), "c": float(c)} for c in 10.0 ** np.arange(-1.0, 9.0)] for sigma in widths]
 
 
-def _rmse(model: FixedSizeLSSVM, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
+def _rmse_of_batch(model: FixedSizeLSSVM, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
     c = [candidate["c"] for candidate in candidates]
     return fixed_size_rmse(X, y, groups, model.centres, candidates[0]["sigma"], c)
 
@@ -252,7 +261,7 @@ SPECIFICATION: Final = ModelSpecification(
     name="fixed-size",
     estimator=FixedSizeLSSVM,
     batches=_batches,
-    rmse=_rmse,
+    rmse=_rmse_of_batch,
     threads=True,
     reach=1.0,
     numbers=("intercept_",),

@@ -1,4 +1,7 @@
-"""Kernel functions between two sets of points, by name."""
+"""Kernel functions between two sets of points, by name.
+
+Each takes points x, shape (n, features), and z, shape (m, features), and its own parameters, and returns shape (n, m).
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-_ROWS: Final = 48  # of a symmetric kernel matrix that are done at once
-_AT_ONCE: Final = 1 << 16  # kernel values in work: half a megabyte, which stays in cache
+_ROWS: Final = 48  # of a symmetric kernel matrix that are computed together
+_BATCH: Final = 1 << 16  # kernel values in memory: half a megabyte, which stays in cache
 
 
 def squared_distances(x: Array, z: Array) -> Array:
@@ -28,10 +31,10 @@ def gaussian(x: Array, z: Array, *, sigma: float) -> Array:
     exponent *= -0.5 / sigma**2
     if x is not z:
         return np.exp(exponent, out=exponent)
-    for first in range(0, len(x), _ROWS):  # of a symmetric matrix one half; the other is copied
-        some = exponent[first : first + _ROWS, first:]
-        np.exp(some, out=some)
-        exponent[first + _ROWS :, first : first + _ROWS] = some[:, _ROWS:].T
+    for first in range(0, len(x), _ROWS):  # one half of a symmetric matrix is computed, the other copied
+        block = exponent[first : first + _ROWS, first:]
+        np.exp(block, out=block)
+        exponent[first + _ROWS :, first : first + _ROWS] = block[:, _ROWS:].T
     return exponent
 
 
@@ -65,13 +68,32 @@ KERNELS: Final[Mapping[str, tuple[Callable[..., Array], tuple[str, ...]]]] = {
 
 
 def kernel(name: str, parameters: Mapping[str, Any], x: Array, z: Array) -> Array:
-    """Kernel matrix, shape (n, m); of `parameters` those are used that the kernel takes."""
+    """Kernel matrix, shape (n, m).
+
+    Parameters
+    ----------
+    name : str
+        A kernel of `KERNELS`.
+    parameters : mapping
+        Those that the kernel takes, and any others.
+    x : ndarray, shape (n, features)
+    z : ndarray, shape (m, features)
+    """
     function, names = KERNELS[name]
     return function(x, z, **{key: parameters[key] for key in names})
 
 
 def kernel_diagonal(name: str, parameters: Mapping[str, Any], x: Array) -> Array:
-    """k(x, x) for each point."""
+    """K(x, x) for each point, shape (n,).
+
+    Parameters
+    ----------
+    name : str
+        A kernel of `KERNELS`.
+    parameters : mapping
+        Those that the kernel takes, and any others.
+    x : ndarray, shape (n, features)
+    """
     if name in ("gaussian", "matern"):
         return np.ones(len(x))
     squares = np.einsum("ij,ij->i", x, x)
@@ -85,7 +107,7 @@ def kernel_diagonal(name: str, parameters: Mapping[str, Any], x: Array) -> Array
 def kernel_sum(name: str, parameters: Mapping[str, Any], x: Array, centres: Array, weights: Array) -> Array:
     r""":math:`\sum_i w_i k(x, z_i)` for each row of x, shape (n,), each computed as if it were alone.
 
-    A matrix product may round a row differently beside other rows. Here distances and products are summed feature by feature, then
+    A matrix product may round a row differently among other rows. Here distances and products are summed feature by feature, then
     over the centres, so that a sample at a time gives the same bits as a whole recording.
 
     Parameters
@@ -99,7 +121,7 @@ def kernel_sum(name: str, parameters: Mapping[str, Any], x: Array, centres: Arra
     """
     columns = np.ascontiguousarray(centres.T)
     result = np.empty(len(x))
-    block = max(1, _AT_ONCE // len(centres))
+    block = max(1, _BATCH // len(centres))
     for start in range(0, len(x), block):
         part = x[start : start + block]
         values = np.zeros((len(part), len(centres)))
@@ -117,14 +139,14 @@ def kernel_sum(name: str, parameters: Mapping[str, Any], x: Array, centres: Arra
 
 
 _OF_SQUARED_DISTANCE: Final[Mapping[str, Callable[[Array, Mapping[str, Any]], Array]]] = {
-    "gaussian": lambda values, given: np.exp(values * (-0.5 / given["sigma"] ** 2)),
-    "gaussian_less_one": lambda values, given: np.expm1(values * (-0.5 / given["sigma"] ** 2)),
-    "matern": lambda values, given: _matern_of(np.sqrt(3.0 * values) / given["sigma"]),
+    "gaussian": lambda values, parameters: np.exp(values * (-0.5 / parameters["sigma"] ** 2)),
+    "gaussian_less_one": lambda values, parameters: np.expm1(values * (-0.5 / parameters["sigma"] ** 2)),
+    "matern": lambda values, parameters: _matern_of(np.sqrt(3.0 * values) / parameters["sigma"]),
 }
 _OF_PRODUCT: Final[Mapping[str, Callable[[Array, Mapping[str, Any]], Array]]] = {
-    "linear": lambda values, given: values,
-    "polynomial": lambda values, given: (values + given["offset"]) ** given["degree"],
-    "sigmoid": lambda values, given: np.tanh(given["slope"] * values + given["offset"]),
+    "linear": lambda values, parameters: values,
+    "polynomial": lambda values, parameters: (values + parameters["offset"]) ** parameters["degree"],
+    "sigmoid": lambda values, parameters: np.tanh(parameters["slope"] * values + parameters["offset"]),
 }
 
 

@@ -102,7 +102,7 @@ class DeviceKKTSystem:
     Raises
     ------
     InputError
-        The device is not there or too small, or H is not positive definite.
+        The device is missing or too small, or H is not positive definite.
     """
 
     def __init__(self, kernel: str, parameters: Mapping[str, Any], X: Array, device: str, c: Array) -> None:
@@ -322,7 +322,7 @@ def device_named(name: str) -> Any:
     Raises
     ------
     InputError
-        torch is not installed, or the device is not there.
+        torch is not installed, or the device is missing.
     """
     try:
         import torch
@@ -336,6 +336,6 @@ def device_named(name: str) -> Any:
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(
-            f"device={name!r} is not there for torch {torch.__version__}: {reason}; give 'cpu', or leave it out"
+            f"device={name!r} is not available to torch {torch.__version__}: {reason}; give 'cpu', or leave it out"
         ) from None
     return torch.device(wanted)

@@ -3,8 +3,8 @@ r"""A small neural network over the sequence of feature rows: causal dilated con
 .. math:: h^{(l)}_t = \tanh\Big( \sum_{k=0}^{2} W^{(l)}_k\, h^{(l-1)}_{t - k d_l} + b^{(l)} \Big), \qquad
           \hat y_t = u \cdot h^{(L)}_t + v \cdot x_t
 
-with dilations d = 1, 4, 16, so that an output sees 43 rows: 72 min of 100 s means. Before the first row the input is taken to have
-been what it was in the first row.
+with dilations d = 1, 4, 16, so that an output depends on 43 rows: 72 min of 100 s means. Before the first row the
+input equals that of the first row.
 
 Reference
 ---------
@@ -32,7 +32,7 @@ _LEARNING_RATE: Final = 0.01
 
 
 class SequenceRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
-    """Causal convolutional network. Rows are in time order; `groups` tells which belong to one recording.
+    """Causal convolutional network. Rows are in time order; `groups` labels the recording of each row.
 
     Parameters
     ----------

@@ -257,6 +257,14 @@ def require_number(
 def require_choice(owner: object, name: str, choices: tuple[object, ...]) -> None:
     """Raise unless an estimator's parameter is one of the choices.
 
+    Parameters
+    ----------
+    owner : object
+        The estimator.
+    name : str
+        Of its parameter.
+    choices : tuple
+
     Raises
     ------
     InputError
