@@ -1,4 +1,4 @@
-"""Adapting to a new unit: the population that was drawn is found, short runs are made good use of, the interval holds."""
+"""Adapting to a new unit: the population is recovered, a short run improves the model, the interval holds."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ MEAN = np.array([1.0, -2.0, 0.0])
 COVARIANCE = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 1e-4]])
 
 
-def test_the_population_drawn_is_found() -> None:
+def test_the_population_is_recovered() -> None:
     designs, targets, coefficients = units_of(np.random.default_rng(1), 300, MEAN, COVARIANCE, 0.3)
-    found = Population.of(designs, targets)
-    assert found.mean == pytest.approx(MEAN, abs=4.0 / np.sqrt(300))
-    assert found.covariance == pytest.approx(np.cov(coefficients.T), abs=0.03)
-    assert found.noise == pytest.approx(0.3, rel=0.02)
+    population = Population.of(designs, targets)
+    assert population.mean == pytest.approx(MEAN, abs=4.0 / np.sqrt(300))
+    assert population.covariance == pytest.approx(np.cov(coefficients.T), abs=0.03)
+    assert population.noise == pytest.approx(0.3, rel=0.02)
 
 
 def test_shrinkage_is_the_posterior_mean_of_a_gaussian_process() -> None:
@@ -48,7 +48,7 @@ def test_shrinkage_is_the_posterior_mean_of_a_gaussian_process() -> None:
     assert population.adapted(phi, y) == pytest.approx(expected, rel=1e-9)
 
 
-def test_nothing_shown_leaves_the_mean_and_much_shown_leaves_least_squares() -> None:
+def test_no_windows_give_the_mean_and_many_give_least_squares() -> None:
     rng = np.random.default_rng(3)
     population = Population(MEAN, COVARIANCE, 0.3)
     assert population.adapted(np.zeros((0, 3)), np.zeros(0)) == pytest.approx(MEAN)
@@ -59,13 +59,13 @@ def test_nothing_shown_leaves_the_mean_and_much_shown_leaves_least_squares() -> 
 
 def test_shrinkage_beats_both_the_mean_and_least_squares_on_few_windows() -> None:
     rng = np.random.default_rng(4)
-    found = Population.of(*units_of(rng, 30, MEAN, COVARIANCE, 0.5)[:2])
+    population = Population.of(*units_of(rng, 30, MEAN, COVARIANCE, 0.5)[:2])
     errors = {"shrunk": 0.0, "mean": 0.0, "least squares": 0.0}
     for _ in range(200):
         designs, targets, (truth,) = units_of(rng, 1, MEAN, COVARIANCE, 0.5)
         phi, y = designs[0][:4], targets[0][:4]
-        errors["shrunk"] += float(np.sum((found.adapted(phi, y) - truth) ** 2))
-        errors["mean"] += float(np.sum((found.mean - truth) ** 2))
+        errors["shrunk"] += float(np.sum((population.adapted(phi, y) - truth) ** 2))
+        errors["mean"] += float(np.sum((population.mean - truth) ** 2))
         errors["least squares"] += float(np.sum((np.linalg.lstsq(phi, y, rcond=None)[0] - truth) ** 2))
     assert errors["shrunk"] < 0.5 * min(errors["mean"], errors["least squares"])
 
@@ -87,9 +87,9 @@ def test_two_hours_are_worth_more_after_a_fleet(fleet: rlg.Compensator) -> None:
         unit = rlg.simulated_unit(seed)
         part = unit.simulate("minor-loops", seed=1, step_s=20.0).between(0.0, 7200.0)
         test = [unit.simulate("reversed", seed=2, step_s=20.0)]
-        found = rlg.evaluate(rlg.adapt(fleet, [part]), test, compare=False)
-        left.append(found.residual_rms_deg_h)
-        held.append(found.runs[0].in_interval)
+        evaluation = rlg.evaluate(rlg.adapt(fleet, [part]), test, compare=False)
+        left.append(evaluation.residual_rms_deg_h)
+        held.append(evaluation.runs[0].in_interval)
         own = rlg.Compensator(MODELS["dynamic"].make()).fit([part])
         scratch.append(rlg.evaluate(own, test, compare=False).residual_rms_deg_h)
     assert np.median(left) < 0.5 * np.median(scratch)
@@ -129,6 +129,6 @@ def test_what_cannot_be_adapted_is_refused(
 
 def test_the_experiment_prints_its_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["--quick", "--jobs", "1", "--rows", str(tmp_path / "rows")])
-    said = capsys.readouterr().out
-    assert said.count("| adapted |") == 4
-    assert "Noise floor" in said
+    output = capsys.readouterr().out
+    assert output.count("| adapted |") == 4
+    assert "Noise floor" in output

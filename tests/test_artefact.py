@@ -91,7 +91,7 @@ def test_the_card_says_what_matters(saved: Path) -> None:
         assert word in text
 
 
-def test_every_changed_byte_is_found(saved: Path, tmp_path: Path) -> None:
+def test_every_changed_byte_is_refused(saved: Path, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for file in [path for path in saved.rglob("*") if path.is_file()]:
         copy = Path(shutil.copytree(saved, tmp_path / "copy"))
@@ -104,7 +104,7 @@ def test_every_changed_byte_is_found(saved: Path, tmp_path: Path) -> None:
         shutil.rmtree(copy)
 
 
-def test_every_missing_file_is_found(saved: Path, tmp_path: Path) -> None:
+def test_every_missing_file_is_refused(saved: Path, tmp_path: Path) -> None:
     for file in [path for path in saved.rglob("*") if path.is_file()]:
         copy = Path(shutil.copytree(saved, tmp_path / "copy"))
         (copy / file.relative_to(saved)).unlink()
@@ -121,7 +121,7 @@ def test_a_changed_byte_is_named(copy: Path) -> None:
         rlg.load(copy)
 
 
-def test_an_added_array_is_found(copy: Path) -> None:
+def test_an_added_array_is_refused(copy: Path) -> None:
     np.save(copy / "arrays" / "more.npy", np.ones(3))
     with pytest.raises(rlg.InputError, match="not in SHA256SUMS"):
         rlg.load(copy)
@@ -408,11 +408,11 @@ def test_a_schema_to_come_is_refused_with_what_to_do(copy: Path) -> None:
         rlg.load(copy)
 
 
-MODELS_KEPT = sorted(path.parent for path in (Path(__file__).parents[1] / "models").glob("*/manifest.json"))
+SAVED_MODELS = sorted(path.parent for path in (Path(__file__).parents[1] / "models").glob("*/manifest.json"))
 
 
-@pytest.mark.parametrize("path", MODELS_KEPT, ids=lambda path: path.name)
-def test_every_model_kept_gives_its_golden_vectors(path: Path) -> None:
+@pytest.mark.parametrize("path", SAVED_MODELS, ids=lambda path: path.name)
+def test_every_saved_model_gives_its_golden_vectors(path: Path) -> None:
     model, golden = rlg.load(path), path / "arrays"
     X = np.load(golden / "golden_X.npy")
     assert model.predict_rows(X) == pytest.approx(np.load(golden / "golden_bias_deg_h.npy"), rel=0.0, abs=1e-12)
@@ -421,23 +421,23 @@ def test_every_model_kept_gives_its_golden_vectors(path: Path) -> None:
     assert not model.scaling_.outside(X).all()
 
 
-@pytest.mark.parametrize("path", MODELS_KEPT, ids=lambda path: path.name)
-def test_every_model_kept_compensates(path: Path) -> None:
+@pytest.mark.parametrize("path", SAVED_MODELS, ids=lambda path: path.name)
+def test_every_saved_model_compensates(path: Path) -> None:
     model = rlg.load(path)
     seed = int(path.name.rsplit("-", 1)[1])
     evaluation = rlg.evaluate(model, [rlg.simulated_unit(seed).simulate("reversed", seed=3, step_s=5.0)], compare=False)
     assert evaluation.residual_std_deg_h < 1.15 * evaluation.runs[0].noise_floor_deg_h
 
 
-def test_two_forms_are_kept_with_card_and_code() -> None:
-    assert len({rlg.load(path).specification_.name for path in MODELS_KEPT}) >= 2
-    for path in MODELS_KEPT:
+def test_two_kinds_of_model_are_saved_with_card_and_code() -> None:
+    assert len({rlg.load(path).specification_.name for path in SAVED_MODELS}) >= 2
+    for path in SAVED_MODELS:
         assert (path / "card.md").is_file()
         (header,) = (path / "c").glob("*.h")
         assert f'MODEL_SHA256 "{identity(path)}"' in header.read_text()
 
 
-def test_a_run_with_a_date_beside_it_is_trained_on_and_kept(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+def test_a_run_with_a_date_in_its_sidecar_is_trained_on_and_saved(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
     rlg.write(short_runs[0], tmp_path / "run.csv")
     (tmp_path / "run.yaml").write_text("recorded: 2024-03-01\nnotes: second bake, fan off\n")
     model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit([rlg.read(tmp_path / "run.csv")])

@@ -93,10 +93,10 @@ def test_a_sample_that_is_refused_leaves_no_trace(
     if spoilt in (DARK, LARGE):
         with pytest.raises(rlg.InputError, match="leave that sample out"):
             trained.step(samples[0] | spoilt)
-    found = [trained.step(sample) for sample in samples[:10]]
+    rows = [trained.step(sample) for sample in samples[:10]]
     with pytest.raises(rlg.InputError, match="sample"):
         trained.step(samples[10] | spoilt)
-    assert found + [trained.step(sample) for sample in samples[10:]] == expected
+    assert rows + [trained.step(sample) for sample in samples[10:]] == expected
 
 
 def test_every_model_of_the_package_is_tried_here() -> None:
@@ -121,9 +121,9 @@ def csv(short_runs: list[rlg.Recording], tmp_path_factory: pytest.TempPathFactor
 
 
 def fed(model: rlg.Compensator, lines: list[str], cuts: list[int], **settings_: object) -> tuple[list[str], StreamCompensator]:
-    follower = StreamCompensator(model, lines[0], **settings_)
+    stream = StreamCompensator(model, lines[0], **settings_)
     edges = sorted({1, len(lines), *(cut for cut in cuts if 1 < cut < len(lines))})
-    return [line for a, b in itertools.pairwise(edges) for line in to_lines(follower.feed(lines[a:b]))], follower
+    return [line for a, b in itertools.pairwise(edges) for line in to_lines(stream.feed(lines[a:b]))], stream
 
 
 def whole(model: rlg.Compensator, path: Path) -> list[str]:
@@ -159,17 +159,17 @@ def test_a_spoilt_stream_is_mended_as_the_whole_file_is(model: rlg.Compensator, 
     path = csv.with_name("spoilt.csv")
     path.write_text("\n".join(lines) + "\n")
     expected = whole(model, path)
-    found, follower = fed(model, lines, cuts)
-    assert [",".join(follower.columns), *found] == expected
-    assert sum(follower.left_out.values()) == len(lines) - len(expected)
+    rows, stream = fed(model, lines, cuts)
+    assert [",".join(stream.columns), *rows] == expected
+    assert sum(stream.left_out.values()) == len(lines) - len(expected)
 
 
 def test_lines_with_too_much_are_left_out(model: rlg.Compensator, csv: Path) -> None:
     lines = csv.read_text().splitlines()
-    found, _ = fed(model, lines, [])
-    again, follower = fed(model, [*lines[:50], lines[50] + ",1", *lines[50:]], [20])
-    assert again == found
-    assert dict(follower.left_out) == {"with more entries than columns": 1}
+    rows, _ = fed(model, lines, [])
+    again, stream = fed(model, [*lines[:50], lines[50] + ",1", *lines[50:]], [20])
+    assert again == rows
+    assert dict(stream.left_out) == {"with more entries than columns": 1}
 
 
 def test_pulses_names_and_a_calibration_of_ones_own(
@@ -185,13 +185,13 @@ def test_pulses_names_and_a_calibration_of_ones_own(
     mapping = {"gyro_pulses": "N", "temperature_block_degC": "T [K]"}
     read = rlg.read(tmp_path / "raw.csv", columns=mapping, metadata={"pulse_arcsec": 0.5}, period_s=5.0)
     expected = model.correct(calibration.apply(read))
-    found, follower = fed(
+    rows, stream = fed(
         model, (tmp_path / "raw.csv").read_text().splitlines(), [7, 100], mapping=mapping, period_s=5.0, calibration=calibration
     )
-    assert follower.columns == expected.columns
-    values = np.array([[float(part) for part in line.split(",")] for line in found])
+    assert stream.columns == expected.columns
+    values = np.array([[float(part) for part in line.split(",")] for line in rows])
     assert values == pytest.approx(expected.table.to_numpy(), rel=1e-13)
-    bias = follower.columns.index("compensation_deg_h")
+    bias = stream.columns.index("compensation_deg_h")
     assert (values[:, bias] == expected.column("compensation_deg_h")).all()
 
 
@@ -240,10 +240,10 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def started(saved: Path, source: str, out: Path | str, **given_: object) -> subprocess.Popen[bytes]:
+def started(saved: Path, source: str, out: Path | str, **options: object) -> subprocess.Popen[bytes]:
     code = "import sys; from rlgcomp.cli import main; sys.argv[0] = 'rlgcomp'; main()"
     command = [sys.executable, "-c", code, "compensate", str(saved), source, "--follow", "--out", str(out), "--json"]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **given_)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
 
 
 def lines_of(path: Path) -> list[str]:
@@ -263,9 +263,9 @@ def test_a_growing_file_interrupted_killed_and_resumed(saved: Path, model: rlg.C
         stream.flush()
         wait_for(lambda: len(lines_of(out)) == 51)
         first.send_signal(signal.SIGINT)
-        said, errors = first.communicate(timeout=60)
+        output, errors = first.communicate(timeout=60)
         assert first.returncode == 130
-        assert json.loads(said)["signal"] == signal.SIGINT
+        assert json.loads(output)["signal"] == signal.SIGINT
         assert b"goes on from here" in errors
         stream.write("\n".join(lines[51:100]) + "\n")
         stream.flush()
@@ -282,9 +282,9 @@ def test_a_growing_file_interrupted_killed_and_resumed(saved: Path, model: rlg.C
         third = started(saved, str(growing), out)
         wait_for(lambda: len(lines_of(out)) == len(expected))
         third.terminate()
-        said, _ = third.communicate(timeout=60)
+        output, _ = third.communicate(timeout=60)
         assert third.returncode == 143
-        assert json.loads(said)["found_there"] == 99
+        assert json.loads(output)["found_there"] == 99
     assert lines_of(out) == expected
 
 
@@ -317,22 +317,22 @@ def test_an_output_that_is_not_its_own_is_left_untouched(
     assert follow(saved, csv, "--out", out)[0] == 0
     before = out.read_bytes()
     rlg.write(short_runs[0].replace(truth=None), other)
-    code, said = follow(saved, other, "--out", out)
+    code, output = follow(saved, other, "--out", out)
     assert (code, out.read_bytes()) == (2, before)
-    assert "differs from what this model computes from this input" in said
+    assert "differs from what this model computes from this input" in output
     (tmp_path / "thesis.csv").write_text("years of work")
-    code, said = follow(saved, csv, "--out", tmp_path / "thesis.csv")
+    code, output = follow(saved, csv, "--out", tmp_path / "thesis.csv")
     assert (code, (tmp_path / "thesis.csv").read_text()) == (2, "years of work")
-    assert "left untouched" in said
+    assert "left untouched" in output
 
 
 def test_a_simulator_file_is_not_written_over(saved: Path, csv: Path, tmp_path: Path) -> None:
     shutil.copy(csv, tmp_path / "run.csv")
     (tmp_path / "run.yaml").write_text("unit: S/N 3\n")
     (tmp_path / "gyro.yaml").write_text("kind: chamber\nmechanisms: [temperature_rate]\n")
-    code, said = follow(saved, tmp_path / "run.csv", "--out", tmp_path / "gyro.csv")
+    code, output = follow(saved, tmp_path / "run.csv", "--out", tmp_path / "gyro.csv")
     assert code == 2
-    assert "is no recording's metadata that was written here: it holds mechanisms" in said
+    assert "is no recording's metadata that was written here: it holds mechanisms" in output
     assert not (tmp_path / "gyro.csv").exists()
     for _ in range(2):  # its own may be
         assert follow(saved, tmp_path / "run.csv", "--out", tmp_path / "out.csv")[0] == 0
@@ -352,19 +352,19 @@ def test_a_simulator_file_is_not_written_over(saved: Path, csv: Path, tmp_path: 
 def test_what_is_no_stream_is_refused(saved: Path, tmp_path: Path, name: str, content: bytes | None, message: str) -> None:
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    code, said = follow(saved, tmp_path / name, "--out", tmp_path / "out.csv")
+    code, output = follow(saved, tmp_path / name, "--out", tmp_path / "out.csv")
     assert code == 2
-    assert message in " ".join(said.split())
+    assert message in " ".join(output.split())
     assert not (tmp_path / "out.csv").exists()
 
 
 def test_columns_beside_it_that_are_no_mapping_are_refused(saved: Path, csv: Path, tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_bytes(csv.read_bytes())
     (tmp_path / "run.yaml").write_text("columns: [time_s, gyro_deg_h]\n")
-    code, said = follow(saved, tmp_path / "run.csv", "--out", tmp_path / "out.csv")
+    code, output = follow(saved, tmp_path / "run.csv", "--out", tmp_path / "out.csv")
     assert code == 2
-    assert "run.yaml: columns is" in " ".join(said.split())
-    assert "internal fault" not in said
+    assert "run.yaml: columns is" in " ".join(output.split())
+    assert "internal fault" not in output
 
 
 def test_a_file_that_is_replaced_is_noticed(saved: Path, csv: Path, tmp_path: Path) -> None:

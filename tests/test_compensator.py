@@ -30,11 +30,11 @@ def test_any_gyro_unit_gives_the_same_correction(short_runs: list[rlg.Recording]
     table = run.table.rename(columns={"gyro_deg_h": column})
     table[column] *= factor
     other = run.replace(table=table, metadata=rlg.Metadata(pulse_arcsec=0.5))
-    expected, found = (
+    expected, corrected = (
         rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit([part]).correct(part) for part in (run, other)
     )
-    assert found.rate_deg_h() == pytest.approx(expected.rate_deg_h(), abs=1e-12)
-    assert found.gyro_columns == (("gyro_deg_s",) if column == "gyro_deg_s" else ("gyro_deg_h",))
+    assert corrected.rate_deg_h() == pytest.approx(expected.rate_deg_h(), abs=1e-12)
+    assert corrected.gyro_columns == (("gyro_deg_s",) if column == "gyro_deg_s" else ("gyro_deg_h",))
 
 
 def test_a_stream_gives_what_the_whole_gives(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
@@ -61,21 +61,21 @@ def test_inputs_beyond_training_are_flagged_and_the_output_stays_bounded(
     assert np.abs(predicted["bias_deg_h"]).max() < 3.0 * np.ptp(within) + np.abs(within).max()
 
 
-def test_the_mean_can_be_kept(short_runs: list[rlg.Recording]) -> None:
+def test_the_mean_is_preserved_on_request(short_runs: list[rlg.Recording]) -> None:
     turned = [run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + 11.7)) for run in short_runs]
     for keep, expected in ((True, 11.7), (False, 0.0)):
         model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature", keep_mean=keep).fit(turned[:2])
         assert model.correct(turned[2]).rate_deg_h().mean() == pytest.approx(expected, abs=0.02)
 
 
-def test_earth_rate_in_the_mean_is_said(short_runs: list[rlg.Recording], caplog: pytest.LogCaptureFixture) -> None:
+def test_earth_rate_in_the_mean_is_logged(short_runs: list[rlg.Recording], caplog: pytest.LogCaptureFixture) -> None:
     turned = [run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + 11.7)) for run in short_runs[:2]]
     with caplog.at_level(logging.WARNING):
         rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(turned)
     assert "may hold Earth rate" in caplog.text
 
 
-def test_one_run_is_split_into_blocks_and_it_is_said(short_runs: list[rlg.Recording], caplog: pytest.LogCaptureFixture) -> None:
+def test_one_run_is_split_into_blocks_with_a_warning(short_runs: list[rlg.Recording], caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(short_runs[:1])
     assert "one run only" in caplog.text
@@ -118,7 +118,7 @@ def test_the_sequence_model_answers_a_window_late(short_runs: list[rlg.Recording
         model.step({"time_s": 0.0, "temperature_block_degC": 20.0})
 
 
-def test_an_unfitted_one_says_so(short_runs: list[rlg.Recording]) -> None:
+def test_an_unfitted_one_is_refused(short_runs: list[rlg.Recording]) -> None:
     with pytest.raises(rlg.InputError, match="not fitted yet"):
         rlg.Compensator().predict(short_runs[0])
     with pytest.raises(rlg.InputError, match="no runs to train on"):
@@ -131,7 +131,7 @@ def test_a_missing_monitor_is_named(trained: rlg.Compensator, short_runs: list[r
         trained.predict(bare)
 
 
-def test_a_recording_with_dark_readouts_is_refused_in_words(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+def test_a_recording_with_dark_readouts_is_refused(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
     run = short_runs[2]
     table = run.table.copy()
     table.loc[table.index[7], ["readout_a_V", "readout_b_V"]] = 0.0

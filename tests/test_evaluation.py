@@ -101,7 +101,7 @@ def test_everything_is_plain_json(evaluation: rlg.Evaluation) -> None:
     assert len(content["traces"][0]["time_s"]) == evaluation.runs[0].windows
 
 
-def test_a_run_that_was_trained_on_is_said_to_be(
+def test_a_run_that_was_trained_on_has_a_remark(
     trained: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     trained.save(tmp_path / "model")
@@ -109,34 +109,34 @@ def test_a_run_that_was_trained_on_is_said_to_be(
     rounded = known.replace(table=known.table.assign(gyro_deg_h=known.rate_deg_h().round(5)), name="rounded")
     part = known.between(5010.0, 20000.0, name="part")
     model = rlg.load(tmp_path / "model")
-    found = rlg.evaluate(model, [known, rounded, part, *short_runs[2:]], compare=False)
-    assert [run.trained_on for run in found.runs] == [True, True, False, False]  # what is cut off the grid cannot be told
+    evaluation = rlg.evaluate(model, [known, rounded, part, *short_runs[2:]], compare=False)
+    assert [run.trained_on for run in evaluation.runs] == [True, True, False, False]  # windows off the grid are not recognised
     assert rlg.evaluate(model, [known.between(5000.0, 20000.0)], compare=False).runs[0].trained_on
-    remark = next(remark for remark in found.remarks if remark.code == "evaluation.trained_on")
+    remark = next(remark for remark in evaluation.remarks if remark.code == "evaluation.trained_on")
     assert remark.data == {"run": "short-1"}
-    assert remark.to_mapping() in json.loads(to_json(found.to_mapping()))["remarks"]
+    assert remark.to_mapping() in json.loads(to_json(evaluation.to_mapping()))["remarks"]
     other = rlg.evaluate(model, short_runs[2:], compare=False)
     assert not any(remark.code == "evaluation.trained_on" for remark in other.remarks)
-    page = render(found, model)
+    page = render(evaluation, model)
     assert remark.text in page
     assert "was not trained on" not in page
-    show_evaluation(found)
+    show_evaluation(evaluation)
     out = capsys.readouterr().out
     assert remark.text in out
     assert "held out" not in out
 
 
-def test_a_model_that_makes_it_worse_is_said_to(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+def test_a_model_that_makes_a_run_worse_has_a_remark(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
     run = short_runs[2]
     turned = run.replace(table=run.table.assign(gyro_deg_h=-run.rate_deg_h()), name="turned")
-    (result,) = (found := rlg.evaluate(trained, [turned], compare=False)).runs
+    (result,) = (evaluation := rlg.evaluate(trained, [turned], compare=False)).runs
     assert result.factor_high < 1.0
-    (remark,) = (remark for remark in found.remarks if remark.code in ("evaluation.worse", "evaluation.no_gain"))
+    (remark,) = (remark for remark in evaluation.remarks if remark.code in ("evaluation.worse", "evaluation.no_gain"))
     assert remark.code == "evaluation.worse"
     assert remark.data == {"run": "turned", "factor_low": result.factor_low, "factor_high": result.factor_high}
 
 
-def test_a_run_of_another_unit_is_told_where_one_alone_was_trained_on(
+def test_a_run_of_another_unit_than_the_only_one_trained_on_has_a_remark(
     trained: rlg.Compensator, short_runs: list[rlg.Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = short_runs[2]

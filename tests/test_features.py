@@ -67,7 +67,7 @@ def test_they_are_causal(short_runs: list[rlg.Recording]) -> None:
     assert np.array_equal(EVERY.transform(head).to_numpy(), EVERY.transform(run).to_numpy()[:1000])
 
 
-def test_they_start_afresh_with_every_recording(short_runs: list[rlg.Recording]) -> None:
+def test_they_restart_with_every_recording(short_runs: list[rlg.Recording]) -> None:
     first = EVERY.transform(short_runs[0]).iloc[0]
     for name in first.index:
         if "lag" in name or "memory" in name or "rate" in name:
@@ -97,17 +97,17 @@ def test_readout_difference_is_blind_to_power(short_runs: list[rlg.Recording]) -
     assert pipeline.transform(dimmed).to_numpy() == pytest.approx(pipeline.transform(run).to_numpy(), rel=1e-12)
 
 
-def test_a_recipe_and_back() -> None:
+def test_a_pipeline_and_back() -> None:
     assert rlg.FeatureRecipe.from_list(EVERY.to_list()) == EVERY
 
 
 @pytest.mark.parametrize("items", [[{"kind": "magic"}], [{"kind": "lag", "colour": 1}], [{}], []])
-def test_a_wrong_recipe_is_refused(items: list[dict[str, object]]) -> None:
+def test_a_wrong_pipeline_is_refused(items: list[dict[str, object]]) -> None:
     with pytest.raises(rlg.InputError):
         rlg.FeatureRecipe.from_list(items)
 
 
-def test_the_recipe_takes_what_was_recorded(short_runs: list[rlg.Recording]) -> None:
+def test_the_pipeline_uses_the_recorded_monitors(short_runs: list[rlg.Recording]) -> None:
     everything = pipeline_for(short_runs)
     assert {feature.group for feature in everything.features} == set(GROUPS)
     without_light = [run.replace(table=run.table.drop(columns="light_intensity_V")) for run in short_runs]

@@ -34,13 +34,13 @@ def test_ninety_percent_of_windows_held_out_by_run_lie_within() -> None:
 def test_runs_that_differ_are_covered_on_average(spread: float) -> None:
     """Errors drawn run by run with a scale of their own: what is calibrated on six runs holds 90 % of a seventh's, on average."""
     rng = np.random.default_rng(4)
-    held = []
+    covered = []
     for _ in range(300):
         errors = rng.standard_normal((7, 60)) * np.exp(spread * rng.standard_normal((7, 1)))
         X = rng.uniform(size=(360, 1))
-        found = Interval.calibrated(errors[:6].ravel(), X, errors[:6].ravel(), np.repeat(np.arange(6), 60), runs=6)
-        held.append(np.mean(np.abs(errors[6]) <= found.inside_deg_h))
-    assert np.mean(held) == pytest.approx(0.9, abs=0.03)
+        interval = Interval.calibrated(errors[:6].ravel(), X, errors[:6].ravel(), np.repeat(np.arange(6), 60), runs=6)
+        covered.append(np.mean(np.abs(errors[6]) <= interval.inside_deg_h))
+    assert np.mean(covered) == pytest.approx(0.9, abs=0.03)
 
 
 def test_the_quantile_counts_runs_not_windows() -> None:
@@ -91,14 +91,14 @@ def test_a_model_of_the_users_own_has_one_too(short_runs: list[rlg.Recording]) -
 
 
 @pytest.mark.parametrize(
-    ("runs", "said"), [(1, "no share is promised"), (2, "promise no share for the next"), (12, "holds on average")]
+    ("runs", "promise"), [(1, "no share is promised"), (2, "promise no share for the next"), (12, "holds on average")]
 )
 def test_the_card_promises_no_more_than_the_runs_allow(
-    trained: rlg.Compensator, tmp_path: object, runs: int, said: str, monkeypatch: pytest.MonkeyPatch
+    trained: rlg.Compensator, tmp_path: object, runs: int, promise: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trained, "interval_", Interval(0.002, 0.05, 0.9, runs))
     trained.save(tmp_path / "model")
-    assert said in " ".join((tmp_path / "model" / "card.md").read_text().split())
+    assert promise in " ".join((tmp_path / "model" / "card.md").read_text().split())
     assert rlg.load(tmp_path / "model").interval_ == trained.interval_
 
 
@@ -115,6 +115,6 @@ def test_a_wrong_interval_is_refused(change: dict[str, object]) -> None:
 
 def test_the_experiment_prints_its_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["--quick", "--jobs", "1", "--rows", str(tmp_path / "rows")])
-    said = capsys.readouterr().out
-    assert "windows beyond it" in said
-    assert said.count("| dynamic | play |") == 2
+    output = capsys.readouterr().out
+    assert "windows beyond it" in output
+    assert output.count("| dynamic | play |") == 2

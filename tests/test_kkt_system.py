@@ -95,11 +95,11 @@ def test_it_solves_the_kkt_system_whatever_the_panels(seed: int, n: int, width: 
     assert diagonal == pytest.approx(np.diag(inverse)[1:], abs=1e-9 * c)
 
 
-def test_half_a_matrix_is_all_it_keeps(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_stores_half_a_matrix(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(kkt_system.PANEL_WIDTH, "cpu", 60)
     system = DeviceKKTSystem("gaussian", {"sigma": 2.0}, data[0], "cpu", np.ones(600))
-    kept = {panel.untyped_storage().data_ptr(): panel.untyped_storage().nbytes() for panel in system._panels}
-    assert sum(kept.values()) == 8 * 600 * (600 + 60) // 2
+    sizes = {panel.untyped_storage().data_ptr(): panel.untyped_storage().nbytes() for panel in system._panels}
+    assert sum(sizes.values()) == 8 * 600 * (600 + 60) // 2
     assert max(panel.numel() for panel in system._panels) <= 600 * 60
 
 
@@ -150,17 +150,17 @@ def test_without_torch_the_error_names_the_extra(data: tuple[np.ndarray, np.ndar
         rlg.LSSVMRegressor(device="cpu").fit(*data)
 
 
-@pytest.mark.parametrize("said", ["CUDA out of memory. Tried to allocate 37 GiB", "DefaultCPUAllocator: can't allocate memory"])
+@pytest.mark.parametrize("error", ["CUDA out of memory. Tried to allocate 37 GiB", "DefaultCPUAllocator: can't allocate memory"])
 def test_too_many_rows_for_its_memory_are_refused(
-    data: tuple[np.ndarray, np.ndarray], said: str, monkeypatch: pytest.MonkeyPatch
+    data: tuple[np.ndarray, np.ndarray], error: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any) -> None:
-        raise RuntimeError(said)
+        raise RuntimeError(error)
 
     monkeypatch.setattr(torch.linalg, "cholesky_ex", full)
     with pytest.raises(rlg.InputError, match="600 rows do not fit into the memory of cpu"):
         rlg.LSSVMRegressor(device="cpu").fit(*data)
-    said = "an illegal memory access was encountered"
+    error = "an illegal memory access was encountered"
     with pytest.raises(RuntimeError, match="illegal"):
         rlg.LSSVMRegressor(device="cpu").fit(*data)
 

@@ -178,9 +178,9 @@ def test_prediction_and_interval_are_a_gaussian_process_with_a_free_mean(data: t
     process = GaussianProcessRegressor(RBF(1.3) + ConstantKernel(1e8), alpha=1 / 20.0, optimizer=None).fit(X, y)
     at = np.random.default_rng(1).normal(size=(15, 3)) * 2
     mean, sd = process.predict(at, return_std=True)
-    found, found_sd = model.predict(at, return_std=True)
-    assert found == pytest.approx(mean, abs=1e-5)
-    assert found_sd == pytest.approx(model.scale_ * np.sqrt(sd**2 + 1 / 20.0), rel=1e-4)
+    predicted, predicted_sd = model.predict(at, return_std=True)
+    assert predicted == pytest.approx(mean, abs=1e-5)
+    assert predicted_sd == pytest.approx(model.scale_ * np.sqrt(sd**2 + 1 / 20.0), rel=1e-4)
 
 
 def test_intervals_cover() -> None:

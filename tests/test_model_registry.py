@@ -34,13 +34,13 @@ def models(*arguments: object) -> tuple[int, str, str]:
 
 
 def test_it_lists_and_verifies(folder: Path) -> None:
-    found = survey(folder)
-    assert [entry.name for entry in found.entries] == ["simulated-unit-1", "simulated-unit-2"]
-    assert not found.refused
-    for entry in found.entries:
+    registry = survey(folder)
+    assert [entry.name for entry in registry.entries] == ["simulated-unit-1", "simulated-unit-2"]
+    assert not registry.refused
+    for entry in registry.entries:
         assert entry.sha256 == identity(folder / entry.name)
         assert entry.code == ("c",)
-    assert found.entries[0].half_width_deg_h == rlg.load(folder / "simulated-unit-1").interval_.inside_deg_h
+    assert registry.entries[0].half_width_deg_h == rlg.load(folder / "simulated-unit-1").interval_.inside_deg_h
     code, out, _ = models(folder)
     assert code == 0
     assert "lssvm" in out
@@ -58,21 +58,21 @@ def test_it_compares_on_a_run(folder: Path, tmp_path: Path) -> None:
     assert first["residual_std_deg_h"] == rlg.evaluate(rlg.load(folder / first["model"]), [run], compare=False).residual_std_deg_h
 
 
-def test_a_run_that_one_was_trained_on_is_remarked(
+def test_a_run_that_a_model_was_trained_on_has_a_remark(
     trained: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path
 ) -> None:
-    trained.save(tmp_path / "kept" / "own")
+    trained.save(tmp_path / "models" / "own")
     for run in short_runs[1:]:
         rlg.write(run, tmp_path / f"{run.name}.parquet")
     given = [tmp_path / f"{run.name}.parquet" for run in short_runs[1:]]
-    code, out, _ = models(tmp_path / "kept", "--on", *given, "--json")
+    code, out, _ = models(tmp_path / "models", "--on", *given, "--json")
     assert code == 0
     content = json.loads(out)
     assert [row["trained_on"] for row in content["comparison"]] == [True, False]
     (remark,) = content["remarks"]
     assert remark["code"] == "evaluation.model_trained_on"
     assert remark["data"] == {"model": "own", "run": "short-2"}
-    assert f"- {remark['text']}" in models(tmp_path / "kept", "--on", *given)[1]
+    assert f"- {remark['text']}" in models(tmp_path / "models", "--on", *given)[1]
 
 
 def test_a_damaged_one_is_named_and_the_others_are_shown(folder: Path) -> None:
@@ -120,7 +120,7 @@ def test_one_model_is_a_collection_of_one(folder: Path) -> None:
 
 
 def test_models_of_a_fleet_have_the_names_of_their_units(folder: Path, tmp_path: Path) -> None:
-    """A fleet writes UNIT/model, with code exported into the model or beside it."""
+    """A fleet writes UNIT/model, with code exported into the model or next to it."""
     fleet = tmp_path / "fleet"
     for unit, code in (("gyro-1", "model/c"), ("gyro-2", "c")):
         shutil.copytree(folder / "simulated-unit-1", fleet / unit / "model", ignore=shutil.ignore_patterns("c"))
@@ -128,10 +128,10 @@ def test_models_of_a_fleet_have_the_names_of_their_units(folder: Path, tmp_path:
     shutil.copytree(folder / "simulated-unit-2", fleet / "single")
     shutil.copytree(folder / "simulated-unit-2", fleet / "single" / "model")  # in a model, so none of its own
     (fleet / "fleet.json").write_text("[]")
-    found = survey(fleet)
-    assert [entry.name for entry in found.entries] == ["gyro-1", "gyro-2", "single"]
-    assert [entry.code for entry in found.entries] == [("c",)] * 3
-    assert not found.refused
+    registry = survey(fleet)
+    assert [entry.name for entry in registry.entries] == ["gyro-1", "gyro-2", "single"]
+    assert [entry.code for entry in registry.entries] == [("c",)] * 3
+    assert not registry.refused
     (fleet / "gyro-2" / "model" / "manifest.json").unlink()
     code, out, err = models(fleet)
     assert code == 2

@@ -1,4 +1,4 @@
-"""All models: scikit-learn's contract, and what each is said to be."""
+"""All models: scikit-learn's contract, and each model's own claims."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def expected_failures(estimator: object) -> dict[str, str]:
 
 
 def estimators() -> list[object]:
-    found = [
+    instances = [
         rlg.LSSVMRegressor(),
         rlg.LSSVMRegressor(robust=True),
         rlg.LSSVMRegressor("linear"),
@@ -39,8 +39,8 @@ def estimators() -> list[object]:
     try:
         import torch  # noqa: F401
     except ImportError:
-        return found
-    return [*found, rlg.LSSVMRegressor(device="cpu"), rlg.SequenceRegressor(epochs=60)]
+        return instances
+    return [*instances, rlg.LSSVMRegressor(device="cpu"), rlg.SequenceRegressor(epochs=60)]
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -106,7 +106,7 @@ def test_wrong_linear_columns_are_refused(data: tuple[np.ndarray, np.ndarray], l
 
 @pytest.mark.parametrize("method", ["kernel_ridge", "svr", "gaussian_process"])
 def test_baselines_are_scikit_learns(data: tuple[np.ndarray, np.ndarray], method: str) -> None:
-    """The sum of kernels that is kept predicts what scikit-learn's own estimator predicts."""
+    """The stored sum of kernels predicts what scikit-learn's own estimator predicts."""
     X, y = data
     mean = y.mean()
     theirs = {
@@ -129,8 +129,8 @@ def test_the_sequence_model_learns_a_lag() -> None:
     y[:10] = x[0, 0]
     groups = np.arange(900) // 300
     model = rlg.SequenceRegressor(epochs=300).fit(x[:600], y[:600], groups=groups[:600])
-    left = y[600:] - model.predict(x[600:])
-    assert left[30:].std() < 0.5 * y[600:].std()
+    residuals = y[600:] - model.predict(x[600:])
+    assert residuals[30:].std() < 0.5 * y[600:].std()
     assert rlg.LSSVMRegressor(c=10.0).fit(x[:600], y[:600]).predict(x[600:]).std() < 0.5 * y[600:].std()
 
 

@@ -41,7 +41,7 @@ def page(evaluation: rlg.Evaluation, trained: rlg.Compensator, short_runs: list[
     return render(evaluation, trained, title="Unit <1> & co", simulated=short_runs[2:])
 
 
-def test_it_needs_nothing_else(page: str) -> None:
+def test_it_is_self_contained(page: str) -> None:
     assert not re.search(r"<(script|link|img|iframe)\b", page)
     assert not re.search(r"(src|href)=[\"']?(https?:)?//", page)
     assert page.count("<svg") >= 6

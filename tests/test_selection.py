@@ -27,18 +27,18 @@ def choose(data: tuple[np.ndarray, np.ndarray, np.ndarray], name: str = "lssvm",
     return select(MODELS[name], MODELS[name].make(), *data, **options)
 
 
-@pytest.mark.parametrize("name", ["lssvm", "kernels", "kernel-ridge", "svr", "gaussian-process"])
+@pytest.mark.parametrize("name", ["lssvm", "kernels"])
 def test_every_score_is_the_error_with_groups_left_out(data: tuple[np.ndarray, np.ndarray, np.ndarray], name: str) -> None:
-    """A few candidates of the table, fitted again by hand."""
+    """A few candidates of the table, fitted again here; "kernels" are all three baselines."""
     X, y, groups = data
     selection = choose(data, name)
     for _, row in selection.table.iloc[:: max(1, len(selection.table) // 5)].iterrows():
         parameters = {key: value for key, value in row.items() if key not in ("rmse", "chosen")}
-        left = np.empty(120)
+        residuals = np.empty(120)
         for label in range(4):
             out = groups == label
-            left[out] = y[out] - MODELS[name].make().set_params(**parameters).fit(X[~out], y[~out]).predict(X[out])
-        assert row["rmse"] == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-6)
+            residuals[out] = y[out] - MODELS[name].make().set_params(**parameters).fit(X[~out], y[~out]).predict(X[out])
+        assert row["rmse"] == pytest.approx(np.sqrt(np.mean(residuals**2)), rel=1e-6)
 
 
 def test_the_smoothest_of_the_best_is_chosen(data: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
@@ -49,7 +49,7 @@ def test_the_smoothest_of_the_best_is_chosen(data: tuple[np.ndarray, np.ndarray,
     assert selection.rmse == selection.table.loc[selection.table["chosen"], "rmse"].item()
 
 
-def test_scikit_learns_grid_search_is_the_referee(data: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+def test_scikit_learns_grid_search_selects_the_same(data: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     X, y, groups = data
     table = choose(data, "kernel-ridge").table
     # pooled error over folds of equal size is what the mean of squared errors gives
@@ -65,7 +65,7 @@ def test_workers_change_nothing(data: tuple[np.ndarray, np.ndarray, np.ndarray])
     assert choose(data, n_jobs=2).table["rmse"].to_numpy() == pytest.approx(choose(data).table["rmse"].to_numpy(), rel=1e-9)
 
 
-def test_a_search_that_was_stopped_goes_on(data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path) -> None:
+def test_an_interrupted_search_resumes(data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path) -> None:
     journal = tmp_path / "journal.jsonl"
 
     def stop(done: int, total: int) -> None:
@@ -74,9 +74,9 @@ def test_a_search_that_was_stopped_goes_on(data: tuple[np.ndarray, np.ndarray, n
 
     with pytest.raises(KeyboardInterrupt):
         choose(data, journal=journal, progress=stop)
-    kept = journal.read_text().splitlines()
-    assert len(kept) == 1 + 4
-    journal.write_text("\n".join(kept) + '\n{"piece": 7, "rm')  # the last line cut short by the kill
+    lines = journal.read_text().splitlines()
+    assert len(lines) == 1 + 4
+    journal.write_text("\n".join(lines) + '\n{"piece": 7, "rm')  # the last line cut short by the kill
 
     seen = []
     selection = choose(data, journal=journal, progress=lambda done, total: seen.append((done, total)))
@@ -89,7 +89,7 @@ def test_a_search_that_was_stopped_goes_on(data: tuple[np.ndarray, np.ndarray, n
     assert seen == [(9, 9)]
 
 
-def test_a_journal_of_other_data_is_not_believed(data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path) -> None:
+def test_a_journal_of_other_data_is_ignored(data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path) -> None:
     X, y, groups = data
     journal = tmp_path / "journal.jsonl"
     choose(data, journal=journal)
