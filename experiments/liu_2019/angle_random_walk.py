@@ -263,7 +263,7 @@ def figures(hours: float) -> None:
                 "ours": f"{one.after.at(tau):.5f} (60 N/√τ = {0.024 / np.sqrt(tau):.5f})",
             }
     show_frame("Figures 8 to 13 (simulated at N = 0.0004, 60 deg/s)", pd.DataFrame(rows).T)
-    print("Figure 8 is the flow; ours is in rlgcomp/rotation/pipeline.py. The pictures themselves: rlgcomp arw RUN --out DIR.\n")
+    print("Figure 8 is the flow; ours is rlgcomp.angle_random_walk. The pictures themselves: rlgcomp arw RUN --out DIR.\n")
 
 
 def equations() -> None:
