@@ -1,4 +1,4 @@
-"""What the experiments share: the published tables beside the project, and tables in markdown."""
+"""The published tables of the experiments, read from `../shared`, and tables in markdown."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What experiments share of work: who does the pieces, and a file that keeps each row as it finishes, so that a kill costs little.
+"""Work of experiments: the pieces on several workers, and a file of finished rows from which a killed experiment resumes.
 
-A piece is known by its key and gives one row, plain data of JSON, so that a row that was read from the file is the one that was
-made. What the code was when a row was made, the file does not know: resume what was begun with the same code.
+A piece has a key and gives one row of plain JSON data, so that a row read from the file equals the row computed. The file does not
+record the version of the code: resume with the same code.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Piece = TypeVar("Piece")
 
 
 class Work:
-    """Who does the pieces, and where their rows are kept.
+    """Workers of the pieces and the file of their rows.
 
     Parameters
     ----------
@@ -40,10 +40,10 @@ class Work:
 
     def __init__(self, jobs: int = 2, scheduler: str | None = None, rows: Path | None = None, *, resume: bool = False) -> None:
         self._jobs, self._scheduler, self._file = jobs, scheduler, rows
-        self._kept = _finished(rows) if resume and rows is not None else {}
+        self._finished_rows = _finished(rows) if resume and rows is not None else {}
         if rows is not None:
             rows.parent.mkdir(parents=True, exist_ok=True)
-            write_text(rows, "".join(_line(row) for row in self._kept.values()))
+            write_text(rows, "".join(_line(row) for row in self._finished_rows.values()))
 
     @staticmethod
     def add_options(parser: argparse.ArgumentParser, name: str) -> None:
@@ -59,43 +59,48 @@ class Work:
         return cls(options.jobs, options.scheduler, options.rows, resume=options.resume)
 
     def rows(
-        self, run: Callable[[Piece], Row], pieces: Mapping[str, Piece], *, died: Callable[[Piece], Row], told: Callable[[Row], str]
+        self,
+        run: Callable[[Piece], Row],
+        pieces: Mapping[str, Piece],
+        *,
+        died: Callable[[Piece], Row],
+        describe: Callable[[Row], str],
     ) -> list[Row]:
-        """Rows of the pieces, in their order; those that are kept are not made again.
+        """Rows of the pieces, in their order; rows already in the file are not computed again.
 
         Parameters
         ----------
         run : callable
-            Picklable, from a piece to its row, which has its `key`, and a `failure` where it is to be tried again on resuming.
+            Picklable, from a piece to its row. A row has its `key`; a row with `failure` is computed again on resuming.
         pieces : mapping
             By key.
         died : callable
             The row of a piece whose worker dies each time.
-        told : callable
-            What is said of a row when it comes, on standard error.
+        describe : callable
+            Text of a finished row for standard error.
         """
-        missing = [piece for key, piece in pieces.items() if key not in self._kept]
+        missing = [piece for key, piece in pieces.items() if key not in self._finished_rows]
         try:
             for done, row in enumerate(spread(run, missing, died=died, n_jobs=self._jobs, scheduler=self._scheduler), start=1):
                 line = _line(row)
-                self._kept[row["key"]] = json.loads(line)
+                self._finished_rows[row["key"]] = json.loads(line)
                 if self._file is not None:
                     with self._file.open("a", encoding="utf-8") as lines:
                         lines.write(line)
-                print(f"{done}/{len(missing)} {told(row)}", file=sys.stderr, flush=True)
+                print(f"{done}/{len(missing)} {describe(row)}", file=sys.stderr, flush=True)
         except InputError as error:
             print(f"error: {error}", file=sys.stderr)
             raise SystemExit(2) from None
-        return [self._kept[key] for key in pieces]
+        return [self._finished_rows[key] for key in pieces]
 
     def results(self, name: str, function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]]) -> list[Any]:
-        """What the function returns for each piece's arguments, in their order: plain data, of which not-a-number becomes None.
+        """Results of the function for each piece's arguments, in their order: plain data, NaN as None.
 
-        The name and the arguments are the key; what results depend on beside the arguments belongs into the name.
+        The name and the arguments are the key; settings that are no arguments belong into the name.
         """
         keys = {f"{name}{piece!r}": piece for piece in pieces}
         run = functools.partial(_result, function)
-        rows = self.rows(run, {key: (key, piece) for key, piece in keys.items()}, died=_died, told=lambda row: row["key"])
+        rows = self.rows(run, {key: (key, piece) for key, piece in keys.items()}, died=_died, describe=lambda row: row["key"])
         if failed := [row["key"] for row in rows if "failure" in row]:
             print(
                 f"error: {len(failed)} of {len(rows)} failed, the first {failed[0]}: {DIED}; --resume tries again", file=sys.stderr
@@ -119,10 +124,10 @@ def _line(row: Row) -> str:
 
 def _finished(path: Path) -> dict[str, Row]:
     """Rows that did not fail, by their keys; a last line cut short by a kill is made again."""
-    kept = {}
+    rows = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
         with contextlib.suppress(json.JSONDecodeError):
             row = json.loads(line)
             if isinstance(row, dict) and "key" in row and "failure" not in row:
-                kept[row["key"]] = row
-    return kept
+                rows[row["key"]] = row
+    return rows

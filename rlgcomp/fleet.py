@@ -1,8 +1,8 @@
-"""Many gyros at once: each unit one task, on one machine or on a cluster; what fails is reported and the rest finished.
+"""Many gyros at once: each unit one task, on one machine or on a cluster; failures are reported and the others finished.
 
-A table names the units and their runs. Each unit's result is a folder written whole, with a note of what it was made from, so that
-a fleet that was stopped goes on where it was, and a unit whose files or settings have changed is done again. Who does the work
-is the affair of :mod:`rlgcomp.workers`.
+A table names the units and their runs. Each unit's result is a folder, written atomically with a note that identifies its inputs:
+a fleet that was stopped resumes, and a unit whose files or settings have changed is done again. :mod:`rlgcomp.workers` distributes
+the work.
 """
 
 from __future__ import annotations
@@ -59,19 +59,19 @@ class Unit:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of a unit.
+    """The outcome of one unit.
 
     Parameters
     ----------
     unit : str
     state : {"done", "kept", "failed"}
-        Kept is what an earlier run had finished.
+        "kept": an earlier run had finished it.
     seconds : float
-        That its task took.
+        Duration of its task.
     result : mapping
-        What the task said of it.
+        Result of its task.
     message : str
-        Why it failed.
+        Reason of the failure.
     """
 
     unit: str
@@ -137,8 +137,8 @@ def run_fleet(
     Parameters
     ----------
     task : callable
-        (unit, folder) to what is to be said of it; it writes into the folder that it is given. It must be picklable, and its `repr`
-        or that of its arguments must say how it was set.
+        (unit, folder) to a mapping of results; it writes its files into the folder. It must be picklable, and its `repr` or that of
+        its arguments must state its settings.
     units : sequence of Unit
     out : path
         Made where it does not exist.
@@ -165,21 +165,21 @@ def run_fleet(
         out.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot make the folder {out}: {error.strerror or error}; give another place") from None
-    found: dict[str, Outcome] = {}
+    by_unit: dict[str, Outcome] = {}
     waiting = []
     for unit in units:
-        kept = _kept(task, unit, out)
-        if kept is None:
+        earlier = _earlier_outcome(task, unit, out)
+        if earlier is None:
             waiting.append(unit)
         else:
-            found[unit.name] = kept
-    told = progress or (lambda done, total: None)
-    told(len(found), len(units))
+            by_unit[unit.name] = earlier
+    advance = progress or (lambda done, total: None)
+    advance(len(by_unit), len(units))
     finished = spread(functools.partial(_attempt, task, out), waiting, died=_died, n_jobs=n_jobs, scheduler=scheduler)
     for outcome in finished:
-        found[outcome.unit] = outcome
-        told(len(found), len(units))
-    outcomes = [found[unit.name] for unit in units]
+        by_unit[outcome.unit] = outcome
+        advance(len(by_unit), len(units))
+    outcomes = [by_unit[unit.name] for unit in units]
     write_json(out / SUMMARY, [outcome.to_mapping() for outcome in outcomes])
     return outcomes
 
@@ -193,7 +193,20 @@ def train_unit(
     averaging_s: float = 100.0,
     keep_mean: bool = False,
 ) -> dict[str, Any]:
-    """A task: train a compensation on the unit's runs."""
+    """A task: train a compensation on the unit's runs.
+
+    Parameters
+    ----------
+    unit : Unit
+    folder : Path
+        The model is written to its subfolder `model`.
+    model, features : str
+        As of `rlgcomp train`.
+    averaging_s : float
+        The model is trained on means over this time.
+    keep_mean : bool
+        As of :class:`rlgcomp.Compensator`.
+    """
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.compensation.models import MODELS
     from rlgcomp.recording.formats import read
@@ -211,7 +224,22 @@ def train_unit(
 
 
 def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
-    """A task: what the unit's simulator is missing."""
+    """A task: diagnose the unit's simulator.
+
+    Parameters
+    ----------
+    unit : Unit
+        With a simulator file.
+    folder : Path
+        Receives `diagnosis.json`, `augmented.yaml` and `report.html`.
+    seed : int
+        Of all random streams.
+
+    Raises
+    ------
+    InputError
+        The unit has no simulator.
+    """
     from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.diagnosis.question.held_out import told_apart
     from rlgcomp.recording.formats import read
@@ -222,18 +250,17 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
     simulator = Simulator.from_yaml(unit.simulator)
     paths = [*unit.train, *unit.test]
     runs = told_apart([str(path) for path in paths], [read(path) for path in paths])
-    found = diagnose(simulator, runs[: len(unit.train)], runs[len(unit.train) :], seed=seed)
-    found = found.of_files(unit.train, unit.test)
-    found.save(folder)
-    found.report(folder / "report.html")
-    return {"verdict": found.verdict, "found": [cause.name for cause in found.causes], "p_value": found.p_value}
+    diagnosis = diagnose(simulator, runs[: len(unit.train)], runs[len(unit.train) :], seed=seed).of_files(unit.train, unit.test)
+    diagnosis.save(folder)
+    diagnosis.report(folder / "report.html")
+    return {"verdict": diagnosis.verdict, "found": [cause.name for cause in diagnosis.causes], "p_value": diagnosis.p_value}
 
 
 # --- one unit ------------------------------------------------------------------------------------------------------------------
 
 
 def _attempt(task: Task, out: Path, unit: Unit) -> Outcome:
-    """Do one unit's task; nothing that happens in it goes further than its outcome."""
+    """Do one unit's task; every exception becomes a failed outcome."""
     began = time.perf_counter()
     try:
         place = out / unit.name
@@ -272,7 +299,7 @@ def _named(unit: str) -> Iterator[None]:
         logging.setLogRecordFactory(usual)
 
 
-def _kept(task: Task, unit: Unit, out: Path) -> Outcome | None:
+def _earlier_outcome(task: Task, unit: Unit, out: Path) -> Outcome | None:
     """The outcome of an earlier run that was made from the same."""
     try:
         note = json.loads((out / unit.name / NOTE).read_text(encoding="utf-8"))
@@ -299,15 +326,15 @@ def _name_of(task: Task) -> str:
 
 
 def _fingerprint(task: Task, unit: Unit) -> str:
-    """What a unit's result depends on: the package, the task as it was set, names and contents of files and of what is beside."""
+    """Digest of the version, the task and its settings, and the names and contents of the files and their sidecars."""
     settings = task.keywords if isinstance(task, functools.partial) else {}
     digest = hashlib.sha256(f"{__version__} {_name_of(task)} {sorted(settings.items())!r}".encode())
     for group in (unit.train, unit.test, () if unit.simulator is None else (unit.simulator,)):
         digest.update(b"|")
         for path in group:
             digest.update(f"{path.name} {sha256(path)} ".encode())
-            if (beside := sidecar(path)).is_file():
-                digest.update(f"{beside.name} {sha256(beside)} ".encode())
+            if (metadata := sidecar(path)).is_file():
+                digest.update(f"{metadata.name} {sha256(metadata)} ".encode())
     return digest.hexdigest()
 
 

@@ -1,8 +1,8 @@
-"""Pieces of work done by processes of this machine or by the workers of a cluster, whatever dies meanwhile.
+"""Pieces of work on processes of this machine or on the workers of a cluster, some of which may die.
 
-A piece computes with one thread, wherever it is done, so that its result does not depend on where that is. On one machine joblib's
-processes do the work. With a scheduler's address, Dask's workers do; they must be able to import what the work is made of, and see
-the same files under the same names. A worker that dies takes no piece with it: the piece is given to another.
+A piece computes with one thread on every worker, so that its result does not depend on the worker. On one machine joblib's
+processes do the work. With a scheduler's address, Dask's workers do; they must be able to import the work and see the same files
+under the same names. The piece of a worker that dies goes to another worker.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def spread(
         Picklable; what it raises ends everything.
     pieces : sequence
     died : callable
-        What stands for the result of a piece whose worker dies each time; it is given the piece.
+        Result of a piece whose worker dies each time, from the piece.
     n_jobs : int
         Worker processes on this machine; one is this process itself.
     scheduler : str, optional
@@ -73,16 +73,16 @@ def _one_thread() -> Iterator[None]:
 
 
 def _on_this_machine(work: Callable[[T], R], pieces: Sequence[T], died: Callable[[T], R], n_jobs: int) -> Iterator[R]:
-    """Where a process dies, what it took with it is done again, in the end piece by piece."""
-    left = dict(enumerate(pieces))
+    """The pieces of processes that die are done again, the last time one by one."""
+    unfinished = dict(enumerate(pieces))
     for _ in range(RETRIES):
         with contextlib.suppress(joblib.externals.loky.process_executor.TerminatedWorkerError):
-            for k, result in _pool(work, left, n_jobs):
-                del left[k]
+            for k, result in _pool(work, unfinished, n_jobs):
+                del unfinished[k]
                 yield result
-        if not left:
+        if not unfinished:
             return
-    for k, piece in left.items():
+    for k, piece in unfinished.items():
         try:
             yield from (result for _, result in _pool(work, {k: piece}, n_jobs))
         except joblib.externals.loky.process_executor.TerminatedWorkerError:

@@ -21,7 +21,7 @@ from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
-from rlgcomp.cli.base import app, spread
+from rlgcomp.cli.base import app, repeated_options
 from rlgcomp.cli.diagnosis import background_process
 from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.proof.before_after import prove
@@ -322,10 +322,10 @@ def test_a_folder_that_is_not_ours_is_left_alone(files: Path, engine: dict, tmp_
 
 def test_spreading_keeps_what_is_not_several() -> None:
     several = ["--train", "--test"]
-    assert spread(["--train=a", "b", "--json", "--test", "c", "d", "-o", "e"], several) == [
+    assert repeated_options(["--train=a", "b", "--json", "--test", "c", "d", "-o", "e"], several) == [
         *("--train=a", "--train", "b", "--json", "--test", "c", "--test", "d", "-o", "e")
     ]
-    assert spread([], several) == []
+    assert repeated_options([], several) == []
 
 
 class TestBackgroundProcess:

@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     manner = Manner(options.noise_stated, options.pulse_arcsec, options.noise)
     cases = {manner.key_of(arguments): arguments for arguments in wanted}
     run, lost = (functools.partial(function, manner=manner) for function in (run_case, died))
-    rows = Work.of(options).rows(run, cases, died=lost, told=tables.mark)
+    rows = Work.of(options).rows(run, cases, died=lost, describe=tables.mark)
     print(f"# Concealed physics: `python -m experiments.concealed {shlex.join(sys.argv[1:] if argv is None else argv)}`\n")
     tables.show(rows)
 

@@ -9,7 +9,7 @@ import typer
 
 from experiments.speed import chosen, growth, measure
 from experiments.speed.machine import machine
-from rlgcomp.cli.base import AsJson, progress, say
+from rlgcomp.cli.base import AsJson, notify, progress
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.files import require_writable, write_json
 
@@ -53,7 +53,7 @@ def bench(
         show_json(result)
         return
     show_table("Measured against peers" + (" (small data: no goal is judged)" if quick else ""), [_row(one) for one in measured])
-    say(", ".join(f"{key} {value}" for key, value in result["machine"].items()))  # type: ignore[attr-defined]
+    notify(", ".join(f"{key} {value}" for key, value in result["machine"].items()))  # type: ignore[attr-defined]
 
 
 def _grown(one: dict[str, Any]) -> dict[str, Any]:

@@ -58,8 +58,8 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines in
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _version(requested: bool) -> None:
+    if requested:
         typer.echo(f"rlgcomp {__version__}")
         raise typer.Exit
 
@@ -72,7 +72,7 @@ def _application(
 
 
 def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a function as a command: bad input ends it with exit code 2 and one message, a fault of ours with 1.
+    """Register a function as a command: bad input ends it with exit code 2 and one message, an internal fault with 1.
 
     Options in `several` take all values up to the next option (`--train a b c`), and may be repeated as well.
     """
@@ -85,14 +85,14 @@ def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[...
                 _require_numbers(kwargs)
                 function(*args, **kwargs)
             except InputError as error:
-                say(f"error: {error}")
+                notify(f"error: {error}")
                 raise typer.Exit(BAD_INPUT) from None
             except BrokenPipeError:
                 with contextlib.suppress(OSError):
                     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 raise typer.Exit(0) from None
             except KeyboardInterrupt:
-                say("stopped; nothing half-written was left behind")
+                notify("stopped; nothing half-written was left behind")
                 raise typer.Exit(INTERRUPTED) from None
             except (typer.Exit, typer.BadParameter):
                 raise
@@ -101,12 +101,14 @@ def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[...
                     raise
                 if isinstance(error, OSError) and error.errno in _OF_THE_DISK:
                     where = f" {error.filename}" if error.filename else ""
-                    say(f"error: cannot write{where}: {error.strerror}; make room or give another folder; nothing is half-written")
+                    notify(f"error: cannot write{where}: {error.strerror}; make room or give another folder; no file is incomplete")
                     raise typer.Exit(BAD_INPUT) from None
-                say(f"internal fault: {type(error).__name__}: {error}\nPlease report it; RLGCOMP_DEBUG=1 shows where it happened.")
+                notify(
+                    f"internal fault: {type(error).__name__}: {error}\nPlease report it; RLGCOMP_DEBUG=1 shows where it happened."
+                )
                 raise typer.Exit(INTERNAL_FAULT) from None
 
-        app.command(name, cls=_taking_several(several) if several else None)(run)
+        app.command(name, cls=_with_list_options(several) if several else None)(run)
         return run
 
     return register
@@ -125,11 +127,30 @@ def read_runs(
     computed: bool = False,
     also: Sequence[str] = (),
 ) -> list[Any]:
-    """Recordings of the given files, intervals cut out, calibrated, everything repaired or noted said on standard error.
+    """Read recordings, cut intervals out and calibrate them; findings are printed on standard error.
 
-    A single gyro's calibration is applied to `gyro`, where there are several. With `history` what came before an interval stays as
-    its lead-in; what is integrated on a turntable has no use for it. What is `computed` by a simulator may stand still and
-    need have no noise. A mapped column need not be in every file, if it is in one of these or of those that are read `also`.
+    Parameters
+    ----------
+    specs : sequence of str
+        Files, or intervals FILE@START:STOP in s.
+    mapping : sequence of str, optional
+        TARGET=SOURCE, as of `--map`. A mapped column must be in one of the files or of those in `also`, not in each.
+    drop : sequence of str, optional
+        Columns that are not read.
+    pulse_arcsec : float, optional
+        Angle of one pulse, where the file does not state it.
+    calibration : Path, optional
+        Calibration applied to the raw gyros.
+    gyro : str, optional
+        Gyro to which the calibration of a single gyro is applied, where there are several.
+    period_s : float, optional
+        Sample period of a file without time stamps.
+    history : bool
+        Whether samples before an interval stay as its lead-in. Turntable calibrations do not use them.
+    computed : bool
+        Whether a simulator computed the files: their columns may be constant and free of noise.
+    also : sequence of str
+        Further files of the command, in which a mapped column may be.
 
     Raises
     ------
@@ -161,10 +182,10 @@ def read_runs(
                 computed=computed,
             )
             for finding in recording.findings:
-                say(f"{recording.name}: {finding}")
+                notify(f"{recording.name}: {finding}")
             if interval is not None:
                 _require_rows(recording, interval, spec)
-                recording = recording.between(*interval, keep_history=history, name=f"{recording.name}{_said(*interval)}")
+                recording = recording.between(*interval, keep_history=history, name=f"{recording.name}{_interval_text(*interval)}")
             if calibrated is not None:
                 recording = calibrated.apply(recording, gyro if len(recording.gyro_columns) > 1 else None)
             recordings.append(recording)
@@ -173,19 +194,19 @@ def read_runs(
 
 
 def calibrated_name(gyro: str | None, calibration: Path | None) -> str | None:
-    """What the chosen gyro is called once a calibration, if there is one, has been applied."""
+    """The column of the chosen gyro after calibration."""
     from rlgcomp.recording import rate_name
 
     return gyro if gyro is None or calibration is None else rate_name(gyro)
 
 
 def candidates_of(mechanisms: Sequence[Path] | None, only: bool) -> Any:
-    """What is tried: the catalogue with the user's mechanisms, or these alone.
+    """Candidate mechanisms: the catalogue with the user's mechanisms, or the user's alone.
 
     Raises
     ------
     InputError
-        A file is none of mechanisms, or none was given of which to try all.
+        A file defines no mechanism, or `only` is set without a file.
     """
     from rlgcomp.errors import InputError
     from rlgcomp.physics.user import user_catalogue
@@ -196,7 +217,7 @@ def candidates_of(mechanisms: Sequence[Path] | None, only: bool) -> Any:
 
 
 def require_folder(out: Path, writes: Sequence[str], *read: str | Path | Sequence[str | Path] | None) -> None:
-    """Raise unless a command could write a folder of this name: said before the work, not after it.
+    """Raise unless a command can write a folder of this name; called before the work.
 
     Parameters
     ----------
@@ -204,25 +225,25 @@ def require_folder(out: Path, writes: Sequence[str], *read: str | Path | Sequenc
     writes : sequence of str
         As :func:`rlgcomp.files.whole_folder` takes them.
     *read : str, path, sequence of them, or None
-        What the command was given to read, also as RUN@START:STOP or FILE.py:FUNCTION: none of it may lie in the folder.
+        Inputs of the command, also as RUN@START:STOP or FILE.py:FUNCTION: none may lie in the folder.
 
     Raises
     ------
     InputError
-        As :func:`rlgcomp.files.require_folder`, or something that is read lies there.
+        As :func:`rlgcomp.files.require_folder`, or an input lies in the folder.
     """
     from rlgcomp.files import require_apart
     from rlgcomp.files import require_folder as require_place
 
     require_place(out, writes=writes)
-    for given in read:
-        for one in [given] if isinstance(given, str | Path) else given or []:
-            text = str(one)
+    for inputs in read:
+        for file in [inputs] if isinstance(inputs, str | Path) else inputs or []:
+            text = str(file)
             require_apart(out, text, text.rpartition("@")[0], text.rpartition(":")[0])
 
 
 def require_recording(out: Path, *read: str | Path | Sequence[str | Path] | None) -> None:
-    """Raise unless a command could write a recording of this name: said before the work, not after it.
+    """Raise unless a command can write a recording of this name; called before the work.
 
     Raises
     ------
@@ -237,23 +258,23 @@ def require_recording(out: Path, *read: str | Path | Sequence[str | Path] | None
 
 
 def require_unread(out: Path, *read: str | Path | Sequence[str | Path] | None) -> None:
-    """Raise where a file that a command would write is one that it was given to read, also as RUN@START:STOP.
+    """Raise where the output file of a command is one of its inputs, also as RUN@START:STOP.
 
     Raises
     ------
     InputError
-        It is.
+        The output would overwrite an input.
     """
     from rlgcomp.files import same_file
 
-    for given in read:
-        for one in [given] if isinstance(given, str | Path) else given or []:
-            if same_file(out, one) or same_file(out, interval_of(str(one))[0]):
-                raise InputError(f"{out} would be overwritten, and it is read: {one}; give another name with --out")
+    for inputs in read:
+        for file in [inputs] if isinstance(inputs, str | Path) else inputs or []:
+            if same_file(out, file) or same_file(out, interval_of(str(file))[0]):
+                raise InputError(f"{out} would be overwritten, and it is read: {file}; give another name with --out")
 
 
-def say(text: str) -> None:
-    """A message for people, on standard error."""
+def notify(text: str) -> None:
+    """Print a message for people on standard error."""
     typer.echo(text, err=True)
 
 
@@ -272,40 +293,40 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[int, int
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def spread(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
-    """Arguments with every value of such an option given its own.
+def repeated_options(arguments: Sequence[str], several: Sequence[str]) -> list[str]:
+    """Arguments in which each value of a list option follows an option of its own.
 
-    >>> spread(["--train", "a", "b", "--out", "c"], ["--train"])
+    >>> repeated_options(["--train", "a", "b", "--out", "c"], ["--train"])
     ['--train', 'a', '--train', 'b', '--out', 'c']
     """
-    spread_out: list[str] = []
+    repeated: list[str] = []
     option, values = None, 0
     for argument in arguments:
         name, equals, _ = argument.partition("=")
         if argument.startswith("-") and argument != "-":
             option, values = (name, int(bool(equals))) if name in several else (None, 0)
-            spread_out.append(argument)
+            repeated.append(argument)
             continue
         if option is not None and values:
-            spread_out.append(option)
+            repeated.append(option)
         values += 1
-        spread_out.append(argument)
-    return spread_out
+        repeated.append(argument)
+    return repeated
 
 
 def _require_numbers(options: Mapping[str, Any]) -> None:
-    """Refuse options that are not a number where a number is meant: no bound catches them."""
+    """Refuse NaN, which passes every bound."""
     for name, value in options.items():
         if any(isinstance(one, float) and math.isnan(one) for one in (value if isinstance(value, list | tuple) else [value])):
             raise InputError(f"--{name.replace('_', '-')} is nan, which is no number; give a number, or leave it out")
 
 
-def _taking_several(several: Sequence[str]) -> type[TyperCommand]:
-    class Spreading(TyperCommand):
+def _with_list_options(several: Sequence[str]) -> type[TyperCommand]:
+    class WithListOptions(TyperCommand):
         def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-            return super().parse_args(ctx, spread(args, several))
+            return super().parse_args(ctx, repeated_options(args, several))
 
-    return Spreading
+    return WithListOptions
 
 
 def _require_rows(recording: Any, interval: tuple[float, float], spec: str) -> None:
@@ -332,7 +353,7 @@ def interval_of(spec: str) -> tuple[Path, tuple[float, float] | None]:
         raise InputError(f"{spec}: expected FILE@START:STOP with times in seconds, as in run.parquet@0:3600") from None
 
 
-def _said(start_s: float, stop_s: float) -> str:
+def _interval_text(start_s: float, stop_s: float) -> str:
     since = f" from {start_s:g} s" if math.isfinite(start_s) else ""
     return since + (f" to {stop_s:g} s" if math.isfinite(stop_s) else "")
 

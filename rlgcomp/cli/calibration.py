@@ -8,7 +8,19 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder, require_unread, say
+from rlgcomp.cli.base import (
+    AsJson,
+    Drop,
+    Map,
+    PulseArcsec,
+    Runs,
+    command,
+    notify,
+    progress,
+    read_runs,
+    require_folder,
+    require_unread,
+)
 from rlgcomp.cli.show import show_json, show_table
 
 
@@ -105,4 +117,4 @@ def calibrate(
     )
     for remark in calibration.remarks:
         typer.echo(f"- {remark.text}")
-    say(f"{out}: written; give it to train, evaluate and compensate with --calibration {out}")
+    notify(f"{out}: written; give it to train, evaluate and compensate with --calibration {out}")

@@ -22,11 +22,11 @@ from rlgcomp.cli.base import (
     Runs,
     calibrated_name,
     command,
+    notify,
     progress,
     read_runs,
     require_folder,
     require_recording,
-    say,
 )
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
 
@@ -168,7 +168,7 @@ def train(
         )
         for title, rows in () if exported is None else exported.tables:
             show_table(title, rows)
-        say(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
+        notify(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
 
 
 def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | None) -> None:
@@ -198,7 +198,7 @@ def _warn_of_long_fit(device: str | None, recordings: list[Recording], averaging
     from rlgcomp.report.messages import message
 
     if device_named(device).type == "cpu":
-        say(f"WARNING: {message('compensation.on_the_processor', rows=rows)}")
+        notify(f"WARNING: {message('compensation.on_the_processor', rows=rows)}")
 
 
 def _lies_in(folder: Path, other: Path) -> bool:
@@ -260,7 +260,7 @@ def evaluate(
         show_json(evaluation.to_mapping())
         return
     show_evaluation(evaluation)
-    say(f"{out / 'report.html'}: written")
+    notify(f"{out / 'report.html'}: written")
 
 
 @command("compensate")
@@ -305,11 +305,11 @@ def compensate(
             period_s=period_s,
             calibration=None if calibration is None else Calibration.read(calibration),
             idle_s=idle_s,
-            notify=lambda remark: say(remark.text),
+            notify=lambda remark: notify(remark.text),
         )
         if as_json and str(out) != "-":
             show_json(summary.to_mapping())
-        say(summary.message.text)
+        notify(summary.message.text)
         raise typer.Exit(summary.exit_code)
     require_recording(out, run, calibration)
     compensator = load(model)
@@ -317,7 +317,7 @@ def compensate(
     _require_the_same_calibration(compensator, [recording])
     recording, remarks = _repaired_monitors(compensator, recording)
     for remark in remarks:
-        say(remark.text)
+        notify(remark.text)
     corrected = compensator.correct(recording)
     write(corrected, out)
     outside = float(corrected.column("compensation_out_of_range").mean())
@@ -326,7 +326,7 @@ def compensate(
             {"out": out, "rows": len(corrected), "out_of_range": outside, "remarks": [remark.to_mapping() for remark in remarks]}
         )
     else:
-        say(f"{out}: {len(corrected)} rows, {100 * outside:.1f} % with an input outside the training range")
+        notify(f"{out}: {len(corrected)} rows, {100 * outside:.1f} % with an input outside the training range")
 
 
 def _repaired_monitors(compensator: Compensator, recording: Recording) -> tuple[Recording, list[Message]]:

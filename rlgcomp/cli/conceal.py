@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, MechanismFiles, command, progress, require_folder, say
+from rlgcomp.cli.base import AsJson, MechanismFiles, command, notify, progress, require_folder
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
 
@@ -73,13 +73,15 @@ def conceal(
         remarks = [remark.to_mapping() for remark in concealed.remarks]
         show_json({"challenge": out / CHALLENGE, "truth_sha256": sha256(out / TRUTH), "remarks": remarks})
         return
-    say(f"{out}: sealed; SHA-256 of the truth {sha256(out / TRUTH)} (send it to whoever diagnoses: it binds once others hold it)")
+    notify(
+        f"{out}: sealed; SHA-256 of the truth {sha256(out / TRUTH)} (send it to whoever diagnoses: it binds once others hold it)"
+    )
     if seed is not None:
-        say(f"made with --seed {seed}: whoever knows or guesses it can make the challenge again; leave it out for a secret one")
+        notify(f"made with --seed {seed}: whoever knows or guesses it can make the challenge again; leave it out for a secret one")
     runs = f"--train {out}/train*.parquet --test {out}/test*.parquet"
     runs += f" --mechanisms {' '.join(map(str, mechanisms))}" if mechanisms else ""
-    say(f"next: rlgcomp diagnose --simulator {out / SIMULATOR} {runs} --out DIAGNOSIS")
-    say(f"then: rlgcomp reveal {out} DIAGNOSIS")
+    notify(f"next: rlgcomp diagnose --simulator {out / SIMULATOR} {runs} --out DIAGNOSIS")
+    notify(f"then: rlgcomp reveal {out} DIAGNOSIS")
 
 
 @command("reveal")

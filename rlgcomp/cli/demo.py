@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Jobs, command, progress, require_folder, say
+from rlgcomp.cli.base import AsJson, Jobs, command, notify, progress, require_folder
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
 
 if TYPE_CHECKING:
@@ -56,16 +56,16 @@ def demo(
         if quick
         else {"train-1": "paper", "train-2": "minor-loops", "held-out": "reversed"}
     )
-    say(f"simulating {len(programmes)} chamber runs of {unit.unit}")
+    notify(f"simulating {len(programmes)} chamber runs of {unit.unit}")
     runs = [unit.simulate(programme, seed=seed, name=name) for seed, (name, programme) in enumerate(programmes.items(), start=1)]
-    say("training the LS-SVM, parameters selected by leaving runs out")
+    notify("training the LS-SVM, parameters selected by leaving runs out")
     compensator = Compensator(n_jobs=jobs)
     with progress("selecting") as advance:
         compensator.fit(runs[:2], progress=advance)
-    say("evaluating on the run held out")
+    notify("evaluating on the run held out")
     evaluation = evaluate(compensator, runs[2:], n_jobs=jobs)
     concealed = CONCEALED_QUICK if quick else CONCEALED
-    say(f"concealing {concealed} and diagnosing what the simulator then lacks")
+    notify(f"concealing {concealed} and diagnosing what the simulator then lacks")
     simulator = lacking(unit, concealed, seed=UNIT)
     with progress("diagnosing", 100) as advance:
         diagnosis = diagnose(
@@ -87,7 +87,7 @@ def demo(
     show_evaluation(evaluation)
     typer.echo(f"\nConcealed from the simulator: {concealed}. {diagnosis.sentence}\n")
     show_table("Findings", _findings(diagnosis))
-    say(
+    notify(
         f"\n{out}/\n"
         "  report.html             look at it in a browser\n"
         "  model/                  the compensation, with its card\n"

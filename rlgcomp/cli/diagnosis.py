@@ -24,10 +24,10 @@ from rlgcomp.cli.base import (
     candidates_of,
     command,
     interval_of,
+    notify,
     progress,
     read_runs,
     require_folder,
-    say,
 )
 from rlgcomp.cli.show import show_json
 
@@ -137,7 +137,7 @@ def diagnose(
         if simulated:
             own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, computed=True, also=specs))
         with progress("diagnosing", 100) as advance:
-            found = diagnose_runs(
+            diagnosis = diagnose_runs(
                 chosen,
                 runs[: len(train)],
                 runs[len(train) :],
@@ -152,16 +152,16 @@ def diagnose(
                 progress=lambda fraction: advance(round(100 * fraction), 100),
                 executor=executor,
             )
-        learnt, proved = ([Path(interval_of(spec)[0]) for spec in given or []] for given in (train, test))
-        found = found.of_files(learnt, proved, _file_of(simulator))
+        train_files, test_files = ([interval_of(spec)[0] for spec in runs or []] for runs in (train, test))
+        diagnosis = diagnosis.of_files(train_files, test_files, _file_of(simulator))
         with whole_folder(out, writes=FILES) as folder:
-            found.save(folder)
-            found.report(folder / "report.html", None if mechanisms else executor)  # the worker cannot import a user's file
+            diagnosis.save(folder)
+            diagnosis.report(folder / "report.html", None if mechanisms else executor)  # the worker cannot import a user's file
     if as_json:
-        show_json(found.to_mapping())
+        show_json(diagnosis.to_mapping())
         return
-    typer.echo(str(found))
-    say(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
+    typer.echo(str(diagnosis))
+    notify(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
 
 
 @contextlib.contextmanager
@@ -214,7 +214,7 @@ def _import_in_worker(modules: Sequence[str]) -> None:
 
 
 def _file_of(simulator: str | None) -> Path | None:
-    """The file that holds a simulator; none where its output was given."""
+    """The file of a simulator; None where its output stands for it."""
     path = None if simulator is None else Path(simulator)
     if path is None or path.is_file():
         return path
@@ -239,11 +239,11 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
     except (OSError, ValueError) as error:
         raise InputError(f"--noise {path}: not readable: {error}") from None
     if isinstance(content, list):
-        found = {str(one.get("gyro")): one.get("coefficients") for one in content if isinstance(one, dict)}
-        chosen = found.get(next(iter(found)) if len(found) == 1 else str(gyro))
+        by_gyro = {str(one.get("gyro")): one.get("coefficients") for one in content if isinstance(one, dict)}
+        chosen = by_gyro.get(next(iter(by_gyro)) if len(by_gyro) == 1 else str(gyro))
         if not isinstance(chosen, dict):
-            raise InputError(f"--noise {path}: coefficients of {', '.join(found) or 'no gyro'}; choose one of them with --gyro")
-        # a fit that found no flicker does not say that there is none, but how much there is at most
+            raise InputError(f"--noise {path}: coefficients of {', '.join(by_gyro) or 'no gyro'}; choose one of them with --gyro")
+        # a fit without flicker bounds it from above and does not exclude it
         limits = upper_limits(chosen)
         content = {key: value for key, value in chosen.items() if key in NoiseModel().strengths() and value}
     if not isinstance(content, dict) or not content:
@@ -259,19 +259,19 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
 
 
 def _simulator(
-    given: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]]
+    source: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]]
 ) -> Simulator | UserSimulator | None:
-    """The simulator that was given; None where its output stands for it."""
+    """The simulator of a file; None where its output stands for it."""
     from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator
     from rlgcomp.errors import InputError
     from rlgcomp.simulation.simulator import Simulator
 
-    if given is not None and simulated:
+    if source is not None and simulated:
         raise InputError("--simulator and --simulated were given; give one of them: a simulator, or its output")
-    if given is None:
+    if source is None:
         if not simulated:
             raise InputError("no simulator: give --simulator SIM.yaml or my_sim.py:function, or its output with --simulated RUN...")
         return None
-    if ".py:" in given or given.endswith(".py"):
-        return PythonSimulator.load(given if ".py:" in given else f"{given}:")
-    return Simulator.from_yaml(given, catalogue)
+    if ".py:" in source or source.endswith(".py"):
+        return PythonSimulator.load(source if ".py:" in source else f"{source}:")
+    return Simulator.from_yaml(source, catalogue)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, require_folder, say
+from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, notify, read_runs, require_folder
 from rlgcomp.cli.show import show_json, show_remarks, show_table
 
 
@@ -52,4 +52,4 @@ def export(
     for title, rows in exported.tables:
         show_table(title, rows)
     show_remarks(exported.remarks)
-    say(f"{out}: written")
+    notify(f"{out}: written")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Jobs, command, progress, say
+from rlgcomp.cli.base import AsJson, Jobs, command, notify, progress
 from rlgcomp.cli.show import show_json, show_table
 
 
@@ -63,17 +63,18 @@ def fleet(
                 "unit": one.unit,
                 "": one.state,
                 "s": f"{one.seconds:.1f}",
-                "result": one.message or ", ".join(f"{key} {_said(value)}" for key, value in one.result.items() if value != {}),
+                "result": one.message
+                or ", ".join(f"{key} {_value_text(value)}" for key, value in one.result.items() if value != {}),
             }
             for one in outcomes
         ]
         show_table(f"{task}: {len(outcomes) - len(failed)} of {len(outcomes)} units", rows)
     if failed:
         raise InputError(f"{len(failed)} of {len(outcomes)} units failed, the first {failed[0].unit}: {failed[0].message}")
-    say(f"{out}: written")
+    notify(f"{out}: written")
 
 
-def _said(value: object) -> str:
+def _value_text(value: object) -> str:
     if isinstance(value, dict):
-        return " ".join(f"{key}={_said(item)}" for key, item in value.items())
+        return " ".join(f"{key}={_value_text(item)}" for key, item in value.items())
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import BAD_INPUT, AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, say
+from rlgcomp.cli.base import BAD_INPUT, AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, notify, read_runs
 from rlgcomp.cli.show import show_json, show_table
 
 
@@ -59,6 +59,6 @@ def models(
         for remark in registry.remarks:
             typer.echo(f"- {remark.text}")
     for entry in registry.refused:
-        say(f"{entry.name}: {entry.problem or '; '.join(entry.code)}")
+        notify(f"{entry.name}: {entry.problem or '; '.join(entry.code)}")
     if registry.refused:
         raise typer.Exit(BAD_INPUT)

@@ -17,10 +17,10 @@ from rlgcomp.cli.base import (
     PulseArcsec,
     command,
     interval_of,
+    notify,
     progress,
     read_runs,
     require_folder,
-    say,
 )
 from rlgcomp.cli.show import show_json, show_table
 
@@ -92,7 +92,7 @@ def allan(
         missing = [tau_s for tau_s in taus if min(abs(there - tau_s)) > 0.5 * period_s]
         if missing:
             held = f"{there[0]:g} to {there[-1]:g} s" if len(there) > 1 else f"{there[0]:g} s"
-            say(f"no deviation at {', '.join(f'{tau_s:g}' for tau_s in missing)} s: the record shows {held} of those asked for")
+            notify(f"no deviation at {', '.join(f'{tau_s:g}' for tau_s in missing)} s: the record shows {held} of those asked for")
     if out is not None:
         _write(out, analyses, name)
     if as_json:
@@ -101,7 +101,7 @@ def allan(
     for analysis in analyses:
         _show(analysis)
     if out is not None:
-        say(f"{out / 'allan.png'}: written, with allan.csv and coefficients.json")
+        notify(f"{out / 'allan.png'}: written, with allan.csv and coefficients.json")
 
 
 def _in_pieces(
@@ -129,13 +129,13 @@ def _in_pieces(
         raise InputError(
             f"{path.name} has the gyro columns {', '.join(gyros) or 'none'}; choose one of them, or map one with --map"
         )
-    say(f"{path.name}: read in pieces")
+    notify(f"{path.name}: read in pieces")
 
     def said(pieces: Iterator[Any]) -> Iterator[Any]:
         for k, piece in enumerate(pieces):
             for finding in piece.findings:
                 if finding.severity == "repaired" or k == 0:
-                    say(f"{piece.name}, piece {k + 1}: {finding}")
+                    notify(f"{piece.name}, piece {k + 1}: {finding}")
             yield piece
 
     return [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, read_runs, say
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, notify, read_runs
 from rlgcomp.cli.show import show_json, show_table
 
 
@@ -19,7 +19,7 @@ def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: Pu
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     for recording in recordings:
         for finding in wild_samples(recording):
-            say(f"{recording.name}: {finding}")
+            notify(f"{recording.name}: {finding}")
     summaries = [summarise(run) for run in recordings]
     if as_json:
         show_json(summaries)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder, say
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, notify, progress, read_runs, require_folder
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.errors import InputError
 
@@ -112,4 +112,4 @@ def _write(result: Any, out: Path) -> None:
                 for name, picture in pictures(one).items():
                     (folder / f"{stem}_{name}.svg").write_text(picture, encoding="utf-8")
                 advance(done, len(result.gyros))
-    say(f"{out}: arw.json, arw.csv, and tables and pictures of {len(result.gyros)} gyros")
+    notify(f"{out}: arw.json, arw.csv, and tables and pictures of {len(result.gyros)} gyros")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PulseArcsec, Runs, command, read_runs, require_unread, say
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PulseArcsec, Runs, command, notify, read_runs, require_unread
 from rlgcomp.cli.show import show_json, show_table
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def scale_factor(
         return
     _show(calibration)
     if out is not None:
-        say(f"{out}: written")
+        notify(f"{out}: written")
 
 
 def _stated(items: list[str]) -> TableErrors:

@@ -19,10 +19,10 @@ from rlgcomp.cli.base import (
     Runs,
     candidates_of,
     command,
+    notify,
     progress,
     read_runs,
     require_folder,
-    say,
 )
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
@@ -92,7 +92,7 @@ def sensitivity(
         )
     if out is not None:
         _write(result, out)
-        say(f"{out}: sensitivity.json, shares.csv, curves.png")
+        notify(f"{out}: sensitivity.json, shares.csv, curves.png")
     if as_json:
         show_json(result.to_mapping())
         return

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, PulseArcsec, command, read_runs, require_recording, say
+from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, PulseArcsec, command, notify, read_runs, require_recording
 from rlgcomp.cli.show import show_json
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def simulate(
             }
         )
     else:
-        say(f"{out}: {len(recording)} rows, {recording.duration_s / 3600.0:.2f} h")
+        notify(f"{out}: {len(recording)} rows, {recording.duration_s / 3600.0:.2f} h")
 
 
 @command("predict", several=("--mechanisms",))
@@ -122,7 +122,7 @@ def predict(
             }
         )
     else:
-        say(f"{out}: {len(predicted)} rows, column {column}")
+        notify(f"{out}: {len(predicted)} rows, column {column}")
 
 
 def _extrapolations(simulator: Simulator, recording: Recording) -> list[Message]:
