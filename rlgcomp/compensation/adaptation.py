@@ -30,7 +30,7 @@ import numpy.typing as npt
 import pandas as pd
 from sklearn.base import clone
 
-from rlgcomp.compensation.compensator import Compensator, no_gain
+from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.input_checks import require_distinct, require_raw
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.models.cubic import CubicLeastSquares
@@ -179,7 +179,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     ]
     new.remarks_ = (
         *(message("compensation.screened", text=text) for text in outliers),
-        *no_gain(new.selection_, compensator.scaling_, "units"),
+        *new.selection_.remarks(compensator.scaling_.y_scale_deg_h, "units"),
     )
     for remark in new.remarks_:
         logger.warning("%s", remark)

@@ -6,7 +6,7 @@ import dataclasses
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,9 @@ from sklearn.base import BaseEstimator, clone
 
 from rlgcomp.compensation import model_card, serialisation
 from rlgcomp.compensation.artefact import SCHEMA
+from rlgcomp.compensation.correction import Correction, corrected_table
 from rlgcomp.compensation.feature_pipeline import omitted_groups, pipeline_for
-from rlgcomp.compensation.input_checks import REMOVED, require_distinct, require_raw
+from rlgcomp.compensation.input_checks import require_distinct, require_raw
 from rlgcomp.compensation.interval import Interval, excess
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
@@ -25,11 +26,11 @@ from rlgcomp.compensation.models.specification import cross_validation_residuals
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
-from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording, is_compensation, rate_name
+from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
 from rlgcomp.recording.outliers import undisturbed
-from rlgcomp.report.messages import Message, message
-from rlgcomp.units import EARTH_RATE_DEG_H, SECONDS_PER_HOUR
+from rlgcomp.report.messages import message
+from rlgcomp.units import EARTH_RATE_DEG_H
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -38,43 +39,11 @@ _BATCH_ROWS: Final = 2048
 _MUCH_OF_EARTH_RATE: Final = 0.1
 
 
-class Correction(NamedTuple):
-    """The bias of one sample.
-
-    Parameters
-    ----------
-    bias_deg_h : float
-    out_of_range : bool
-        An input lies beyond the training range.
-    half_width_deg_h : float
-        90 % of the gyro's means over the averaging time lie within this of the bias; see :mod:`rlgcomp.compensation.interval`.
-    """
-
-    bias_deg_h: float
-    out_of_range: bool
-    half_width_deg_h: float
-
-
 def _require_regressor(model: Any) -> None:
     if isinstance(model, type) or not (hasattr(model, "fit") and hasattr(model, "predict")):
         raise InputError(
             f"model is {model!r:.100}; it must be a regressor that was made, as rlgcomp.LSSVMRegressor(), or None for that one"
         )
-
-
-def no_gain(selection: Selection, scaling: Scaling, parts: str) -> list[Message]:
-    """A remark on a model that is no better than none with parts left out; empty for any other model.
-
-    Parameters
-    ----------
-    selection : Selection
-    scaling : Scaling
-    parts : {"runs", "units"}
-    """
-    if selection.rmse is None or selection.rmse < 1.0:
-        return []
-    before = scaling.y_scale_deg_h
-    return [message("compensation.no_gain", parts=parts, residual_deg_h=selection.rmse * before, before_deg_h=before)]
 
 
 class Compensator(BaseEstimator):  # type: ignore[misc]
@@ -218,7 +187,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.remarks_ = (
             *(message("compensation.screened", text=text) for text in outliers),
             *omitted_groups(runs, self.features),
-            *no_gain(self.selection_, self.scaling_, "runs"),
+            *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
         )
         for remark in self.remarks_:
             logger.warning("%s", remark)
@@ -283,33 +252,9 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """
         require_raw(recording.name, recording.columns)
         column = recording.gyro_column(self.gyro)
-        return recording.replace(table=self.apply(recording.table, column, recording.rate_deg_h(column), self.predict(recording)))
-
-    def apply(self, table: pd.DataFrame, column: str, rate_deg_h: Array, predicted: pd.DataFrame) -> pd.DataFrame:
-        """A table with the predicted bias subtracted from its gyro.
-
-        Parameters
-        ----------
-        table : pandas.DataFrame
-        column : str
-            Its gyro.
-        rate_deg_h : ndarray, shape (n,)
-            That gyro's output.
-        predicted : pandas.DataFrame
-            As :meth:`predict` and :meth:`steps` return it.
-        """
-        removed = predicted["bias_deg_h"].to_numpy() - self.reference_deg_h
-        if column.endswith("_deg_s"):
-            corrected, name = table[column].to_numpy() - removed / SECONDS_PER_HOUR, column
-        else:
-            corrected, name = rate_deg_h - removed, rate_name(column)
-        place = list(table.columns).index(column)
-        table = table.drop(columns=[column, *(extra for extra in table.columns if is_compensation(extra))])
-        table.insert(place, name, corrected)
-        table.insert(place + 1, REMOVED, removed)
-        table.insert(place + 2, "compensation_out_of_range", predicted["out_of_range"].to_numpy().astype(np.float64))
-        table.insert(place + 3, "compensation_half_width_deg_h", predicted["half_width_deg_h"].to_numpy())
-        return table
+        rate_deg_h, predicted = recording.rate_deg_h(column), self.predict(recording)
+        table = corrected_table(recording.table, column, rate_deg_h, predicted, reference_deg_h=self.reference_deg_h)
+        return recording.replace(table=table)
 
     def step(self, sample: Mapping[str, float]) -> Correction:
         """Bias of one sample, as a real-time box computes it; :meth:`restart` begins a new recording.

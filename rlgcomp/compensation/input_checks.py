@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
+from rlgcomp.compensation.correction import REMOVED
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.sameness import share_rows
 from rlgcomp.report.messages import Message, message
-
-REMOVED: Final = "compensation_deg_h"  # the column of a corrected recording that holds what was subtracted from the gyro
 
 
 def require_raw(name: str, columns: Iterable[str]) -> None:

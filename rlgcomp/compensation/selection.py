@@ -26,6 +26,7 @@ from threadpoolctl import threadpool_limits
 from rlgcomp.compensation.models.specification import Candidates, Labels, ModelSpecification
 from rlgcomp.files import to_json
 from rlgcomp.numerics.compiled import blas_threads
+from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 TIE: Final = 0.01  # candidates whose error is this close to the smallest are equal; the first, the smoothest, is selected
@@ -52,6 +53,21 @@ class Selection:
     best: dict[str, Any]
     rmse: float | None
     table: pd.DataFrame
+
+    def remarks(self, before_deg_h: float, parts: str) -> list[Message]:
+        """A remark on a model that is no better than none with parts left out; empty for any other model.
+
+        Parameters
+        ----------
+        before_deg_h : float
+            Root mean square of the gyro about its mean: the scale of the model's output.
+        parts : {"runs", "units"}
+            What was left out.
+        """
+        if self.rmse is None or self.rmse < 1.0:
+            return []
+        residual_deg_h = self.rmse * before_deg_h
+        return [message("compensation.no_gain", parts=parts, residual_deg_h=residual_deg_h, before_deg_h=before_deg_h)]
 
 
 def select(

@@ -22,6 +22,7 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.calibration.file import PULSE_AGREEMENT, Calibration
 from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.correction import corrected_table
 from rlgcomp.compensation.growing_files import STANDARD, GrowingInput, GrowingOutput, interruption, require_csv
 from rlgcomp.compensation.input_checks import calibration_mismatch, other_unit, require_raw
 from rlgcomp.errors import InputError
@@ -320,7 +321,7 @@ class StreamCompensator:
                 table = table.rename(columns={column: rate_name(column)}).assign(**{rate_name(column): values})
             gyro, rates = rate_name(gyro), {rate_name(column): values for column, values in rates.items()}
         predicted = self.compensator.steps(table) if live and len(table) else _NO_PREDICTION
-        return self.compensator.apply(table, gyro, rates[gyro], predicted)
+        return corrected_table(table, gyro, rates[gyro], predicted, reference_deg_h=self.compensator.reference_deg_h)
 
     def _rate_deg_h(self, table: pd.DataFrame, column: str) -> Array:
         values = table[column].to_numpy()

@@ -234,7 +234,7 @@ def stability_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
             "95 % interval": f"{run.factor_low:.2f} – {run.factor_high:.2f}",
             "noise floor": run.noise_floor_deg_h,
             "after / floor": run.floor_ratio,
-            "rms left": run.residual_rms_deg_h,
+            "residual rms": run.residual_rms_deg_h,
             "out of range": f"{100 * run.out_of_range:.1f} %",
             "in the interval": f"{100 * run.in_interval:.1f} %",
         }

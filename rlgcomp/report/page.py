@@ -84,7 +84,7 @@ def _run_table(evaluation: Evaluation) -> pd.DataFrame:
             "better by": [f"{run.factor:.2f} ({run.factor_low:.2f} – {run.factor_high:.2f})" for run in evaluation.runs],
             "noise floor (deg/h)": [f"{run.noise_floor_deg_h:.5f}" for run in evaluation.runs],
             "after / floor": [f"{run.floor_ratio:.3f}" for run in evaluation.runs],
-            "mean left (deg/h)": [f"{run.residual_mean_deg_h:+.5f}" for run in evaluation.runs],
+            "residual mean (deg/h)": [f"{run.residual_mean_deg_h:+.5f}" for run in evaluation.runs],
             "out of range": [f"{100 * run.out_of_range:.1f} %" for run in evaluation.runs],
             "in the 90 % interval": [f"{100 * run.in_interval:.1f} %" for run in evaluation.runs],
         }
