@@ -14,14 +14,11 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
-from rlgcomp.challenge.injection import unabsorbed
+from rlgcomp.challenge.injection import contributions, distinct_injections, sized_injection, unabsorbed
 from rlgcomp.challenge.sensitivity import (
     Curve,
     Sensitivity,
-    contributions,
-    distinct_injections,
     extrapolation_remarks,
-    injection,
     sensitivity,
 )
 from rlgcomp.cli import register_commands
@@ -115,7 +112,7 @@ class TestSensitivity:
         """Of a cause without nonlinear parameters there are two: it and its negative; otherwise as many as are drawn."""
         problem = Problem.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
         for name, count in (("supply_voltage", 2), ("thermal_lag", 6)):
-            plans = [injection(CATALOGUE[name], problem, 0.002, stream(1, f"{name}{draw}")) for draw in range(6)]
+            plans = [sized_injection(CATALOGUE[name], problem, 0.002, stream(1, f"{name}{draw}")) for draw in range(6)]
             assert len(distinct_injections(plans, problem)) == count
 
     def test_trials_named_but_not_detected_are_counted(self) -> None:
@@ -154,7 +151,7 @@ class TestSensitivity:
 
     def test_a_trial_is_determined_by_its_stream_and_has_its_strength(self) -> None:
         problem = Problem.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
-        first, again, other = (injection(CATALOGUE["mode_hop"], problem, 0.002, stream(1, name)) for name in ("a", "a", "b"))
+        first, again, other = (sized_injection(CATALOGUE["mode_hop"], problem, 0.002, stream(1, name)) for name in ("a", "a", "b"))
         assert first == again
         assert first[0] != other[0]
         for mechanism, number in (first, other):

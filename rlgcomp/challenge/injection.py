@@ -20,6 +20,7 @@ import numpy.typing as npt
 from rlgcomp import units
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
+from rlgcomp.noise.processes import stream
 from rlgcomp.numerics.robust import SD_OF_MAD, stretches
 from rlgcomp.physics.mechanism import Mechanism, Parameter
 from rlgcomp.recording import Recording
@@ -31,6 +32,8 @@ SHARE: Final = (
 )
 _JITTER: Final = 0.1  # of a nonlinear parameter about its point of the grid, so that no truth lies on the grid
 _CYCLES: Final = 4.5  # of a line in the shortest run: fewer cannot be distinguished from a drift
+_REDRAWS: Final = 20
+_ALIKE: Final = 1e-6  # of an effect
 _ENERGY: Final = 0.8  # share of an effect's square that its intervals hold
 _EVERYWHERE: Final = 0.6  # intervals that cover more than this locate nothing
 
@@ -112,6 +115,60 @@ def _residual(problem: Problem, means: Array) -> Array:
     norms = np.linalg.norm(problem.baseline, axis=0)
     columns = problem.baseline / np.where(norms > 0.0, norms, 1.0)
     return np.asarray(means - columns @ np.linalg.lstsq(columns, means, rcond=1e-10)[0])
+
+
+def sized_injection(form: type[Mechanism], problem: Problem, size_deg_h: float, rng: np.random.Generator) -> tuple[Mechanism, int]:
+    """A mechanism with random nonlinear parameters, scaled to the part that cannot be absorbed, and the seed of its random paths.
+
+    Parameters
+    ----------
+    form : type of Mechanism
+    problem : Problem
+    size_deg_h : float
+        Standard deviation of the part that the simulator cannot absorb.
+    rng : numpy.random.Generator
+
+    Raises
+    ------
+    InputError
+        The simulator absorbs all of it, the runs never excite it, or its amplitudes would leave their bounds.
+    """
+    why = f"the simulator absorbs all of it, or {', '.join(run.name for run in problem.runs)} never excite it"
+    for _ in range(_REDRAWS):
+        mechanism, number = drawn(form, problem.runs, rng, problem.rows.window_s), int(rng.integers(2**31))
+        errors = contributions(mechanism, problem.runs, number)
+        remaining, whole = float(np.std(unabsorbed(problem, errors))), float(np.std(np.concatenate(errors)))
+        if remaining > 1e-3 * whole:
+            try:
+                return scaled(mechanism, size_deg_h / remaining), number
+            except InputError as error:
+                why = str(error)
+    raise InputError(f"{form.name} cannot be injected at {size_deg_h:.3g} deg/h: {why}")
+
+
+def distinct_injections(plans: Sequence[tuple[Mechanism, int]], problem: Problem) -> list[tuple[Mechanism, int]]:
+    """Those of injections whose effects, as far as the simulator cannot absorb them, differ."""
+    distinct: list[tuple[Mechanism, int]] = []
+    effects: list[Array] = []
+    for mechanism, number in plans:
+        effect = unabsorbed(problem, contributions(mechanism, problem.runs, number))
+        if all(np.linalg.norm(effect - other) > _ALIKE * np.linalg.norm(other) for other in effects):
+            distinct.append((mechanism, number))
+            effects.append(effect)
+    return distinct
+
+
+def contributions(mechanism: Mechanism, runs: Sequence[Recording], number: int) -> list[Array]:
+    """Errors of a mechanism in deg/h, one array a run.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    runs : sequence of Recording
+    number : int
+        Seed of its random paths.
+    """
+    return [mechanism.contribution(run, stream(number, f"run{k}")) for k, run in enumerate(runs)]
 
 
 def white_deg_h(problem: Problem) -> float:

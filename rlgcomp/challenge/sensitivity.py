@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from rlgcomp.challenge.injection import Array, drawn, injected, scaled, unabsorbed, white_deg_h
+from rlgcomp.challenge.injection import Array, contributions, distinct_injections, injected, sized_injection, white_deg_h
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Diagnosis
@@ -40,8 +40,6 @@ STRENGTHS: Final = (0.1, 0.2, 0.4, 0.8, 1.6)
 DRAWS: Final = 6
 DETECTED_P: Final = 0.01
 _USUAL_WIDTH: Final = 0.3
-_REDRAWS: Final = 20
-_ALIKE: Final = 1e-6  # of an effect
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,7 +236,7 @@ def sensitivity(
     problem = Problem.of(simulator, runs, gyro=gyro)
     white = white_deg_h(problem)
     drawn_plans = [
-        [injection(form, problem, strength * white, stream(seed, f"sensitivity:{k}:{draw}")) for draw in range(draws)]
+        [sized_injection(form, problem, strength * white, stream(seed, f"sensitivity:{k}:{draw}")) for draw in range(draws)]
         for k, strength in enumerate(strengths)
     ]
     distinct = [distinct_injections(equal, problem) for equal in drawn_plans]
@@ -321,60 +319,6 @@ def _checked(
     if draws < 1:
         raise InputError(f"{draws} draws a strength; at least 1 is needed")
     return catalogue[mechanism]
-
-
-def injection(form: type[Mechanism], problem: Problem, size_deg_h: float, rng: np.random.Generator) -> tuple[Mechanism, int]:
-    """A mechanism with random nonlinear parameters, scaled to the part that cannot be absorbed, and the seed of its random paths.
-
-    Parameters
-    ----------
-    form : type of Mechanism
-    problem : Problem
-    size_deg_h : float
-        Standard deviation of the part that the simulator cannot absorb.
-    rng : numpy.random.Generator
-
-    Raises
-    ------
-    InputError
-        The simulator absorbs all of it, the runs never excite it, or its amplitudes would leave their bounds.
-    """
-    why = f"the simulator absorbs all of it, or {', '.join(run.name for run in problem.runs)} never excite it"
-    for _ in range(_REDRAWS):
-        mechanism, number = drawn(form, problem.runs, rng, problem.rows.window_s), int(rng.integers(2**31))
-        errors = contributions(mechanism, problem.runs, number)
-        remaining, whole = float(np.std(unabsorbed(problem, errors))), float(np.std(np.concatenate(errors)))
-        if remaining > 1e-3 * whole:
-            try:
-                return scaled(mechanism, size_deg_h / remaining), number
-            except InputError as error:
-                why = str(error)
-    raise InputError(f"{form.name} cannot be injected at {size_deg_h:.3g} deg/h: {why}")
-
-
-def distinct_injections(plans: Sequence[tuple[Mechanism, int]], problem: Problem) -> list[tuple[Mechanism, int]]:
-    """Those of injections whose effects, as far as the simulator cannot absorb them, differ."""
-    distinct: list[tuple[Mechanism, int]] = []
-    effects: list[Array] = []
-    for mechanism, number in plans:
-        effect = unabsorbed(problem, contributions(mechanism, problem.runs, number))
-        if all(np.linalg.norm(effect - other) > _ALIKE * np.linalg.norm(other) for other in effects):
-            distinct.append((mechanism, number))
-            effects.append(effect)
-    return distinct
-
-
-def contributions(mechanism: Mechanism, runs: Sequence[Recording], number: int) -> list[Array]:
-    """Errors of a mechanism in deg/h, one array a run.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    runs : sequence of Recording
-    number : int
-        Seed of its random paths.
-    """
-    return [mechanism.contribution(run, stream(number, f"run{k}")) for k, run in enumerate(runs)]
 
 
 def _trial(

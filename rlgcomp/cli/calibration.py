@@ -87,7 +87,7 @@ def calibrate(
             {
                 "parameter": row.parameter,
                 "": row.symbol,
-                "value": value if row.seen else "not seen by these runs",
+                "value": value if row.seen else "not determined by these runs",
                 "sd": sd,
                 "unit": row.unit,
             }

@@ -47,7 +47,7 @@ def render(calibration: TableCalibration) -> str:
             {
                 "": frame["symbol"],
                 "parameter": frame["parameter"],
-                "value": [value if seen else "not seen" for (value, _), seen in zip(printed, frame["seen"], strict=True)],
+                "value": [value if seen else "not determined" for (value, _), seen in zip(printed, frame["seen"], strict=True)],
                 "sd": [sd for _, sd in printed],
                 "unit": frame["unit"],
             }
@@ -93,7 +93,7 @@ def convergence(curves: pd.DataFrame) -> str:
             for start in starts[1:-1]:
                 panel.axvline(start / SECONDS_PER_MINUTE, color="#c4c8ce", lw=0.8, ls=":")
             if not seen.any():
-                panel.text(0.5, 0.5, "not seen by these runs", transform=panel.transAxes, ha="center", color=INK)
+                panel.text(0.5, 0.5, "not determined by these runs", transform=panel.transAxes, ha="center", color=INK)
                 continue
             last, last_sd = value[seen][-1], sd[seen][-1]
             panel.fill_between(

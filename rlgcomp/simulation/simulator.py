@@ -228,7 +228,13 @@ class Simulator:
     # --- changing it -------------------------------------------------------------------------------------------------------
 
     def without(self, name: str) -> Self:
-        """The same simulator with one mechanism left off the list."""
+        """The same simulator with one mechanism left off the list.
+
+        Raises
+        ------
+        InputError
+            It has no such mechanism.
+        """
         if name not in [mechanism.name for mechanism in self.mechanisms]:
             raise InputError(f"the simulator has no {name!r}; it has {', '.join(mechanism.name for mechanism in self.mechanisms)}")
         return dataclasses.replace(self, mechanisms=tuple(mechanism for mechanism in self.mechanisms if mechanism.name != name))

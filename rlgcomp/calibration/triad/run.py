@@ -130,6 +130,11 @@ class TableRun:
 
         About an upright axis that does not move the accelerometers are insensitive to the gyros' errors, but each horizontal gyro's
         bias is its mean rate: Earth's rotation averages out over a turn.
+
+        Raises
+        ------
+        InputError
+            Both axes turn and there are no accelerometers.
         """
         if self.delta_v_m_s is None:
             if np.ptp(self.outer_deg) > STILL_DEG:
