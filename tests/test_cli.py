@@ -296,7 +296,7 @@ def test_a_model_with_a_changed_byte_or_a_missing_file(folder: Path, tmp_path: P
         (("evaluate", "{tmp}/absent", "{run}", "--out", "{tmp}/r"), "does not exist"),
         (("train",), "Missing argument"),
         (("dance",), "No such command"),
-        (("simulate", "{sim}", "--seed", "x", "--out", "{tmp}/r.parquet"), "unable to parse string as an integer"),
+        (("simulate", "{sim}", "--seed", "x", "--out", "{tmp}/r.parquet"), "integer"),
     ],
 )
 def test_wrong_arguments_end_with_one_message(folder: Path, tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:

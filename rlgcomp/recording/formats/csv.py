@@ -86,6 +86,7 @@ def _pandas(path: Path, **named: Any) -> Any:
         comment="#",
         skipinitialspace=True,
         low_memory=False,
+        float_precision="round_trip",  # the nearest double, in pandas 3.0 too
         **named,
     )
 
