@@ -48,8 +48,8 @@ def show(rows: Sequence[Row]) -> None:
         show_table("Outside the catalogue", by_law(outside))
     if driverless := [row for row in rows if row["kind"] == "driverless"]:
         show_table("Driver not recorded", without_driver(driverless))
-    if said := by_probability([row for row in done if row["kind"] in (*NAMED, "null")]):
-        show_table("Probabilities: how often a cause that is named is there", said)
+    if calibration_rows := by_probability([row for row in done if row["kind"] in (*NAMED, "null")]):
+        show_table("Probabilities: how often a cause that is named is there", calibration_rows)
     if parameters := by_parameter([row for row in done if row["kind"] in NAMED]):
         show_table("Parameters: (estimate - truth) / sd, where the mechanism was named", parameters)
     if misses := [miss(row) for row in rows if not right(row)]:
@@ -97,7 +97,7 @@ def median(rows: Sequence[Row], key: str) -> str:
     return f"{np.median(values):.2f}" if values else "–"
 
 
-def told(row: Row) -> bool:
+def has_enough_nats(row: Row) -> bool:
     """Whether the recordings say enough for the effect to be named by anyone who knows the noise."""
     return bool("failure" in row or row["information_nats"] >= ENOUGH_NATS)
 
@@ -196,7 +196,7 @@ def by_strength(rows: Sequence[Row]) -> list[dict[str, str]]:
                     "detected": share(chosen, lambda row: row["detected"]),
                     "first is right": share(chosen, lambda row: row["named"]),
                     "exact set": share(chosen, exact),
-                    f"exact of those with {ENOUGH_NATS:g} nats": share([row for row in chosen if told(row)], exact),
+                    f"exact of those with {ENOUGH_NATS:g} nats": share([row for row in chosen if has_enough_nats(row)], exact),
                     "who knows noise and shapes": informed(chosen),
                     "in class": share(chosen, in_class),
                     "error / oracle": median([row for row in chosen if row.get("repeats")], "error_to_oracle"),
@@ -306,16 +306,16 @@ def by_probability(rows: Sequence[Row]) -> list[dict[str, str]]:
     pairs = [(p, name in row["hidden"]) for row in rows for name, p in zip(row["findings"], row["probabilities"], strict=True)]
     lines = []
     for low, high in itertools.pairwise(PROBABILITIES):
-        told = [(p, true) for p, true in pairs if low <= p < high]
-        if told:
-            right, (least, most) = sum(true for _, true in told), (min(p for p, _ in told), max(p for p, _ in told))
-            interval = stats.binomtest(right, len(told)).proportion_ci(0.95)
+        group = [(p, true) for p, true in pairs if low <= p < high]
+        if group:
+            right, (least, most) = sum(true for _, true in group), (min(p for p, _ in group), max(p for p, _ in group))
+            interval = stats.binomtest(right, len(group)).proportion_ci(0.95)
             lines.append(
                 {
                     "probability": f"{least:.3f} to {most:.3f}",
-                    "named": str(len(told)),
-                    "said, mean": f"{100 * np.mean([p for p, _ in told]):.1f} %",
-                    "so": f"{100 * right / len(told):.1f} % ({right}; {100 * interval.low:.0f}–{100 * interval.high:.0f})",
+                    "named": str(len(group)),
+                    "said, mean": f"{100 * np.mean([p for p, _ in group]):.1f} %",
+                    "so": f"{100 * right / len(group):.1f} % ({right}; {100 * interval.low:.0f}–{100 * interval.high:.0f})",
                 }
             )
     return lines
@@ -350,7 +350,7 @@ def miss(row: Row) -> str:
     """One line on a case that was not answered as wished."""
     if "failure" in row:
         return f"{row['key']}: failed"
-    said = ", ".join(f"{name} {p:.2f}" for name, p in zip(row["findings"], row["probabilities"], strict=True)) or "nothing"
+    named = ", ".join(f"{name} {p:.2f}" for name, p in zip(row["findings"], row["probabilities"], strict=True)) or "nothing"
     nats = f", {row['information_nats']:.0f} nats" if row["kind"] in NAMED else ""
     law = f"; drivers {row['drivers']} for {row['true_drivers']}, {row['memory']} for {row['true_memory']}"
-    return f"{row['name']}: {row['verdict']}, {said}, p = {row['p_value']:.2g}{nats}" + (law if row["kind"] == "open" else "")
+    return f"{row['name']}: {row['verdict']}, {named}, p = {row['p_value']:.2g}{nats}" + (law if row["kind"] == "open" else "")

@@ -33,12 +33,12 @@ def show(quick: bool) -> None:
             {
                 "rate, deg/s": f"{rate:g}",
                 "mean of 5": f"{mean:.2f}",
-                "std, published": f"{said:g}",
+                "std, published": f"{published_std:g}",
                 "std, ours": f"{std:.3f}",
                 "left by lock-in": f"{left:+.1f}",
                 "left by lock-in and b/Ω": f"{less:+.1f}",
             }
-            for rate, mean, said, std, left, less in zip(
+            for rate, mean, published_std, std, left, less in zip(
                 table.rate_deg_s,
                 table.mean_ppm,
                 printed,

@@ -90,7 +90,7 @@ def fit_each(others: Sequence[Mechanism] = ()) -> Fit:
 def lock_in_rates() -> dict[str, tuple[float, float]]:
     """The lock-in rate and its standard deviation, deg/s, by model."""
     table = table_3()
-    said = next(cause for cause in diagnosis().causes if cause.mechanism.name == "lock_in").parameters["lock_in_deg_s"]
+    named = next(cause for cause in diagnosis().causes if cause.mechanism.name == "lock_in").parameters["lock_in_deg_s"]
     fits = {
         "k0, by the scatter of the repeats in ppm": fit_lock_in(table),
         "k0, rates alike in ppm": fit_lock_in(table, weighted=False),
@@ -98,7 +98,7 @@ def lock_in_rates() -> dict[str, tuple[float, float]]:
         "k0 and a bias, rates alike in ppm": fit_lock_in(table, with_bias=True, weighted=False),
     }
     return {
-        "the diagnosis": (said.value, said.sd),
+        "the diagnosis": (named.value, named.sd),
         "k0, rates alike in deg/h": fit_each().rate_deg_s,
         "k0 and k ∝ rate, rates alike in deg/h": fit_each([ScaleFactorNonlinearity()]).rate_deg_s,
         **{name: (fit.lock_in_deg_s, fit.lock_in_sd_deg_s) for name, fit in fits.items()},

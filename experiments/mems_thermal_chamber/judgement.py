@@ -42,33 +42,33 @@ def memories(found: rlg.Diagnosis) -> dict[str, str]:
 def judgement(found: rlg.Diagnosis) -> str:
     """What is found, what it is worth on the leg held out, and what is not to be believed."""
     fit = held_out(found)
-    said = []
+    sentences = []
     remembered = memories(found)
     if remembered:
         kinds = ", ".join(f"{name} ({memory})" for name, memory in remembered.items())
-        said.append(f"The bias remembers the temperature: {kinds}.")
+        sentences.append(f"The bias remembers the temperature: {kinds}.")
     else:
-        said.append("No memory of the temperature is found.")
+        sentences.append("No memory of the temperature is found.")
     low, high = fit.improvement_ci95
     interval = f"{100 * fit.improvement:.0f} %, 95 % interval {100 * low:.0f} to {100 * high:.0f} %"
-    said.append(f"Held out the error falls by {interval}." if low > 0.0 else f"Held out no gain can be claimed ({interval}).")
+    sentences.append(f"Held out the error falls by {interval}." if low > 0.0 else f"Held out no gain can be claimed ({interval}).")
     if fit.improvement_std is not None and fit.improvement_std_ci95 is not None:
         shape = f"{100 * fit.improvement_std:.0f} % ({100 * fit.improvement_std_ci95[0]:.0f} to "
         shape += f"{100 * fit.improvement_std_ci95[1]:.0f} %)"
         proved = fit.improvement_std_ci95[0] > 0.0
-        said.append(f"About the leg's own mean it is {shape}" + ("." if proved else ": the shape is not predicted."))
+        sentences.append(f"About the leg's own mean it is {shape}" + ("." if proved else ": the shape is not predicted."))
     if fit.compensation_rms is not None:
         better = fit.augmented_rms < fit.compensation_rms
-        said.append(f"That is {'better' if better else 'worse'} than the LS-SVM on the same split.")
+        sentences.append(f"That is {'better' if better else 'worse'} than the LS-SVM on the same split.")
     left = fit.augmented_rms / fit.noise_floor_rms
     if left > COMPLETE:
-        said.append(f"What is left is {left:.0f} times the noise: the leg is not described.")
+        sentences.append(f"What is left is {left:.0f} times the noise: the leg is not described.")
     steps = " and ".join(cause.name for cause in found.causes if cause.name in STEPS)
     if steps:
-        said.append(f"A MEMS has no laser modes: {steps} would be steps, as of stress let go, which two legs cannot confirm.")
+        sentences.append(f"A MEMS has no laser modes: {steps} would be steps, as of stress let go, which two legs cannot confirm.")
     once = " and ".join(cause.name for cause in found.causes if cause.name in ONCE)
     if once:
-        said.append(f"The unit was switched on once: {once} cannot be told from memory.")
+        sentences.append(f"The unit was switched on once: {once} cannot be told from memory.")
     if len(found.causes) > SUPPORTED:
-        said.append(f"{len(found.causes)} causes are more than two legs can support: the set is not to be believed.")
-    return " ".join(said)
+        sentences.append(f"{len(found.causes)} causes are more than two legs can support: the set is not to be believed.")
+    return " ".join(sentences)

@@ -79,8 +79,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         for hour in sorted(set(found["hours"])):
             here = found[found["hours"] == hour].groupby("method")[column]
             values = here.mean() if column == "covered" else here.median()
-            said = {method: form.format(values[method]) if method in values else "" for method in methods}
-            rows.append({"hours": f"{hour:g}"} | said)
+            cells = {method: form.format(values[method]) if method in values else "" for method in methods}
+            rows.append({"hours": f"{hour:g}"} | cells)
         show_table(title, rows)
 
 

@@ -102,30 +102,30 @@ def correlations(units: list[dict[str, object]]) -> pd.DataFrame:
 def verdicts(units: list[dict[str, object]]) -> list[str]:
     """What agrees with the paper and what does not, in sentences whose numbers are computed here."""
     table, found, size = pd.DataFrame([unit["stability"] for unit in units]), summary(units), correlations(units)
-    said = []
+    findings = []
     for name, value in PUBLISHED.items():
         low, high = found.loc[name, "min"], found.loc[name, "max"]
-        said.append(
+        findings.append(
             f"{name}: published {value:.4f} deg/h {'lies within' if low <= value <= high else 'lies outside'} "
             f"our {low:.4f} to {high:.4f} (mean {found.loc[name, 'mean']:.4f})."
         )
     best, readout = size["mean"].idxmax(), size.loc["readout_difference", "mean"]
-    said.append(
+    findings.append(
         f"Correlation: the input most correlated with the bias is {best} ({size.loc[best, 'mean']:.2f} on average); "
         f"the paper says it is the readout difference (ours {readout:.2f})."
     )
     better = int((table["lssvm, paper's four"] < table[[f"lssvm, {name}" for name in INPUTS]].min(axis=1)).sum())
-    said.append(f"All four inputs together beat the best single one in {better} of {len(table)} units, as in the paper.")
+    findings.append(f"All four inputs together beat the best single one in {better} of {len(table)} units, as in the paper.")
     gain = 100 * (1 - table["lssvm, readout_difference"] / table["cubic, readout_difference"])
     beyond = np.array([unit["outside"]["readout_difference"] > 0 for unit in units])
-    said.append(
+    findings.append(
         "LS-SVM against LS on the readout difference alone: published 52.1 % less. "
         f"Ours: {_range(gain[~beyond])} % in the {int((~beyond).sum())} units whose test run stays within the training range, "
         f"{_range(gain[beyond])} % in the {int(beyond.sum())} whose mutations leave it. Within it a cubic follows our optics "
         "as well as any model, and no model of one input can carry what the others cause; the LS-SVM's gain is in extrapolating."
     )
-    said.append(unreproducible())
-    return said
+    findings.append(unreproducible())
+    return findings
 
 
 def _range(values: pd.Series) -> str:

@@ -66,19 +66,19 @@ def main(argv: Sequence[str] | None = None) -> None:
     rng = np.random.default_rng(options.seed)
     count = round(HOURS * 3600.0 / WINDOW_S)
     print("# A random telegraph, or slow noise: `python -m experiments.telegraph_or_noise`\n")
-    for runs, said in ((2, "two training runs"), (4, "two training and two held-out runs")):
+    for runs, label in ((2, "two training runs"), (4, "two training and two held-out runs")):
         rows = Rows(np.tile(WINDOW_S * np.arange(count), runs), np.repeat(np.arange(runs), count), np.ones(runs * count), WINDOW_S)
         table = []
         for strength in STRENGTHS:
             line = {"half step / white noise of 100 s": f"{strength:g}"}
             certain = []
             for dwell_s in DWELLS_S:
-                alike, nothing = odds(rows, strength, dwell_s, options.draws, rng)
+                alike, null = odds(rows, strength, dwell_s, options.draws, rng)
                 certain.append(float(np.mean(alike > TWENTY_TO_ONE)))
-                line[f"dwell {dwell_s:g} s"] = f"{alike.mean():.1f} (over nothing {nothing.mean():.0f})"
+                line[f"dwell {dwell_s:g} s"] = f"{alike.mean():.1f} (over nothing {null.mean():.0f})"
             line["told, twenty to one"] = f"{100.0 * np.mean(certain):.0f} %"
             table.append(line)
-        show_table(f"Nats by which jumps beat slow noise of the same spectrum, {said} of {HOURS:g} h", table)
+        show_table(f"Nats by which jumps beat slow noise of the same spectrum, {label} of {HOURS:g} h", table)
 
 
 if __name__ == "__main__":

@@ -66,8 +66,8 @@ def conventional(paper: dict[str, float], repeats: int) -> Rows:
                 "of counting and mark": f"{found.relative_expected:.2e}",
             }
         )
-    said = {"mean, arcsec/pulse": f"{paper['K_tilde']:.8f}", "std of one, relative": f"{paper['K_tilde_rel_std']:.0e}"}
-    return [{"": "published, 300 repeats", **said, "of counting and mark": ""}, *rows]
+    published = {"mean, arcsec/pulse": f"{paper['K_tilde']:.8f}", "std of one, relative": f"{paper['K_tilde_rel_std']:.0e}"}
+    return [{"": "published, 300 repeats", **published, "of counting and mark": ""}, *rows]
 
 
 def angle(paper: dict[str, float], experiments: int) -> Rows:
