@@ -94,7 +94,7 @@ def demo(
         "  *.parquet               the chamber runs\n"
         "  simulator.yaml          the gyro they came from\n"
         f"  diagnosis/report.html   what the simulator lacked without {concealed}\n"
-        "  diagnosis/              that simulator, diagnosis.json, and augmented.yaml: what was found put in"
+        "  diagnosis/              that simulator, diagnosis.json, and augmented.yaml: the simulator with the findings"
     )
 
 

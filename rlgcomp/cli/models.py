@@ -55,7 +55,7 @@ def models(
             show_table("Verified models", rows)
         if not registry.comparison.empty:
             rows = registry.to_mapping()["comparison"]
-            show_table("On the runs given", [{key: row[key] for key in row if key != "trained_on"} for row in rows])
+            show_table("Compared on the runs", [{key: row[key] for key in row if key != "trained_on"} for row in rows])
         for remark in registry.remarks:
             typer.echo(f"- {remark.text}")
     for entry in registry.refused:

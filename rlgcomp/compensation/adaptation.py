@@ -240,7 +240,7 @@ def _left_out(
 
 
 def _posterior(gram: Array, cross: Array, mean: Array, covariance: Array, variance: float) -> tuple[Array, Array]:
-    """Mean and covariance of a unit's coefficients, given its windows: by S (I + G S / v)^-1, which needs no inverse of S."""
+    """Posterior mean and covariance of a unit's coefficients: by S (I + G S / v)^-1, which needs no inverse of S."""
     spread = np.linalg.solve(np.eye(len(mean)) + covariance @ gram / variance, covariance)
     spread = 0.5 * (spread + spread.T)
     return mean + spread @ (cross - gram @ mean) / variance, spread

@@ -96,11 +96,11 @@ def _allowed_deg_h(stream: Stream, compensator: Compensator, expansion: Expansio
 
 def magnitudes(stream: Stream, compensator: Compensator) -> Array:
     """m_j of each sample in units of u, shape (n, features), from the largest monitors so far: filters remember."""
-    recipe = compensator.pipeline_
+    pipeline = compensator.pipeline_
     sizes = np.maximum.accumulate(np.where(stream.valid[:, None], np.abs(stream.monitors), 0.0), axis=0)
-    largest = dict(zip(recipe.columns, sizes.T, strict=True))
+    largest = dict(zip(pipeline.columns, sizes.T, strict=True))
     columns: list[Array] = []
-    for feature in recipe.features:
+    for feature in pipeline.features:
         size = np.sum([largest[column] for column in feature.columns], axis=0)
         if isinstance(feature, Rate):
             columns.append(SECONDS_PER_MINUTE / feature.time_constant_s * 8.0 * size)

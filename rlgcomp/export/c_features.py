@@ -1,4 +1,4 @@
-"""The C lines that compute a recipe's features, and their memory: the same arithmetic as :mod:`rlgcomp.compensation.features`."""
+"""The C lines that compute a pipeline's features, and their memory: the same arithmetic as :mod:`rlgcomp.compensation.features`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rlgcomp.units import SECONDS_PER_MINUTE
 
 
 class FeatureCode:
-    """C lines of a recipe.
+    """C lines of a pipeline.
 
     Attributes
     ----------
@@ -84,10 +84,10 @@ class FeatureCode:
         return f"monitors[{self._prefix}_{self._names[column]}]"
 
 
-def feature_code(recipe: FeatureRecipe, prefix: str, precision: Precision, number: Callable[[float], str]) -> FeatureCode:
-    """C lines of a whole recipe; identifiers begin with `prefix`."""
-    code = FeatureCode(recipe.columns, prefix, precision, number)
-    for feature in recipe.features:
+def feature_code(pipeline: FeatureRecipe, prefix: str, precision: Precision, number: Callable[[float], str]) -> FeatureCode:
+    """C lines of a whole pipeline; identifiers begin with `prefix`."""
+    code = FeatureCode(pipeline.columns, prefix, precision, number)
+    for feature in pipeline.features:
         code.add(feature)
     return code
 

@@ -64,15 +64,15 @@ def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool)
 
     A sample that tells nothing; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
     a little beyond the training range, samples that tell nothing or come at a wrong time, an ordinary stretch, and inputs far
-    out. What tells nothing is not finite, or holds readouts that are both 0. Each sample goes through the recipe's own `step`.
+    out. What tells nothing is not finite, or holds readouts that are both 0. Each sample goes through the pipeline's own `step`.
     """
     time_s, monitors = _episodes(compensator)
-    recipe = compensator.pipeline_
-    X = np.full((len(time_s), len(recipe.names)), np.nan)
+    pipeline = compensator.pipeline_
+    X = np.full((len(time_s), len(pipeline.names)), np.nan)
     state = None
     for k, (now_s, row) in enumerate(zip(time_s, monitors, strict=True)):
         try:
-            X[k], state = recipe.step(state, {TIME: now_s, **dict(zip(recipe.columns, row, strict=True))})
+            X[k], state = pipeline.step(state, {TIME: now_s, **dict(zip(pipeline.columns, row, strict=True))})
         except InputError:
             continue
     valid = np.isfinite(X).all(axis=1)
@@ -109,8 +109,8 @@ def _episodes(compensator: Compensator) -> tuple[Array, Array]:
 
 def _monitors(compensator: Compensator) -> Array:
     """Monitors that give about the inputs of the first training run."""
-    recipe, X = compensator.pipeline_, compensator.training_[0].X
-    places = _places(recipe)
+    pipeline, X = compensator.pipeline_, compensator.training_[0].X
+    places = _places(pipeline)
     known = {feature.column: X[:, place] for feature, place in places if isinstance(feature, Level)}
     for feature, place in places:
         if isinstance(feature, Difference):
@@ -121,12 +121,12 @@ def _monitors(compensator: Compensator) -> Array:
         elif isinstance(feature, ReadoutDifference):
             known.setdefault("readout_a_V", 0.5 + 0.5 * X[:, place])
             known.setdefault("readout_b_V", 0.5 - 0.5 * X[:, place])
-    return np.column_stack([known.get(column, _sweep(len(X))) for column in recipe.columns])
+    return np.column_stack([known.get(column, _sweep(len(X))) for column in pipeline.columns])
 
 
-def _places(recipe: FeatureRecipe) -> list[tuple[object, int]]:
-    starts = np.cumsum([0, *(len(feature.names) for feature in recipe.features)])
-    return list(zip(recipe.features, starts.tolist(), strict=False))
+def _places(pipeline: FeatureRecipe) -> list[tuple[object, int]]:
+    starts = np.cumsum([0, *(len(feature.names) for feature in pipeline.features)])
+    return list(zip(pipeline.features, starts.tolist(), strict=False))
 
 
 def _sweep(rows: int) -> Array:

@@ -1,4 +1,4 @@
-"""The page: an evaluation and its model, rendered to one HTML file that needs nothing else."""
+"""The page: an evaluation and its model, rendered to one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_report(
     compensator : Compensator
     title : str
     simulated : sequence of Recording
-        Simulated runs whose make-up is to be shown.
+        Simulated runs whose components are to be shown.
     """
     write_json(folder / "evaluation.json", evaluation.to_mapping())
     write_text(folder / "report.html", render(evaluation, compensator, title=title, simulated=simulated))
@@ -45,7 +45,16 @@ def write_report(
 def render(
     evaluation: Evaluation, compensator: Compensator, *, title: str = "Bias compensation", simulated: Sequence[Recording] = ()
 ) -> str:
-    """The page as HTML text."""
+    """The page as HTML text.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    compensator : Compensator
+    title : str
+    simulated : sequence of Recording
+        Simulated runs whose components are to be shown.
+    """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -58,7 +67,7 @@ def render(
         correlation=evaluation.correlation.assign(correlation=[f"{value:.3f}" for value in evaluation.correlation["correlation"]]),
         model=type(compensator.model_).__name__,
         parameters=parameters_of(compensator.model_),
-        recipe=compensator.pipeline_,
+        inputs=compensator.pipeline_.names,
         provenance=compensator.provenance_,
         scaling=compensator.scaling_,
         runs=_run_table(evaluation),
@@ -95,5 +104,7 @@ def _pivot(table: pd.DataFrame) -> pd.DataFrame:
     if table.empty:
         return table
     both = table["residual_std_deg_h"].map("{:.5f}".format) + " (" + table["residual_rms_deg_h"].map("{:.5f}".format) + ")"
-    wide = table.assign(left=both).pivot_table(index="features", columns="model", values="left", sort=False, aggfunc="first")
+    wide = table.assign(residual=both).pivot_table(
+        index="features", columns="model", values="residual", sort=False, aggfunc="first"
+    )
     return wide.reset_index().rename_axis(columns=None)

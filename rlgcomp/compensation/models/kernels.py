@@ -26,7 +26,15 @@ def squared_distances(x: Array, z: Array) -> Array:
 
 
 def gaussian(x: Array, z: Array, *, sigma: float) -> Array:
-    r""":math:`\exp(-\|x - z\|^2 / 2\sigma^2)`."""
+    r""":math:`\exp(-\|x - z\|^2 / 2\sigma^2)`.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, features)
+    z : ndarray, shape (m, features)
+    sigma : float
+        Width.
+    """
     exponent = squared_distances(x, z)
     exponent *= -0.5 / sigma**2
     if x is not z:
@@ -44,17 +52,45 @@ def linear(x: Array, z: Array) -> Array:
 
 
 def polynomial(x: Array, z: Array, *, degree: int, offset: float) -> Array:
-    r""":math:`(x \cdot z + t)^d`."""
+    r""":math:`(x \cdot z + t)^d`.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, features)
+    z : ndarray, shape (m, features)
+    degree : int
+        d.
+    offset : float
+        t.
+    """
     return np.asarray((x @ z.T + offset) ** degree)
 
 
 def sigmoid(x: Array, z: Array, *, slope: float, offset: float) -> Array:
-    r""":math:`\tanh(\kappa\, x \cdot z + v)`; not positive definite for every slope and offset."""
+    r""":math:`\tanh(\kappa\, x \cdot z + v)`; not positive definite for every slope and offset.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, features)
+    z : ndarray, shape (m, features)
+    slope : float
+        kappa.
+    offset : float
+        v.
+    """
     return np.tanh(slope * (x @ z.T) + offset)
 
 
 def matern(x: Array, z: Array, *, sigma: float) -> Array:
-    r""":math:`(1 + \sqrt3 r/\sigma)\, e^{-\sqrt3 r/\sigma}`: once differentiable, less smooth than the Gaussian."""
+    r""":math:`(1 + \sqrt3 r/\sigma)\, e^{-\sqrt3 r/\sigma}`: once differentiable, less smooth than the Gaussian.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, features)
+    z : ndarray, shape (m, features)
+    sigma : float
+        Length scale.
+    """
     return _matern_of(np.sqrt(3.0 * squared_distances(x, z)) / sigma)
 
 

@@ -154,7 +154,7 @@ class TridiagonalPath:
         columns, residuals = np.empty((len(self.basis), len(rows) + 1)), np.empty((len(self.scales), len(rows)))
         columns[:, :-1], columns[:, -1] = self.basis[:, rows], self.rotated_y
         batch = min(len(residuals), max(1, _BATCH // columns.size))
-        if self.work.size < batch * columns.size:  # kept between folds: new memory costs as much as filling it
+        if self.work.size < batch * columns.size:  # reused between folds: new memory costs as much as filling it
             self.work = np.empty(batch * columns.size)
         for first in range(0, len(residuals), batch):
             part = slice(first, first + batch)

@@ -72,7 +72,20 @@ def cross_validation_residuals(model: Any, X: Array, y: Array, groups: Labels) -
 
 
 def refit_rmse(model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Array:
-    """Root mean square of :func:`refit_residuals`, which has these parameters; shape (candidates,)."""
+    """Root mean square of :func:`refit_residuals`, one a candidate.
+
+    Parameters
+    ----------
+    model : estimator
+    candidates : sequence of mapping
+    X : ndarray, shape (n, features)
+    y : ndarray, shape (n,)
+    groups : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (candidates,)
+    """
     return rms(refit_residuals(model, candidates, X, y, groups))
 
 
