@@ -44,10 +44,10 @@ def cubic() -> rlg.Compensator:
 )
 def test_outliers_spoil_no_training_and_have_a_remark(short_runs: list[rlg.Recording], column: str, rows: slice, by: float) -> None:
     wild = struck(short_runs[0], column, rows, by)
-    assert [finding for finding in summarise(wild)["findings"] if column in finding]
+    assert [finding for finding in summarise(wild)["findings"] if finding["column"] == column]
     assert not summarise(short_runs[0])["findings"]
     sound, spoilt = cubic().fit(short_runs[:2]), cubic().fit([wild, short_runs[1]])
-    assert any("the first at 2500 s" in remark.text for remark in spoilt.remarks_)
+    assert any(remark.data.get("first_s") == 2500.0 for remark in spoilt.remarks_)
     apart = spoilt.predict(short_runs[2])["bias_deg_h"] - sound.predict(short_runs[2])["bias_deg_h"]
     assert float(np.abs(apart).max()) < 3e-4  # deg/h; a twentieth of the bias
 
@@ -59,7 +59,8 @@ def test_an_outlier_of_pulses_is_reported() -> None:
     pulses = rlg.Recording(table, rlg.Metadata("chamber", pulse_arcsec=0.84), name="pulses")
     assert not summarise(pulses)["findings"]
     (found,) = summarise(struck(pulses, "gyro_pulses", slice(900, 901), 32767.0))["findings"]
-    assert "gyro_pulses, row 900: 1 sample stands up to" in found
+    assert (found["code"], found["column"], found["row"]) == ("recording.gyro_outliers", "gyro_pulses", 900)
+    assert found["data"]["samples"] == 1
 
 
 def test_outliers_are_left_out_of_an_evaluation(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
@@ -67,7 +68,7 @@ def test_outliers_are_left_out_of_an_evaluation(trained: rlg.Compensator, short_
     wild = rlg.evaluate(trained, [struck(short_runs[2], "gyro_deg_h", slice(500, 501), 1000.0)], compare=False)
     assert wild.residual_std_deg_h == pytest.approx(sound.residual_std_deg_h, rel=0.02)
     assert wild.noise_floor_deg_h == pytest.approx(sound.noise_floor_deg_h, rel=0.02)
-    assert "1 sample stands up to" in wild.remarks[0].text
+    assert (wild.remarks[0].code, wild.remarks[0].data["samples"]) == ("recording.gyro_outliers", 1)
 
 
 @pytest.mark.parametrize("work", ["correct", "fit", "evaluate", "adapt", "follow"])
@@ -96,8 +97,9 @@ def test_compensating_repairs_monitors_and_reports_outliers(
         assert done.exit_code == 0
         remarks = json.loads(done.stdout)["remarks"]
         assert len(remarks) == (0 if name == "sound" else 2)
-    assert "temperature_block_degC has 1 sample that stands off" in remarks[0]["text"]
-    assert "the first at 4000 s: a knock or a fault of the logger, left as recorded." in remarks[1]["text"]
+    assert [remark["code"] for remark in remarks] == ["recording.monitor_outliers", "recording.gyro_outliers"]
+    assert (remarks[0]["data"]["column"], remarks[0]["data"]["samples"]) == ("temperature_block_degC", 1)
+    assert (remarks[1]["data"]["first_s"], remarks[1]["data"]["treatment"]) == (4000.0, "as_recorded")
     assert all(remark["text"] in done.stderr for remark in remarks)
     sound, mended = (rlg.read(tmp_path / f"{name}-out.parquet") for name in ("sound", "wild"))
     apart = np.abs(mended.column("compensation_deg_h") - sound.column("compensation_deg_h"))
@@ -193,7 +195,8 @@ def test_remarks_of_a_training_are_for_machines_too(short_runs: list[rlg.Recordi
     rlg.write(short_runs[1], paths[1])
     result = command("train", *paths, "--model", "cubic", "--out", tmp_path / "model", "--json")
     assert result.exit_code == 0, result.output
-    assert "wild: 1 sample stands up to" in json.loads(result.stdout)["remarks"][0]["text"]
+    remark = json.loads(result.stdout)["remarks"][0]
+    assert (remark["code"], remark["data"]["run"], remark["data"]["samples"]) == ("recording.gyro_outliers", "wild", 1)
 
 
 @pytest.mark.parametrize("pulse_arcsec", [0.5, 2.0])

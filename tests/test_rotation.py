@@ -346,18 +346,19 @@ def test_a_table_whose_speed_wanders_is_not_taken_for_noise() -> None:
 
 
 @pytest.mark.parametrize("pulses", [None, LIU_PULSE_ARCSEC], ids=["fine", "pulses"])
-def test_a_knock_is_left_out_and_its_time_told(pulses: float | None) -> None:
+def test_an_outlier_is_left_out_and_reported_with_its_time(pulses: float | None) -> None:
     run = turned(((60.0, 900.0),), pulse_arcsec=pulses)
-    calm = angle_random_walk(run)
-    assert not calm.left_out
+    sound = angle_random_walk(run)
+    assert not sound.left_out
     frame = run.table.copy()
     column = run.gyro_columns[0]
     frame.loc[50_000, column] += 30.0 if pulses else 25.0 / run.period_s
-    knocked = angle_random_walk(run.replace(table=frame))
-    (said,) = knocked.left_out
-    assert said in knocked.remarks
-    assert float(said.split("jumps at ")[1].split(" s")[0]) == pytest.approx(run.time_s[50_000], abs=0.2)
-    for before, after in zip(calm.gyros, knocked.gyros, strict=True):
+    disturbed = angle_random_walk(run.replace(table=frame))
+    (outliers,) = disturbed.left_out
+    assert (outliers.code, outliers.data["places"]) == ("noise.angle_outliers", 1)
+    assert outliers.text in disturbed.remarks
+    assert outliers.data["first_s"] == pytest.approx(run.time_s[50_000], abs=0.2)
+    for before, after in zip(sound.gyros, disturbed.gyros, strict=True):
         sd = before.angle_random_walk_deg_sqrt_h_sd
         assert abs(after.angle_random_walk_deg_sqrt_h - before.angle_random_walk_deg_sqrt_h) < sd
         check, same = after.whole_revolutions, before.whole_revolutions

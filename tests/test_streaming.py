@@ -97,9 +97,9 @@ def test_faults_are_mended_or_refused_piece_by_piece(tmp_path: Path) -> None:
     frame.loc[2500:2504, "gyro_z_deg_h"] = np.nan
     found = list(read_pieces(written(frame, tmp_path / "run.csv"), "gyro_z_deg_h", rows=1000))
     assert sum(map(len, found)) == 4995
-    assert [str(finding) for finding in found[2].findings if finding.severity == "repaired"] == [
-        "repaired: gyro_z_deg_h, row 500: 5 values missing, rows left out"
-    ]
+    (finding,) = [finding for finding in found[2].findings if finding.severity == "repaired"]
+    assert (finding.message.code, finding.message.data) == ("recording.missing_gyro_values", {"values": 5})
+    assert (finding.column, finding.row) == ("gyro_z_deg_h", 500)
     frame = table(5000)
     frame.loc[2500:, "time_s"] -= 2000.0
     with pytest.raises(rlg.InputError, match=r"rows from 2000.*\n.*time runs backwards"):

@@ -14,7 +14,6 @@ import rlgcomp as rlg
 from rlgcomp.calibration.triad.calibrate import calibrate_turntable, navigator_remarks, predicted, rate_bias
 from rlgcomp.calibration.triad.estimate import TriadCalibration
 from rlgcomp.calibration.triad.information import Noise
-from rlgcomp.calibration.triad.knocks import without_knocks
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.recording.formats import write
 from rlgcomp.report.calibration import render
@@ -72,10 +71,12 @@ def test_an_outlier_has_a_remark_with_its_time_and_the_run_is_cut_there(
     table.loc[9000:9003, "accel_x_m_s"] += 3.0 * STEP_S
     cut = calibrate_turntable([recordings[0].replace(table=table), *recordings[1:]])
     assert cut.remarks[0].code == "calibration.outliers"
-    assert cut.remarks[0].text.startswith("step-1: gyros or accelerometers stand 30 standard deviations off the encoders 45")
+    assert cut.remarks[0].data["run"] == "step-1"
+    assert cut.remarks[0].data["at_s"] == pytest.approx([45.0], abs=0.1)
+    assert cut.remarks[0].data["cut"]
     assert [run.name for run in cut.triad.runs] == ["step-1 from 0 s", "step-1 from 46.02 s", "step-2", "step-3"]
     assert (cut.triad.sd < 2.0 * found.sd).all()  # two halves of the run, each with a tilt of its own
-    assert all(without_knocks(TableRun.of(recording))[1] is None for recording in recordings)
+    assert all(TableRun.of(recording).cut_at_outliers()[1] is None for recording in recordings)
 
 
 @pytest.mark.parametrize("stated_deg", [40.98, 39.48, -39.98])

@@ -21,7 +21,7 @@ from rlgcomp import units
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
-from rlgcomp.numerics.robust import SD_OF_MAD, stretches
+from rlgcomp.numerics.robust import SD_OF_MAD, segments
 from rlgcomp.physics.mechanism import Mechanism, Parameter
 from rlgcomp.recording import Recording
 
@@ -198,7 +198,7 @@ def strongest_intervals(problem: Problem, effect_deg_h: Array) -> Mapping[str, t
     spans: dict[str, tuple[tuple[float, float], ...]] = {}
     for run, rows in zip(problem.runs, problem.rows.runs, strict=True):
         time_s = problem.rows.time_s[rows]
-        spans[run.name] = tuple((float(time_s[a] - half_s), float(time_s[b - 1] + half_s)) for a, b in stretches(inside[rows]))
+        spans[run.name] = tuple((float(time_s[a] - half_s), float(time_s[b - 1] + half_s)) for a, b in segments(inside[rows]))
     return spans
 
 

@@ -332,13 +332,11 @@ def compensate(
 def _repaired_monitors(compensator: Compensator, recording: Recording) -> tuple[Recording, list[Message]]:
     """The run with single outliers of its monitors interpolated, and remarks on it."""
     from rlgcomp.compensation.input_checks import other_unit
-    from rlgcomp.recording.outliers import knocks_in, without_spikes
-    from rlgcomp.report.messages import message
+    from rlgcomp.recording.outliers import gyro_outliers, without_monitor_outliers
 
-    repaired, texts = without_spikes(recording, compensator.pipeline_.columns)
-    _, outliers = knocks_in(recording, compensator.gyro)
-    texts += [f"{recording.name}: {outliers}, left as recorded."] if outliers else []
-    remarks = [message("compensation.screened", text=text) for text in texts]
+    repaired, interpolated = without_monitor_outliers(recording, compensator.pipeline_.columns)
+    outliers = gyro_outliers(recording, compensator.gyro)
+    remarks = [*interpolated, *([outliers.message("as_recorded", recording.name)] if outliers else [])]
     return repaired, remarks + other_unit(compensator.provenance_, recording.name, recording.metadata.unit)
 
 

@@ -14,11 +14,11 @@ def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: Pu
 
     Example: `rlgcomp inspect cold.parquet hot.csv --map gyro_deg_h='Gyro Z [deg/s]'`
     """
-    from rlgcomp.report.inspection import summarise, wild_samples
+    from rlgcomp.report.inspection import outlier_findings, summarise
 
     recordings = read_runs(runs, mapping, drop, pulse_arcsec)
     for recording in recordings:
-        for finding in wild_samples(recording):
+        for finding in outlier_findings(recording):
             notify(f"{recording.name}: {finding}")
     summaries = [summarise(run) for run in recordings]
     if as_json:

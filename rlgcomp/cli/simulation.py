@@ -93,13 +93,13 @@ def predict(
     """
     from rlgcomp.physics.user import user_catalogue
     from rlgcomp.recording.formats import write
-    from rlgcomp.recording.outliers import without_spikes
+    from rlgcomp.recording.outliers import without_monitor_outliers
     from rlgcomp.simulation.simulator import Simulator
 
     require_recording(out, simulator, mechanisms, run)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
-    recording, remarks = without_spikes(recording, made.driver_columns(recording))
+    recording, remarks = without_monitor_outliers(recording, made.driver_columns(recording))
     predicted = made.predict(recording)
     write(predicted, out)
     for remark in remarks:
@@ -118,7 +118,7 @@ def predict(
                 "left_out": [mechanism.name for mechanism in made.mechanisms if not mechanism.repeats()],
                 "mean_deg_h": float(rate.mean()),
                 "std_deg_h": float(rate.std()),
-                "remarks": [remark.to_mapping() for remark in extrapolations],
+                "remarks": [remark.to_mapping() for remark in (*remarks, *extrapolations)],
             }
         )
     else:

@@ -39,8 +39,7 @@ from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings
-from rlgcomp.recording.outliers import undisturbed
-from rlgcomp.report.messages import message
+from rlgcomp.recording.outliers import without_outliers
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -133,7 +132,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     for run in runs:
         require_raw(run.name, run.columns)
     require_distinct(runs)
-    raw, (runs, outliers) = runs, undisturbed(runs, compensator.gyro)
+    raw, (runs, outliers) = runs, without_outliers(runs, compensator.gyro)
     units = [str(run.get("unit") or "") for run in compensator.provenance_]
     known = sorted(set(units) - {""})
     if len(known) < FEWEST_UNITS:
@@ -178,7 +177,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         for run in raw
     ]
     new.remarks_ = (
-        *(message("compensation.screened", text=text) for text in outliers),
+        *outliers,
         *new.selection_.remarks(compensator.scaling_.y_scale_deg_h, "units"),
     )
     for remark in new.remarks_:

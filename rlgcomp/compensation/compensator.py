@@ -28,8 +28,7 @@ from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
-from rlgcomp.recording.outliers import undisturbed
-from rlgcomp.report.messages import message
+from rlgcomp.recording.outliers import without_outliers
 from rlgcomp.units import EARTH_RATE_DEG_H
 
 Array = npt.NDArray[np.float64]
@@ -157,7 +156,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         for run in runs:
             require_raw(run.name, run.columns)
         require_distinct(runs)
-        raw, (runs, outliers) = runs, undisturbed(runs, self.gyro) if screen else (runs, [])
+        raw, (runs, outliers) = runs, without_outliers(runs, self.gyro) if screen else (runs, [])
         self.pipeline_ = pipeline_for(runs, self.features)
         samples = [self.pipeline_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(window_means(run, self.pipeline_, self.averaging_s, self.gyro) for run in runs)
@@ -185,7 +184,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in raw
         ]
         self.remarks_ = (
-            *(message("compensation.screened", text=text) for text in outliers),
+            *outliers,
             *omitted_groups(runs, self.features),
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
         )

@@ -9,7 +9,7 @@ from typing import Any
 from rlgcomp.compensation.correction import REMOVED
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
-from rlgcomp.recording.sameness import share_rows
+from rlgcomp.recording.argument_checks import share_rows
 from rlgcomp.report.messages import Message, message
 
 

@@ -18,8 +18,8 @@ from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, Simulat
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
-from rlgcomp.recording.outliers import frozen_in, undisturbed
-from rlgcomp.recording.sample_and_hold import without_holds
+from rlgcomp.recording.outliers import without_outliers
+from rlgcomp.recording.stuck_channels import frozen_messages, interpolated_holds
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
@@ -94,10 +94,12 @@ class Comparable:
 
 def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
     """Runs without knocks and spikes, monitors not held between readings, and what to say of these and of monitors that freeze."""
-    calm, remarks = undisturbed(runs, gyro)
-    straight = [without_holds(run) for run in calm]
-    frozen = (said for run in calm for said in frozen_in(run))
-    return [run for run, _ in straight], [*remarks, *frozen, *(said for _, said in straight if said is not None)]
+    calm, remarks = without_outliers(runs, gyro)
+    straight = [interpolated_holds(run) for run in calm]
+    frozen = (one for run in calm for one in frozen_messages(run))
+    return [run for run, _ in straight], [
+        one.text for one in (*remarks, *frozen, *(held for _, held in straight if held is not None))
+    ]
 
 
 def _moving(

@@ -23,7 +23,7 @@ from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
 from rlgcomp.numerics.bootstrap import BLOCK_S, drawn_squares
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
-from rlgcomp.recording.outliers import spikes_in, without_knocks
+from rlgcomp.recording.outliers import monitor_outliers, without_gyro_outliers
 from rlgcomp.report.messages import Message, message
 from rlgcomp.report.notebook import ShownAsTable
 
@@ -278,15 +278,14 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         raise InputError("no runs to evaluate on; give at least one recording")
     for run in runs:
         require_raw(run.name, run.columns)
-    screened = [without_knocks(run, compensator.gyro) for run in runs]
-    runs, outliers = [run for run, _ in screened], [text for _, text in screened if text is not None]
-    remarks = [message("evaluation.screened", text=text) for text in outliers]
+    screened = [without_gyro_outliers(run, compensator.gyro) for run in runs]
+    runs, remarks = [run for run, _ in screened], [outliers for _, messages in screened for outliers in messages]
     for run in runs:
         remarks += other_unit(compensator.provenance_, run.name, run.metadata.unit)
     for run in runs:
-        for column, (_, description) in spikes_in(run).items():
-            if column in compensator.pipeline_.columns:
-                remarks.append(message("evaluation.monitor_outliers", run=run.name, column=column, description=description))
+        for outliers in monitor_outliers(run):
+            if outliers.column in compensator.pipeline_.columns:
+                remarks.append(outliers.message("followed", run.name))
     results, traces = zip(*(_evaluate_run(compensator, run) for run in runs), strict=True)
     held_out = [window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs]
     return Evaluation(

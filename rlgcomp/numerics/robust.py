@@ -1,4 +1,4 @@
-"""What wild samples do not move: the scatter behind a median deviation; and where a mask holds, stretch by stretch."""
+"""Statistics that outliers do not move, and the segments on which a mask holds."""
 
 from __future__ import annotations
 
@@ -10,10 +10,31 @@ import numpy.typing as npt
 SD_OF_MAD: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
 
 
-def stretches(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """Where a mask of n samples holds: first sample of each stretch and the one after its last, shape (m, 2).
+def robust_sd(values: npt.NDArray[np.float64]) -> float:
+    """Standard deviation of values with mean zero, from their median absolute value.
 
-    >>> stretches(np.array([True, False, True, True])).tolist()
+    >>> robust_sd(np.array([-1.0, 1.0, 1.0, 1000.0]))
+    1.4826
+    """
+    return SD_OF_MAD * float(np.median(np.abs(values)))
+
+
+def segments(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Segments of n samples on which a mask holds: the first sample of each and the one after its last, shape (m, 2).
+
+    >>> segments(np.array([True, False, True, True])).tolist()
     [[0, 1], [2, 4]]
     """
-    return np.flatnonzero(np.diff(np.r_[False, inside, False])).reshape(-1, 2)
+    return np.flatnonzero(np.diff(np.r_[False, mask, False])).reshape(-1, 2)
+
+
+def widened(mask: npt.NDArray[np.bool_], samples: int) -> npt.NDArray[np.bool_]:
+    """A mask that also holds so many samples before and after each sample on which it held.
+
+    >>> widened(np.array([True, False, False, False, True]), 1).tolist()
+    [True, True, False, True, True]
+    """
+    result = np.zeros(len(mask), dtype=np.bool_)
+    for start, stop in segments(mask):
+        result[max(0, start - samples) : stop + samples] = True
+    return result

@@ -16,14 +16,21 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.errors import InputError
-from rlgcomp.recording.averaging import DEFAULT_AVERAGING_S, LEAST_COVERAGE, FullWindows
-from rlgcomp.recording.columns import GYRO_UNITS, TIME, is_compensation, is_gyro, rate_name
+from rlgcomp.recording.columns import (
+    ENCODERS,
+    FEWEST_ROWS,
+    GYRO_UNITS,
+    TIME,
+    is_compensation,
+    is_gyro,
+    problems_of,
+    rate_name,
+)
 from rlgcomp.recording.metadata import PREDICTED, Finding, Kind, Metadata
-from rlgcomp.recording.sampling import GAP_PERIODS, Sampling
-from rlgcomp.recording.validity import FEWEST_ROWS, problems_of
+from rlgcomp.recording.sampling import DEFAULT_AVERAGING_S, GAP_PERIODS, LEAST_COVERAGE, FullWindows, Sampling
 
 __all__ = [
-    "DEFAULT_AVERAGING_S", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "PREDICTED", "TIME",
+    "DEFAULT_AVERAGING_S", "ENCODERS", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "PREDICTED", "TIME",
     "Finding", "Kind", "Metadata", "Recording", "is_compensation", "is_gyro", "rate_name",
 ]  # fmt: skip
 Array = npt.NDArray[np.float64]

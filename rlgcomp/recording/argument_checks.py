@@ -1,13 +1,19 @@
-"""What is given at the Python face, checked once at the entry: recordings, seeds and numbers of workers."""
+"""Checks of arguments of public functions: recordings and whether two are of one run, seeds, numbers of workers."""
 
 from __future__ import annotations
 
 import operator
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
+
+_ROUNDED: Final = 1e-3  # of a sample period, and of a gyro's range: files of one run differ by less
+_OF_NOISE: Final = 1e-2  # of fifth differences of a gyro, in which a table's rate is gone and the noise is left, ten times as large
+_FEWEST: Final = 10  # common rows that tell
 
 
 def require_recordings(given: Iterable[Recording], name: str) -> list[Recording]:
@@ -34,6 +40,21 @@ def require_recordings(given: Iterable[Recording], name: str) -> list[Recording]
                 "Simulator.simulate() returns"
             )
     return found
+
+
+def share_rows(one: Recording, other: Recording) -> bool:
+    """Whether gyros agree at all common times better than two runs of one programme could, which differ by their noise."""
+    column = one.gyro_columns[0]
+    if column not in other:
+        return False
+    at, at_too = (np.round(run.time_s[run.scored] / (_ROUNDED * one.period_s)) for run in (one, other))
+    _, ours, theirs = np.intersect1d(at, at_too, return_indices=True)
+    if len(ours) < _FEWEST:
+        return False
+    values = one.column(column)[one.scored][ours]
+    apart = np.abs(values - other.column(column)[other.scored][theirs])
+    allowed = min(_ROUNDED * np.ptp(values), _OF_NOISE * np.median(np.abs(np.diff(values, 5))))
+    return bool(np.ptp(values) > 0.0 and apart.max() <= allowed)
 
 
 def require_seed(given: int) -> int:

@@ -1,11 +1,19 @@
-"""Columns that a recording cannot do without, and what they are called."""
+"""Columns of a recording: what they are called, and what makes a table of them valid."""
 
 from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+import pandas as pd
+
+from rlgcomp.numerics.column_ranges import extents, step_extent
+
 TIME: Final = "time_s"
 GYRO_UNITS: Final = ("_deg_h", "_deg_s", "_pulses")
+ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
+FEWEST_ROWS: Final = 3
+_LARGEST: Final = float(np.finfo(np.float64).max)
 
 
 def is_gyro(column: str) -> bool:
@@ -28,3 +36,31 @@ def rate_name(gyro_column: str) -> str:
         if gyro_column.endswith(suffix):
             return gyro_column.removesuffix(suffix) + "_deg_h"
     return gyro_column
+
+
+def problems_of(table: pd.DataFrame, truth: pd.DataFrame | None) -> list[str]:
+    """What keeps a table and its truth from being a recording, a sentence each; none where they are one."""
+    problems = []
+    if len(table) < FEWEST_ROWS:
+        problems.append(f"{len(table)} rows; at least {FEWEST_ROWS} are needed")
+    repeated = sorted({str(column) for column in table.columns[table.columns.duplicated()]})
+    if repeated:
+        problems.append(f"column names appear twice: {', '.join(repeated)}")
+        return problems
+    if TIME not in table:
+        problems.append(f"no column {TIME}; map the time with --map {TIME}=NAME")
+    if not any(is_gyro(str(column)) for column in table.columns):
+        problems.append(
+            "no gyro column (gyro_deg_h, gyro_deg_s, gyro_pulses or one per axis, as gyro_x_deg_h); map it with "
+            f"--map gyro_deg_h='NAME [unit]'; the columns are {', '.join(map(str, table.columns)) or 'none'}"
+        )
+    numeric = [column for column in table.columns if pd.api.types.is_numeric_dtype(table[column])]
+    problems += [f"{column} is not numeric ({table[column].dtype})" for column in table.columns if column not in numeric]
+    values = [table[column].to_numpy(dtype=np.float64, na_value=np.nan) for column in numeric]
+    found = zip(numeric, extents(values), strict=True)
+    problems += [f"{column} has missing or infinite values" for column, extent in found if not extent.within(_LARGEST)]
+    if not problems and not step_extent(table[TIME].to_numpy(dtype=np.float64)).least > 0.0:
+        problems.append(f"{TIME} does not increase")
+    if truth is not None and len(truth) != len(table):
+        problems.append(f"the truth has {len(truth)} rows and the table {len(table)}")
+    return problems

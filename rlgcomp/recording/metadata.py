@@ -1,4 +1,4 @@
-"""What belongs to a recording beside its table: the metadata, and what was found in its file."""
+"""Metadata of a recording, and findings of its file."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal, Self, get_args
 
 from rlgcomp.errors import InputError
+from rlgcomp.report.messages import Message
 
 Kind = Literal["chamber", "turntable", "static"]
 PREDICTED: Final = "predicted"  # note of a recording whose gyro is what a simulator expects
@@ -16,7 +17,7 @@ PREDICTED: Final = "predicted"  # note of a recording whose gyro is what a simul
 
 @dataclasses.dataclass(frozen=True)
 class Metadata:
-    """What a recording's table does not say.
+    """Metadata of a recording.
 
     Parameters
     ----------
@@ -27,11 +28,11 @@ class Metadata:
     pulse_arcsec : float, optional
         Angle of one pulse; needed to read gyro columns that end in `_pulses`.
     lead_in_s : float
-        The first seconds only set the state of everything that remembers (filters, hysteresis): they are neither fitted nor scored.
+        The first seconds only set the state of filters and hysteresis: they are neither fitted nor scored.
     notes : mapping
-        Anything else, kept as it came; from a file dates are ISO text, and free text stands under `notes`.
+        Anything else, as it came; from a file dates are ISO text, and free text stands under `notes`.
     angle_step_deg : float, optional
-        In which the table's encoder moves; where it is not said, a diagnosis looks for it.
+        Resolution of the table's encoder; where absent, a diagnosis estimates it.
     """
 
     kind: Kind = "chamber"
@@ -58,10 +59,10 @@ class Metadata:
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
         """Metadata from a mapping read from a file: numbers may come as text, unknown keys go to `notes`."""
         known: dict[str, Any] = {}
-        given: dict[str, Any] = _plain(values)
-        remarks = given.pop("notes", None)
-        notes: dict[str, Any] = remarks if isinstance(remarks, dict) else {} if remarks is None else {"notes": remarks}
-        for key, value in given.items():
+        plain: dict[str, Any] = _plain(values)
+        free = plain.pop("notes", None)
+        notes: dict[str, Any] = free if isinstance(free, dict) else {} if free is None else {"notes": free}
+        for key, value in plain.items():
             if value is None:
                 continue
             if key in ("latitude_deg", "pulse_arcsec", "angle_step_deg", "lead_in_s"):
@@ -76,13 +77,13 @@ class Metadata:
         return cls(**known, notes=notes)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Plain mapping, without what was not given; the inverse of `from_mapping`."""
+        """Plain mapping, without empty values; the inverse of `from_mapping`."""
         plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {key: value for key, value in plain.items() if value not in (None, "", 0.0) and value != {}}
 
 
 def _plain(value: Any) -> Any:
-    """What a file says, its dates as ISO text, so that every format and every artefact can hold it."""
+    """A value of a file with dates as ISO text, so that every format and every artefact can hold it."""
     if isinstance(value, datetime.date):
         return value.isoformat()
     if isinstance(value, Mapping):
@@ -94,13 +95,26 @@ def _plain(value: Any) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """One thing found in a file: repaired, merely noted, or a reason to refuse it."""
+    """One thing found in a recording.
+
+    Parameters
+    ----------
+    severity : {"repaired", "noted", "refused"}
+    message : Message
+    column : str, optional
+    row : int, optional
+        First row of it.
+    """
 
     severity: Literal["repaired", "noted", "refused"]
-    message: str
+    message: Message
     column: str | None = None
     row: int | None = None
 
     def __str__(self) -> str:
         place = ", ".join(part for part in (self.column, None if self.row is None else f"row {self.row}") if part is not None)
         return f"{self.severity}: {place + ': ' if place else ''}{self.message}"
+
+    def to_mapping(self) -> dict[str, Any]:
+        """`severity`, `column`, `row`, and `code`, `data` and `text` of the message, as JSON has them."""
+        return {"severity": self.severity, "column": self.column, "row": self.row, **self.message.to_mapping()}

@@ -1,147 +1,302 @@
-"""Knocks at the chamber and faults of the logger: samples far beyond any noise, of gyro and monitors, and monitors that freeze."""
+r"""Outliers: samples of gyros and monitors far beyond their noise, left out or replaced before anything is estimated.
+
+=================  ==================================================  ==========================================
+recording          an outlier is                                       it is
+=================  ==================================================  ==========================================
+gyro at rest       a sample far from the median of its neighbours,     left out (a shock, or a fault of the logger)
+                   or a short burst of them
+gyro on a table    a count error, see below                            replaced by what table and neighbours show
+monitor            one sample far from two neighbours that agree       interpolated between these
+=================  ==================================================  ==========================================
+
+What a turning gyro shows beyond its table, :math:`r_k = g_k - (1 + K) W_k - b`, jumps where the table does: an encoder that is read
+late, lock-in, the table's own jerks. A count error is one sample or two far from the median of their neighbours,
+
+.. math:: e_k = r_k - \mathrm{med}_{|j| \le 3}\, r_{k+j}, \qquad |e_k| > 12\,\sigma, \qquad |e_k| > 10\, Q_{0.98}(|e_l| : l \in L)
+
+where L are the samples near which the table moved at least half as much: its rate, its acceleration, the change of that, and
+whether it reversed. Where L has fewer than two passages of seven samples each, nothing is called a count error: the
+motion may cause it.
+
+Outliers of the angle of a turning gyro are sought by :mod:`rlgcomp.noise.rotation.pipeline`, those of a triad against its encoders
+by :mod:`rlgcomp.calibration.triad.run`: there the residuals are others.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.numerics.robust import SD_OF_MAD, stretches
-from rlgcomp.recording import TIME, Recording, is_gyro
-from rlgcomp.recording.count_errors import counting_deg_h, miscounts_in, without_miscounts
-from rlgcomp.recording.repair.frozen import frozen_stretches, said_of
+from rlgcomp import units
+from rlgcomp.numerics.robust import SD_OF_MAD, robust_sd, segments
+from rlgcomp.recording import TIME, Recording, is_gyro, motion
+from rlgcomp.report.messages import Message, message
 
-Rows = npt.NDArray[np.bool_]
-_FAR: Final = 30.0  # standard deviations of a sample: at 1 Hz one such sample shifts the mean of 100 s by three of its own
-_OFF: Final = 4.0  # standard deviations of a sample, by which all of several in a row are off the same way,
-_IN_A_ROW: Final = 3  # so many at least,
-_ABRUPT: Final = 0.5  # their course beginning and ending with so much of what they are off by: what noise never does
-_LASTS_S: Final = 60.0  # a knock is over by then
-_FEWEST: Final = 5  # samples on either side, where they are far apart
-_SHARE: Final = 0.05  # of the samples: what stands off more often is the gyro's own
-_USUAL: Final = 0.99  # of the samples of a monitor are no further off the middle of their neighbours than is usual
-_TALL: Final = 8.0  # times that: a spike,
-_ALONE: Final = 0.2  # if its neighbours differ by less of it
-_FEW: Final = 0.005  # of the samples: more are the monitor's own
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+# gyros at rest
+_FAR_SD: Final = 30.0  # at 1 Hz one such sample shifts the mean of 100 s by three of the mean's standard deviations
+_BURST_SD: Final = 4.0  # by which all samples of a burst deviate to the same side,
+_BURST_SAMPLES: Final = 3  # so many at least,
+_BURST_EDGE: Final = 0.5  # its first and last step having so much of its mean deviation: noise has no such edges
+_LONGEST_S: Final = 60.0  # of a burst
+_LEAST_REACH: Final = 5  # samples on either side, where they are far apart
+_GREATEST_SHARE: Final = 0.05  # of the samples: what deviates more often belongs to the gyro
+# gyros on a table
+_COUNT_ERROR_SD: Final = 12.0
+_COUNT_ERROR_RATIO: Final = 10.0  # to the quantile of the samples near which the table moved as much,
+_QUANTILE: Final = 0.98  # which leaves room for another count error among them
+_AS_MUCH: Final = 0.5
+_PASSAGE: Final = 7  # samples
+_LEAST_PASSAGES: Final = 2
+_LONGEST_COUNT_ERROR: Final = 2  # samples: a count too many, which the next sample may lack
+_MOST_COUNT_ERRORS: Final = 3  # samples of a run: what deviates more often belongs to the gyro
+# monitors
+_MONITOR_QUANTILE: Final = 0.99  # of the deviations from the mean of the two neighbours
+_MONITOR_RATIO: Final = 8.0  # to that quantile,
+_NEIGHBOURS_AGREE: Final = 0.2  # while the neighbours differ by less of the deviation
+_MONITOR_SHARE: Final = 0.005  # of the samples: more belong to the monitor
 
 
-def knocks_in(run: Recording, gyro: str | None) -> tuple[Rows, str]:
-    """Samples that stand off their neighbours' median, of a turning run as its table turns, and what they look like, in words."""
-    none = np.zeros(len(run), dtype=np.bool_), ""
-    if run.metadata.kind == "turntable":
-        far, _, said = miscounts_in(run, gyro)
-        return far, said
+@dataclasses.dataclass(frozen=True, eq=False)
+class Outliers:
+    """Outliers of one column of a recording.
+
+    Parameters
+    ----------
+    column : str
+    rows : ndarray of bool, shape (n,)
+    first_s : float
+        Time of the first of them in s.
+    largest_sd : float, optional
+        Largest deviation in standard deviations of a sample; of gyros only.
+    deviation_deg_h : ndarray, shape (n,), optional
+        Deviation of a turning gyro's count errors in deg/h, zero elsewhere.
+    """
+
+    column: str
+    rows: Mask
+    first_s: float
+    largest_sd: float | None = None
+    deviation_deg_h: Array | None = None
+
+    def message(self, treatment: str, run: str | None = None) -> Message:
+        """What was found, and what is done about it.
+
+        Parameters
+        ----------
+        treatment : {"left_out", "replaced", "interpolated", "as_recorded", "followed", "inspected"}
+        run : str, optional
+            Name of the recording, where a reader could not know it.
+        """
+        data = {"column": self.column, "samples": int(self.rows.sum()), "first_s": self.first_s, "treatment": treatment, "run": run}
+        if self.largest_sd is None:
+            return message("recording.monitor_outliers", **data)
+        if self.deviation_deg_h is None:
+            return message("recording.gyro_outliers", largest_sd=self.largest_sd, **data)
+        return message("recording.count_errors", largest_sd=self.largest_sd, **data)
+
+
+def gyro_outliers(run: Recording, gyro: str | None) -> Outliers | None:
+    """Outliers of a gyro: at rest by its neighbours, on a table as count errors."""
+    return count_errors(run, gyro) if run.metadata.kind == "turntable" else _outliers_at_rest(run, gyro)
+
+
+def without_gyro_outliers(run: Recording, gyro: str | None) -> tuple[Recording, tuple[Message, ...]]:
+    """A recording without outliers of its gyro: at rest these rows are left out, on a table, whose motion must stay whole, count
+    errors are replaced."""
+    outliers = gyro_outliers(run, gyro)
+    if outliers is None:
+        return run, ()
+    if outliers.deviation_deg_h is not None:
+        return _count_errors_replaced(run, outliers.column, outliers.deviation_deg_h), (outliers.message("replaced", run.name),)
+    rows = ~outliers.rows
+    shorter = run.replace(table=run.table[rows], truth=None if run.truth is None else run.truth[rows])
+    return shorter, (outliers.message("left_out", run.name),)
+
+
+def monitor_outliers(run: Recording) -> tuple[Outliers, ...]:
+    """Single outliers of the monitors of a chamber or static run, one entry a column that has any."""
+    found: list[Outliers] = []
+    for column in run.columns if run.metadata.kind != "turntable" else ():
+        if column == TIME or is_gyro(column):
+            continue
+        rows = _single_outliers(run.column(column))
+        if 0 < rows.sum() <= _MONITOR_SHARE * len(rows):
+            found.append(Outliers(column, rows, float(run.time_s[rows][0])))
+    return tuple(found)
+
+
+def without_monitor_outliers(run: Recording, columns: Sequence[str] | None = None) -> tuple[Recording, tuple[Message, ...]]:
+    """A chamber or static run with the single outliers of its monitors interpolated.
+
+    Parameters
+    ----------
+    run : Recording
+    columns : sequence of str, optional
+        Monitors to treat; all where absent.
+    """
+    treated = [outliers for outliers in monitor_outliers(run) if columns is None or outliers.column in columns]
+    if not treated:
+        return run, ()
+    changed = {}
+    for outliers in treated:
+        values, good = run.column(outliers.column), ~outliers.rows
+        changed[outliers.column] = np.where(outliers.rows, np.interp(run.time_s, run.time_s[good], values[good]), values)
+    return run.replace(table=run.table.assign(**changed)), tuple(each.message("interpolated", run.name) for each in treated)
+
+
+def without_outliers(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[Message]]:
+    """Runs without outliers of the gyro, then of the monitors; messages of all gyros come first."""
+    by_gyro = [without_gyro_outliers(run, gyro) for run in runs]
+    by_monitor = [without_monitor_outliers(run) for run, _ in by_gyro]
+    return [run for run, _ in by_monitor], [one for _, messages in (*by_gyro, *by_monitor) for one in messages]
+
+
+# --- gyros at rest ---------------------------------------------------------------------------------------------------------
+
+
+def _outliers_at_rest(run: Recording, gyro: str | None) -> Outliers | None:
     rate_deg_h = run.rate_deg_h(gyro)
-    sample_deg_h = SD_OF_MAD / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or counting_deg_h(run, gyro)
-    if not sample_deg_h > 0.0:
-        return none
-    steps, reach = np.abs(np.diff(rate_deg_h)) / sample_deg_h, max(_FEWEST, math.ceil(_LASTS_S / run.period_s))
-    if not ((steps > _FAR).any() or _in_a_row(_off_blocks(rate_deg_h, reach) / sample_deg_h).any()):
-        return none
-    usual = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
-    off = (rate_deg_h - usual) / sample_deg_h
-    far, jumps = np.abs(off) > _FAR, np.r_[True, steps > _FAR, True]
-    for start, stop in stretches(far):
-        far[start:stop] = jumps[start] and jumps[stop]  # the tip of a steep course is no knock
-    for start, stop in stretches(_in_a_row(off)):
+    sample_sd_deg_h = SD_OF_MAD / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or _counting_sd_deg_h(run, gyro)
+    if not sample_sd_deg_h > 0.0:
+        return None
+    steps, reach = np.abs(np.diff(rate_deg_h)) / sample_sd_deg_h, max(_LEAST_REACH, math.ceil(_LONGEST_S / run.period_s))
+    if not ((steps > _FAR_SD).any() or _bursts(_off_block_medians(rate_deg_h, reach) / sample_sd_deg_h).any()):
+        return None
+    median_deg_h = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
+    deviation = (rate_deg_h - median_deg_h) / sample_sd_deg_h
+    rows, jumps = np.abs(deviation) > _FAR_SD, np.r_[True, steps > _FAR_SD, True]
+    for start, stop in segments(rows):
+        rows[start:stop] = jumps[start] and jumps[stop]  # the tip of a steep course is no outlier
+    for start, stop in segments(_bursts(deviation)):
         edges = np.r_[math.inf, steps, math.inf][[start, stop]]
-        height, lasts_s = abs(float(off[start:stop].mean())), (stop - start) * run.period_s
-        far[start:stop] |= edges.min() > _ABRUPT * height and height * (stop - start) > _FAR and lasts_s <= _LASTS_S
-    count = int(far.sum())
-    if not 0 < count <= _SHARE * len(far):
-        return none
-    furthest = float(np.max(np.abs(off[far])))
-    stand, whose = ("samples stand", "their") if count > 1 else ("sample stands", "its")
-    return far, (
-        f"{count} {stand} up to {furthest:.0f} standard deviations off {whose} neighbours, the first at "
-        f"{run.time_s[far][0]:.6g} s: a knock or a fault of the logger"
-    )
+        height, lasts_s = abs(float(deviation[start:stop].mean())), (stop - start) * run.period_s
+        rows[start:stop] |= edges.min() > _BURST_EDGE * height and height * (stop - start) > _FAR_SD and lasts_s <= _LONGEST_S
+    if not 0 < rows.sum() <= _GREATEST_SHARE * len(rows):
+        return None
+    return Outliers(run.gyro_column(gyro), rows, float(run.time_s[rows][0]), float(np.max(np.abs(deviation[rows]))))
 
 
-def _off_blocks(values: npt.NDArray[np.float64], block: int) -> npt.NDArray[np.float64]:
-    """How far values are off the median of so many in a row, which takes a moment; the last of them are looked at once more."""
-    whole, last = values[: len(values) // block * block].reshape(-1, block), values[-block:]
-    return np.r_[(whole - np.median(whole, axis=1, keepdims=True)).ravel(), last - np.median(last)]
+def _off_block_medians(values: Array, block: int) -> Array:
+    """Deviations from medians of consecutive blocks, which cost little; the last block ends with the values and may overlap."""
+    blocks, last = values[: len(values) // block * block].reshape(-1, block), values[-block:]
+    return np.r_[(blocks - np.median(blocks, axis=1, keepdims=True)).ravel(), last - np.median(last)]
 
 
-def _in_a_row(off: npt.NDArray[np.float64]) -> Rows:
-    """Samples off the same way, several in a row; `off` in standard deviations of one."""
-    rows = np.zeros(len(off), dtype=np.bool_)
-    for beyond in (off > _OFF, off < -_OFF):
-        for start, stop in stretches(beyond):
-            rows[start:stop] = stop - start >= _IN_A_ROW
+def _bursts(deviation: Array) -> Mask:
+    """Samples of bursts that deviate to one side; `deviation` in standard deviations of a sample."""
+    rows = np.zeros(len(deviation), dtype=np.bool_)
+    for beyond in (deviation > _BURST_SD, deviation < -_BURST_SD):
+        for start, stop in segments(beyond):
+            rows[start:stop] = stop - start >= _BURST_SAMPLES
     return rows
 
 
-def without_knocks(run: Recording, gyro: str | None) -> tuple[Recording, str | None]:
-    """A run less the samples that stand off their neighbours' median, and what to say of them; turning, its motion must stay whole,
-    and they are mended."""
-    if run.metadata.kind == "turntable":
-        return without_miscounts(run, gyro)
-    far, said = knocks_in(run, gyro)
-    if not said:
-        return run, None
-    left = run.replace(table=run.table[~far], truth=None if run.truth is None else run.truth[~far])
-    return left, f"{run.name}: {said}, left out."
+def _counting_sd_deg_h(run: Recording, gyro: str | None) -> float:
+    """Standard deviation of a sample in deg/h from counting whole pulses; zero where the gyro counts none."""
+    if not run.gyro_column(gyro).endswith("_pulses") or run.metadata.pulse_arcsec is None:
+        return 0.0
+    return float(units.convert(run.metadata.pulse_arcsec / (math.sqrt(6.0) * run.period_s), "arcsec/s", "deg/h"))
 
 
-def spikes_in(run: Recording) -> dict[str, tuple[Rows, str]]:
-    """Single wild samples of the monitors of a chamber or static run, by column, and what they look like, in words."""
-    found: dict[str, tuple[Rows, str]] = {}
-    if run.metadata.kind == "turntable":
-        return found
-    for column in run.columns:
-        if column == TIME or is_gyro(column):
-            continue
-        spikes = _spikes(run.column(column))
-        count = int(spikes.sum())
-        if 0 < count <= _FEW * len(spikes):
-            samples = f"{count} samples that stand" if count > 1 else "1 sample that stands"
-            first_s = run.time_s[spikes][0]
-            found[column] = spikes, f"{samples} off both neighbours as no other does, the first at {first_s:.6g} s"
-    return found
+# --- gyros on a table ------------------------------------------------------------------------------------------------------
 
 
-def without_spikes(run: Recording, columns: Sequence[str] | None = None) -> tuple[Recording, list[str]]:
-    """A chamber or static run whose monitors' single wild samples lie between their neighbours, and what to say of them.
+def count_errors(run: Recording, gyro: str | None) -> Outliers | None:
+    """Count errors of a gyro on a table; None where there are none, or where the recording does not show how the table moves."""
+    from scipy.ndimage import median_filter
 
-    Of these columns only, where they are given.
-    """
-    mended, remarks = {}, []
-    for column, (spikes, said) in spikes_in(run).items():
-        if columns is not None and column not in columns:
-            continue
-        values, good = run.column(column), ~spikes
-        mended[column] = np.where(spikes, np.interp(run.time_s, run.time_s[good], values[good]), values)
-        remarks.append(f"{run.name}: {column} has {said}: taken for faults of the logger, and put between the neighbours.")
-    return (run.replace(table=run.table.assign(**mended)) if mended else run), remarks
+    if len(run) < _PASSAGE * _LEAST_PASSAGES or not any(column in run for column in (motion.RATE, *motion.ANGLES)):
+        return None
+    rate_deg_h = run.rate_deg_h(gyro)
+    turning_deg_s = motion.reference_rate_deg_s(run, rate_deg_h)
+    design = np.column_stack([np.ones(len(run)), turning_deg_s])
+    residual = rate_deg_h - design @ np.linalg.lstsq(design, rate_deg_h, rcond=None)[0]
+    deviation_deg_h = np.where(motion.untold(run), 0.0, residual - median_filter(residual, _PASSAGE, mode="nearest"))
+    sample_sd_deg_h = max(robust_sd(deviation_deg_h), _counting_sd_deg_h(run, gyro))
+    far = np.abs(deviation_deg_h) > _COUNT_ERROR_SD * sample_sd_deg_h
+    if not sample_sd_deg_h > 0.0 or not far.any():
+        return None
+    rows = np.zeros(len(run), dtype=np.bool_)
+    comparison = _Comparison.of(np.abs(deviation_deg_h), _table_motion(turning_deg_s), far)
+    for start, stop in segments(far):
+        rows[start:stop] = stop - start <= _LONGEST_COUNT_ERROR and comparison.exceeds_others(slice(start, stop))
+    if not 0 < rows.sum() <= _MOST_COUNT_ERRORS:
+        return None
+    largest_sd = float(np.abs(deviation_deg_h[rows]).max()) / sample_sd_deg_h
+    only_there = np.where(rows, deviation_deg_h, 0.0)
+    return Outliers(run.gyro_column(gyro), rows, float(run.time_s[rows][0]), largest_sd, only_there)
 
 
-def undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[str]]:
-    """Runs without knocks and spikes, and what to say of them."""
-    calm = [without_knocks(run, gyro) for run in runs]
-    found = [without_spikes(run) for run, _ in calm]
-    remarks = [said for _, said in calm if said is not None]
-    return [run for run, _ in found], [*remarks, *(line for _, said in found for line in said)]
+def _count_errors_replaced(run: Recording, column: str, deviation_deg_h: Array) -> Recording:
+    """The recording with the deviations subtracted, from pulses as whole pulses."""
+    if column.endswith("_pulses"):
+        pulse_deg_h = units.convert((run.metadata.pulse_arcsec or 1.0) / run.period_s, "arcsec/s", "deg/h")
+        deviation = np.rint(deviation_deg_h / pulse_deg_h)
+    else:
+        deviation = units.convert(deviation_deg_h, "deg/h", units.column_unit(column) or "deg/h")
+    return run.replace(table=run.table.assign(**{column: run.column(column) - deviation}))
 
 
-def _spikes(values: npt.NDArray[np.float64]) -> Rows:
-    """Samples far off the middle of their two neighbours, which are near each other."""
-    off = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
-    usual = float(np.nanquantile(off, _USUAL)) if len(off) else 0.0
+def _table_motion(turning_deg_s: Array) -> Array:
+    """Greatest motion of the table near each sample, shape (n, 4): rate, acceleration, its change (per sample), reversal."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    acceleration = np.abs(np.diff(turning_deg_s, prepend=turning_deg_s[0]))
+    jerk = np.abs(np.diff(np.pad(turning_deg_s, 1, "edge"), 2))
+    reversal = maximum_filter1d(turning_deg_s, 3) * minimum_filter1d(turning_deg_s, 3) <= 0.0
+    motions = np.column_stack([np.abs(turning_deg_s), acceleration, jerk, reversal])
+    return maximum_filter1d(motions, _PASSAGE, axis=0, mode="nearest")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Comparison:
+    """Deviations of all n samples of a run and of the m far ones, with the table's motion near each."""
+
+    deviation: Array  # (n,)
+    motion: Array  # (n, 4)
+    sorted_motion: Array  # each column of it by itself
+    far_deviation: Array  # (m,)
+    far_motion: Array  # (m, 4)
+
+    @classmethod
+    def of(cls, deviation: Array, table_motion: Array, far: Mask) -> Self:
+        return cls(deviation, table_motion, np.sort(table_motion, axis=0), deviation[far], table_motion[far])
+
+    def exceeds_others(self, samples: slice) -> bool:
+        """Whether samples deviate more than any others near which the table moved as much."""
+        least, largest = _AS_MUCH * self.motion[samples].max(axis=0), self.deviation[samples].max()
+        if self._surely_like_others(least, float(largest)):
+            return False
+        alike = (self.motion >= least).all(axis=1)
+        alike[max(0, samples.start - _PASSAGE) : samples.stop + _PASSAGE] = False
+        if alike.sum() < _PASSAGE * _LEAST_PASSAGES:
+            return False
+        return bool(largest > _COUNT_ERROR_RATIO * np.quantile(self.deviation[alike], _QUANTILE))
+
+    def _surely_like_others(self, least: Array, largest: float) -> bool:
+        """A quick test on the far samples alone, which settles most of them: there may be thousands."""
+        columns = zip(self.sorted_motion.T, least, strict=True)
+        as_much = len(self.motion) - max(int(np.searchsorted(column, limit)) for column, limit in columns)
+        as_far = (self.far_deviation >= largest / _COUNT_ERROR_RATIO) & (self.far_motion >= least).all(axis=1)
+        return bool(as_far.sum() > (1.0 - _QUANTILE) * as_much + 1.0 + _LONGEST_COUNT_ERROR + 2 * _PASSAGE)
+
+
+# --- monitors --------------------------------------------------------------------------------------------------------------
+
+
+def _single_outliers(values: Array) -> Mask:
+    """Samples far from the mean of their two neighbours, which agree."""
+    deviation = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+    usual = float(np.nanquantile(deviation, _MONITOR_QUANTILE)) if len(deviation) else 0.0
     if not usual > 0.0:
         return np.zeros(len(values), dtype=np.bool_)
     apart = np.abs(values[2:] - values[:-2])
-    return np.r_[False, (off > _TALL * usual) & (apart < _ALONE * off), False]
-
-
-def frozen_in(run: Recording) -> list[str]:
-    """What to say of monitors that freeze part-way through a run: its windows leave those stretches out."""
-    return [
-        f"{run.name}: {column} is {said}: windows in which it tells nothing are left out; --drop {column} keeps them."
-        for column, said in said_of(frozen_stretches(run.table)).items()
-    ]
+    return np.r_[False, (deviation > _MONITOR_RATIO * usual) & (apart < _NEIGHBOURS_AGREE * deviation), False]

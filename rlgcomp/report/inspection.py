@@ -12,8 +12,8 @@ from rlgcomp.errors import InputError
 from rlgcomp.noise.allan.deviation import allan_deviation
 from rlgcomp.numerics.hysteresis import Play
 from rlgcomp.recording import DEFAULT_AVERAGING_S, Finding, Recording
-from rlgcomp.recording.outliers import knocks_in, spikes_in
-from rlgcomp.recording.sample_and_hold import held_in, said_of
+from rlgcomp.recording.outliers import gyro_outliers, monitor_outliers
+from rlgcomp.recording.stuck_channels import held_message, held_readings
 from rlgcomp.units import SECONDS_PER_HOUR
 
 TURN: Final = 0.1  # of the span of temperature: smaller reversals are no turning points
@@ -48,31 +48,26 @@ def summarise(recording: Recording) -> dict[str, Any]:
             for column in recording.columns
         ],
         "legs": legs(recording),
-        "findings": [str(finding) for finding in (*recording.findings, *wild_samples(recording), *held_monitors(recording))],
+        "findings": [
+            finding.to_mapping() for finding in (*recording.findings, *outlier_findings(recording), *held_findings(recording))
+        ],
     }
 
 
-def wild_samples(recording: Recording) -> list[Finding]:
-    """Samples of gyros and monitors that lie far beyond any noise."""
-    found = []
+def outlier_findings(recording: Recording) -> list[Finding]:
+    """Outliers of gyros and monitors."""
+    outliers = []
     for column in recording.gyro_columns:
         with contextlib.suppress(InputError):  # pulses of unknown size
-            far, said = knocks_in(recording, column)
-            if said:
-                turning = recording.metadata.kind == "turntable"
-                then = "evaluation and diagnosis mend them" if turning else "training, evaluation and diagnosis leave them out"
-                remark = f"{said}; {then}"
-                found.append(Finding("noted", remark, column, int(np.argmax(far))))
-    for column, (spikes, said) in spikes_in(recording).items():
-        remark = f"has {said}: faults of the logger; training and diagnosis put them between their neighbours"
-        found.append(Finding("noted", remark, column, int(np.argmax(spikes))))
-    return found
+            outliers.append(gyro_outliers(recording, column))
+    found = [each for each in (*outliers, *monitor_outliers(recording)) if each is not None]
+    return [Finding("noted", each.message("inspected"), each.column, int(np.argmax(each.rows))) for each in found]
 
 
-def held_monitors(recording: Recording) -> list[Finding]:
-    """Monitors that a slower logger reads, in one line."""
-    held = held_in(recording)
-    return [Finding("noted", f"{said_of(held)}; a diagnosis goes straight from reading to reading")] if held else []
+def held_findings(recording: Recording) -> list[Finding]:
+    """Monitors that a slower logger reads, in one finding."""
+    held = held_readings(recording)
+    return [Finding("noted", held_message(held))] if held else []
 
 
 def legs(recording: Recording) -> list[dict[str, Any]]:

@@ -25,7 +25,6 @@ from rlgcomp.calibration.file import triad_content
 from rlgcomp.calibration.triad.estimate import SEEN, RunResult, TriadCalibration, calibrate_triad
 from rlgcomp.calibration.triad.information import START, Noise, RunInformation, linearise, rate_information, velocity_information
 from rlgcomp.calibration.triad.joint import Latitude, joint_information
-from rlgcomp.calibration.triad.knocks import without_knocks
 from rlgcomp.calibration.triad.run import AXES, TableRun
 from rlgcomp.errors import InputError
 from rlgcomp.numerics import frames
@@ -149,7 +148,7 @@ def calibrate_turntable(
         noise = Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
     if latitude_deg is not None:
         recordings = [_at_latitude(recording, latitude_deg) for recording in recordings]
-    cut = [without_knocks(TableRun.of(recording, gyro_axes=gyro_axes)) for recording in recordings]
+    cut = [TableRun.of(recording, gyro_axes=gyro_axes).cut_at_outliers() for recording in recordings]
     runs = [part for parts, _ in cut for part in parts]
     triad = calibrate_triad(runs, noise=noise, velocity_noise=True, progress=progress)
     _require_latitude(triad.latitude)
@@ -157,7 +156,7 @@ def calibrate_turntable(
     crossing = triad.gyro_axes == "oblique" and any(bias.violated for bias in biases)
     alternatives = predicted(triad.noise, triad.latitude_deg) if crossing else pd.DataFrame()
     observability = _observability(triad)
-    remarks = [message("calibration.outliers", text=text) for _, text in cut if text is not None]
+    remarks = [outliers for _, outliers in cut if outliers is not None]
     remarks += [*_remarks(triad, biases, alternatives), *navigator_remarks(triad.runs)]
     if any(run.delta_v_m_s is None for run in runs):
         remarks.append(message("calibration.no_accelerometers"))

@@ -1,4 +1,8 @@
-"""A recording of a triad on a two-axis table, made ready for calibration: body increments and encoders that agree."""
+"""A recording of a triad on a two-axis table, prepared for calibration: body increments and encoders that agree.
+
+Where gyros or accelerometers have outliers against the encoders, the triad moved or the logger erred. Attitude is not carried
+across: the run is cut there, and its parts are runs of their own.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,9 @@ import numpy.typing as npt
 from rlgcomp import units
 from rlgcomp.errors import InputError
 from rlgcomp.numerics import frames
+from rlgcomp.numerics.robust import SD_OF_MAD, segments, widened
 from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 AXES: Final = "xyz"
@@ -24,6 +30,10 @@ GRAVITY_M_S2: Final = (9.7, 9.9)
 COARSE_DEG: Final = 3.0
 WORST_AGREEMENT: Final = 0.02
 _AGREEMENT_WINDOW_S: Final = 0.5
+_FAR_SD: Final = 30.0  # standard deviations of a sample
+_LEAST_ARCSEC, _LEAST_M_S2 = 1.0, 1e-3  # no standard deviation of a sample is taken to be smaller
+_MARGIN_S: Final = 1.0
+_MOST_OUTLIERS: Final = 3  # more belong to the table
 Readings = tuple[Array, Array, Array]
 """Direction of up in the body by the accelerometers, outer and inner angle in deg."""
 
@@ -175,6 +185,37 @@ class TableRun:
         """Outer and inner angle in deg at the start of the first sample."""
         return float(2.0 * self.outer_deg[0] - self.outer_deg[1]), float(2.0 * self.inner_deg[0] - self.inner_deg[1])
 
+    def cut_at_outliers(self) -> tuple[list[TableRun], Message | None]:
+        """The parts of the run before, between and after outliers that turn by a revolution; the run itself where it has none."""
+        far = _outliers(self)
+        margins = segments(widened(far, round(_MARGIN_S / self.step_s)))
+        if not 0 < len(margins) <= _MOST_OUTLIERS:
+            return [self], None
+        between = [slice(start, stop) for start, stop in np.r_[0, margins.ravel(), len(far)].reshape(-1, 2)]
+        parts = [self._part(rows) for rows in between if self._turns(rows)]
+        return parts or [self], message(
+            "calibration.outliers",
+            run=self.name,
+            at_s=[self.step_s * (start + int(np.argmax(far[start:stop]))) for start, stop in margins],
+            limit_sd=_FAR_SD,
+            margin_s=_MARGIN_S,
+            cut=bool(parts),
+        )
+
+    def _turns(self, rows: slice) -> bool:
+        """Whether a part turns by a revolution, as every run must."""
+        return rows.stop - rows.start > 2 and bool(max(np.ptp(self.outer_deg[rows]), np.ptp(self.inner_deg[rows])) >= 360.0)
+
+    def _part(self, rows: slice) -> TableRun:
+        return dataclasses.replace(
+            self,
+            name=f"{self.name} from {self.step_s * rows.start:.6g} s",
+            delta_theta_rad=self.delta_theta_rad[rows],
+            delta_v_m_s=None if self.delta_v_m_s is None else self.delta_v_m_s[rows],
+            outer_deg=self.outer_deg[rows],
+            inner_deg=self.inner_deg[rows],
+        )
+
 
 def _gyro(recording: Recording, axis: str) -> str:
     columns = [column for column in recording.gyro_columns if column.startswith(f"gyro_{axis}_")]
@@ -304,3 +345,31 @@ def _other_encoders(up: Array, outer: Array, inner: Array) -> Iterator[tuple[str
     yield f"{off_deg:.4g} deg added to angle_outer_deg", (up, outer + off_deg, inner)
     off_deg = float(np.angle(np.sum(level * np.sin(outer_rad)))) / units.RAD_PER_DEG
     yield f"{off_deg:.4g} deg added to angle_inner_deg", (up, outer, inner + off_deg)
+
+
+def _outliers(run: TableRun) -> npt.NDArray[np.bool_]:
+    """Samples that the encoders do not explain, where the table turns steadily."""
+    starts = run.start()
+    outer, inner = (
+        np.diff(angle, prepend=start) * units.RAD_PER_DEG
+        for angle, start in zip((run.outer_deg, run.inner_deg), starts, strict=True)
+    )
+    phi = run.inner_middle_rad
+    theta_deg = run.outer_deg - 0.5 * outer / units.RAD_PER_DEG
+    turning = np.stack([outer * np.sin(phi), outer * np.cos(phi), inner], axis=1)
+    far = _far_from_fit(run.delta_theta_rad, turning, _LEAST_ARCSEC * units.RAD_PER_ARCSEC)
+    if run.delta_v_m_s is not None:
+        up = frames.table_attitude(theta_deg, phi / units.RAD_PER_DEG)[:, 2, :]
+        far |= _far_from_fit(run.delta_v_m_s, up, _LEAST_M_S2 * run.step_s)
+    speed = np.stack([outer, inner], axis=1)
+    jerk = np.abs(np.diff(speed, axis=0, prepend=speed[:1]))
+    unsteady = np.any(jerk > 10.0 * (SD_OF_MAD * np.median(jerk, axis=0) + 1e-5), axis=1)
+    return np.asarray(far & ~widened(unsteady, 2))
+
+
+def _far_from_fit(measured: Array, reference: Array, least_sd: float) -> npt.NDArray[np.bool_]:
+    """Samples far from the best linear fit by the encoders."""
+    design = np.column_stack([reference, np.ones(len(reference))])
+    residual = measured - design @ np.linalg.lstsq(design, measured, rcond=None)[0]
+    sd = np.maximum(SD_OF_MAD * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0), least_sd)
+    return np.asarray(np.any(np.abs(residual) > _FAR_SD * sd, axis=1))

@@ -34,7 +34,7 @@ from scipy import linalg
 
 from rlgcomp.diagnosis.naming.two_levels import DWELLS_S, Models, drawn_signs, likeliest_signs, log_likelihood, smoothed
 from rlgcomp.diagnosis.noise.whitening import Rows
-from rlgcomp.numerics.robust import SD_OF_MAD, stretches
+from rlgcomp.numerics.robust import SD_OF_MAD, segments
 
 Array = npt.NDArray[np.float64]
 _STEPS: Final = (0.5, 1.0, 2.0)  # first guesses of the half step, over the residual's standard deviation
@@ -224,7 +224,7 @@ def _flipping(values: Array, some: int) -> Array:
         steps[some : len(values) - some + 1] = (total[2 * some :] - 2.0 * total[some:-some] + total[: -2 * some]) / some
     noise = SD_OF_MAD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
     far = np.abs(steps) > _SURE * noise * math.sqrt(2.0 / some)
-    tops = [start + int(np.argmax(np.abs(steps[start:stop]))) for start, stop in stretches(far)]
+    tops = [start + int(np.argmax(np.abs(steps[start:stop]))) for start, stop in segments(far)]
     signs = np.full(len(values), -np.sign(steps[tops[0]]) if tops else 1.0)
     for top in tops:
         signs[top:] = np.sign(steps[top])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
-from rlgcomp.recording.sameness import share_rows
+from rlgcomp.recording.argument_checks import share_rows
 
 
 def told_apart(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recording]:

@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.question import averages
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
 from rlgcomp.recording.motion import rate_deg_s
-from rlgcomp.recording.repair.frozen import frozen_stretches, said_of
+from rlgcomp.recording.stuck_channels import by_column, frozen_segments
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -126,11 +126,11 @@ class Windows:
             of_full[-1] += 1  # alone, so that its window's other rows may count
         counts = np.unique(of_full[of_full >= 0], return_counts=True)[1]
         kept = counts >= LEAST_COVERAGE * window_s / run.period_s
-        stretches = frozen_stretches(run.table)
+        stretches = frozen_segments(run.table)
         frozen = np.unique(np.concatenate([of_full[out], *(of_full[one.start : one.stop] for one in stretches)]))
         kept &= ~np.isin(np.unique(of_full[of_full >= 0]), frozen)
         if kept.sum() < FEWEST_WINDOWS:
-            columns = " or ".join(f"--drop {column}" for column in said_of(stretches))
+            columns = " or ".join(f"--drop {column}" for column in by_column(stretches))
             raise InputError(
                 f"{run.name}: {run.duration_s:g} s fill {int(kept.sum())} windows of {window_s:g} s"
                 f"{' in which no monitor is frozen' if columns else ''}; at least {FEWEST_WINDOWS} are "

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, signal, stats
 
-from rlgcomp.numerics.robust import stretches
+from rlgcomp.numerics.robust import segments
 
 Array = npt.NDArray[np.float64]
 SIGNIFICANT: Final = 0.001
@@ -110,7 +110,7 @@ def find_lines(rate: Array, period_s: float) -> Lines:
     lines = _lines(power)
     if not lines.any():
         return Lines((), 0.0)
-    tops = [start + int(np.argmax(power[start:stop])) for start, stop in stretches(lines)]
+    tops = [start + int(np.argmax(power[start:stop])) for start, stop in segments(lines)]
     tops = sorted(tops, key=lambda k: -power[k])[:_LINES_NAMED]
     share = float(power[lines].sum() / power.sum())
     return Lines(tuple(float(frequency[k]) for k in tops), share, 1.0 / period_s, float(frequency[0]))

@@ -15,6 +15,7 @@ from rlgcomp.noise.allan.deviation import AllanDeviation
 from rlgcomp.noise.rotation.encoder import Delay, delay_from_phases
 from rlgcomp.noise.rotation.harmonics import Harmonics, Spectrum
 from rlgcomp.noise.rotation.spectral import Periodogram, SpectralNoise
+from rlgcomp.report.messages import Message
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,13 +104,13 @@ class RotationNoise:
     gyros : tuple of AngleRandomWalk
     delay : Delay or None
         None where the rate never changes: delay and start angle are then inseparable.
-    left_out : tuple of str
-        What was left out before, in sentences.
+    left_out : tuple of Message
+        Outliers that were left out.
     """
 
     gyros: tuple[AngleRandomWalk, ...]
     delay: Delay | None
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[Message, ...] = ()
 
     @classmethod
     def together(cls, parts: Sequence[RotationNoise]) -> RotationNoise:
@@ -121,7 +122,7 @@ class RotationNoise:
                 found = delay_from_phases([(one.rate_deg_s, one.harmonics) for one in gyros if one.gyro == column])
                 delays += [found] if found is not None else []
         best = min(delays, key=lambda delay: delay.sd_s) if delays else None
-        return cls(gyros, best, tuple(said for part in parts for said in part.left_out))
+        return cls(gyros, best, tuple(one for part in parts for one in part.left_out))
 
     def to_frame(self) -> pd.DataFrame:
         """One row a gyro and stretch: N of the spectrum, of the cross-check and of the five-term fit, with standard deviations."""
@@ -160,7 +161,7 @@ class RotationNoise:
     @property
     def remarks(self) -> list[str]:
         """What a reader should know of these numbers, in plain language."""
-        said = list(self.left_out)
+        said = [outliers.text for outliers in self.left_out]
         if self.delay is None:
             said.append(
                 "The encoder's delay cannot be told: at one constant rate it is inseparable from the angle at which the gyros began"

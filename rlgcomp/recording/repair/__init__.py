@@ -1,7 +1,8 @@
-"""What goes wrong in laboratory files: each fault is repaired and reported, or refused, all of them in one list.
+"""Faults of laboratory files: each is repaired and reported, or refused, all of them in one list.
 
-Every check is a function `check(table, context) -> table` that appends what it found to `context.findings`; `CHECKS` is their
-order. To add a check, write the function beside its like and its line in `CHECKS`.
+Every check is a function `check(table, context) -> table` that appends its findings to `context.findings`; `CHECKS` is their order.
+To add a check, write the function in the module of its kind, its line in `CHECKS`, and the text of its finding in
+:mod:`rlgcomp.report.messages.recording`.
 """
 
 from __future__ import annotations
@@ -13,19 +14,25 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import FEWEST_ROWS, PREDICTED, Finding, Metadata
-from rlgcomp.recording.repair.channels import clipped_gyros, constant_columns, encoder_wrap, stuck_gyros
+from rlgcomp.recording.repair.channels import (
+    clipped_gyros,
+    constant_columns,
+    encoder_wrap,
+    frozen_monitors,
+    frozen_thermometers,
+    running_sums,
+    stuck_gyros,
+)
 from rlgcomp.recording.repair.clock import sampling, time_order, time_unit
 from rlgcomp.recording.repair.context import Context
-from rlgcomp.recording.repair.counters import running_sums
 from rlgcomp.recording.repair.entries import LARGEST_VALUE as LARGEST_VALUE
-from rlgcomp.recording.repair.entries import empty_channels, numbers, structure
-from rlgcomp.recording.repair.frozen import frozen_monitors, frozen_thermometers
-from rlgcomp.recording.repair.gaps import LONGEST_HOLD_S as LONGEST_HOLD_S
-from rlgcomp.recording.repair.gaps import READOUTS as READOUTS
-from rlgcomp.recording.repair.gaps import ROUNDING as ROUNDING
-from rlgcomp.recording.repair.gaps import dark_readouts, missing_values
-from rlgcomp.recording.repair.gaps import without_light as without_light
+from rlgcomp.recording.repair.entries import LONGEST_HOLD_S as LONGEST_HOLD_S
+from rlgcomp.recording.repair.entries import READOUTS as READOUTS
+from rlgcomp.recording.repair.entries import ROUNDING as ROUNDING
+from rlgcomp.recording.repair.entries import dark_readouts, empty_channels, missing_values, numbers, structure
+from rlgcomp.recording.repair.entries import without_light as without_light
 from rlgcomp.recording.repair.wrong_units import units_meant
+from rlgcomp.report.messages import message
 
 CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     structure,
@@ -46,14 +53,33 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     sampling,
     constant_columns,
 )
-# Once one of these has refused, the later checks would only repeat it in other words.
+# Once one of these has refused, later checks would only repeat it in other words.
 _DECISIVE: Final = (structure, numbers, empty_channels, time_order, missing_values)
+
+
+class UnusableRecordingError(InputError):
+    """A recording that cannot be repaired without guessing.
+
+    Parameters
+    ----------
+    name : str
+        What messages call the file.
+    findings : tuple of Finding
+        All of them, refused or not.
+    """
+
+    def __init__(self, name: str, findings: tuple[Finding, ...]) -> None:
+        super().__init__(name, findings)
+        self.name, self.findings = name, findings
+
+    def __str__(self) -> str:
+        return "\n".join([f"{self.name} cannot be used:", *(f"  - {finding}" for finding in self.findings)])
 
 
 def repair(
     table: pd.DataFrame, metadata: Metadata, *, name: str, vouched: frozenset[str] = frozenset(), computed: bool = False
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
-    """Mend a table so that it makes a valid recording.
+    """Repair a table so that it makes a valid recording.
 
     Parameters
     ----------
@@ -63,9 +89,9 @@ def repair(
     name : str
         What messages call the file.
     vouched : frozenset of str
-        Columns whose unit the user stated; their unit is not doubted.
+        Columns whose unit the user stated; it is not checked.
     computed : bool
-        The gyro is a simulator's, as notes of a prediction say by themselves: neither its standing still nor its lack of noise is a
+        The gyro was simulated, as the notes of a prediction show by themselves: neither a constant value nor a lack of noise is a
         fault.
 
     Returns
@@ -75,17 +101,16 @@ def repair(
 
     Raises
     ------
-    InputError
-        Something cannot be mended without guessing; the message lists every fault with its place and what to do.
+    UnusableRecordingError
+        A fault cannot be repaired without guessing; the error lists every finding with its place and what to do.
     """
     context = Context(metadata, vouched, computed or PREDICTED in metadata.notes)
     for check in CHECKS:
         table = check(table, context)
         if len(table) < FEWEST_ROWS and not context.refused:
-            context.add("refused", f"only {len(table)} usable rows are left; the run is too short to average")
+            context.add("refused", message("recording.few_usable_rows", rows=len(table), least=FEWEST_ROWS))
         if context.refused and (check in _DECISIVE or len(table) < FEWEST_ROWS):
             break
     if context.refused:
-        listed = "\n".join(f"  - {finding}" for finding in context.findings)
-        raise InputError(f"{name} cannot be used:\n{listed}")
+        raise UnusableRecordingError(name, tuple(context.findings))
     return table.reset_index(drop=True), tuple(context.findings)

@@ -1,4 +1,4 @@
-"""Channels that stand still though what they measure moves, and encoders that begin again at zero."""
+"""Checks of channels: stuck, saturated and frozen ones, running sums of pulses, encoders that begin again at zero."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.numerics.column_ranges import may_hold
-from rlgcomp.recording import TIME, is_compensation, is_gyro
-from rlgcomp.recording.repair.context import Array, Context, Rows
+from rlgcomp.recording import ENCODERS, TIME, is_compensation, is_gyro
+from rlgcomp.recording.repair.context import Array, Context, Mask
+from rlgcomp.recording.stuck_channels import by_column, frozen_segments, frozen_thermometer_segments, segments_of
+from rlgcomp.report.messages import message
+from rlgcomp.units import DEG_PER_TURN, RAD_PER_DEG
 
 STUCK_SAMPLES: Final = 20
 CLIPPED: Final = 0.002  # of the samples at one end of the range,
 MORE_OFTEN: Final = 10.0  # times as often as at any value beside it: a converter's steps are not saturation
 PRINTED: Final = 1e-7  # of the greatest value: smaller changes are the last printed digit's
-ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
+FEWEST_PULSES: Final = 100.0  # of a running sum, and rows
+ONE_WAY: Final = 0.9  # of all steps, less those back; counts of a steady rate step up and down alike
+FOLLOWS: Final = 0.9  # of the variance
 
 
 def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -25,9 +30,7 @@ def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         values = table[column].to_numpy()
         extent = context.extents(table)[column]
         if extent.least == extent.greatest or (extent.missing and np.nanmin(values) == np.nanmax(values)):
-            context.add(
-                "refused", f"never changes from {values[0]:.6g}: the channel is dead; choose another with --map or --drop", column
-            )
+            context.add("refused", message("recording.dead_channel", value=values[0]), column)
             continue
         if not may_hold(values, STUCK_SAMPLES):
             continue
@@ -38,14 +41,15 @@ def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if not stuck.any():
             continue
         at_rail = np.isin(values[first], (np.nanmin(values), np.nanmax(values)))
-        how = "saturated" if at_rail else "stuck"
-        context.add("repaired", f"{how} at {values[first]:.6g} for {int(stuck.sum())} samples in all, rows left out", column, first)
+        samples = int(stuck.sum())
+        found = message("recording.stuck_gyro", value=values[first], samples=samples, saturated=bool(at_rail))
+        context.add("repaired", found, column, first)
         spoilt |= stuck
     return table[~spoilt] if spoilt.any() else table
 
 
 def _counted(values: Array) -> bool:
-    """Whether a rate was made from whole pulses: all its values are multiples of one step, by which it leaves values it repeats."""
+    """Whether a rate was made from whole pulses: its values are multiples of a step, and it leaves repeated ones by few steps."""
     values = values[np.isfinite(values)]
     changes = np.abs(np.diff(values))
     step = float(changes[changes > PRINTED * np.abs(values).max()].min())
@@ -60,7 +64,7 @@ def _in_steps(values: Array, step: float) -> bool:
     return bool(np.abs(multiples - np.rint(multiples)).max() < 0.1)
 
 
-def _stuck(values: Array) -> tuple[Rows, int]:
+def _stuck(values: Array) -> tuple[Mask, int]:
     """Mask of rows in runs far longer than this channel's other runs, and the first such row."""
     starts, stops = _runs(values)
     lengths = stops - starts
@@ -79,7 +83,7 @@ def _runs(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
 
 
 def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    """Gyros that touch the end of their range again and again: no value is so frequent as the last one before nothing."""
+    """Gyros that touch the end of their range again and again: its last value is far more frequent than any near it."""
     if context.metadata.kind != "chamber" or context.computed:
         return table
     for column in (str(column) for column in table.columns if is_gyro(str(column))):
@@ -94,19 +98,31 @@ def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             nearest = np.partition(np.abs(values[inside] - rail), min(count, int(inside.sum()) - 1))[:count]
             if count <= MORE_OFTEN * np.unique(nearest, return_counts=True)[1].max() or _within_a_step(values):
                 continue
-            context.add(
-                "refused",
-                f"stands at {rail:.6g}, the end of its range, in {count} of {len(values)} samples: it is saturated, and means "
-                "of it are wrong by what is cut off; record with a wider range, or --drop it",
-                column,
-                int(np.argmax(values == rail)),
-            )
+            found = message("recording.saturated_gyro", value=rail, samples=count, rows=len(values))
+            context.add("refused", found, column, int(np.argmax(values == rail)))
     return table
 
 
 def _within_a_step(values: npt.NDArray[np.float64]) -> bool:
     """Whether numbers are so coarse that two of them next to each other hold nearly all: the more frequent is then no end."""
     return bool(np.std(values) < np.diff(np.unique(values)).min())
+
+
+def frozen_monitors(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    frozen = [] if context.computed else frozen_segments(table)
+    for column, segments in by_column(frozen).items():
+        found = message("recording.frozen_monitor", column=column, segments=segments_of(segments))
+        context.add("noted", found, column, segments[0].start)
+    return table
+
+
+def frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    spoilt = np.zeros(len(table), dtype=np.bool_)
+    for segment in frozen_thermometer_segments(table, context.steps(table).greatest):
+        found = message("recording.frozen_thermometer", duration_s=segment.end_s - segment.start_s)
+        context.add("repaired", found, segment.column, segment.start)
+        spoilt[segment.start : segment.stop] = True
+    return table[~spoilt] if spoilt.any() else table
 
 
 def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -121,13 +137,51 @@ def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if len(wraps):
             result = result.assign(**{column: np.unwrap(angle_deg, discont=jump_deg, period=360.0)})
             usual = extent_deg <= 360.0  # how most encoders count: nothing is wrong with the recording
-            said = f"{len(wraps)} wraps of the encoder undone, the angle now runs on"
-            context.add("noted" if usual else "repaired", said, column, wraps[0] + 1)
+            context.add(
+                "noted" if usual else "repaired", message("recording.encoder_wraps", wraps=len(wraps)), column, wraps[0] + 1
+            )
     return result
 
 
 def constant_columns(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     for column, extent in context.extents(table).items():
         if column not in (TIME, *ENCODERS) and not (is_gyro(column) or is_compensation(column)) and extent.least == extent.greatest:
-            context.add("noted", f"constant at {table[column].iloc[0]:.6g}: it can explain nothing", column)
+            context.add("noted", message("recording.constant_column", value=table[column].iloc[0]), column)
     return table
+
+
+def running_sums(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Pulse columns that hold a running sum: at rest it runs one way; on a table its steps, not its values, follow the table."""
+    encoders = [column for column in ENCODERS if column in table]
+    turning = bool(encoders) or context.metadata.kind == "turntable" or "table_rate_deg_s" in table
+    for column in (str(name) for name in table.columns if is_gyro(str(name)) and str(name).endswith("_pulses")):
+        values = table[column].to_numpy()
+        if context.computed or context.extents(table)[column].missing or len(values) < FEWEST_PULSES:
+            continue
+        steps = np.diff(values)
+        if _follows_its_steps(values, steps, table[encoders]) if encoders else not turning and _runs_one_way(values, steps):
+            context.add("refused", message("recording.running_sum", least=values.min(), greatest=values.max()), column)
+    return table
+
+
+def _runs_one_way(values: Array, steps: Array) -> bool:
+    steps = steps[np.abs(steps) <= 0.5 * np.ptp(values)]  # without overflows
+    gross = float(np.abs(steps).sum())
+    return min(gross, float(np.ptp(values))) >= FEWEST_PULSES and abs(float(steps.sum())) >= ONE_WAY * gross
+
+
+def _follows_its_steps(values: Array, steps: Array, angles_deg: pd.DataFrame) -> bool:
+    turned = [np.diff(np.unwrap(angles_deg[column].to_numpy(), period=DEG_PER_TURN)) for column in angles_deg]
+    inner = angles_deg.iloc[1:, 0].to_numpy() * RAD_PER_DEG  # where two tables turn, the outer's rate goes round with the inner
+    along = [*turned, *(share * step for step in turned[1:] for share in (np.cos(inner), np.sin(inner)))]
+    motion = np.column_stack([np.ones(len(steps)), *along])
+    if not np.isfinite(motion).all():
+        return False
+    return _explained(steps, motion) > FOLLOWS > _explained(values[1:], motion)
+
+
+def _explained(values: Array, by: npt.NDArray[np.float64]) -> float:
+    """Share of the variance that a linear fit explains; zero where there is none."""
+    residual = values - by @ np.linalg.lstsq(by, values)[0]
+    variance = float(np.var(values))
+    return 1.0 - float(np.mean(residual**2)) / variance if variance > 0.0 else 0.0

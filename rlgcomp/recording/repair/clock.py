@@ -1,4 +1,4 @@
-"""Time: that it increases, in which unit it was written, and how evenly the samples follow each other."""
+"""Checks of time: that it increases, its unit, and how evenly the samples follow each other."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.recording import FEWEST_ROWS, TIME
-from rlgcomp.recording.repair.context import FEW, Array, Context, Rows
+from rlgcomp.recording.repair.context import FEW, Array, Context, Mask
 from rlgcomp.recording.sampling import Sampling
+from rlgcomp.report.messages import message
 
 
 def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -17,7 +18,7 @@ def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         return table
     known = table[TIME].notna().to_numpy()
     if not known.all():
-        context.add("repaired", f"{int((~known).sum())} rows without a time left out", TIME, np.flatnonzero(~known)[0])
+        context.add("repaired", message("recording.rows_without_time", rows=int((~known).sum())), TIME, np.flatnonzero(~known)[0])
         table = table[known]
     time_s = table[TIME].to_numpy()
     steps = np.diff(time_s)
@@ -27,12 +28,7 @@ def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     repeated = int((steps == 0).sum())
     if repeated > max(allowed, 0.01 * len(time_s)):
         row = int(np.flatnonzero(steps == 0)[0]) + 1
-        context.add(
-            "refused",
-            f"{repeated} of {len(time_s)} time stamps repeat the one before: the time was written with too few digits; write more",
-            TIME,
-            row,
-        )
+        context.add("refused", message("recording.time_too_coarse", repeated=repeated, rows=len(time_s)), TIME, row)
         return table
     keep = _longest_increasing(time_s)
     backward = len(time_s) - int(keep.sum()) - repeated
@@ -40,19 +36,17 @@ def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         row = int(np.flatnonzero(steps < 0)[0]) + 1
         context.add(
             "refused",
-            f"time runs backwards: {time_s[row - 1]:.9g} s is followed by {time_s[row]:.9g} s, and {backward} rows are out of "
-            "order; if a second run begins there, split the file in two; otherwise sort it",
+            message("recording.time_runs_backwards", before_s=time_s[row - 1], after_s=time_s[row], rows=backward),
             TIME,
             row,
         )
         return table
     dropped = np.flatnonzero(~keep)
-    kinds = [f"{repeated} repeated" if repeated else "", f"{backward} backward" if backward > 0 else ""]
-    context.add("repaired", f"{' and '.join(kind for kind in kinds if kind)} time stamps, rows left out", TIME, dropped[0])
+    context.add("repaired", message("recording.time_stamps_left_out", repeated=repeated, backward=backward), TIME, dropped[0])
     return table[keep]
 
 
-def _longest_increasing(values: Array) -> Rows:
+def _longest_increasing(values: Array) -> Mask:
     """Mask of the longest strictly increasing subsequence (patience sorting, O(n log n))."""
     tails: list[float] = []
     tail_rows: list[int] = []
@@ -78,12 +72,7 @@ def time_unit(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     first = float(table[TIME].iloc[0])
     if first > 1e11 and TIME not in context.vouched:
         unit = "ms" if first < 1e14 else "us"
-        context.add(
-            "refused",
-            f"begins at {first:.4g}: that looks like {unit} since 1970; map it with --map {TIME}='{TIME} [{unit}]'",
-            TIME,
-            0,
-        )
+        context.add("refused", message("recording.time_since_1970", first=first, unit=unit), TIME, 0)
     return table
 
 
@@ -97,13 +86,8 @@ def sampling(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     clock = Sampling.of(time_s)
     period_s, gaps = clock.period_s, clock.gaps
     if len(gaps):
-        longest = float(steps[gaps].max())
-        context.add(
-            "noted", f"{len(gaps)} gaps, the longest {longest:.6g} s; averages leave out windows less than 80 % full", TIME, gaps[0]
-        )
+        context.add("noted", message("recording.gaps", gaps=len(gaps), longest_s=steps[gaps].max()), TIME, gaps[0])
     uneven = float(np.mean(np.abs(steps - period_s) > 0.25 * period_s)) - len(gaps) / len(steps)
     if uneven > 0.01:
-        context.add(
-            "noted", f"{100 * uneven:.0f} % of the steps differ from the period of {period_s:.6g} s by more than a quarter", TIME
-        )
+        context.add("noted", message("recording.uneven_steps", share=uneven, period_s=period_s), TIME)
     return table

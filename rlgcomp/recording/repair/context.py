@@ -1,4 +1,4 @@
-"""What the checks share: metadata, what a scan of each column has shown, and the growing list of findings."""
+"""Context of the checks: metadata, the ranges of columns that were seen already, and the growing list of findings."""
 
 from __future__ import annotations
 
@@ -11,17 +11,26 @@ import pandas as pd
 
 from rlgcomp.numerics.column_ranges import Extent, extents, step_extent
 from rlgcomp.recording import TIME, Finding, Metadata
+from rlgcomp.report.messages import Message
 
 Array = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.bool_]
-FEW: Final = 0.001  # share of rows that may be out of order and still be mended
+Mask = npt.NDArray[np.bool_]
+FEW: Final = 0.001  # share of rows that may be out of order and still be repaired
 
 
 @dataclasses.dataclass
 class Context:
-    """What the checks share: the metadata, columns whose unit the user vouched for, and the growing list of findings.
+    """Context of the checks of one table.
 
-    A gyro that was computed, not recorded, may stand still and need have no noise.
+    Parameters
+    ----------
+    metadata : Metadata
+    vouched : frozenset of str
+        Columns whose unit the user stated.
+    computed : bool
+        The gyro was simulated: it may stand still and need have no noise.
+    findings : list of Finding
+        What the checks have found so far.
     """
 
     metadata: Metadata
@@ -53,7 +62,7 @@ class Context:
     def add(
         self,
         severity: Literal["repaired", "noted", "refused"],
-        message: str,
+        message: Message,
         column: str | None = None,
         row: int | np.integer | None = None,
     ) -> None:

@@ -1,4 +1,7 @@
-"""Whether it is a table of a gyro at all: its columns, and entries that are numbers."""
+"""Checks of entries: that the table is one of a gyro, that its entries are numbers, and what becomes of missing ones.
+
+A monitor's last value stands in for missing ones for a while; a row without a gyro is left out.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,29 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.recording import FEWEST_ROWS, TIME, is_gyro
-from rlgcomp.recording.repair.context import FEW, Context
+from rlgcomp.recording.repair.context import FEW, Context, Mask
+from rlgcomp.report.messages import message
 
 LARGEST_VALUE: Final = 1e15  # in any unit of any column
+LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long, and for the next in any case
+ROUNDING: Final = 1e-9
+READOUTS: Final = ["readout_a_V", "readout_b_V"]
 # Between dots the day always comes first; between slashes nobody knows.
 _DATES: Final = ("ISO8601", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M")
 
 
 def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    columns = ", ".join(map(str, table.columns)) or "none"
+    columns = list(map(str, table.columns))
     repeated = sorted({str(column) for column in table.columns[table.columns.duplicated()]})
     if repeated:
-        context.add("refused", f"column names appear twice: {', '.join(repeated)}; rename one")
+        context.add("refused", message("recording.repeated_columns", columns=repeated))
         return table
     if TIME not in table:
-        context.add("refused", f"no column {TIME}; the columns are {columns}; map the time with --map {TIME}='NAME [unit]'")
+        context.add("refused", message("recording.no_time_column", columns=columns))
     if not any(is_gyro(str(column)) for column in table.columns):
-        context.add("refused", f"no gyro column; the columns are {columns}; map one with --map gyro_deg_h='NAME [unit]'")
+        context.add("refused", message("recording.no_gyro_column", columns=columns))
     if len(table) < FEWEST_ROWS:
-        context.add("refused", f"{len(table)} rows: too short to average; at least {FEWEST_ROWS} rows are needed")
+        context.add("refused", message("recording.too_few_rows", rows=len(table), least=FEWEST_ROWS))
     return table
 
 
@@ -41,26 +48,25 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         bad = np.flatnonzero(np.isnan(numbers) & values.notna().to_numpy())
         if len(bad) <= max(3, FEW * len(values)) and len(bad) < len(values):
             if len(bad):
-                context.add("repaired", f"{len(bad)} entries are no numbers, the first {values.iloc[bad[0]]!r}", column, bad[0])
+                context.add(
+                    "repaired", message("recording.not_numbers", entries=len(bad), first=str(values.iloc[bad[0]])), column, bad[0]
+                )
             numeric[column] = numbers
         elif column == TIME:
-            first = values.iloc[bad[0]]
-            allowed = "give seconds, or dates as 2026-03-01 12:00:00 or 01.03.2026 12:00:00"
-            context.add(
-                "refused", f"{len(bad)} entries are neither numbers nor dates, the first {first!r}; {allowed}", column, bad[0]
-            )
+            context.add("refused", message("recording.not_times", entries=len(bad), first=str(values.iloc[bad[0]])), column, bad[0])
         elif is_gyro(column):
-            context.add("refused", f"{len(bad)} entries are no numbers, the first {values.iloc[bad[0]]!r}", column, bad[0])
+            context.add(
+                "refused", message("recording.not_numbers", entries=len(bad), first=str(values.iloc[bad[0]])), column, bad[0]
+            )
         else:
-            context.add("noted", "holds text, left out", column)
+            context.add("noted", message("recording.text_column"), column)
     result = pd.DataFrame(numeric, copy=False)
     doubtful = [str(name) for name, extent in context.extents(result).items() if not extent.within(LARGEST_VALUE)]
     if any((np.abs(numeric[name]) > LARGEST_VALUE).any() for name in doubtful):
         absurd = (result.abs() > LARGEST_VALUE).to_numpy()
         row = int(np.flatnonzero(absurd.any(axis=1))[0])
-        context.add(
-            "repaired", f"{int(absurd.sum())} infinite or absurd values count as missing", result.columns[absurd[row]][0], row
-        )
+        found = message("recording.absurd_values", values=int(absurd.sum()), largest=LARGEST_VALUE)
+        context.add("repaired", found, result.columns[absurd[row]][0], row)
         result = result.mask(absurd)
     return result
 
@@ -75,7 +81,7 @@ def _seconds(values: pd.Series, context: Context) -> pd.Series:
         dates = next((parsed for parsed in tried if parsed.notna().mean() > 1.0 - FEW), None)
     if dates is None or dates.isna().all():
         return values
-    context.add("repaired", f"dates counted in seconds from {dates.dropna().iloc[0].isoformat()}", TIME)
+    context.add("repaired", message("recording.dates", first=dates.dropna().iloc[0].isoformat()), TIME)
     return (dates - dates.dropna().iloc[0]).dt.total_seconds()
 
 
@@ -84,10 +90,50 @@ def empty_channels(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     empty = [name for name in doubtful if np.isnan(table[name].to_numpy()).all()]
     for column in empty:
         if column == TIME:
-            context.add("refused", "every value is missing (NaN); mend the file", column)
+            context.add("refused", message("recording.empty_time"), column)
         elif is_gyro(column):
-            message = f"every value is missing (NaN); leave the column out with --drop {column}, or mend the file"
-            context.add("refused", message, column)
+            context.add("refused", message("recording.empty_gyro", column=column), column)
         else:
-            context.add("noted", "every value is missing (NaN), left out", column)
+            context.add("noted", message("recording.empty_monitor"), column)
     return table.drop(columns=empty) if empty and not context.refused else table
+
+
+def dark_readouts(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Readouts whose sum is zero, as of a converter that is not ready: they have no relative difference."""
+    dark = without_light(table)
+    if not dark.any():
+        return table
+    context.add("repaired", message("recording.dark_readouts", other=READOUTS[1], rows=int(dark.sum())), READOUTS[0], dark.argmax())
+    return table.assign(**{column: table[column].mask(dark) for column in READOUTS})
+
+
+def without_light(table: pd.DataFrame) -> Mask:
+    """Mask of the rows whose two readouts sum to zero."""
+    if not set(READOUTS) <= set(table.columns):
+        return np.zeros(len(table), dtype=np.bool_)
+    return np.asarray(table[READOUTS[0]].to_numpy() + table[READOUTS[1]].to_numpy() == 0.0)
+
+
+def missing_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    if not any(extent.missing for extent in context.extents(table).values()):
+        return table
+    missing = table.isna()
+    time_s = table[TIME]
+    latest_s = np.minimum(time_s - LONGEST_HOLD_S * (1.0 + ROUNDING), time_s.shift(1, fill_value=-np.inf))
+    filled = table.copy()
+    for column in table.columns[missing.any()]:
+        gone = missing[column].to_numpy()
+        row = np.flatnonzero(gone)[0]
+        if is_gyro(str(column)):
+            context.add("repaired", message("recording.missing_gyro_values", values=int(gone.sum())), str(column), row)
+            continue
+        known_s = time_s.where(~missing[column]).ffill()
+        filled[column] = table[column].ffill().where(known_s >= latest_s)
+        left_out = int(filled[column].isna().sum())
+        held = int(gone.sum()) - left_out
+        context.add("repaired", message("recording.missing_values", held=held, left_out=left_out), str(column), row)
+    complete = filled.notna().all(axis=1)
+    if complete.mean() < 0.5:
+        context.add("refused", message("recording.mostly_missing", share=1.0 - float(complete.mean())))
+        return table
+    return filled[complete]

@@ -1,4 +1,4 @@
-"""Columns whose numbers contradict the unit in their name: kelvin for degC, rad/s for deg/h."""
+"""Checks of units: columns whose numbers contradict the unit in their name, kelvin for degC, rad/s for deg/h."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.recording import TIME, is_gyro
 from rlgcomp.recording.repair.context import Array, Context
+from rlgcomp.report.messages import message
 
 QUIETEST_DEG_SQRT_H: Final = 2e-6  # two orders below the quantum limit of the best navigation-grade gyros
 LARGEST_STATIC_RATE_DEG_H: Final = 100.0
-_SOME: Final = 1 << 16  # samples whose noise may speak for the whole record's
+_SOME: Final = 1 << 16  # samples whose noise stands for that of the whole recording
 
 
 def units_meant(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -24,11 +25,7 @@ def units_meant(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if column.endswith("_degC") and not extent.greatest <= 180.0:
             median = float(np.nanmedian(values))
             if 180.0 < median < 400.0:
-                context.add(
-                    "refused",
-                    f"the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{column} [K]'",
-                    column,
-                )
+                context.add("refused", message("recording.kelvin", column=column, median=median), column)
         elif is_gyro(column) and not column.endswith("_pulses") and not _plainly_in_its_unit(table, column, context):
             _gyro_unit(table, column, context)
     return table
@@ -53,16 +50,11 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
     unit = units.column_unit(column) or "deg/h"
     rate_deg_h = units.convert(table[column].to_numpy(), unit, "deg/h")
     period_s = float(np.median(np.diff(table[TIME].to_numpy())))
-    right = f"if the unit is right, say --map {column}='{column} [{unit}]'"
     noise = None if context.computed else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
     if noise is not None and noise < QUIETEST_DEG_SQRT_H:
-        maps = [f"--map {column}='{column} [{other}]'" for other in _quiet_enough(noise, unit)]
-        context.add(
-            "refused",
-            f"its white noise would be {noise:.1e} deg/sqrt(h), less than any gyro's, so it is hardly in {unit}; "
-            f"say what it is in: {' or '.join(maps)}; {right}",
-            column,
-        )
+        likely = _quiet_enough(noise, unit)
+        found = message("recording.noise_below_any_gyro", column=column, noise_deg_sqrt_h=noise, unit=unit, likely_units=likely)
+        context.add("refused", found, column)
         return
     if "table_rate_deg_s" in table and (table["table_rate_deg_s"].std() or 0.0) > 0.0:
         table_rate_deg_h = table["table_rate_deg_s"].to_numpy() * units.SECONDS_PER_HOUR
@@ -70,18 +62,12 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
         for other in ("rad/s", "deg/s", "deg/h", "arcsec/s"):
             expected = float(units.convert(1.0, unit, "deg/h")) / float(units.convert(1.0, other, "deg/h"))
             if other != unit and abs(abs(slope) / expected - 1.0) < 0.05 and abs(expected - 1.0) > 0.1:
-                context.add(
-                    "refused",
-                    f"against the table it reads {slope:.4g} times the rate, as if the gyro were in {other}: then say "
-                    f"--map {column}='{column} [{other}]'; or else table_rate_deg_s is in another unit; {right}",
-                    column,
-                )
+                found = message("recording.unit_contradicts_table", column=column, slope=slope, unit=unit, likely_unit=other)
+                context.add("refused", found, column)
                 return
     mean = float(np.nanmean(rate_deg_h))
     if context.metadata.kind != "turntable" and abs(mean) > LARGEST_STATIC_RATE_DEG_H:
-        context.add(
-            "noted", f"the mean is {mean:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map", column
-        )
+        context.add("noted", message("recording.mean_above_earth_rate", mean_deg_h=mean), column)
 
 
 def _quiet_enough(noise_deg_sqrt_h: float, unit: str) -> list[str]:

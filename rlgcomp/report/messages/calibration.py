@@ -49,6 +49,14 @@ def _lock_in_does_not_explain(
     return f"{text}: lock-in alone does not explain the curve, and the standard error of lock_in_deg_s does not cover that"
 
 
+def _outliers(run: str, at_s: Sequence[float], limit_sd: float, margin_s: float, cut: bool) -> str:
+    times = ", ".join(f"{each:.6g} s" for each in at_s)
+    text = f"{run}: gyros or accelerometers deviate by {limit_sd:g} standard deviations from the encoders {times} after the start"
+    if not cut:
+        return f"{text}: a shock or a fault of the logger; without it no part of the run is long enough, so it stays"
+    return f"{text}: a shock or a fault of the logger; the run is cut there, {margin_s:g} s on either side left out"
+
+
 def _angle_random_walk(angle_random_walk_deg_sqrt_h: float, estimated: bool) -> str:
     source = "estimated from these runs" if estimated else "as stated"
     return f"angle random walk {angle_random_walk_deg_sqrt_h:.3g} deg/sqrt(h), {source}"
@@ -133,7 +141,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "no recording holds a conventional measurement: pulse_arcsec = {pulse_arcsec:.9g} is used instead"
     ),
     # triad
-    "calibration.outliers": "{text}",
+    "calibration.outliers": _outliers,
     "calibration.angle_random_walk": _angle_random_walk,
     "calibration.velocity_random_walk": (
         "accelerometers' velocity random walk {velocity_random_walk_ug_sqrt_hz:.2g} ug/sqrt(Hz), estimated from these runs and "

@@ -40,7 +40,6 @@ def _streamed(*, out: str, rows: int, found_there: int, left_out: Mapping[str, i
 
 
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
-    "compensation.screened": "{text}",
     "compensation.group_omitted": _group_omitted,
     "compensation.no_gain": (
         "With {parts} left out the residual is {residual_deg_h:.3g} deg/h, no less than the {before_deg_h:.3g} deg/h before: "

@@ -6,10 +6,6 @@ from collections.abc import Callable
 from typing import Final
 
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
-    "evaluation.screened": "{text}",
-    "evaluation.monitor_outliers": (
-        "{run}: {column} has {description}: faults of the logger, which a compensation that runs sample by sample follows."
-    ),
     "evaluation.trained_on": "{run} was used for training, at least in part: its residual proves nothing.",
     "evaluation.model_trained_on": "{model}: {run} was used for training, at least in part: its residual proves nothing.",
     "evaluation.worse": (

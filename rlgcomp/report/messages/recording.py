@@ -1,8 +1,187 @@
-"""Messages of recording."""
+"""Messages of recording: findings of files, their column and row being named beside them, and outliers.
+
+A function here takes `run`, the name of a recording, where a message also stands alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-TEXTS: Final[dict[str, str | Callable[..., str]]] = {}
+
+def _time_stamps_left_out(*, repeated: int, backward: int) -> str:
+    kinds = [f"{repeated} repeated" if repeated else "", f"{backward} backward" if backward > 0 else ""]
+    return f"{' and '.join(kind for kind in kinds if kind)} time stamps, rows left out"
+
+
+def _no_time_column(*, columns: Sequence[str]) -> str:
+    return f"no column time_s; the columns are {_listed(columns)}; map the time with --map time_s='NAME [unit]'"
+
+
+def _no_gyro_column(*, columns: Sequence[str]) -> str:
+    return f"no gyro column; the columns are {_listed(columns)}; map one with --map gyro_deg_h='NAME [unit]'"
+
+
+def _repeated_columns(*, columns: Sequence[str]) -> str:
+    return f"column names appear twice: {_listed(columns)}; rename one"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+def _uneven_steps(*, share: float, period_s: float) -> str:
+    return f"{100 * share:.0f} % of the steps differ from the period of {period_s:.6g} s by more than a quarter"
+
+
+def _missing_values(*, held: int, left_out: int) -> str:
+    parts = [f"{held} held at the last value" if held else "", f"rows of {left_out} left out" if left_out else ""]
+    return f"{held + left_out} values missing: {', '.join(part for part in parts if part)}"
+
+
+def _mostly_missing(*, share: float) -> str:
+    return f"values are missing in {100 * share:.0f} % of the rows; mend the file, or --drop the columns above"
+
+
+def _noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, likely_units: Sequence[str]) -> str:
+    maps = " or ".join(_map(column, other) for other in likely_units)
+    return (
+        f"its white noise would be {noise_deg_sqrt_h:.1e} deg/sqrt(h), less than any gyro's, so the unit is hardly {unit}; "
+        f"state the unit: {maps}; if {unit} is right, state that: {_map(column, unit)}"
+    )
+
+
+def _unit_contradicts_table(*, column: str, slope: float, unit: str, likely_unit: str) -> str:
+    return (
+        f"its slope against the table's rate is {slope:.4g}, as if the gyro were in {likely_unit}: then state "
+        f"{_map(column, likely_unit)}; otherwise table_rate_deg_s may be in another unit; if {unit} is right, state that: "
+        f"{_map(column, unit)}"
+    )
+
+
+def _map(column: str, unit: str) -> str:
+    return f"--map {column}='{column} [{unit}]'"
+
+
+def _stuck_gyro(*, value: float, samples: int, saturated: bool) -> str:
+    return f"{'saturated' if saturated else 'stuck'} at {value:.6g} for {samples} samples in all, rows left out"
+
+
+def _frozen_monitor(*, column: str, segments: Sequence[Mapping[str, float]], run: str | None = None) -> str:
+    places = ", ".join(f"at {one['value']:.6g} from {one['start_s']:.6g} to {one['end_s']:.6g} s" for one in segments)
+    if run is not None:
+        return f"{run}: {column} is frozen {places}: windows there are left out; --drop {column} keeps them."
+    return (
+        f"frozen {places}, though its other values change from sample to sample: leave these times out with RUN@START:STOP, or the "
+        f"column with --drop {column}"
+    )
+
+
+def _sample_and_hold(*, columns: Sequence[str], interval_s: float, run: str | None = None) -> str:
+    subject = f"{columns[0]} is" if len(columns) == 1 else f"{len(columns)} monitors, {columns[0]} the first, are"
+    text = f"{subject} read every {interval_s:.3g} s and held in between"
+    return f"{text}; a diagnosis interpolates the readings" if run is None else f"{run}: {text}; the readings are interpolated."
+
+
+_TREATMENTS: Final = {
+    "left_out": "left out",
+    "replaced": "replaced by what the table and the neighbours show",
+    "interpolated": "interpolated between the neighbours",
+    "as_recorded": "left as recorded",
+    "followed": "a compensation that runs sample by sample follows them",
+}
+
+
+def _gyro_outliers(*, column: str, samples: int, first_s: float, largest_sd: float, treatment: str, run: str | None) -> str:
+    text = f"{_deviating(samples, largest_sd, first_s)}: shocks or faults of the logger"
+    return _treated(text, column, treatment, run, "training, evaluation and diagnosis leave them out")
+
+
+def _count_errors(*, column: str, samples: int, first_s: float, largest_sd: float, treatment: str, run: str | None) -> str:
+    text = f"{_deviating(samples, largest_sd, first_s)}, as at no other passage of the table: count errors or faults of the logger"
+    return _treated(text, column, treatment, run, "evaluation and diagnosis replace them")
+
+
+def _monitor_outliers(*, column: str, samples: int, first_s: float, treatment: str, run: str | None) -> str:
+    deviate = f"{samples} samples deviate" if samples > 1 else "1 sample deviates"
+    text = f"{deviate} from both neighbours as no other does, the first at {first_s:.6g} s: faults of the logger"
+    return _treated(text, column, treatment, run, "training and diagnosis interpolate them")
+
+
+def _deviating(samples: int, largest_sd: float, first_s: float) -> str:
+    deviate, whose = ("samples deviate", "their") if samples > 1 else ("sample deviates", "its")
+    return (
+        f"{samples} {deviate} by up to {largest_sd:.0f} standard deviations from {whose} neighbours, the first at {first_s:.6g} s"
+    )
+
+
+def _treated(text: str, column: str, treatment: str, run: str | None, elsewhere: str) -> str:
+    text = f"{text}; {elsewhere if treatment == 'inspected' else _TREATMENTS[treatment]}"
+    return text if run is None else f"{run}, {column}: {text}."
+
+
+TEXTS: Final[dict[str, str | Callable[..., str]]] = {
+    # time
+    "recording.rows_without_time": "{rows} rows without a time left out",
+    "recording.time_too_coarse": (
+        "{repeated} of {rows} time stamps repeat the one before: the time was written with too few digits; write more"
+    ),
+    "recording.time_runs_backwards": (
+        "time runs backwards: {before_s:.9g} s is followed by {after_s:.9g} s, and {rows} rows are out of order; if a second run "
+        "begins there, split the file in two; otherwise sort it"
+    ),
+    "recording.time_stamps_left_out": _time_stamps_left_out,
+    "recording.time_since_1970": (
+        "begins at {first:.4g}: that looks like {unit} since 1970; map it with --map time_s='time_s [{unit}]'"
+    ),
+    "recording.gaps": "{gaps} gaps, the longest {longest_s:.6g} s; averages leave out windows less than 80 % full",
+    "recording.uneven_steps": _uneven_steps,
+    "recording.dates": "dates counted in seconds from {first}",
+    "recording.not_times": (
+        "{entries} entries are neither numbers nor dates, the first {first!r}; give seconds, or dates as 2026-03-01 12:00:00 or "
+        "01.03.2026 12:00:00"
+    ),
+    "recording.empty_time": "every value is missing (NaN); mend the file",
+    # columns and entries
+    "recording.repeated_columns": _repeated_columns,
+    "recording.no_time_column": _no_time_column,
+    "recording.no_gyro_column": _no_gyro_column,
+    "recording.too_few_rows": "{rows} rows: too short to average; at least {least} rows are needed",
+    "recording.few_usable_rows": "only {rows} usable rows are left; at least {least} are needed to average",
+    "recording.not_numbers": "{entries} entries are no numbers, the first {first!r}",
+    "recording.text_column": "holds text, left out",
+    "recording.absurd_values": "{values} values are infinite or beyond {largest:.0e}: they count as missing",
+    "recording.empty_gyro": "every value is missing (NaN); leave the column out with --drop {column}, or mend the file",
+    "recording.empty_monitor": "every value is missing (NaN), left out",
+    "recording.dark_readouts": "its sum with {other} is 0 in {rows} rows: both count as missing",
+    "recording.missing_gyro_values": "{values} values missing, rows left out",
+    "recording.missing_values": _missing_values,
+    "recording.mostly_missing": _mostly_missing,
+    # units
+    "recording.kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{column} [K]'",
+    "recording.noise_below_any_gyro": _noise_below_any_gyro,
+    "recording.unit_contradicts_table": _unit_contradicts_table,
+    "recording.mean_above_earth_rate": (
+        "the mean is {mean_deg_h:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map"
+    ),
+    # channels
+    "recording.dead_channel": "never changes from {value:.6g}: the channel is dead; choose another with --map or --drop",
+    "recording.stuck_gyro": _stuck_gyro,
+    "recording.saturated_gyro": (
+        "has the value {value:.6g}, the end of its range, in {samples} of {rows} samples: it is saturated, and its means are wrong "
+        "by what is cut off; record with a wider range, or --drop it"
+    ),
+    "recording.running_sum": (
+        "holds a running sum of pulses, from {least:.6g} to {greatest:.6g}: a row needs the pulses since the row before; write the "
+        "differences of its rows instead, and undo overflows of the counter"
+    ),
+    "recording.frozen_thermometer": "frozen for {duration_s:.0f} s while another thermometer moved, rows left out",
+    "recording.frozen_monitor": _frozen_monitor,
+    "recording.sample_and_hold": _sample_and_hold,
+    "recording.encoder_wraps": "{wraps} wraps of the encoder undone, the angle now runs on",
+    "recording.constant_column": "constant at {value:.6g}: it can explain no change of the gyro",
+    # outliers
+    "recording.gyro_outliers": _gyro_outliers,
+    "recording.count_errors": _count_errors,
+    "recording.monitor_outliers": _monitor_outliers,
+}

@@ -15,7 +15,7 @@ from rlgcomp.diagnosis.noise.whitening import Rows, whiten
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.question.regimes import BoolArray, Regime
 from rlgcomp.diagnosis.result import Place
-from rlgcomp.numerics.robust import stretches
+from rlgcomp.numerics.robust import segments
 
 Array = npt.NDArray[np.float64]
 _EDGES: Final = 64  # in each run, between which intervals lie
@@ -123,7 +123,7 @@ def _score_of_scatter(square: Array, rows: int) -> Array:
 def _stays(rows: Rows, inside: BoolArray) -> Iterator[slice]:
     """Stretches of rows in a regime; one row out of it does not end a stretch."""
     for part in rows.runs:
-        starts, stops = (stretches(inside[part]) + part.start).T.tolist()
+        starts, stops = (segments(inside[part]) + part.start).T.tolist()
         while len(starts) > 1 and min(b - a for a, b in zip(stops[:-1], starts[1:], strict=True)) <= 1:
             k = next(k for k in range(len(starts) - 1) if starts[k + 1] - stops[k] <= 1)
             del starts[k + 1], stops[k]

@@ -1,4 +1,4 @@
-"""Monitors that a slower logger reads and holds: they are found, and nothing else is taken for one."""
+"""Monitors that a slower logger reads and holds, or that freeze: they are found, and nothing else is taken for one."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.recording import Metadata, Recording
-from rlgcomp.recording.sample_and_hold import readings, without_holds
+from rlgcomp.recording.stuck_channels import frozen_messages, interpolated_holds, readings
 from rlgcomp.report.inspection import summarise
 from rlgcomp.simulation.simulator import Simulator
 
@@ -88,13 +90,13 @@ def _run(name: str, seed: int, held_s: float | None) -> Recording:
 
 def test_other_runs_are_the_same_object() -> None:
     run = _run("live", 0, None)
-    assert without_holds(run) == (run, None)
-    mended, said = without_holds(_run("slow", 0, 300.0))
-    assert said == (
-        "slow: 2 monitors, temperature_block_degC the first, are read every 300 s and held in between; "
-        "taken to go straight from reading to reading."
-    )
-    np.testing.assert_array_equal(mended.column("gyro_deg_h"), run.column("gyro_deg_h"))
+    assert interpolated_holds(run) == (run, None)
+    straight, held = interpolated_holds(_run("slow", 0, 300.0))
+    assert held is not None
+    assert held.code == "recording.sample_and_hold"
+    columns = ["temperature_block_degC", "supply_voltage_V"]
+    assert held.data == {"columns": columns, "interval_s": pytest.approx(300.0), "run": "slow"}
+    np.testing.assert_array_equal(straight.column("gyro_deg_h"), run.column("gyro_deg_h"))
 
 
 def test_a_healthy_gyro_beside_a_slow_logger_lacks_nothing() -> None:
@@ -112,9 +114,53 @@ def test_a_healthy_gyro_beside_a_slow_logger_lacks_nothing() -> None:
     assert any("read every 300 s and held" in remark for remark in found.remarks)
 
 
-def test_inspect_notes_them_in_one_line() -> None:
-    assert [finding for finding in summarise(_run("slow", 0, 300.0))["findings"] if "held" in finding] == [
-        "noted: 2 monitors, temperature_block_degC the first, are read every 300 s and held in between; "
-        "a diagnosis goes straight from reading to reading"
+def test_inspect_has_one_finding_of_them() -> None:
+    held = "recording.sample_and_hold"
+    (finding,) = [one for one in summarise(_run("slow", 0, 300.0))["findings"] if one["code"] == held]
+    assert (finding["severity"], len(finding["data"]["columns"])) == ("noted", 2)
+    assert not [one for one in summarise(_run("live", 0, None))["findings"] if one["code"] == held]
+
+
+def _noisy() -> Recording:
+    """A chamber run of 4000 s whose supply voltage has noise."""
+    rng = np.random.default_rng(5)
+    time_s = np.arange(4000.0)
+    gyro = 0.01 + 0.02 * rng.standard_normal(4000)
+    table = {"time_s": time_s, "gyro_deg_h": gyro, "temperature_block_degC": 20.0 + 10.0 * np.sin(time_s / 500.0)}
+    return Recording(pd.DataFrame(table | {"supply_voltage_V": gyro[::-1]}), Metadata("chamber"), name="cold")
+
+
+def frozen(recording: rlg.Recording, column: str, rows: slice) -> rlg.Recording:
+    values = recording.column(column).copy()
+    values[rows] = values[rows][0]
+    return recording.replace(table=recording.table.assign(**{column: values}))
+
+
+def test_windows_in_which_a_monitor_is_frozen_are_left_out() -> None:
+    sound = _noisy()
+    stuck = frozen(sound, "supply_voltage_V", slice(1050, 2000))
+    assert Windows.of(sound, 100.0).kept.all()
+    assert np.flatnonzero(~Windows.of(stuck, 100.0).kept).tolist() == list(range(10, 20))
+    assert Windows.of(stuck, 100.0).fine_unfrozen.time_s[45:55] == pytest.approx(np.r_[909.5:1000:20, 2009.5:2100:20])
+    assert frozen_messages(sound) == []
+    (message,) = frozen_messages(stuck)
+    assert (message.code, message.data["column"]) == ("recording.frozen_monitor", "supply_voltage_V")
+    (segment,) = message.data["segments"]
+    assert segment == {"value": stuck.column("supply_voltage_V")[1050], "start_s": 1050.0, "end_s": 1999.0}
+    with pytest.raises(rlg.InputError, match=r"no monitor is frozen; .* or --drop supply_voltage_V"):
+        Windows.of(frozen(sound, "supply_voltage_V", slice(1050, None)), 100.0)
+
+
+def test_a_monitor_that_freezes_spoils_no_estimate() -> None:
+    voltage = rlg.CATALOGUE["supply_voltage"](k_deg_h_V=0.4)
+    base = rlg.Simulator(noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
+    runs = [base.with_mechanism(voltage).simulate("short", seed=seed, step_s=2.0) for seed in (1, 2)]
+    stuck = [frozen(one, "supply_voltage_V", slice(2500, None)) for one in runs]
+    found = rlg.diagnose(base, train=stuck, black_box=False)
+    (cause,) = found.causes
+    (estimate,) = cause.parameters.values()
+    assert estimate.value == pytest.approx(0.4, abs=3.0 * estimate.sd)
+    assert estimate.sd < 0.05
+    assert [remark for remark in found.remarks if "supply_voltage_V is frozen" in remark] == [
+        message.text for one in stuck for message in frozen_messages(one)
     ]
-    assert not [finding for finding in summarise(_run("live", 0, None))["findings"] if "held" in finding]

@@ -9,27 +9,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.numerics import column_ranges as scan
+from rlgcomp.numerics import column_ranges
 from rlgcomp.recording.repair import repair
 
 
 @pytest.fixture(params=[1 << 15, 7])
 def blocks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scan, "_BLOCK", request.param)
-    monkeypatch.setattr(scan, "_LONG", 50)
+    monkeypatch.setattr(column_ranges, "_BLOCK", request.param)
+    monkeypatch.setattr(column_ranges, "_LONG", 50)
 
 
 @pytest.mark.usefixtures("blocks")
 def test_extents_are_those_of_numpy() -> None:
     rng = np.random.default_rng(0)
     columns = [rng.normal(size=n) for n in (1, 2, 7, 8, 100, 1001)]
-    for values, extent in zip(columns, scan.extents(columns), strict=True):
+    for values, extent in zip(columns, column_ranges.extents(columns), strict=True):
         assert (extent.least, extent.greatest, extent.missing) == (values.min(), values.max(), False)
         assert extent.within(np.abs(values).max())
         assert not extent.within(0.99 * np.abs(values).max())
         steps = np.diff(values)
         if len(steps):
-            assert scan.step_extent(values) == scan.Extent(steps.min(), steps.max())
+            assert column_ranges.step_extent(values) == column_ranges.Extent(steps.min(), steps.max())
 
 
 @pytest.mark.usefixtures("blocks")
@@ -37,19 +37,19 @@ def test_extents_are_those_of_numpy() -> None:
 def test_one_missing_value_is_seen_wherever_it_stands(row: int) -> None:
     values = np.arange(100.0)
     values[row] = np.nan
-    (extent,) = scan.extents([values])
+    (extent,) = column_ranges.extents([values])
     assert extent.missing
     assert not extent.within(np.inf)
-    assert np.isnan(scan.step_extent(values).least)
+    assert np.isnan(column_ranges.step_extent(values).least)
     values[row] = -np.inf
-    (extent,) = scan.extents([values])
+    (extent,) = column_ranges.extents([values])
     assert (extent.missing, extent.within(1e300)) == (False, False)
 
 
 def test_nothing_has_no_extent() -> None:
-    (extent,) = scan.extents([np.empty(0)])
+    (extent,) = column_ranges.extents([np.empty(0)])
     assert extent.missing
-    assert np.isnan(scan.step_extent(np.ones(1)).greatest)
+    assert np.isnan(column_ranges.step_extent(np.ones(1)).greatest)
 
 
 @settings(max_examples=300, deadline=None)
@@ -64,14 +64,14 @@ def test_equal_values_in_a_row_are_never_overlooked(values: list[int], run: int,
     edges = np.flatnonzero(np.diff(column) != 0) + 1
     longest = int(np.diff(np.r_[0, edges, len(column)]).max()) if len(column) else 0
     if longest >= samples:
-        assert scan.may_hold(column, samples)
+        assert column_ranges.may_hold(column, samples)
 
 
 def test_noise_holds_no_row_of_equal_values_and_coarse_values_little() -> None:
     rng = np.random.default_rng(1)
-    assert not scan.may_hold(rng.normal(size=10_000), 20)
-    assert not scan.may_hold(np.round(rng.normal(size=10_000), 1), 20)
-    assert not scan.may_hold(np.empty(0), 20)
+    assert not column_ranges.may_hold(rng.normal(size=10_000), 20)
+    assert not column_ranges.may_hold(np.round(rng.normal(size=10_000), 1), 20)
+    assert not column_ranges.may_hold(np.empty(0), 20)
 
 
 @settings(max_examples=40, deadline=None)
@@ -119,7 +119,7 @@ def test_bounds_find_what_looking_at_every_value_finds(
 
     quick = outcome()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rlgcomp.recording.repair.context.step_extent", lambda values: scan.Extent(-np.inf, 1e9))
+        patch.setattr("rlgcomp.recording.repair.context.step_extent", lambda values: column_ranges.Extent(-np.inf, 1e9))
         patch.setattr("rlgcomp.recording.repair.channels.may_hold", lambda values, samples: True)
         patch.setattr("rlgcomp.recording.repair.wrong_units._plainly_in_its_unit", lambda table, column, context: False)
         slow = outcome()
