@@ -196,7 +196,7 @@ def test_bad_input_to_the_command(tmp_path: Path, files: list[Path], recordings:
     write(other, tmp_path / "other.parquet")
     for arguments, message in (
         ([*files, "--angle-random-walk", "-1"], "must lie between 0 and 1"),
-        ([*files, "--latitude", "41"], "says latitude 39.98 deg"),
+        ([*files, "--latitude", "41"], "states latitude 39.98 deg"),
         ([files[0], files[0], files[1]], "hold the same data"),
         ([tmp_path / "twice.parquet"], "leave one out with --drop"),
         ([files[0], tmp_path / "other.parquet"], "disagree with the encoders"),

@@ -89,7 +89,7 @@ class Calibration:
             }
             return cls(pulse, axes, TriadErrors(values), 0.0, content, identity)
         except (KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"not what schema {SCHEMA} requires: {type(error).__name__}: {error}") from None
+            raise InputError(f"schema {SCHEMA} requires other content: {type(error).__name__}: {error}") from None
 
     @classmethod
     def read(cls, path: str | Path) -> Self:

@@ -159,8 +159,8 @@ def _scored(folder: Path, challenge: Mapping[str, Any], sealed: Mapping[str, Any
     score = Score.of(Hidden(tuple(sealed["hidden"]), parameters, intervals), answer)
     strengths = {name: float(sealed["strengths"][name]) for name in sealed["hidden"]}
     improvement, possible = _improvements(answer, float(sealed["possible_rms_deg_h"]))
-    found = tuple(str(finding["mechanism"]) for finding in answer["findings"])
-    return Revealed(sealed["hidden"], strengths, found, score, improvement, possible, challenge["truth_sha256"])
+    findings = tuple(str(finding["mechanism"]) for finding in answer["findings"])
+    return Revealed(sealed["hidden"], strengths, findings, score, improvement, possible, challenge["truth_sha256"])
 
 
 def _require_same_recordings(challenge: Mapping[str, Any], sealed: Mapping[str, str], answer: Mapping[str, Any]) -> None:
@@ -195,7 +195,7 @@ def _content(path: Path, schema: str) -> dict[str, Any]:
         content = from_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(
-            f"{path} does not exist; a challenge is what `rlgcomp conceal` wrote, a diagnosis what diagnose wrote"
+            f"{path} does not exist; give a challenge that `rlgcomp conceal` wrote and a diagnosis that `rlgcomp diagnose` wrote"
         ) from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path} is not readable as JSON: {error}") from None

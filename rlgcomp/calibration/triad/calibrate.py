@@ -245,7 +245,7 @@ def navigator_remarks(runs: Sequence[RunResult]) -> list[Message]:
 def _at_latitude(recording: Recording, latitude_deg: float) -> Recording:
     stated = recording.metadata.latitude_deg
     if stated is not None and stated != latitude_deg:
-        raise InputError(f"{recording.name} says latitude {stated} deg, the option {latitude_deg} deg; leave the option out")
+        raise InputError(f"{recording.name} states latitude {stated} deg, the option {latitude_deg} deg; leave the option out")
     return recording.replace(metadata=dataclasses.replace(recording.metadata, latitude_deg=latitude_deg))
 
 

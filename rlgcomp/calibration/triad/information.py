@@ -13,7 +13,7 @@ generalized least squares with the covariance that doubly integrated random walk
 too small.
 
 The table's base is level and its azimuth known but for small angles :math:`\varphi_t` that each run has of its own, while the triad
-is bolted to the table once, turned from the table's axes by a vector :math:`\mu` of the body that nobody knows: at the start
+is bolted to the table once, turned from the table's axes by a vector :math:`\mu` of the body that is unknown: at the start
 
 .. math:: \varphi_0 = \varphi_t + C_b^n(0)\, \mu.
 
@@ -113,7 +113,7 @@ def angle_random_walk_deg_sqrt_h(runs: Sequence[TableRun]) -> float:
     still = [run for run in runs if np.ptp(run.outer_deg) < STILL_DEG]
     if not still:
         raise InputError(
-            "in every run both axes turn, so that the gyros' noise cannot be told from their motion; "
+            "in every run both axes turn, so that the gyros' noise cannot be separated from their motion; "
             "give --angle-random-walk, or add a run with the outer axis still"
         )
     sums = np.zeros(2)
@@ -251,7 +251,7 @@ def velocity_information(linear: Linearised, noise: Noise, tilt_arcsec: Array) -
         phi[k, :, :START] = from_start
         from_start = forward @ from_start
 
-    # Tilt and velocity here are what noise alone makes; the response to the constants is in the measurement, so F is constant.
+    # Tilt and velocity here are driven by noise alone; the response to the constants is in the measurement, so F is constant.
     states = DRIVEN + START + CONSTANTS
     inverse = np.eye(states)
     inverse[:DRIVEN, :DRIVEN] = np.linalg.inv(forward)

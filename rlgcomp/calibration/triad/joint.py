@@ -106,7 +106,7 @@ def estimate_run_bias_deg_h(informations: Sequence[RunInformation], noise: Noise
 
     Notes
     -----
-    With a variance at the edge of what it can be, twice the gain in log-likelihood is chi squared of one degree in half the cases.
+    With a variance at the boundary of its range, twice the gain in log-likelihood is chi squared of one degree in half the cases.
     """
 
     def deviance(sd_deg_h: float) -> float:
