@@ -104,7 +104,7 @@ def test_a_polynomial_too_short_is_lengthened_not_replaced(first: dict[str, floa
 @pytest.mark.parametrize("from_below", [False, True])
 def test_a_strong_loop_of_another_law_is_one_cause_wherever_it_began(from_below: bool) -> None:
     """Relays are no plays: what the equation leaves of them is neither a telegraph nor a warm-up."""
-    relays, made = Relays(-70.0, 95.0, 56, 12.0), []
+    relays, made = Relays.exponential(-70.0, 95.0, 56, 12.0), []
     for run in runs():
         block = run.column("temperature_block_degC")
         bias, _ = relays.run(block, relays.start(block[0], from_below=from_below))

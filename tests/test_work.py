@@ -97,7 +97,7 @@ def test_the_concealed_benchmark_on_a_cluster_whose_worker_is_killed(
     from experiments.concealed.__main__ import main
 
     address, processes = cluster
-    options = ["--only", "table", "--cases", "3", "--first", "2000", "--rows"]
+    options = ["--only", "turntable", "--cases", "3", "--tuning", "--rows"]
     main([*options, str(tmp_path / "one"), "--jobs", "1"])
     kill_after(1, processes, monkeypatch)
     main([*options, str(tmp_path / "two"), "--scheduler", address])
@@ -107,6 +107,7 @@ def test_the_concealed_benchmark_on_a_cluster_whose_worker_is_killed(
         for row in rows.values():
             assert row.pop("seconds") > 0.0
             assert row.pop("cpu_seconds") > 0.0
+            assert row.pop("memory_mib") > 0.0
     assert len(one) == 3
     assert one == two
 

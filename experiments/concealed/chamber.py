@@ -7,45 +7,57 @@ r"""One gyro in a chamber, what is there and what its sensors record: four therm
     C_b \dot T_b &= G_{sb}(T_s - T_b) + G_{mb}(T_m - T_b) + P_b
 
 The heavy mount stands in the chamber's air too and the electronics' heat wanders, so the block's rate of change and its
-difference to the shell are not one and the same.
+difference to the shell are not one and the same. Times are those of a chamber of hours here; a case stretches them all alike
+(:class:`experiments.concealed.logger.Scale`).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 from scipy import interpolate, linalg, signal, special
 
-from experiments.concealed.operators import first_order
-from experiments.concealed.programmes import random_programme
-from rlgcomp.recording import Metadata, Recording
+from experiments.concealed.programmes import COLDEST_DEG_C, HOTTEST_DEG_C, random_programme
 from rlgcomp.simulation.programme import Programme
 
 Array = npt.NDArray[np.float64]
-PLANT_STEP_S = 5.0
+WINDOW_S = 100.0
 NOMINAL_DEG_C = 20.0
 
-# mean, wander, correlation time in s, noise of one reading
+# mean, wander, correlation time in s
 SUPPLIES = {
-    "supply_voltage_V": (15.0, 0.02, 3600.0, 0.001),
-    "discharge_current_a_mA": (0.65, 0.003, 5400.0, 0.0003),
-    "discharge_current_b_mA": (0.65, 0.003, 5400.0, 0.0003),
-    "magnetic_field_uT": (48.0, 3.0, 4000.0, 0.03),
-    "pressure_hPa": (1010.0, 2.5, 14400.0, 0.04),
+    "supply_voltage_V": (15.0, 0.02, 3600.0),
+    "discharge_current_a_mA": (0.65, 0.003, 5400.0),
+    "discharge_current_b_mA": (0.65, 0.003, 5400.0),
+    "magnetic_field_uT": (48.0, 3.0, 4000.0),
+    "pressure_hPa": (1010.0, 2.5, 14400.0),
+    "humidity_percent": (45.0, 6.0, 5000.0),
 }
 
 
 @dataclasses.dataclass(frozen=True)
 class Chamber:
-    """What is there in one run, at 1 Hz."""
+    """What is there in one run.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+    rate_K_min : ndarray, shape (n,)
+        Rate of change of the block's temperature.
+    monitors : mapping of str to ndarray, shape (n,)
+        By column.
+    history_degC : ndarray
+        Temperatures between which the block went before the run.
+    """
 
     time_s: Array
     rate_K_min: Array
     monitors: dict[str, Array]
+    history_degC: Array
 
     def __getitem__(self, column: str) -> Array:
         return self.monitors[column]
@@ -54,18 +66,22 @@ class Chamber:
     def block(self) -> Array:
         return self.monitors["temperature_block_degC"]
 
-    def with_monitor(self, column: str, values: Array) -> Chamber:
-        """The same run with one monitor changed."""
-        return dataclasses.replace(self, monitors={**self.monitors, column: values})
+    @property
+    def step_s(self) -> float:
+        return float(self.time_s[1] - self.time_s[0])
 
-    def recording(self) -> Recording:
-        """The true monitors as a recording, its gyro zero: for mechanisms that read recordings."""
-        return Recording(pd.DataFrame({"time_s": self.time_s, "gyro_deg_h": 0.0 * self.time_s, **self.monitors}), name="truth")
+    def with_monitors(self, monitors: Mapping[str, Array]) -> Chamber:
+        """The same run with some monitors changed."""
+        return dataclasses.replace(self, monitors={**self.monitors, **monitors})
 
 
 @dataclasses.dataclass(frozen=True)
 class Unit:
-    """A gyro unit in its chamber, all sizes drawn about typical ones; runs differ by their generators."""
+    """A gyro unit in its chamber, all sizes drawn about typical ones; runs differ by their generators.
+
+    Before its first run the unit rested at room temperature, after ever smaller swings; or it went between random temperatures
+    before every run; or each run begins where the one before it ended.
+    """
 
     capacities_J_K: Array  # shell, mount, block
     conductances_W_K: dict[str, float]
@@ -76,10 +92,8 @@ class Unit:
     intensity_per_K: float
     intensity_per_K2: float
     warmth: dict[str, float]  # wander of a supply per 100 K of the block
-    thermometer_lag_s: float
-    thermometer_noise_K: float
-    thermometer_offset_K: float
-    mount_thermometer: bool
+    step_s: float
+    before: str
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Unit:
@@ -102,53 +116,39 @@ class Unit:
             warmth={
                 name: rng.normal(0.0, 0.5) for name in ("supply_voltage_V", "discharge_current_a_mA", "discharge_current_b_mA")
             },
-            thermometer_lag_s=rng.uniform(3.0, 25.0),
-            thermometer_noise_K=rng.uniform(0.002, 0.005),
-            thermometer_offset_K=rng.normal(0.0, 0.1),
-            mount_thermometer=bool(rng.random() < 0.3),
+            step_s=float(rng.choice([5.0, 10.0, 20.0])),
+            before=str(rng.choice(["rest", "cycles", "the run before"])),
         )
 
-    def run(self, rng: np.random.Generator, programme: str | None = None) -> Chamber:
-        """One run, on a random programme unless one is given."""
+    def run(self, rng: np.random.Generator, programme: str | None = None, previous: Chamber | None = None) -> Chamber:
+        """One run, on a random programme unless one is given; `previous` is the run before it."""
         corners_s, corners_degC = random_programme(rng) if programme is None else Programme.parse(programme).corners
-        time_s: Array = np.arange(0.0, math.floor(corners_s[-1]), 1.0)
-        coarse_s = np.arange(0.0, time_s[-1] + PLANT_STEP_S, PLANT_STEP_S)
-        shell_W = self.heat_W[0] * (1.0 + self.heat_wander * wander(coarse_s, 5400.0, rng))
-        shell, mount, block = self._temperatures(np.interp(coarse_s, corners_s, corners_degC), shell_W)
-        path = interpolate.CubicSpline(coarse_s, block)
-        temperatures = {
-            "temperature_block_degC": np.asarray(path(time_s)),
-            "temperature_shell_degC": np.interp(time_s, coarse_s, shell),
-            "temperature_mount_degC": np.interp(time_s, coarse_s, mount),
-        }
+        windows = math.floor(corners_s[-1] / WINDOW_S)
+        time_s: Array = self.step_s * np.arange(round(windows * WINDOW_S / self.step_s))
+        shell_W = self.heat_W[0] * (1.0 + self.heat_wander * wander(time_s, 5400.0, rng))
+        shell, mount, block = self._temperatures(np.interp(time_s, corners_s, corners_degC), shell_W)
+        rate_K_min = 60.0 * np.asarray(interpolate.CubicSpline(time_s, block)(time_s, 1))
+        temperatures = {"temperature_block_degC": block, "temperature_shell_degC": shell, "temperature_mount_degC": mount}
+        history = self._history(rng, float(block[0]), previous)
         warm = temperatures["temperature_block_degC"] - NOMINAL_DEG_C
         supplies = {}
-        for name, (mean, sd, correlation_s, _) in SUPPLIES.items():
+        for name, (mean, sd, correlation_s) in SUPPLIES.items():
             supplies[name] = mean + sd * (wander(time_s, correlation_s, rng) + self.warmth.get(name, 0.0) * warm / 100.0)
         beam_um = self.beam_um_K * warm + 0.7 * wander(time_s, 3000.0, rng) + creeping_jumps(time_s, 2.5, rng)
         intensity = 1.0 + self.intensity_per_K * warm + self.intensity_per_K2 * warm**2 + 0.003 * beam_um
         intensity += 0.002 * wander(time_s, 2400.0, rng)
         a, b = two_halves(beam_um)
         optics = {"light_intensity_V": intensity, "readout_a_V": a * intensity, "readout_b_V": b * intensity}
-        return Chamber(time_s, 60.0 * np.asarray(path(time_s, 1)), {**temperatures, **optics, **supplies})
+        return Chamber(time_s, rate_K_min, {**temperatures, **optics, **supplies}, history)
 
-    def record(
-        self, chamber: Chamber, gyro_deg_h: Array, rng: np.random.Generator, *, without: tuple[str, ...], name: str
-    ) -> Recording:
-        """What the sensors make of it."""
-        columns = {"time_s": chamber.time_s, "gyro_deg_h": gyro_deg_h}
-        for column, values in chamber.monitors.items():
-            noise = rng.standard_normal(len(values))
-            if column.startswith("temperature"):
-                seen = (
-                    first_order(values, 1.0, self.thermometer_lag_s) + self.thermometer_offset_K + self.thermometer_noise_K * noise
-                )
-                columns[column] = np.round(seen, 3)
-            else:
-                columns[column] = values + (SUPPLIES[column][3] if column in SUPPLIES else 2e-4) * noise
-        hidden = set(without) | (set() if self.mount_thermometer else {"temperature_mount_degC"})
-        table = pd.DataFrame({column: values for column, values in columns.items() if column not in hidden})
-        return Recording(table, Metadata(kind="chamber", unit="bench"), name=name)
+    def _history(self, rng: np.random.Generator, first_degC: float, previous: Chamber | None) -> Array:
+        cycles = rng.uniform(COLDEST_DEG_C - 10.0, HOTTEST_DEG_C + 10.0, int(rng.integers(2, 9)))
+        if self.before == "rest":
+            return np.asarray(first_degC + 150.0 * (-0.9) ** np.arange(60))
+        if self.before == "cycles" or previous is None:
+            return cycles
+        turns = np.flatnonzero(np.diff(np.sign(previous.rate_K_min), prepend=0.0))
+        return np.r_[previous.history_degC, previous.block[turns], previous.block[-1]]
 
     def _temperatures(self, set_point_degC: Array, shell_W: Array) -> tuple[Array, Array, Array]:
         g = self.conductances_W_K
@@ -162,7 +162,7 @@ class Unit:
         )
         a[1:] /= self.capacities_J_K[:, None]
         b = np.diag([1.0 / self.air_time_constant_s, *1.0 / self.capacities_J_K])[:, [0, 1, 3]]
-        grown = linalg.expm(np.block([[a, b], [np.zeros((3, 7))]]) * PLANT_STEP_S)
+        grown = linalg.expm(np.block([[a, b], [np.zeros((3, 7))]]) * self.step_s)
         phi, gamma = grown[:4, :4], grown[:4, 4:]
         state = np.full(4, set_point_degC[0])
         states = np.empty((len(set_point_degC), 4))

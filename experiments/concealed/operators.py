@@ -1,29 +1,34 @@
-r"""Operators of the independent physics: first-order lag, conduction slab, relays. Nothing here comes from rlgcomp.
+r"""Operators of the benchmark's physics: first-order lag, conduction slab, relays. Nothing here comes from rlgcomp.
 
 The slab: :math:`\partial_t T = \kappa\, \partial_x^2 T` on 0 < x < L, its front at the block's temperature, its back insulated, by
 finite volumes. Its mean follows the front as the series
 :math:`\sum_n \frac{8}{\pi^2 (2n+1)^2}` of first-order lags :math:`\tau_n = \frac{4 L^2}{\pi^2 (2n+1)^2 \kappa}`
 (Carslaw, Jaeger, *Conduction of Heat in Solids*, 2nd ed., 1959, section 3.4).
 
-The relays: each switches up at its own upper and down at its own lower temperature (Preisach, Z. Phys. 94, 277 (1935)).
+The relays: each switches up at its own upper and down at its own lower value (Preisach, Z. Phys. 94, 277 (1935)).
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg, signal
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+_TOGETHER = 64  # relays that are computed at once
 
 
 def first_order(values: Array, step_s: float, time_constant_s: float) -> Array:
-    """Response of a first-order system at rest at the first value, by the trapezoidal rule."""
-    g = 0.5 * step_s / time_constant_s
-    b, a = [g / (1.0 + g), g / (1.0 + g)], [1.0, -(1.0 - g) / (1.0 + g)]
-    response, _ = signal.lfilter(b, a, values - values[0], zi=[0.0])
+    """Response of a first-order system at rest at the first value, exact for an input that is straight between samples."""
+    ratio = step_s / time_constant_s
+    decay = math.exp(-ratio)
+    past = -math.expm1(-ratio) / ratio - decay
+    response, _ = signal.lfilter([1.0 - decay - past, past], [1.0, -decay], values - values[0], zi=[0.0])
     return np.asarray(response + values[0])
 
 
@@ -49,48 +54,80 @@ def slab(front: Array, step_s: float, slowest_s: float, *, at: str = "mean", cel
     grown = linalg.expm(
         np.block([[a, drive[:, None], np.zeros((cells, 1))], [np.zeros(cells), 0.0, 1.0 / step_s], [np.zeros(cells + 2)]]) * step_s
     )
-    phi, held, ramped = grown[:cells, :cells], grown[:cells, cells], grown[:cells, cells + 1]
+    phi, constant, ramp = grown[:cells, :cells], grown[:cells, cells], grown[:cells, cells + 1]
     weights = np.full(cells, 1.0 / cells) if at == "mean" else np.r_[np.zeros(cells - 2), -0.125, 1.125]
     state = np.full(cells, front[0])
     output = np.empty(len(front))
     output[0] = front[0]
     for k in range(1, len(front)):
-        state = phi @ state + held * front[k - 1] + ramped * (front[k] - front[k - 1])
+        state = phi @ state + constant * front[k - 1] + ramp * (front[k] - front[k - 1])
         output[k] = weights @ state
     return output
 
 
+@dataclasses.dataclass(frozen=True)
 class Relays:
-    """Relays on a grid of switching points, with weights that fall with the width of their loops.
+    """Relays with their switching points and weights.
 
     Parameters
     ----------
-    low, high : float
-        Span of the switching points.
-    levels : int
-    mean_width : float
-        Decay of the weight with the distance of the two switching points.
+    up, down : ndarray, shape (relays,)
+        Values at which each switches up and down.
+    weight : ndarray, shape (relays,)
     """
 
-    def __init__(self, low: float, high: float, levels: int, mean_width: float) -> None:
+    up: Array
+    down: Array
+    weight: Array
+
+    @classmethod
+    def exponential(cls, low: float, high: float, levels: int, mean_width: float) -> Self:
+        """On a grid of switching points, with weights that fall with the width of their loops."""
         grid = low + (high - low) * (np.arange(levels) + 0.5) / levels
         down, up = np.meshgrid(grid, grid, indexing="ij")
-        kept = up > down
-        self.up, self.down = up[kept], down[kept]
-        middle = 0.5 * (self.up + self.down) - 0.5 * (low + high)
-        weight = np.exp(-(self.up - self.down) / mean_width - 0.5 * (middle / (0.3 * (high - low))) ** 2)
-        self.weight = weight / weight.sum()
+        wide = up > down
+        up, down = up[wide], down[wide]
+        middle = 0.5 * (up + down) - 0.5 * (low + high)
+        weight = np.exp(-(up - down) / mean_width - 0.5 * (middle / (0.3 * (high - low))) ** 2)
+        return cls(up, down, weight / weight.sum())
 
-    def start(self, value: float, *, from_below: bool = False) -> npt.NDArray[np.bool_]:
+    @classmethod
+    def smooth(cls, low: float, high: float, levels: int, rng: np.random.Generator) -> Self:
+        """A random smooth density: one to four bumps over centre and width, sampled at a random place in each cell of a grid."""
+        cell = (high - low) / levels
+        down, up = np.meshgrid(low + cell * np.arange(levels), low + cell * np.arange(levels), indexing="ij")
+        down, up = (edge.ravel() + cell * rng.uniform(0.0, 1.0, edge.size) for edge in (down, up))
+        wide = up > down
+        down, up = down[wide], up[wide]
+        span = high - low
+        density = np.zeros(len(up))
+        for _ in range(int(rng.integers(1, 5))):
+            centre = low + span * rng.uniform(0.25, 0.75)
+            width = span * rng.uniform(0.03, 0.3)
+            spreads = span * rng.uniform([0.06, 0.03], [0.3, 0.15])
+            height = rng.uniform(0.2, 1.0)
+            density += height * np.exp(
+                -0.5 * ((0.5 * (up + down) - centre) / spreads[0]) ** 2 - 0.5 * ((up - down - width) / spreads[1]) ** 2
+            )
+        return cls(up, down, density / density.sum())
+
+    def start(self, value: float, *, from_below: bool = False) -> Flags:
         """State after a history of shrinking swings about `value`, or after coming up to it from far below."""
-        return value >= (self.up if from_below else 0.5 * (self.up + self.down))
+        return np.asarray(value >= (self.up if from_below else 0.5 * (self.up + self.down)))
 
-    def run(self, values: Array, state: npt.NDArray[np.bool_]) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Weighted mean of the relays (each -1 or +1) after each value, and their last state."""
-        state = state.copy()
-        output = np.empty(len(values))
-        for k, value in enumerate(values.tolist()):
-            state |= value >= self.up
-            state &= value > self.down
-            output[k] = 2.0 * (self.weight @ state) - 1.0
-        return output, state
+    def states(self, values: Array, state: Flags) -> Flags:
+        """State of each relay after each value, shape (values, relays), from the state before the first."""
+        rows = np.arange(len(values))[:, None]
+        switched_up = values[:, None] >= self.up
+        last = np.maximum.accumulate(np.where(switched_up | (values[:, None] <= self.down), rows, -1), axis=0)
+        return np.where(last < 0, state, np.take_along_axis(switched_up, np.maximum(last, 0), axis=0))
+
+    def run(self, values: Array, state: Flags) -> tuple[Array, Flags]:
+        """Weighted sum of the relays (each -1 or +1) after each value, and their last state."""
+        output, ends = np.zeros(len(values)), []
+        for first in range(0, len(self.up), _TOGETHER):
+            part = slice(first, first + _TOGETHER)
+            states = Relays(self.up[part], self.down[part], self.weight[part]).states(values, state[part])
+            output += (2.0 * states - 1.0) @ self.weight[part]
+            ends.append(states[-1])
+        return output, np.concatenate(ends)

@@ -11,12 +11,12 @@ HOTTEST_DEG_C = 60.0
 
 
 def random_programme(rng: np.random.Generator) -> tuple[Array, Array]:
-    """Times in s and set points in degC of the corners, 8 to 12 h long.
+    """Times in s and set points in degC of the corners, 5 to 10 h long.
 
     It visits the cold and the hot quarter of the span, in either order, with turns at random temperatures between and after, at
     0.4 to 1.8 K/min, and rests for 15 to 100 min after most of them.
     """
-    duration_s = rng.uniform(8.0, 12.0) * 3600.0
+    duration_s = rng.uniform(5.0, 10.0) * 3600.0
     span = HOTTEST_DEG_C - COLDEST_DEG_C
     extremes = [COLDEST_DEG_C + rng.uniform(0.0, 0.25) * span, HOTTEST_DEG_C - rng.uniform(0.0, 0.25) * span]
     rng.shuffle(extremes)

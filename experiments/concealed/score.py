@@ -1,122 +1,189 @@
-"""One case diagnosed and scored, as one line of JSON."""
+"""One case diagnosed and scored, as one line of JSON; the diagnosis is read through its mapping and its simulators' predictions."""
 
 from __future__ import annotations
 
-import dataclasses
+import importlib
+import math
+import resource
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from experiments.concealed.cases import Case, NoiseOfUnits, make_case, means, read_in_pulses
+from experiments.concealed.case import Case, means
+from experiments.concealed.cases import make_case
+from experiments.concealed.chamber import WINDOW_S
+from experiments.concealed.plan import NAMED, Plan
 from rlgcomp.challenge.score import Hidden, Score
-from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.workers import DIED
 
 Array = npt.NDArray[np.float64]
-Arguments = tuple[Any, tuple[str, ...], float, int, bool]
+Row = dict[str, Any]
+DIAGNOSE = "rlgcomp:diagnose"
+_KIB = 1024
+_NEAR_WINDOWS = 3.0  # between a step and where it is found
+_CLOSER = 0.5  # of what a stated number is wrong by
 
 
-@dataclasses.dataclass(frozen=True)
-class Manner:
-    """How cases are made and asked about, other than usual.
+def key_of(plan: Plan, function: str = DIAGNOSE) -> str:
+    """What a case is known by among the lines of a file."""
+    return plan.name + (f" by {function}" if function != DIAGNOSE else "")
+
+
+def heading(plan: Plan, function: str = DIAGNOSE) -> Row:
+    """What a case's line begins with."""
+    return {
+        "key": key_of(plan, function),
+        "name": plan.name,
+        "kind": plan.kind,
+        "hidden": list(plan.hidden),
+        "strengths": list(plan.strengths),
+        "nuisance": plan.nuisance,
+        "seed": plan.seed,
+    }
+
+
+def run_case(plan: Plan, function: str = DIAGNOSE) -> Row:
+    """Make a case, diagnose it by MODULE:FUNCTION, score it; a failure is scored as a wrong answer and the rest goes on."""
+    known = heading(plan, function)
+    try:
+        case = make_case(plan)
+        known |= reachable(case)
+        return known | scored(case, diagnose=loaded(function))
+    except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
+        return known | {"failure": f"{type(error).__name__}: {error}"}
+
+
+def died(plan: Plan, function: str = DIAGNOSE) -> Row:
+    """The line of a case that takes its worker with it each time."""
+    return heading(plan, function) | {"failure": DIED}
+
+
+def loaded(function: str) -> Callable[..., Any]:
+    """The function of MODULE:FUNCTION."""
+    module, _, name = function.partition(":")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    return found
+
+
+def reachable(case: Case) -> Row:
+    """What could be known of a case, and what it is."""
+    return {
+        "forms": list(case.forms),
+        "true_drivers": sorted(case.drivers),
+        "true_memory": case.memory,
+        "white_noise": case.noise.white,
+        "log_bayes_factor": case.log_bayes_factor,
+        "separation_nats": case.separation_nats if math.isfinite(case.separation_nats) else None,
+        "period_s": case.scale.period_s,
+        "size_deg_h": case.scale.size_deg_h,
+        "rows": sum(len(run) for run in (*case.train, *case.test)),
+    }
+
+
+def scored(case: Case, diagnose: Callable[..., Any]) -> Row:
+    """Score of one case.
 
     Parameters
     ----------
-    stated : bool
-        The diagnosis is told the unit's true noise.
-    pulse_arcsec : float
-        The gyro is read in whole pulses of so much, dithered; not where it is zero.
-    noise : {"drawn", "whole", "white"}
-        What a unit has, and what strengths are relative to: see :func:`experiments.concealed.cases.make_case`.
+    case : Case
+    diagnose : callable
+        Of (simulator, train=…, test=…); its result has `to_mapping()`, and simulators `calibrated` and `augmented` that predict.
     """
-
-    stated: bool = False
-    pulse_arcsec: float = 0.0
-    noise: NoiseOfUnits = "drawn"
-
-    def key_of(self, arguments: Arguments) -> str:
-        """What a case is known by among the lines of a file."""
-        pulses = f" in pulses of {self.pulse_arcsec:g} arcsec" if self.pulse_arcsec else ""
-        noise = {"drawn": "", "whole": " relative to all noise", "white": " in white noise"}[self.noise]
-        return repr(arguments) + " with its noise stated" * self.stated + pulses + noise
-
-    def asked(self, arguments: Arguments) -> dict[str, Any]:
-        """What a case's line begins with."""
-        kind, effects, strength, seed, independent = arguments
-        return {
-            "key": self.key_of(arguments),
-            "kind": kind,
-            "hidden": list(effects),
-            "strength": strength,
-            "seed": seed,
-            "independent": independent,
-        }
-
-
-def run_case(arguments: Arguments, manner: Manner = Manner()) -> dict[str, Any]:
-    """Make a case, diagnose it, score it. A failure is an answer too: it is scored as such and the rest goes on."""
-    asked = manner.asked(arguments)
-    try:
-        case = make_case(*arguments, noise_of_units=manner.noise)
-        if manner.pulse_arcsec:
-            case = read_in_pulses(case, manner.pulse_arcsec)
-        return asked | diagnosed(case, manner.stated)
-    except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
-        return asked | {"failure": f"{type(error).__name__}: {error}"}
-
-
-def died(arguments: Arguments, manner: Manner = Manner()) -> dict[str, Any]:
-    """The line of a case that takes its worker with it each time."""
-    return manner.asked(arguments) | {"failure": DIED}
-
-
-def diagnosed(case: Case, stated: bool = False) -> dict[str, Any]:
-    """Score of one case; `stated` tells the diagnosis the unit's true noise."""
-    from rlgcomp.diagnosis.diagnose import diagnose
-
     simulator = Simulator.from_mapping(case.simulator_mapping)
     begun, begun_cpu = time.perf_counter(), time.process_time()
-    noise = NoiseModel.from_mapping(case.noise) if stated else None
-    diagnosis = diagnose(simulator, train=case.train, test=case.test, noise=noise)
+    diagnosis = diagnose(simulator, train=case.train, test=case.test)
     seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - begun_cpu
-    content = diagnosis.to_mapping()
-    named = case.hidden if case.kind in ("single", "pair", "triple", "table", "unequal") else ()
+    content: Mapping[str, Any] = diagnosis.to_mapping()
     intervals: dict[str, list[tuple[float, float]]] = {}
     for by_run in case.intervals.values():
         for run, spans in zip(case.train, by_run, strict=True):
             intervals.setdefault(run.name, []).extend(spans)
-    score = Score.of(Hidden(named, case.sizes, intervals), content)
-    ours = [diagnosis.augmented.predict(recording).rate_deg_h() for recording in case.test]
-    error, oracle = held_out_error(ours, case.truth_held_out), held_out_error(case.oracle, case.truth_held_out)
+    named = case.plan.hidden if case.plan.kind in NAMED else ()
+    score = Score.of(Hidden(named, {}, intervals), content)
+    before, after = (
+        [predicted.predict(run).rate_deg_h() for run in case.test] for predicted in (diagnosis.calibrated, diagnosis.augmented)
+    )
+    error = held_out_error(case, after)
     unexplained = content["unexplained"]
-    return score.to_mapping() | {
-        "name": case.name,
+    return {
+        "verdict": score.verdict,
+        "exact": score.exact,
+        "in_class": score.in_class,
+        "overlap": score.overlap,
         "p_value": content["mismatch"]["p_value"],
         "findings": [finding["mechanism"] for finding in content["findings"]],
         "probabilities": [finding["probability"] for finding in content["findings"]],
-        "classes": [finding["indistinguishable_from"] for finding in content["findings"]],
-        "frequencies_hz": [place["frequency_hz"] for place in content["mismatch"]["where"] if place["frequency_hz"]],
+        "set_probability": set_probability(content),
         "drivers": sorted(unexplained["drivers"]),
         "memory": unexplained["memory"],
         "equation": unexplained["equation"],
-        "true_drivers": sorted(case.drivers),
-        "true_memory": case.memory,
-        "repeats": case.repeats,
-        "white_noise": not (case.noise["bias_instability_deg_h"] or case.noise["rate_random_walk_deg_h_sqrt_h"]),
-        "information_nats": case.information_nats,
-        "promised": None if diagnosis.test is None else diagnosis.test.improvement,
-        "error_to_oracle": error / oracle,
-        "error_to_white": error / case.white_100_s_deg_h,
+        "nuisance_found": nuisance_found(case, content),
+        "improvement": improvement(case, content, before, after),
+        "error_to_oracle": error / held_out_error(case, case.oracle),
+        "error_to_white": error / case.white_deg_h,
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
+        "memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _KIB,
     }
 
 
-def held_out_error(predictions: Sequence[Array], truths: Sequence[Array]) -> float:
-    """Root mean square of the 100 s means of prediction less noise-free truth, over the held-out runs."""
-    left = np.concatenate([means(prediction - truth) for prediction, truth in zip(predictions, truths, strict=True)])
-    return float(np.sqrt(np.mean(left**2)))
+def set_probability(content: Mapping[str, Any]) -> float | None:
+    """Probability that is stated of the chosen set, of none where none is missing; None where something else is there."""
+    if content["verdict"] == "none":
+        stated = content.get("nothing_missing")
+    elif not content["findings"]:
+        return None
+    else:
+        stated = content.get("probability")
+        if stated is None:
+            stated = min(finding["probability"] for finding in content["findings"])
+    return None if stated is None else float(stated)
+
+
+def held_out_error(case: Case, predictions: Sequence[Array]) -> float:
+    """Root mean square of the window means of prediction less truth; about each run's mean where every run has a bias."""
+    left = []
+    for prediction, truth in zip(predictions, case.truth_held_out, strict=True):
+        run = means(prediction - truth, case.samples)
+        left.append(run - run.mean() if case.plan.nuisance == "run bias" else run)
+    return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+
+
+def nuisance_found(case: Case, content: Mapping[str, Any]) -> bool | None:
+    """Whether the steps, the run biases or the wrong number are told; None where there are none."""
+    if case.steps:
+        near_s = _NEAR_WINDOWS * case.samples * case.scale.period_s
+        found = [(step["run"], step["at_s"]) for step in content.get("steps", ())]
+        return all(any(run == other and abs(at_s - other_s) <= near_s for other, other_s in found) for run, at_s in case.steps)
+    baseline = content.get("baseline_with_findings") or content.get("baseline") or {}
+    if case.plan.nuisance == "run bias":
+        names = {run.name for run in case.train}
+        return any(name in key.split(":") for parameters in baseline.values() for key in parameters for name in names)
+    if case.wrong is not None:
+        mechanism, parameter, true, stated = case.wrong
+        estimate = baseline.get(mechanism, {}).get(parameter)
+        return estimate is not None and abs(estimate["value"] - true) < _CLOSER * abs(stated - true)
+    return None
+
+
+def improvement(case: Case, content: Mapping[str, Any], before: Sequence[Array], after: Sequence[Array]) -> Row | None:
+    """The stated improvement, its interval, and what the same predictions gain on average over noise; None where none is stated."""
+    stated = content["fit"]["test"]
+    if stated is None or not content["findings"] or stated["improvement_ci95"][0] is None:
+        return None
+    samples = max(1, round(float(stated["averaging_s"]) / case.scale.period_s))
+    square = {"before": 0.0, "after": 0.0}
+    windows, noise = 0, 0.0
+    for k, signal in enumerate(case.signal_held_out):
+        count = len(signal) // samples
+        windows += count
+        noise += float(np.trace(case.noise.covariance(count, WINDOW_S * samples / case.samples))) * case.white_deg_h**2
+        for key, predictions in (("before", before), ("after", after)):
+            square[key] += float(np.sum(means(predictions[k] - signal, samples) ** 2))
+    expected = 1.0 - math.sqrt((square["after"] + noise) / (square["before"] + noise))
+    low, high = stated["improvement_ci95"]
+    return {"stated": stated["improvement"], "low": low, "high": high, "expected": expected}

@@ -26,6 +26,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import optimize
 
+from experiments.concealed import functions
 from rlgcomp.recording import Metadata, Recording
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +34,7 @@ INSTANTS = 20  # a sample
 SAMPLE_S = 1.0
 PULSES_PER_DEG = 3600.0 / 0.8427
 ACCELERATION_DEG_S2 = 15.0
+ARCSEC = 3600.0  # of a degree; deg/h of one deg/s
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,20 +80,40 @@ class Turn:
         return cls(rate.reshape(-1, INSTANTS), temperature.reshape(-1, INSTANTS), rng.uniform(0.0, 360.0))
 
     def recording(
-        self, gyro_deg_h: Array, rng: np.random.Generator, *, name: str, delay_s: float = 0.0, encoder_arcsec: float = 0.0
+        self,
+        gyro_deg_h: Array,
+        rng: np.random.Generator,
+        *,
+        name: str,
+        delay_s: float = 0.0,
+        encoder_arcsec: float = 0.0,
+        time: float = 1.0,
     ) -> Recording:
-        """What is recorded at the end of each sample; the encoder's angle is `delay_s` old and so noisy."""
+        """What is recorded at the end of each sample.
+
+        Parameters
+        ----------
+        gyro_deg_h : ndarray, shape (samples,)
+        rng : Generator
+        name : str
+        delay_s : float
+            Age of the encoder's angle.
+        encoder_arcsec : float
+            Standard deviation of one reading.
+        time : float
+            How much longer all times are, and slower all rates.
+        """
         ends_s = SAMPLE_S * np.arange(len(self.rate_deg_s) + 1)
         edges_s = SAMPLE_S / INSTANTS * np.arange(self.rate_deg_s.size + 1)
         before = self.rate_deg_s[0, 0] * np.minimum(ends_s - delay_s, 0.0)
         seen = np.interp(ends_s - delay_s, edges_s, self.edges_deg) + before
         temperature = self.temperature_degC.mean(axis=1) + 0.002 * rng.standard_normal(len(gyro_deg_h))
-        seen += encoder_arcsec / 3600.0 * rng.standard_normal(len(seen))
+        seen += encoder_arcsec / ARCSEC * rng.standard_normal(len(seen))
         columns = {
-            "time_s": ends_s[1:],
-            "gyro_deg_h": gyro_deg_h,
+            "time_s": time * ends_s[1:],
+            "gyro_deg_h": gyro_deg_h / time,
             "table_angle_deg": np.mod(seen[1:], 360.0),
-            "table_rate_deg_s": np.diff(seen) / SAMPLE_S,
+            "table_rate_deg_s": np.diff(seen) / (time * SAMPLE_S),
             "temperature_block_degC": temperature,
         }
         return Recording(pd.DataFrame(columns), Metadata(kind="turntable"), name=name)
@@ -105,25 +127,25 @@ class TableEffect:
     ----------
     name : str
         In the catalogue.
+    form : str
+        What was drawn.
     error : callable
         Error in deg/h of each sample, from the turn and the size.
     linear : bool
         Whether the error is the size times that of size one.
-    size : str
-        Name of the catalogue's parameter that the size corresponds to; "" where none does.
     delays : bool
         Whether the size is a delay of the encoder, which the recording shows and the gyro does not.
     """
 
     name: str
+    form: str
     error: Callable[[Turn, float], Array]
     linear: bool = True
-    size: str = ""
     delays: bool = False
 
 
 def _mean(values: Array) -> Array:
-    return np.asarray(3600.0 * values.mean(axis=1))
+    return np.asarray(ARCSEC * values.mean(axis=1))
 
 
 def _of_angle(order: int, phase: float, *, with_rate: bool) -> Callable[[Turn, float], Array]:
@@ -157,48 +179,79 @@ def locked(turn: Turn, lock_in_deg_s: float) -> Array:
         length = math.hypot(u_next, v_next)
         u, v = u_next / length, v_next / length
     out = np.array(turned).reshape(turn.rate_deg_s.shape).sum(axis=1) / (2.0 * math.pi * PULSES_PER_DEG * SAMPLE_S)
-    return np.asarray(3600.0 * (out - turn.rate_deg_s.mean(axis=1)))
+    return np.asarray(ARCSEC * (out - turn.rate_deg_s.mean(axis=1)))
+
+
+def _temperature(rng: np.random.Generator) -> TableEffect:
+    function = functions.linear(rng) if rng.random() < 0.4 else functions.monotone(rng)
+    return TableEffect(
+        "scale_factor_temperature",
+        function.form,
+        lambda t, size: (
+            size * _mean(t.rate_deg_s * function((t.temperature_degC.ravel() - 25.0) / 2.0).reshape(t.rate_deg_s.shape))
+        ),
+    )
+
+
+def _asymmetry(rng: np.random.Generator) -> TableEffect:
+    power = 1.0 if rng.random() < 0.4 else rng.uniform(0.8, 1.25)
+    form = "one slope each way" if power == 1.0 else "even power"
+    return TableEffect("scale_factor_asymmetry", form, lambda t, size: size * _mean(np.abs(t.rate_deg_s) ** power))
 
 
 def _nonlinearity(rng: np.random.Generator) -> TableEffect:
-    more = int(rng.choice([1, 2]))
-    return TableEffect("scale_factor_nonlinearity", lambda t, size: size * _mean(t.rate_deg_s * np.abs(t.rate_deg_s) ** more))
+    power = rng.uniform(1.5, 3.5)
+    return TableEffect(
+        "scale_factor_nonlinearity",
+        "odd power",
+        lambda t, size: size * _mean(np.sign(t.rate_deg_s) * np.abs(t.rate_deg_s) ** power),
+    )
+
+
+def _lock_in(_: np.random.Generator) -> TableEffect:
+    return TableEffect("lock_in", "Adler's equation", locked, linear=False)
 
 
 def _wobble(rng: np.random.Generator) -> TableEffect:
-    return TableEffect("misalignment", _of_angle(1, rng.uniform(0.0, 2.0 * np.pi), with_rate=True))
+    return TableEffect("misalignment", "once a turn, with the rate", _of_angle(1, rng.uniform(0.0, 2.0 * np.pi), with_rate=True))
 
 
 def _leak(rng: np.random.Generator) -> TableEffect:
-    return TableEffect("earth_rate_leak", _of_angle(1, rng.uniform(0.0, 2.0 * np.pi), with_rate=False))
+    return TableEffect("earth_rate_leak", "once a turn", _of_angle(1, rng.uniform(0.0, 2.0 * np.pi), with_rate=False))
 
 
 def _harmonics(rng: np.random.Generator) -> TableEffect:
-    order, phase = int(rng.integers(2, 9)), rng.uniform(0.0, 2.0 * np.pi)
-    return TableEffect("rotation_harmonics", _of_angle(order, phase, with_rate=bool(rng.random() < 0.5)))
+    """One to three orders, all with the rate or none."""
+    with_rate, count = bool(rng.random() < 0.5), int(rng.integers(1, 4))
+    waves = [
+        _of_angle(int(order), rng.uniform(0.0, 2.0 * np.pi), with_rate=with_rate)
+        for order in rng.choice(np.arange(2, 9), count, replace=False)
+    ]
+    heights = np.r_[1.0, rng.uniform(0.4, 1.0, count - 1)].tolist()
+    return TableEffect(
+        "rotation_harmonics",
+        f"{count} order{'s' * (count > 1)}",
+        lambda t, size: np.asarray(sum(height * wave(t, size) for height, wave in zip(heights, waves, strict=True))),
+    )
 
 
 def _late(turn: Turn, delay_s: float) -> Array:
     """What the gyro shows beyond the rate of an encoder that is late."""
     still, rng = np.zeros(len(turn.rate_deg_s)), np.random.default_rng(0)
     prompt, late = (turn.recording(still, rng, name="", delay_s=delay).column("table_rate_deg_s") for delay in (0.0, delay_s))
-    return np.asarray(3600.0 * (prompt - late))
+    return np.asarray(ARCSEC * (prompt - late))
 
 
-def _always(effect: TableEffect) -> Callable[[np.random.Generator], TableEffect]:
-    return lambda rng: effect
+def _delay(_: np.random.Generator) -> TableEffect:
+    return TableEffect("encoder_delay", "constant", _late, delays=True)
 
 
 EFFECTS: Mapping[str, Callable[[np.random.Generator], TableEffect]] = {
-    effect.name: _always(effect)
-    for effect in (
-        TableEffect("scale_factor_temperature", lambda t, size: size * _mean(t.rate_deg_s * (t.temperature_degC - 25.0))),
-        TableEffect("scale_factor_asymmetry", lambda t, size: size * _mean(np.maximum(t.rate_deg_s, 0.0))),
-        TableEffect("lock_in", locked, linear=False, size="lock_in_deg_s"),
-        TableEffect("encoder_delay", _late, size="delay_s", delays=True),
-    )
-} | {
+    "scale_factor_temperature": _temperature,
+    "scale_factor_asymmetry": _asymmetry,
     "scale_factor_nonlinearity": _nonlinearity,
+    "lock_in": _lock_in,
+    "encoder_delay": _delay,
     "misalignment": _wobble,
     "earth_rate_leak": _leak,
     "rotation_harmonics": _harmonics,

@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 import rlgcomp as rlg
-from experiments.concealed.cases import Case, make_case, plan
+from experiments.concealed.case import Case
+from experiments.concealed.cases import make_case
+from experiments.concealed.plan import Plan, plan
 from experiments.laws.stlsq import drivers_of, library, stlsq
 from experiments.tables import show_table
 from experiments.work import Work
@@ -40,9 +42,9 @@ class Score:
     ratio: float
 
 
-def judge(*arguments: Any) -> list[dict[str, Any]]:
+def judge(planned: Plan) -> list[dict[str, Any]]:
     """All methods on one case."""
-    case = make_case(*arguments)
+    case = make_case(planned)
     problem = Problem.of(rlg.Simulator.from_mapping(case.simulator_mapping), list(case.train))
     held_out = [Windows.of(run, problem.rows.window_s) for run in case.test]
     truth, oracle = (
@@ -82,7 +84,7 @@ def _score(method: str, case: Case, problem: Problem, held_out: list[Windows], t
         unseen = np.column_stack([np.empty((len(truth), 0)), *(np.concatenate(parts) for parts in blocks)])
     error = _held_out_error(problem, held_out, known, unseen, truth)
     return Score(
-        case.hidden[0] if case.hidden else "healthy",
+        case.plan.hidden[0] if case.plan.hidden else "healthy",
         method,
         bool(drivers),
         drivers == set(case.drivers),
@@ -114,8 +116,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     Work.add_options(parser, "laws")
     options = parser.parse_args(argv)
-    wanted = [*plan("open", options.cases, options.first), *plan("null", options.nulls, options.first)]
-    scores = [Score(**score) for case in Work.of(options).results("laws", judge, wanted) for score in case]
+    wanted = [*plan("outside", options.cases, options.first), *plan("healthy", options.nulls, options.first)]
+    pieces = [(one,) for one in wanted]
+    scores = [Score(**score) for case in Work.of(options).results("laws", judge, pieces) for score in case]
     print(f"# Laws outside the catalogue: `python -m experiments.laws --cases {options.cases} --nulls {options.nulls}`\n")
     rows = []
     for effect in dict.fromkeys(score.effect for score in scores):

@@ -19,7 +19,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from experiments.concealed.cases import HELD_OUT, TRAINING, make_case
+from experiments.concealed.bench import Laboratory, chamber_case
+from experiments.concealed.logger import Scale
+from experiments.concealed.plan import Plan
 from experiments.tables import show_table
 from experiments.work import Row, Work
 from rlgcomp.simulation.simulator import Simulator
@@ -45,6 +47,10 @@ PROGRAMMES: Final = {
 }
 NEEDS: Final = {"thermal_hysteresis": "heats and cools"}  # a programme, to show anything
 STRENGTHS: Final = (0.2, 0.4)
+TRAINING: Final = ("run0", "run1")
+HELD_OUT: Final = ("run2", "run3")
+STEP_S: Final = 10.0
+SIZE_DEG_H: Final = 0.05
 MONITORS: Final = frozenset({"light_intensity", "discharge_imbalance", "supply_voltage", "magnetic_field", "readout_incoherence"})
 
 
@@ -53,9 +59,9 @@ def proposed_and_run(effect: str, known: str, strength: float, seed: int) -> dic
     from rlgcomp.diagnosis.diagnose import diagnose
 
     def case_of(third: str | None = None) -> Any:
-        given = dict.fromkeys(TRAINING, PROGRAMMES[known]) | {HELD_OUT[1]: PROGRAMMES[known]}
-        given |= {} if third is None else {HELD_OUT[0]: third}
-        return make_case("single", (effect,), strength, seed, True, programmes=given)
+        programmes = dict.fromkeys((*TRAINING, *HELD_OUT), PROGRAMMES[known]) | ({} if third is None else {HELD_OUT[0]: third})
+        plan = Plan("single", (effect,), (strength,), "", seed)
+        return chamber_case(plan, laboratory=Laboratory(programmes, len(TRAINING), STEP_S), scale=Scale(STEP_S, SIZE_DEG_H))
 
     case = case_of()
     simulator = Simulator.from_mapping(case.simulator_mapping)
