@@ -470,7 +470,7 @@ class TestScore:
         assert set_probability({"verdict": "explained", "findings": found}) == 0.7
         assert set_probability({"verdict": "unknown", "findings": [], "probability": 0.6}) is None
 
-    def test_steps_biases_and_wrong_numbers_are_told_or_not(self, case: Case) -> None:
+    def test_steps_biases_and_wrong_numbers_are_recognised_or_not(self, case: Case) -> None:
         def among(nuisance: Nuisance, **changes: Any) -> Case:
             return dataclasses.replace(case, plan=dataclasses.replace(case.plan, nuisance=nuisance), **changes)
 
@@ -483,9 +483,9 @@ class TestScore:
         assert nuisance_found(biases, {"baseline_with_findings": {"gyro": {"own_bias_deg_h:run1": {"value": 1.0}}}})
         assert not nuisance_found(biases, {"baseline_with_findings": {"gyro": {"bias_deg_h": {"value": 1.0}}}})
         number = among("wrong number", wrong=("temperature_rate", "k_deg_h_min_K", 1.0, 2.0))
-        for value, told in ((1.1, True), (1.8, False)):
+        for value, close in ((1.1, True), (1.8, False)):
             content = {"baseline_with_findings": {"temperature_rate": {"k_deg_h_min_K": {"value": value}}}}
-            assert nuisance_found(number, content) is told
+            assert nuisance_found(number, content) is close
         assert nuisance_found(number, {"baseline": {}}) is False
         assert nuisance_found(case, {}) is None
 
@@ -558,7 +558,7 @@ class TestPage:
         """Wilson 1927; 8 of 10: 49 to 94 %."""
         assert page.proportion(8, 10) == "80 % (8/10; 49–94)"
 
-    def test_what_is_reachable_is_detected_and_told_from_rivals(self) -> None:
+    def test_what_is_reachable_is_detected_and_preferred_to_rivals(self) -> None:
         rows = [
             self.row("single", "ageing"),
             self.row("single", "ageing", log_bayes_factor=1.0),

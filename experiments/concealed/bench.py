@@ -16,6 +16,7 @@ from experiments.concealed.effects import BLOCK, CATALOGUED, OUTSIDE, Effect
 from experiments.concealed.informed import Acting, Informed
 from experiments.concealed.logger import Logger, Scale
 from experiments.concealed.noise import Noise
+from experiments.concealed.nuisance import Nuisance
 from experiments.concealed.operators import Flags, first_order
 from experiments.concealed.plan import Plan, stream
 
@@ -23,7 +24,7 @@ Array = npt.NDArray[np.float64]
 _DRAWS = 60
 _LEAST_LEFT = 0.1  # of an effect, that the simulator cannot absorb
 _MOST_HELD_OUT = 6.0  # times as large as in the training runs
-_LEAST_LOOP = 0.5  # of what is left of a hysteresis, that no function of the temperature has
+_LEAST_LOOP = 0.5  # of the unabsorbed part of a hysteresis, that no function of the temperature takes
 _NOTHING = 1e-9
 _LAG_NATS = 1.0  # what the thermometers' lag may tell of a healthy gyro
 
@@ -79,17 +80,17 @@ class _Bench:
             effect = _effect(name, rng, self.chambers[: self.training])
             values = self.values(effect)
             shown, unseen = self.means(values), np.concatenate(values[self.training :])
-            left = observer.residual(design, shown)
-            loop = left
+            remainder = observer.residual(design, shown)
+            loop = remainder
             if effect.memory == "rate-independent":
                 span = self.means([chamber.block[:, None] for chamber in self.chambers])[:, 0]
                 curve = np.polynomial.chebyshev.chebvander((span - 10.0) / 60.0, 12)
-                loop = observer.residual(np.column_stack([design, curve]), shown) if BLOCK in effect.drivers else left
+                loop = observer.residual(np.column_stack([design, curve]), shown) if BLOCK in effect.drivers else remainder
             if (
-                _rms(left) > _LEAST_LEFT * np.std(shown) > 0.0
-                and _rms(loop) >= _LEAST_LOOP * _rms(left)
+                _rms(remainder) > _LEAST_LEFT * np.std(shown) > 0.0
+                and _rms(loop) >= _LEAST_LOOP * _rms(remainder)
                 and np.std(unseen) < _MOST_HELD_OUT * np.std(shown)
-            ) or (not plain and _rms(left) > _NOTHING * np.std(shown)):
+            ) or (not plain and _rms(remainder) > _NOTHING * np.std(shown)):
                 return effect
         raise ValueError(f"{name}: none of {_DRAWS} draws shows in the training runs of seed {self.seed}")
 
@@ -113,7 +114,7 @@ class _Made:
         Of each effect, over unit size.
     added : list of list of ndarray
         Each effect of its size.
-    beside : Nuisance
+    nuisance : Nuisance
     predictable : list of ndarray
         What the simulator has and what runs repeat.
     signals : list of ndarray
@@ -123,7 +124,7 @@ class _Made:
 
     sizes: list[float]
     added: list[list[Array]]
-    beside: nuisance.Nuisance
+    nuisance: Nuisance
     predictable: list[Array]
     signals: list[Array]
     gyro: list[Array]
@@ -139,10 +140,10 @@ class _Made:
             sizes.append(float(sign * strength / _rms(observer.residual(design, bench.means(unit)))))
             added.append([sizes[-1] * values for values in unit])
         times_s = [chamber.time_s for chamber in bench.chambers]
-        beside = nuisance.draw(plan.nuisance, stream(plan.seed, "nuisance"), times_s, bench.training, bench.parts, design)
+        unrelated = nuisance.draw(plan.nuisance, stream(plan.seed, "nuisance"), times_s, bench.training, bench.parts, design)
         weights = np.r_[np.concatenate([part.weights for part in bench.parts]), 0.0]
         predictable = [block @ weights for block in columns]
-        signals = [one + error for one, error in zip(predictable, beside.error, strict=True)]
+        signals = [one + error for one, error in zip(predictable, unrelated.error, strict=True)]
         for effect, values in zip(effects, added, strict=True):
             signals = [one + value for one, value in zip(signals, values, strict=True)]
             if effect.repeats:
@@ -151,7 +152,7 @@ class _Made:
             signal + noise.simulate(len(signal), chamber.step_s, stream(plan.seed, f"noise:{run}"))
             for signal, chamber, run in zip(signals, bench.chambers, bench.runs, strict=True)
         ]
-        return cls(sizes, added, beside, predictable, signals, gyro)
+        return cls(sizes, added, unrelated, predictable, signals, gyro)
 
 
 def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Scale | None = None) -> Case:
@@ -182,10 +183,10 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
     scale = scale or Scale.draw(stream(plan.seed, "scale"))
     time = scale.period_s / bench.chambers[0].step_s
     rate_deg_h = scale.size_deg_h / _rms(np.concatenate(made.gyro[: bench.training]))
-    if (wrong := _stated(bench, made.beside.wrong, time, rate_deg_h)) is not None and abs(wrong[3]) > baseline.LARGEST:
+    if (wrong := _stated(bench, made.nuisance.wrong, time, rate_deg_h)) is not None and abs(wrong[3]) > baseline.LARGEST:
         quieter = baseline.LARGEST / abs(wrong[3])
         rate_deg_h, scale = quieter * rate_deg_h, dataclasses.replace(scale, size_deg_h=quieter * scale.size_deg_h)
-        wrong = _stated(bench, made.beside.wrong, time, rate_deg_h)
+        wrong = _stated(bench, made.nuisance.wrong, time, rate_deg_h)
     readings = [
         logger.readings(chamber, stream(plan.seed, f"sensors:{run}"))
         for chamber, run in zip(bench.chambers, bench.runs, strict=True)
@@ -200,12 +201,12 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
         variance = float(np.var(bench.means(values)))
         process = None if effect.correlation is None else (variance, effect.correlation)
         acting.append(Acting(effect, strength, [size * one for one in bench.values(effect, seen)], process))
-    informed = Informed(noise, bench.samples, bench.training, seen, bench.columns(seen), made.beside.columns, acting, made.gyro)
+    informed = Informed(noise, bench.samples, bench.training, seen, bench.columns(seen), made.nuisance.columns, acting, made.gyro)
     outside = plan.kind == "outside"
     return Case(
         plan=plan,
         simulator_mapping=baseline.to_mapping(
-            bench.parts, stream(plan.seed, "file"), time=time, rate_deg_h=rate_deg_h, wrong=made.beside.wrong
+            bench.parts, stream(plan.seed, "file"), time=time, rate_deg_h=rate_deg_h, wrong=made.nuisance.wrong
         )
         | ({"noise": noise.to_mapping(time, rate_deg_h)} if stream(plan.seed, "stated noise").random() < 0.2 else {}),
         train=tuple(recordings[: bench.training]),
@@ -218,7 +219,7 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
         },
         drivers=effects[0].drivers if outside else (),
         memory=effects[0].memory if outside else "none",
-        steps=tuple((bench.runs[k], time * at_s) for k, at_s in made.beside.steps),
+        steps=tuple((bench.runs[k], time * at_s) for k, at_s in made.nuisance.steps),
         wrong=wrong,
         truth_held_out=tuple(rate_deg_h * one for one in made.predictable[bench.training :]),
         signal_held_out=tuple(rate_deg_h * one for one in made.signals[bench.training :]),
@@ -261,8 +262,8 @@ def _identifiable(bench: _Bench, rng: np.random.Generator) -> list[baseline.Part
     ]
     weights = np.r_[np.concatenate([part.weights for part in bench.parts]), 0.0]
     prompt, read = bench.columns(bench.chambers[: bench.training]), bench.columns(late)
-    left = observer.residual(bench.means(read), bench.means([block @ weights for block in prompt]))
-    factor = min(1.0, math.sqrt(_LAG_NATS / max(0.5 * float(left @ left), 1e-12)))
+    remainder = observer.residual(bench.means(read), bench.means([block @ weights for block in prompt]))
+    factor = min(1.0, math.sqrt(_LAG_NATS / max(0.5 * float(remainder @ remainder), 1e-12)))
     return [dataclasses.replace(part, weights=factor * part.weights) for part in bench.parts]
 
 

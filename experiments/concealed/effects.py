@@ -234,7 +234,7 @@ def periodic_interference(rng: np.random.Generator, _: Sequence[Chamber]) -> Eff
     heights = np.r_[1.0, rng.uniform(0.05, 0.5, count - 1)]
     phases = rng.uniform(0.0, 2.0 * math.pi, count)
     orders = np.arange(1, count + 1)
-    wanders, kept = bool(rng.random() < 0.4), bool(rng.random() < 0.5)
+    wanders, coherent = bool(rng.random() < 0.4), bool(rng.random() < 0.5)
     relative, correlation_s = _log_uniform(rng, 0.003, 0.03), 6.0 / frequency_hz
 
     def wave(chamber: Chamber, rng: np.random.Generator) -> Array:
@@ -243,7 +243,7 @@ def periodic_interference(rng: np.random.Generator, _: Sequence[Chamber]) -> Eff
             decay = math.exp(-chamber.step_s / correlation_s)
             kicks = rng.standard_normal(len(cycles)) * np.r_[1.0, np.full(len(cycles) - 1, math.sqrt(1.0 - decay**2))]
             cycles = np.cumsum(frequency_hz * (1.0 + relative * signal.lfilter([1.0], [1.0, -decay], kicks)) * chamber.step_s)
-        if wanders or not kept:
+        if wanders or not coherent:
             cycles = cycles + rng.uniform()
         return np.sin(2.0 * math.pi * np.multiply.outer(cycles, orders) + phases) @ heights
 
@@ -256,8 +256,10 @@ def periodic_interference(rng: np.random.Generator, _: Sequence[Chamber]) -> Eff
         )
         return np.asarray((np.cos(turns) * np.exp(-spread[..., None] * orders**2)) @ share)
 
-    form = "frequency wanders" if wanders else f"{'one phase' if kept else 'a phase a run'}, {count} harmonic{'s' * (count > 1)}"
-    return Effect("periodic_interference", form, wave, correlation=None if kept and not wanders else correlation)
+    form = (
+        "frequency wanders" if wanders else f"{'one phase' if coherent else 'a phase a run'}, {count} harmonic{'s' * (count > 1)}"
+    )
+    return Effect("periodic_interference", form, wave, correlation=None if coherent and not wanders else correlation)
 
 
 def random_telegraph(rng: np.random.Generator, _: Sequence[Chamber]) -> Effect:

@@ -95,8 +95,8 @@ class Informed:
         """Predictions of the held-out runs, amplitudes estimated on the training runs."""
         columns = [one for one in self.acting if one.is_column]
         designs = [
-            np.column_stack([known, beside, *(one.values[k] for one in columns)])
-            for k, (known, beside) in enumerate(zip(self.baseline, self.nuisance, strict=True))
+            np.column_stack([known, disturbance, *(one.values[k] for one in columns)])
+            for k, (known, disturbance) in enumerate(zip(self.baseline, self.nuisance, strict=True))
         ]
         factors = self._roots([one.process for one in self.acting if not one.is_column])
         found = observer.amplitudes(factors, self._windows(designs), self._windows(self.gyro))
@@ -143,8 +143,8 @@ class Informed:
         """Roots of the covariance and columns of all but one effect, for the training runs."""
         others = [one for k, one in enumerate(self.acting) if k != number]
         design = [
-            np.column_stack([known, beside, *(one.values[k] for one in others if one.is_column)])
-            for k, (known, beside) in enumerate(zip(self.baseline, self.nuisance, strict=True))
+            np.column_stack([known, disturbance, *(one.values[k] for one in others if one.is_column)])
+            for k, (known, disturbance) in enumerate(zip(self.baseline, self.nuisance, strict=True))
         ]
         return self._roots([one.process for one in others if not one.is_column]), self._windows(design)
 

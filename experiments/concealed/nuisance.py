@@ -81,7 +81,7 @@ def draw(
     if kind == "wrong number":
         numbers = [(part.name, parameter) for part in parts for parameter in part.parameters]
         place = int(rng.choice([k for k, (_, parameter) in enumerate(numbers) if parameter != "c0_deg_h"]))
-        left = observer.residual(np.delete(design, place, axis=1), design[:, place])
-        by = float(rng.choice([-1.0, 1.0])) * between(*_WRONG) / math.sqrt(float(np.mean(left**2)))
+        remainder = observer.residual(np.delete(design, place, axis=1), design[:, place])
+        by = float(rng.choice([-1.0, 1.0])) * between(*_WRONG) / math.sqrt(float(np.mean(remainder**2)))
         return Nuisance(error, columns, wrong=(*numbers[place], by))
     return Nuisance(error, columns)

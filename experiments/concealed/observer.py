@@ -90,9 +90,9 @@ def log_evidence(factors: Sequence[Array], designs: Sequence[Array], targets: Se
     size = np.maximum(np.linalg.norm(np.concatenate(designs), axis=0), 1e-300)
     design, target = whiten(factors, designs) / size, whiten(factors, targets)
     q, r = np.linalg.qr(design)
-    left = target - q @ (q.T @ target)
+    remainder = target - q @ (q.T @ target)
     determinants = sum(float(np.log(np.diag(factor)).sum()) for factor in factors) + float(np.log(np.abs(np.diag(r))).sum())
-    return -determinants - 0.5 * float(left @ left)
+    return -determinants - 0.5 * float(remainder @ remainder)
 
 
 def separation(column: Array, rivals: Sequence[Array], known: Array, target: Array) -> float:
@@ -109,8 +109,8 @@ def separation(column: Array, rivals: Sequence[Array], known: Array, target: Arr
     """
 
     def log_likelihood(columns: Array) -> float:
-        left = residual(np.column_stack([known, columns]), target)
-        return -0.5 * float(left @ left)
+        remainder = residual(np.column_stack([known, columns]), target)
+        return -0.5 * float(remainder @ remainder)
 
     own = log_likelihood(column)
     return min((own - log_likelihood(rival) for rival in rivals), default=math.inf)

@@ -77,7 +77,7 @@ def unrecorded_right(row: Row) -> bool:
 
 
 def both(row: Row) -> bool:
-    """The set is exact, and the step, the run biases or the wrong number is told."""
+    """The set is exact, and the step, the run biases or the wrong number is recognised."""
     return exact(row) and bool(row["nuisance_found"])
 
 
@@ -228,12 +228,12 @@ def by_form(rows: Sequence[Row]) -> list[dict[str, str]]:
 
 def by_kind(rows: Sequence[Row]) -> list[dict[str, str]]:
     several = [
-        {"cases": kind, **_columns(chosen), "fault told": "–"}
+        {"cases": kind, **_columns(chosen), "fault recognised": "–"}
         for kind in ("pair", "triple", "unequal")
         if (chosen := [row for row in rows if row["kind"] == kind])
     ]
     faulty = [
-        {"cases": f"effect + {nuisance}", **_columns(chosen), "fault told": share(chosen, lambda row: row["nuisance_found"])}
+        {"cases": f"effect + {nuisance}", **_columns(chosen), "fault recognised": share(chosen, lambda row: row["nuisance_found"])}
         for nuisance in NUISANCES
         if (chosen := [row for row in rows if row["nuisance"] == nuisance])
     ]
@@ -336,5 +336,5 @@ def miss(row: Row) -> str:
     if row["kind"] == "outside":
         line += f"; drivers {row['drivers']} for {row['true_drivers']}, {row['memory']} for {row['true_memory']}"
     if row["nuisance"]:
-        line += f"; {row['nuisance']} {'' if row['nuisance_found'] else 'not '}told"
+        line += f"; {row['nuisance']} {'' if row['nuisance_found'] else 'not '}recognised"
     return line

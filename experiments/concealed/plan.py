@@ -51,9 +51,9 @@ class Plan:
 
     @property
     def name(self) -> str:
-        beside = f"+{self.nuisance.replace(' ', '_')}" if self.nuisance else ""
+        nuisance = f"+{self.nuisance.replace(' ', '_')}" if self.nuisance else ""
         strengths = "/".join(f"{strength:.2g}" for strength in self.strengths) or "0"
-        return f"{self.kind}-{'+'.join(self.hidden) or 'healthy'}{beside}-{strengths}-{self.seed}"
+        return f"{self.kind}-{'+'.join(self.hidden) or 'healthy'}{nuisance}-{strengths}-{self.seed}"
 
 
 def stream(seed: int, name: str) -> np.random.Generator:

@@ -146,15 +146,15 @@ def set_probability(content: Mapping[str, Any]) -> float | None:
 
 def held_out_error(case: Case, predictions: Sequence[Array]) -> float:
     """Root mean square of the window means of prediction less truth; about each run's mean where every run has a bias."""
-    left = []
+    remainder = []
     for prediction, truth in zip(predictions, case.truth_held_out, strict=True):
         run = means(prediction - truth, case.samples)
-        left.append(run - run.mean() if case.plan.nuisance == "run bias" else run)
-    return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+        remainder.append(run - run.mean() if case.plan.nuisance == "run bias" else run)
+    return float(np.sqrt(np.mean(np.concatenate(remainder) ** 2)))
 
 
 def nuisance_found(case: Case, content: Mapping[str, Any]) -> bool | None:
-    """Whether the steps, the run biases or the wrong number are told; None where there are none."""
+    """Whether the steps, the run biases or the wrong number are recognised; None where there are none."""
     if case.steps:
         near_s = _NEAR_WINDOWS * case.samples * case.scale.period_s
         found = [(step["run"], step["at_s"]) for step in content.get("steps", ())]

@@ -269,8 +269,8 @@ def sized(effect: TableEffect, turns: list[Turn], strength: float, white_1_s_deg
 
     def strength_of(size: float) -> float:
         values = np.concatenate([effect.error(turn, size) for turn in turns])
-        left = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
-        return float(np.sqrt(np.mean(left**2)) / white_1_s_deg_h * 10.0)
+        remainder = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+        return float(np.sqrt(np.mean(remainder**2)) / white_1_s_deg_h * 10.0)
 
     if effect.linear:
         unit = 1e-3 if effect.delays else 1.0
