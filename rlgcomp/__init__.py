@@ -64,15 +64,15 @@ if TYPE_CHECKING:
     from rlgcomp.errors import InputError as InputError
     from rlgcomp.evaluation.evaluation import Evaluation as Evaluation
     from rlgcomp.evaluation.evaluation import evaluate as evaluate
-    from rlgcomp.noise.allan.analysis import analyse_noise as analyse_noise
-    from rlgcomp.noise.allan.coefficients import NoiseCoefficients as NoiseCoefficients
-    from rlgcomp.noise.allan.coefficients import fit_coefficients as fit_coefficients
-    from rlgcomp.noise.allan.deviation import AllanDeviation as AllanDeviation
-    from rlgcomp.noise.allan.deviation import allan_deviation as allan_deviation
-    from rlgcomp.noise.allan.octaves import overlapping_deviation as overlapping_deviation
+    from rlgcomp.noise.allan_deviation import AllanDeviation as AllanDeviation
+    from rlgcomp.noise.allan_deviation import allan_deviation as allan_deviation
+    from rlgcomp.noise.allan_deviation import fit_coefficients as fit_coefficients
+    from rlgcomp.noise.allan_octaves import overlapping_deviation as overlapping_deviation
+    from rlgcomp.noise.analysis import analyse_noise as analyse_noise
+    from rlgcomp.noise.angle_random_walk import angle_random_walk as angle_random_walk
+    from rlgcomp.noise.coefficients import NoiseCoefficients as NoiseCoefficients
+    from rlgcomp.noise.constant_rate_segment import AngleRandomWalk as AngleRandomWalk
     from rlgcomp.noise.processes import NoiseModel as NoiseModel
-    from rlgcomp.noise.rotation.pipeline import angle_random_walk as angle_random_walk
-    from rlgcomp.noise.rotation.results import AngleRandomWalk as AngleRandomWalk
     from rlgcomp.physics import CATALOGUE as CATALOGUE
     from rlgcomp.physics.mechanism import Mechanism as Mechanism
     from rlgcomp.recording import Metadata as Metadata
@@ -89,8 +89,8 @@ __version__ = "0.1.0"
 
 # Public names and where they live. They are imported when first used, so that `import rlgcomp` costs next to nothing.
 _HOMES = {
-    "AllanDeviation": "noise.allan.deviation",
-    "AngleRandomWalk": "noise.rotation.results",
+    "AllanDeviation": "noise.allan_deviation",
+    "AngleRandomWalk": "noise.constant_rate_segment",
     "CATALOGUE": "physics",
     "Calibration": "calibration.file",
     "Compensator": "compensation.compensator",
@@ -103,7 +103,7 @@ _HOMES = {
     "LSSVMRegressor": "compensation.models.lssvm",
     "Mechanism": "physics.mechanism",
     "Metadata": "recording",
-    "NoiseCoefficients": "noise.allan.coefficients",
+    "NoiseCoefficients": "noise.coefficients",
     "NoiseModel": "noise.processes",
     "Programme": "simulation.programme",
     "Recording": "recording",
@@ -112,17 +112,17 @@ _HOMES = {
     "Triad": "simulation.two_axis_table",
     "TriadErrors": "simulation.triad_errors",
     "adapt": "compensation.adaptation",
-    "allan_deviation": "noise.allan.deviation",
-    "analyse_noise": "noise.allan.analysis",
-    "angle_random_walk": "noise.rotation.pipeline",
+    "allan_deviation": "noise.allan_deviation",
+    "analyse_noise": "noise.analysis",
+    "angle_random_walk": "noise.angle_random_walk",
     "calibrate_scale_factor": "calibration.scale_factor_calibration",
     "calibrate_turntable": "calibration.triad.calibrate",
     "Diagnosis": "diagnosis.result",
     "diagnose": "diagnosis.diagnose",
     "evaluate": "evaluation.evaluation",
-    "fit_coefficients": "noise.allan.coefficients",
+    "fit_coefficients": "noise.allan_deviation",
     "load": "compensation.compensator",
-    "overlapping_deviation": "noise.allan.octaves",
+    "overlapping_deviation": "noise.allan_octaves",
     "read": "recording.formats",
     "simulated_unit": "simulation.random_units",
     "write": "recording.formats",

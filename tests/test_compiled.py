@@ -124,7 +124,7 @@ def test_a_fault_in_a_thread_is_not_lost() -> None:
 def test_short_work_does_not_wait_for_numba() -> None:
     code = (
         "import numpy as np, sys; from rlgcomp.numerics.hysteresis import BoucWen\n"
-        "from rlgcomp.noise.allan.deviation import allan_deviation\n"
+        "from rlgcomp.noise.allan_deviation import allan_deviation\n"
         "u = np.linspace(0.0, 1.0, 500); b = BoucWen(); b.run(b.init(0.0), u)\n"
         "allan_deviation(np.sin(u * 99.0), np.arange(500.0)); print('numba' in sys.modules)"
     )

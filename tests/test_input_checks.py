@@ -14,7 +14,7 @@ from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.compensation.adaptation import adapt
 from rlgcomp.compensation.streaming import StreamCompensator
-from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.report.inspection import summarise
 
 

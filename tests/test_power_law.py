@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.noise.allan.power_law import degrees_of_freedom, identify
+from rlgcomp.noise.power_law import degrees_of_freedom, identify
 
 NOISES = {
     0: rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.001),

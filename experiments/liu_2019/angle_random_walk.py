@@ -7,6 +7,7 @@ import argparse
 import numpy as np
 import pandas as pd
 
+from experiments.liu_2019.earlier_methods import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
 from experiments.liu_2019.harmonic_failures import failure_row
 from experiments.liu_2019.rotation_table import (
     LIU_DELAY_S,
@@ -19,12 +20,11 @@ from experiments.liu_2019.rotation_table import (
 )
 from experiments.tables import published, show_frame
 from experiments.work import Work
-from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.noise.allan_deviation import allan_deviation
+from rlgcomp.noise.angle_random_walk import angle_random_walk
+from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
+from rlgcomp.noise.encoder import find_legs, table_angle_deg
 from rlgcomp.noise.processes import NoiseModel
-from rlgcomp.noise.rotation.baselines import classic_variance_deg_sqrt_h, each_from_differences, fast_orthogonal_search
-from rlgcomp.noise.rotation.encoder import find_legs, table_angle_deg
-from rlgcomp.noise.rotation.pipeline import angle_random_walk
-from rlgcomp.noise.rotation.results import AngleRandomWalk
 from rlgcomp.recording import Recording
 
 STEADY = RotationTable(jitter_deg_s=0.0)

@@ -9,11 +9,10 @@ from scipy import optimize
 
 from experiments.liu_2019.rotation_table import LIU_ORDERS
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan.coefficients import fit_coefficients
-from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
-from rlgcomp.noise.rotation.encoder import middle_deg, table_angle_deg
-from rlgcomp.noise.rotation.harmonics import fit_harmonics, spectra, without
-from rlgcomp.noise.rotation.spectral import fit_widest, periodogram
+from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation, fit_coefficients
+from rlgcomp.noise.angle_harmonics import fit_harmonics, spectra, without
+from rlgcomp.noise.encoder import middle_deg, table_angle_deg
+from rlgcomp.noise.spectral_fit import fit_widest, periodogram
 from rlgcomp.recording import Recording
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.speed.measure import Case, Peer, Row
-from rlgcomp.noise.allan.deviation import allan_deviation
-from rlgcomp.noise.allan.octaves import overlapping_deviation
+from rlgcomp.noise.allan_deviation import allan_deviation
+from rlgcomp.noise.allan_octaves import overlapping_deviation
 
 Array = npt.NDArray[np.float64]
 TOLERANCE: Final = 1e-10

@@ -10,8 +10,8 @@ from rlgcomp.cli.base import app
 COMMANDS = (
     "demo",
     "recordings",
-    "noise",
-    "rotation",
+    "allan",
+    "arw",
     "scale_factor",
     "calibration",
     "simulation",

@@ -19,7 +19,7 @@ from rlgcomp.compensation.input_checks import other_unit, require_raw
 from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.comparison import comparison_table, correlation_table
-from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
+from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation
 from rlgcomp.numerics.bootstrap import BLOCK_S, drawn_squares
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers

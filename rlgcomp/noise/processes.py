@@ -31,45 +31,56 @@ import numpy.typing as npt
 from scipy import fft
 
 from rlgcomp.errors import InputError
+from rlgcomp.units import value_or_limit
 
 Array = npt.NDArray[np.float64]
 NOISES: Final = ("angle_random_walk", "bias_instability", "rate_random_walk", "quantization", "dither_residual")
 SLOW: Final = ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h")
-_SEEN: Final = 2.0  # standard errors of its square from which a coefficient is seen
+_DETECTED_SD: Final = 2.0  # standard errors of its square from which a coefficient counts as detected
 _ONE_SIDED: Final = 1.645  # standard deviations that a normal variable exceeds with probability 0.05
 
 
 def upper_limit(coefficient: float, sd: float) -> float | None:
-    """95 % upper limit of a coefficient whose square is less than two standard errors above zero; None of one that is seen.
+    """95 % upper limit of a coefficient whose square is less than two standard errors above zero; None of a larger one.
 
-    What an Allan deviation estimates is the square, which a root of it near zero does not tell.
+    The Allan variance is linear in the square of the coefficient, so the limit is one of the square.
 
     Parameters
     ----------
     coefficient, sd : float
-        With its standard error as :class:`rlgcomp.noise.allan.coefficients.NoiseCoefficients` has it: the larger of the steps
-        that one
+        Estimate and standard error as in :class:`rlgcomp.noise.coefficients.NoiseCoefficients`: the larger of the steps that one
         standard error of the square makes, up or down.
 
     >>> upper_limit(0.5, 0.01), upper_limit(3.0, 4.0), upper_limit(0.0, math.inf)
     (None, 8.648699324175862, inf)
     """
     square_sd = 2.0 * coefficient * sd - sd**2 if sd < coefficient else (coefficient + sd) ** 2 - coefficient**2
-    if coefficient**2 > _SEEN * square_sd:
+    if coefficient**2 > _DETECTED_SD * square_sd:
         return None
     return math.sqrt(coefficient**2 + _ONE_SIDED * square_sd)
 
 
 def upper_limits(coefficients: Mapping[str, float | None]) -> tuple[float, float]:
-    """Of B and K, by name as `rlgcomp allan` writes them, with standard errors: what they are at most where they are not seen;
-    zero where they are, or where nothing is said of them."""
-    given = [(coefficients.get(name), coefficients.get(f"{name}_sd")) for name in SLOW]
-    of_b, of_k = (None if value is None or sd is None else upper_limit(value, sd) for value, sd in given)
-    return of_b or 0.0, of_k or 0.0
+    """Upper limits of B and K from a mapping of coefficients and standard errors, as `rlgcomp allan` writes them.
+
+    Zero for a coefficient that is detected, or absent.
+    """
+    pairs = [(coefficients.get(name), coefficients.get(f"{name}_sd")) for name in SLOW]
+    limit_b, limit_k = (None if value is None or sd is None else upper_limit(value, sd) for value, sd in pairs)
+    return limit_b or 0.0, limit_k or 0.0
+
+
+def coefficient_text(value: float, sd: float) -> str:
+    """A coefficient with its standard error, its upper limit where it is not detected, or that the curve cannot show it.
+
+    >>> coefficient_text(0.5, 0.01), coefficient_text(0.002, 0.001), coefficient_text(0.0, math.inf)
+    ('0.5 ± 0.01', '< 0.003 (95 %)', 'not observable')
+    """
+    return value_or_limit(value, sd, upper_limit(value, sd)) if math.isfinite(sd) else "not observable"
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
-    """Random numbers that depend on the seed and the name alone, so that leaving one process out leaves the others as they were."""
+    """Random numbers that depend on seed and name alone, so that the draws of one process do not depend on which others are on."""
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
@@ -82,20 +93,20 @@ class NoiseModel:
     angle_random_walk_deg_sqrt_h, bias_instability_deg_h, rate_random_walk_deg_h_sqrt_h, quantization_arcsec : float
         N, B, K and Q.
     dither_residual_arcsec : float
-        Amplitude of what the dither leaves in the sampled angle.
+        Amplitude of the dither residual in the sampled angle.
     dither_residual_frequency_hz : float
-        Frequency it appears at after sampling.
+        Its alias frequency after sampling.
     white : bool
-        B and K are zero because there is no slow noise, not because nothing is known of it. A file says so by giving both as zero.
+        B and K are known to be zero, rather than unknown. A simulator file states this by giving both as zero.
     at_most : tuple of float
-        Of B and K, upper limits where a measurement saw no more than these; zero where there is none.
+        Upper limits of B and K where a measurement did not detect them; zero without a limit.
     measured : bool
-        Of this very gyro at rest, rather than what a simulator's file or a data sheet says.
+        The strengths were measured on this gyro at rest, rather than taken from a simulator file or a data sheet.
 
     Raises
     ------
     InputError
-        A strength is negative or not finite; or noise is called white that has B or K.
+        A strength is negative or not finite, or `white` is set although B or K is not zero.
     """
 
     angle_random_walk_deg_sqrt_h: float = 0.0
@@ -113,7 +124,7 @@ class NoiseModel:
             if not (isinstance(value, int | float) and 0.0 <= value < math.inf):
                 raise InputError(f"noise: {name} is {value!r}; it must be a number, zero or positive")
         if self.white and any(getattr(self, name) for name in SLOW):
-            raise InputError(f"noise: white noise has neither {' nor '.join(SLOW)}; leave them at zero, or do not call it white")
+            raise InputError(f"noise: white noise has neither {' nor '.join(SLOW)}; leave them at zero, or do not set white=True")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -125,7 +136,7 @@ class NoiseModel:
         return cls(**values, white=all(values.get(name) == 0.0 for name in SLOW))
 
     def to_mapping(self) -> dict[str, float]:
-        """The `noise:` section that gives this model back: B and K of zero are left out where they say nothing."""
+        """The `noise:` section from which :meth:`from_mapping` restores this model: unknown B and K are left out."""
         return {name: value for name, value in self.strengths().items() if value or self.white or name not in SLOW}
 
     def strengths(self) -> dict[str, float]:
@@ -142,18 +153,22 @@ class NoiseModel:
             Sample period in s.
         seed : int
         """
-        makers = {
+        processes = {
             "angle_random_walk": (self.angle_random_walk_deg_sqrt_h, _angle_random_walk),
             "bias_instability": (self.bias_instability_deg_h, _bias_instability),
             "rate_random_walk": (self.rate_random_walk_deg_h_sqrt_h, _rate_random_walk),
             "quantization": (self.quantization_arcsec, _quantization),
         }
-        made = {name: make(strength, samples, step_s, stream(seed, name)) for name, (strength, make) in makers.items() if strength}
+        rates = {
+            name: simulate(strength, samples, step_s, stream(seed, name))
+            for name, (strength, simulate) in processes.items()
+            if strength
+        }
         if self.dither_residual_arcsec:
             phase = stream(seed, "dither_residual").uniform(0.0, 2.0 * math.pi)
             angle = np.sin(2.0 * math.pi * self.dither_residual_frequency_hz * step_s * np.arange(samples + 1) + phase)
-            made["dither_residual"] = self.dither_residual_arcsec * np.diff(angle) / step_s
-        return made
+            rates["dither_residual"] = self.dither_residual_arcsec * np.diff(angle) / step_s
+        return rates
 
     def allan_variance(self, tau_s: npt.ArrayLike) -> Array:
         """Allan variance in (deg/h)² at averaging times tau, the dither residual by its mean over phases."""

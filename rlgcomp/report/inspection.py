@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.numerics.hysteresis import Play
 from rlgcomp.recording import DEFAULT_AVERAGING_S, Finding, Recording
 from rlgcomp.recording.outliers import gyro_outliers, monitor_outliers

@@ -1,4 +1,4 @@
-"""Results in a notebook: the first line of their text, their table, and their remarks."""
+"""Display of results in a notebook: a heading, a table, and the remarks."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ if TYPE_CHECKING:
 
 
 class ShownAsTable(abc.ABC):
-    """A result that a notebook shows as a table under its first sentence."""
+    """A result that a notebook shows as a table, with a heading above and the remarks, strings or messages, below."""
 
     @abc.abstractmethod
     def to_frame(self) -> pd.DataFrame:
         """The result as a table."""
 
     def heading(self) -> str:
-        """The line above the table: the first that is printed."""
+        """The line above the table: the first line of the printed result."""
         return repr(self).partition("\n")[0]
 
     def shown(self) -> pd.DataFrame:
-        """The displayed table: of many columns those for people."""
+        """The displayed table; by default all of :meth:`to_frame`."""
         return self.to_frame()
 
     def _repr_html_(self) -> str:

@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
 from rlgcomp.diagnosis.result.channel_shares import channel_shares
 from rlgcomp.diagnosis.result.phrases import sure_text
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.recording.motion import ANGLES, RATE
 from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, svg

@@ -7,10 +7,9 @@ With the angle :math:`\theta_k = \tau_0 \sum_{i<k} \Omega_i` and :math:`\tau = m
     \sigma^2(\tau) = \frac{1}{2 \tau^2 M} \sum_k (\theta_{k+2m} - 2\theta_{k+m} + \theta_k)^2, \qquad
     \sigma_H^2(\tau) = \frac{1}{6 \tau^2 M} \sum_k (\theta_{k+3m} - 3\theta_{k+2m} + 3\theta_{k+m} - \theta_k)^2
 
-over the M differences whose samples are all there: at every k (overlapping), or at every m-th (plain). The Hadamard variance does
-not see a linear drift. :math:`\nu \hat\sigma^2 / \sigma^2` is taken to be chi-square with :math:`\nu` equivalent degrees of
-freedom, those of the power-law noise identified at that tau. The parts between gaps are taken as independent, so that
-:math:`M^2/\nu = \sum_i M_i^2/\nu_i`.
+over the M differences without a missing sample: at every k (overlapping), or at every m-th (plain). The Hadamard variance does
+not depend on a linear drift. :math:`\nu \hat\sigma^2 / \sigma^2` is taken to be chi-square with :math:`\nu` equivalent degrees
+of freedom, those of the power-law noise identified at that tau.
 
 References
 ----------
@@ -21,7 +20,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -29,25 +28,21 @@ import pandas as pd
 from scipy import stats
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan import wording
-from rlgcomp.noise.allan.floor import lowest
-from rlgcomp.noise.allan.power_law import NAMES, degrees_of_freedom, identify
-from rlgcomp.noise.allan.sums import angle_of, sums_of_squares
+from rlgcomp.noise.allan_sums import angle_of, plain_sum_of_squares, starts_of_spans, sums_of_squares
+from rlgcomp.noise.coefficients import NoiseCoefficients, fit_noises, white_noise_floor
+from rlgcomp.noise.power_law import NAMES, degrees_of_freedom_with_gaps, identify
 from rlgcomp.recording import Recording
 from rlgcomp.recording.sampling import Sampling
 from rlgcomp.report.notebook import ShownAsTable
-
-if TYPE_CHECKING:
-    from rlgcomp.noise.allan.coefficients import NoiseCoefficients
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
 FEWEST_SAMPLES: Final = 5
 _ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
-_IDENTIFIED: Final = 1 << 20  # means, whose autocorrelation is then known to a thousandth
+_MEANS_FOR_IDENTIFICATION: Final = 1 << 20  # they give the autocorrelation to a thousandth
 _ROUNDING: Final = 1e-9  # of averaging times
-_GROUPS: Final = 64  # of parts of about one length, for the degrees of freedom
+_PRINTED: Final = 12  # averaging times
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +82,16 @@ class AllanDeviation(ShownAsTable):
     parts: Whole
 
     def __repr__(self) -> str:
-        return wording.deviation_text(self)
+        count = len(self.tau_s)
+        rows = np.unique(np.linspace(0, count - 1, min(count, _PRINTED)).round().astype(int))
+        table = self.to_frame().iloc[rows].drop(columns="differences")
+        gaps = len(self.parts) - 1
+        heading = (
+            f"{'Hadamard' if self.order == 3 else 'Allan'} deviation ({self.estimator}): {int(self.parts.sum())} samples every "
+            f"{self.period_s:.6g} s, {gaps} gap{'' if gaps == 1 else 's'}, {100 * self.confidence:g} % intervals"
+        )
+        rest = [] if len(rows) == count else [f"{len(rows)} of {count} averaging times; .to_frame() has all"]
+        return "\n".join([heading, table.to_string(index=False, float_format="{:.4g}".format), *rest])
 
     def to_frame(self) -> pd.DataFrame:
         """One row an averaging time."""
@@ -116,16 +120,16 @@ class AllanDeviation(ShownAsTable):
         return not self.estimator.startswith("plain")
 
     def noise(self) -> NoiseCoefficients:
-        """Q, N, B, K and R with their standard errors; see :func:`rlgcomp.noise.allan.coefficients.fit_coefficients`.
+        """Q, N, B, K and R with their standard errors; see :mod:`rlgcomp.noise.coefficients`.
 
         Raises
         ------
         InputError
-            The estimator does not overlap, or there are too few averaging times.
+            The estimator does not overlap, the deviation is zero somewhere, or there are too few averaging times.
         """
-        from rlgcomp.noise.allan.coefficients import fit_coefficients
-
-        return fit_coefficients(self)
+        if not self.overlapping:
+            raise InputError(f"coefficients are fitted to the estimators overlapping and hadamard, not to {self.estimator}")
+        return fit_noises(self.tau_s, self.deviation_deg_h, self.edf, order=self.order, period_s=self.period_s, parts=self.parts)
 
     def at(self, tau_s: float) -> float:
         """Deviation at tau in deg/h, interpolated on the logarithmic plot.
@@ -138,46 +142,50 @@ class AllanDeviation(ShownAsTable):
         first, last = float(self.tau_s[0]), float(self.tau_s[-1])
         if not first * (1.0 - _ROUNDING) <= tau_s <= last * (1.0 + _ROUNDING):
             raise InputError(
-                f"the deviation at {tau_s:g} s was asked for; this curve goes from {first:g} to {last:g} s: give a time within it, "
+                f"no deviation at {tau_s:g} s: this curve goes from {first:g} to {last:g} s; give a time within it, "
                 "or a recording that is sampled faster or lasts longer"
             )
         return float(np.exp(np.interp(np.log(tau_s), np.log(self.tau_s), np.log(self.deviation_deg_h))))
 
     def noise_of_means_deg_h(self, averaging_s: float, pulse_arcsec: float | None = None) -> float:
-        r"""Standard deviation that noise alone gives means over `averaging_s`: what no compensation can remove.
+        r"""Standard deviation of means over `averaging_s` by noise alone: the floor of any compensation.
 
-        Counting whole pulses of :math:`q` leaves each end of a mean off by up to half a pulse, a variance of :math:`Q^2 = q^2/12`.
-        Means over T have :math:`2 Q^2 / T^2` of it, while the Allan variance, of differences of two means, has
-        :math:`3 Q^2 / \tau^2`; the difference is taken off :meth:`white_noise_deg_h`, with no more of it than the curve can hold.
+        Counting whole pulses of :math:`q` rounds the angle at each end of a mean, a variance of :math:`Q^2 = q^2/12`. Means over T
+        have :math:`2 Q^2 / T^2` of it, while the Allan variance, of differences of two means, has :math:`3 Q^2 / \tau^2`; the
+        difference, limited to what the curve can contain, is subtracted from :meth:`white_noise_deg_h`.
 
         Parameters
         ----------
         averaging_s : float
             T.
         pulse_arcsec : float, optional
-            q, where the gyro counts pulses.
+            q of a gyro that counts pulses.
         """
         if pulse_arcsec is None:
             return self.white_noise_deg_h(averaging_s)
-        tau_s, level = self._lowest(averaging_s)
+        tau_s, level = self._floor(averaging_s)
         rounding = min(pulse_arcsec**2 / 12.0, level**2 * tau_s / 3.0)  # arcsec²; deg/h is arcsec/s
         return float(np.sqrt(level**2 / averaging_s - rounding * (3.0 / (tau_s * averaging_s) - 2.0 / averaging_s**2)))
 
     def white_noise_deg_h(self, averaging_s: float) -> float:
-        r"""Noise that no compensation can remove from means over `averaging_s`.
+        r"""Standard deviation of means over `averaging_s` by white noise: the least :math:`\sigma(\tau)\sqrt{\tau / T}`, tau <= T.
 
-        The lowest :math:`\sigma(\tau)\sqrt{\tau / T}` over :math:`\tau \le T`, of the curve fitted there; see
-        :mod:`rlgcomp.noise.allan.floor`.
+        The least is that of a fitted curve; see :func:`rlgcomp.noise.coefficients.white_noise_floor`.
         """
-        return self._lowest(averaging_s)[1] / float(np.sqrt(averaging_s))
+        return self._floor(averaging_s)[1] / float(np.sqrt(averaging_s))
 
-    def _lowest(self, averaging_s: float) -> tuple[float, float]:
-        """Averaging time in s, up to `averaging_s`, at which deviation times root of time is lowest, and how low, in deg/h √s."""
+    def _floor(self, averaging_s: float) -> tuple[float, float]:
+        """Averaging time in s, up to `averaging_s`, at which deviation times root of time is least, and that least in deg/h √s."""
         within = self.tau_s <= averaging_s * (1.0 + _ROUNDING)
-        if not within.any():  # of the shortest mean there is
+        if not within.any():  # the shortest averaging time is longer
             return float(self.tau_s[0]), float(self.deviation_deg_h[0] * np.sqrt(averaging_s))
-        k, level = lowest(self.tau_s[within], self.deviation_deg_h[within], self.edf[within])
+        k, level = white_noise_floor(self.tau_s[within], self.deviation_deg_h[within], self.edf[within])
         return float(self.tau_s[k]), level
+
+
+def fit_coefficients(deviation: AllanDeviation) -> NoiseCoefficients:
+    """The five noises fitted to a deviation; the same as :meth:`AllanDeviation.noise`."""
+    return deviation.noise()
 
 
 def allan_deviation(
@@ -195,9 +203,9 @@ def allan_deviation(
     Parameters
     ----------
     rate_deg_h : Recording or array_like, shape (n,)
-        Of a recording the lead-in is left out. Gaps are allowed; no difference spans one.
+        The lead-in of a recording is left out. Gaps are allowed; no difference spans one.
     time_s : array_like, shape (n,)
-        Of rates in an array; a recording has its own.
+        Times of rates in an array; a recording has its own.
     tau_s : array_like, optional
         Averaging times, rounded to whole periods; by default `per_decade` a decade, up to a fifth of the record.
     gyro : str, optional
@@ -216,17 +224,15 @@ def allan_deviation(
     ------
     InputError
         Fewer than five samples, a rate that is not finite, times that do not increase, an unknown estimator, no averaging time
-        that the record can hold, times beside a recording or none beside an array, or a gyro that cannot be told.
+        that fits into the record, times besides a recording or none with an array, or no choice among several gyros.
     """
     if isinstance(rate_deg_h, Recording):
         if time_s is not None:
-            raise InputError(
-                f"{rate_deg_h.name}: times were given beside a Recording, which has its own; give averaging times as tau_s="
-            )
+            raise InputError(f"{rate_deg_h.name}: time_s was given, but a Recording has its own; give averaging times as tau_s=")
         scored = rate_deg_h.scored
         time_s, rate_deg_h = rate_deg_h.time_s[scored], rate_deg_h.rate_deg_h(gyro)[scored]
     elif time_s is None or gyro is not None:
-        received = "rates without their times" if time_s is None else f"gyro={gyro!r} beside an array of rates"
+        received = "rates without their times" if time_s is None else f"gyro={gyro!r} with an array of rates"
         raise InputError(f"{received}; give a Recording, with gyro= where it has several, or rates in deg/h and their times in s")
     rate = np.asarray(rate_deg_h, dtype=np.float64)
     time = np.asarray(time_s, dtype=np.float64)
@@ -253,17 +259,22 @@ def deviation_of_angle(
     confidence: float = 0.683,
     per_decade: float = 10.0,
 ) -> AllanDeviation:
-    """Allan or Hadamard deviation of an angle, in memory or mapped from disk: overlapping estimators copy none of it.
+    """Allan or Hadamard deviation of an angle, in memory or mapped from disk: overlapping estimators do not copy it.
 
     Parameters
     ----------
     angle : ndarray, shape (n + 1,)
         Cumulative sums of the rate in deg/h, in periods, from zero; parts between gaps in one row, without their gaps.
     ends : ndarray of int, shape (parts,)
-        Where each part ends, the last at n.
+        Index after the last sample of each part, at last n.
     period_s : float
     tau_s, estimator, confidence, per_decade
-        As `allan_deviation` takes them.
+        As in :func:`allan_deviation`.
+
+    Raises
+    ------
+    InputError
+        The estimator is unknown, `confidence` or `per_decade` is out of range, or no averaging time fits into the record.
     """
     if estimator not in get_args(Estimator):
         raise InputError(f"estimator {estimator!r} is unknown; known are {', '.join(get_args(Estimator))}")
@@ -280,15 +291,16 @@ def deviation_of_angle(
     rows: list[tuple[float, float, int, float, int]] = []
     alpha = 0
     for k, m in enumerate(counts.tolist()):
-        total, taken = (float(sums[k]), int(numbers[k])) if overlapping else _sum_of_squares_plain(angle, parts, m, order)
+        total, taken = (float(sums[k]), int(numbers[k])) if overlapping else plain_sum_of_squares(angle, parts, m, order)
         deviation = float(np.sqrt(total / taken / (2.0 if order == 2 else 6.0))) / m
-        found = identify(*_means(angle, parts, m), lowest=-2 if order == 2 else -4)
-        alpha = alpha if found is None else found
+        identified = identify(*_means(angle, parts, m), lowest=-2 if order == 2 else -4)
+        alpha = alpha if identified is None else identified
         if alpha > 0 and not _steep(rows, m * period_s, deviation):
             alpha = 0
-        rows.append((m * period_s, deviation, taken, _edf(parts, m, alpha, order, overlapping), alpha))
+        edf_of_m = degrees_of_freedom_with_gaps(parts, m, alpha, order, overlapping=overlapping)
+        rows.append((m * period_s, deviation, taken, edf_of_m, alpha))
     if not rows:
-        raise InputError(f"no averaging time fits a record of {len(angle) - 1} samples every {period_s:g} s")
+        raise InputError(f"no averaging time fits into a record of {len(angle) - 1} samples every {period_s:g} s")
     taus, deviations, differences, edf, alphas = (np.array(column) for column in zip(*rows, strict=True))
     tails = stats.chi2.ppf([[0.5 + 0.5 * confidence], [0.5 - 0.5 * confidence]], edf)
     lower, upper = deviations * np.sqrt(edf / tails)
@@ -298,7 +310,7 @@ def deviation_of_angle(
 
 
 def angle_rate_deg_h(angle_arcsec: npt.ArrayLike, time_s: npt.ArrayLike) -> tuple[Array, Array]:
-    """Rates between the samples of an angle, and the times they end at: what `allan_deviation` takes.
+    """Rates between the samples of an angle, and the times at which they end, for :func:`allan_deviation`.
 
     Parameters
     ----------
@@ -320,7 +332,7 @@ def angle_rate_deg_h(angle_arcsec: npt.ArrayLike, time_s: npt.ArrayLike) -> tupl
 
 
 def _steep(rows: list[tuple[float, float, int, float, int]], tau_s: float, deviation: float) -> bool:
-    """Whether the curve falls as white noise of the angle makes it: a few means in a row may look like it by chance."""
+    """Whether the curve falls as steeply as white noise of the angle makes it; few means may resemble that noise by chance."""
     before = [row for row in rows if row[0] <= tau_s / 1.8] or rows[:1]
     if not before or deviation == 0.0 or before[-1][1] == 0.0:
         return True
@@ -328,7 +340,7 @@ def _steep(rows: list[tuple[float, float, int, float, int]], tau_s: float, devia
 
 
 def _parts(time: Array) -> tuple[float, Whole]:
-    """Sample period, and where each part without gaps ends."""
+    """Sample period, and the index after the last sample of each part without gaps."""
     steps = np.diff(time)
     if not (np.isfinite(time).all() and float(steps.min()) > 0.0):
         raise InputError("the times do not increase, or are not finite; sort the samples and leave repeated ones out")
@@ -350,38 +362,10 @@ def _counts(tau_s: npt.ArrayLike | None, period_s: float, longest: int, per_deca
     return counts[counts >= 1].astype(np.int64)
 
 
-def _sum_of_squares_plain(angle: Array, parts: Whole, m: int, order: int) -> tuple[float, int]:
-    """Sum of squared differences at every m-th sample of each part, and how many they are."""
-    first, _ = _starts(parts, m, order)
-    difference = np.diff(angle[first[:, None] + m * np.arange(order + 1)], order)[:, 0]
-    return float(np.dot(difference, difference)), len(difference)
-
-
 def _means(angle: Array, parts: Whole, m: int) -> tuple[Array, Whole]:
-    """Means over m samples, one after the other, and the part of each: no more than tell the noise's exponent for sure."""
+    """Means over consecutive m samples and the part of each, as many as identify the noise's exponent."""
     if len(parts) == 1:
-        means = np.diff(angle[: _IDENTIFIED * m + 1 : m]) / m
+        means = np.diff(angle[: _MEANS_FOR_IDENTIFICATION * m + 1 : m]) / m
         return means, np.zeros(len(means), dtype=np.int64)
-    first, groups = _starts(parts, m, 1, _IDENTIFIED)
+    first, groups = starts_of_spans(parts, m, 1, _MEANS_FOR_IDENTIFICATION)
     return (angle[first + m] - angle[first]) / m, groups
-
-
-def _starts(parts: Whole, m: int, spanned: int, most: int | None = None) -> tuple[Whole, Whole]:
-    """First samples of spans of `spanned` m samples, one every m in each part, and the part of each; at most the first so many."""
-    counts = np.maximum(parts // m - spanned + 1, 0)
-    if most is not None:
-        counts = np.clip(most - (np.cumsum(counts) - counts), 0, counts)
-    part = np.repeat(np.arange(len(parts)), counts)
-    within = np.arange(len(part)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return (np.cumsum(parts) - parts)[part] + m * within, part
-
-
-def _edf(parts: Whole, m: int, alpha: int, order: int, overlapping: bool) -> float:
-    lengths, copies = np.unique(parts[parts >= order * m], return_counts=True)
-    if len(lengths) > _GROUPS:
-        places = np.array_split(np.arange(len(lengths)), _GROUPS)
-        lengths = np.array([round(float(np.average(lengths[place], weights=copies[place]))) for place in places])
-        copies = np.array([copies[place].sum() for place in places])
-    taken = lengths - order * m + 1 if overlapping else lengths // m - order + 1
-    each = np.array([degrees_of_freedom(int(count), m, alpha, order, overlapping=overlapping) for count in taken])
-    return float(np.dot(copies, taken) ** 2 / np.dot(copies, taken**2 / each))

@@ -1,4 +1,4 @@
-r"""Power-law noise: which one a record shows at an averaging time, and how many degrees of freedom a variance then has.
+r"""Power-law noise: its identification at an averaging time, and the equivalent degrees of freedom of a variance.
 
 A rate's spectrum is taken to go as :math:`f^\alpha` around :math:`f = 1/(2\tau)`:
 
@@ -43,8 +43,9 @@ NAMES: Final = {
     -4: "random run",
 }
 FEWEST_FOR_LAG_1: Final = 30
-FEWEST_FOR_SPREAD: Final = 4
+FEWEST_FOR_B1: Final = 4
 _TERMS: Final = 100  # of the sum over lags, as in Greenhall and Riley
+_GROUPS: Final = 64  # of parts of about one length
 
 
 def identify(blocks: Array, groups: Whole, lowest: int) -> int | None:
@@ -55,21 +56,21 @@ def identify(blocks: Array, groups: Whole, lowest: int) -> int | None:
     blocks : ndarray, shape (n,)
         Means of the rate over consecutive intervals tau.
     groups : ndarray of int, shape (n,)
-        Neighbours of the same group are adjacent in time; a gap starts another group.
+        Part of the record between gaps that each mean lies in; neighbours of one group are adjacent in time.
     lowest : int
         Smallest exponent considered: -2 for an Allan variance, -4 for a Hadamard variance.
 
     Returns
     -------
     int or None
-        None where fewer than 30 neighbours are there and :func:`_by_spread` cannot tell.
+        None where there are fewer than 30 pairs of neighbours and the B1 ratio does not decide either.
     """
     z, group = blocks, groups
     for differenced in range(-lowest // 2 + 1):
         together = group[1:] == group[:-1]
         pairs = int(np.count_nonzero(together))
         if pairs < FEWEST_FOR_LAG_1 - 1:
-            return _by_spread(blocks, groups)
+            return _identify_by_b1(blocks, groups)
         z = z - z.mean()
         power = float(np.dot(z, z)) / len(z)
         if power == 0.0:
@@ -82,16 +83,16 @@ def identify(blocks: Array, groups: Whole, lowest: int) -> int | None:
     return None
 
 
-def _by_spread(blocks: Array, groups: Whole) -> int | None:
+def _identify_by_b1(blocks: Array, groups: Whole) -> int | None:
     """Exponent from the B1 ratio, variance over Allan variance, of the longest part: for a few means.
 
-    So few cannot vouch for white noise of the angle, which would claim many degrees of freedom: zero is the highest answer.
+    The result is zero at most: few means do not establish white noise of the angle, which would claim many degrees of freedom.
     """
     if not len(blocks):
         return None
     values = blocks[groups == np.argmax(np.bincount(groups))]
     count = len(values)
-    allan = 0.5 * float(np.mean(np.diff(values) ** 2)) if count >= FEWEST_FOR_SPREAD else 0.0
+    allan = 0.5 * float(np.mean(np.diff(values) ** 2)) if count >= FEWEST_FOR_B1 else 0.0
     if allan == 0.0:
         return None
     expected = []  # of the ratio, for Allan variances that go as tau^mu
@@ -107,9 +108,10 @@ def _by_spread(blocks: Array, groups: Whole) -> int | None:
 def degrees_of_freedom(differences: int, m: int, alpha: int, order: int, *, overlapping: bool) -> float:
     """Equivalent degrees of freedom of a variance, after the combined algorithm of Greenhall and Riley.
 
-    Two things differ. Its sums are formed at a finer step where they switch to fitted formulas, so that no table is needed. And for
-    alpha <= 0 their upper cut-off frequency is left away, which they do for long tau only: a gyro's output is the integral of its
-    rate, so that white noise of n samples has 2/3 n degrees of freedom at the shortest tau (0.78 n with the cut-off).
+    Two things differ. Where their algorithm switches to fitted formulas, the sums are formed at a finer step, so that no table is
+    needed. And for alpha <= 0 their upper cut-off frequency is dropped at every tau, not at long ones only: a gyro's output is the
+    integral of its rate, so that white noise of n samples has 2/3 n degrees of freedom at the shortest tau (0.78 n with the
+    cut-off).
 
     Parameters
     ----------
@@ -135,10 +137,30 @@ def degrees_of_freedom(differences: int, m: int, alpha: int, order: int, *, over
     lags = np.arange(1, math.ceil(min(count, (order + 1) * fine)))
     cutoff = math.inf if alpha <= 0 else m if fine == stride else fine
     correlation = _sz(lags / fine, cutoff, alpha, order) / _sz(np.zeros(1), cutoff, alpha, order)
-    found = count / (1.0 + 2.0 * float(np.sum((1.0 - lags / count) * correlation**2)))
+    edf = count / (1.0 + 2.0 * float(np.sum((1.0 - lags / count) * correlation**2)))
     if alpha == 1 and cutoff != m:  # the variance of flicker angle noise grows with the logarithm of m
-        found *= float(_sz(np.zeros(1), m, 1, order)[0] / _sz(np.zeros(1), cutoff, 1, order)[0]) ** 2
-    return found
+        edf *= float(_sz(np.zeros(1), m, 1, order)[0] / _sz(np.zeros(1), cutoff, 1, order)[0]) ** 2
+    return edf
+
+
+def degrees_of_freedom_with_gaps(parts: Whole, m: int, alpha: int, order: int, *, overlapping: bool) -> float:
+    r"""Equivalent degrees of freedom of a variance over several parts, taken as independent: :math:`M^2/\nu = \sum_i M_i^2/\nu_i`.
+
+    Parameters
+    ----------
+    parts : ndarray of int
+        Numbers of samples between gaps.
+    m, alpha, order, overlapping
+        As in :func:`degrees_of_freedom`.
+    """
+    lengths, copies = np.unique(parts[parts >= order * m], return_counts=True)
+    if len(lengths) > _GROUPS:
+        places = np.array_split(np.arange(len(lengths)), _GROUPS)
+        lengths = np.array([round(float(np.average(lengths[place], weights=copies[place]))) for place in places])
+        copies = np.array([copies[place].sum() for place in places])
+    differences = lengths - order * m + 1 if overlapping else lengths // m - order + 1
+    each = np.array([degrees_of_freedom(int(count), m, alpha, order, overlapping=overlapping) for count in differences])
+    return float(np.dot(copies, differences) ** 2 / np.dot(copies, differences**2 / each))
 
 
 def _sw(t: Array, alpha: int) -> Array:

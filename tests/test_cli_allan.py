@@ -124,26 +124,27 @@ def test_bad_options_are_refused(static: Path, options: tuple[str, ...], message
     assert message in " ".join(refused(static, *options).split())
 
 
-def surrounded(static: Path, tmp_path: Path, name: str, **columns: float) -> str:
-    """What is said of the recording with columns that go evenly from zero to these values."""
+def findings_with(static: Path, tmp_path: Path, name: str, **columns: float) -> dict[str, dict[str, object]]:
+    """Data of the findings by code, of the recording with columns that go evenly from zero to these values."""
     table = pd.read_parquet(static)
     share = np.linspace(0.0, 1.0, len(table))
     table = table[["time_s", "gyro_x_deg_h"]].assign(**{column: reached * share for column, reached in columns.items()})
     table.to_parquet(tmp_path / f"{name}.parquet")
     (found,) = json.loads(run(tmp_path / f"{name}.parquet", "--json").stdout)
-    return " ".join(found["findings"])
+    assert all(set(finding) == {"code", "data", "text"} for finding in found["findings"])
+    return {finding["code"]: finding["data"] for finding in found["findings"]}
 
 
 def test_drift_with_temperature_is_not_taken_for_noise(static: Path, tmp_path: Path) -> None:
-    said = surrounded(static, tmp_path, "chamber", temperature_block_degC=60.0)
-    assert "temperature_block_degC moves by 59.4 K: the slow part is drift of the gyro; Q and N hold, B, K and R do not" in said
-    assert "moves by" not in surrounded(static, tmp_path, "room", temperature_block_degC=1.0)
+    data = findings_with(static, tmp_path, "chamber", temperature_block_degC=60.0)["noise.temperature_changes"]
+    assert data == {"column": "temperature_block_degC", "range_K": pytest.approx(59.4, abs=0.01)}
+    assert "noise.temperature_changes" not in findings_with(static, tmp_path, "room", temperature_block_degC=1.0)
 
 
-def test_a_gyro_that_turns_is_sent_to_the_other_command(static: Path, tmp_path: Path) -> None:
-    assert "the table turns (table_angle_deg)" in surrounded(static, tmp_path, "turning", table_angle_deg=40.0)
-    assert "`rlgcomp arw`" in surrounded(static, tmp_path, "sweep", table_rate_deg_s=10.0)
-    assert "rlgcomp arw" not in surrounded(static, tmp_path, "parked", table_angle_deg=0.001)
+def test_a_turning_gyro_is_reported(static: Path, tmp_path: Path) -> None:
+    for column, end in (("table_angle_deg", 40.0), ("table_rate_deg_s", 10.0)):
+        assert findings_with(static, tmp_path, "turning", **{column: end})["noise.table_turns"] == {"columns": [column]}
+    assert "noise.table_turns" not in findings_with(static, tmp_path, "parked", table_angle_deg=0.001)
 
 
 def test_bad_recordings_are_refused(static: Path, tmp_path: Path) -> None:

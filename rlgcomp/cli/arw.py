@@ -36,8 +36,7 @@ def arw(
 
     Example: `rlgcomp arw at60.parquet at30.parquet --out arw`
     """
-    from rlgcomp.noise.rotation.pipeline import angle_random_walk
-    from rlgcomp.noise.rotation.results import RotationNoise
+    from rlgcomp.noise.angle_random_walk import RotationNoise, angle_random_walk
 
     if trend not in ("time", "temperature"):
         raise InputError(f"--trend is {trend!r}; it must be time or temperature")
@@ -99,7 +98,7 @@ def _pm(value: float, sd: float) -> str:
 
 def _write(result: Any, out: Path) -> None:
     from rlgcomp.files import whole_folder, write_json
-    from rlgcomp.report.rotation_figures import pictures
+    from rlgcomp.report.arw_figures import pictures
 
     with whole_folder(out, writes=FILES) as folder:
         write_json(folder / "arw.json", result.to_mapping())

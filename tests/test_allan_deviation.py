@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.noise.allan.deviation import angle_rate_deg_h
+from rlgcomp.noise.allan_deviation import angle_rate_deg_h
 
 # Stable32's results: file of the results, of the data, estimator
 STABLE32 = [

@@ -1,7 +1,7 @@
 r"""The sums behind Allan and Hadamard variances: squared differences of the angle at every sample, for many averaging times.
 
-For long records all averaging times are taken in one pass over blocks of the angle that stay in the processor's cache, compiled
-and in threads; for short ones NumPy takes one averaging time after the other. Both add up the same squares, in another order.
+Long records are summed for all averaging times in one pass over blocks of the angle that stay in the processor's cache, compiled
+and in threads; short ones by NumPy, one averaging time after the other. Both add the same squares, in another order.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 MANY: Final = 300_000  # samples from which compiling pays
 BLOCK: Final = 2048  # samples: those of one averaging time stay in the first-level cache
-_AT_ONCE: Final = 1 << 20  # samples that NumPy takes, where nothing is compiled
+_AT_ONCE: Final = 1 << 20  # samples a NumPy operation
 _PIECE: Final = 1 << 17  # samples a piece of work; fixed, so that the sums do not depend on the number of threads
 
 
@@ -41,14 +41,14 @@ def angle_of(rate: Array, workers: int | None = None) -> Array:
 
 
 def sums_of_squares(angle: Array, ends: Whole, counts: Whole, order: int, workers: int | None = None) -> tuple[Array, Whole]:
-    """Sums of squared differences of second or third order at every sample, and how many they are.
+    """Sums of squared differences of second or third order at every sample, and their numbers.
 
     Parameters
     ----------
     angle : ndarray, shape (n + 1,)
         The parts between gaps in one row.
     ends : ndarray of int, shape (parts,)
-        Where each part ends, the last at n; no difference spans two parts.
+        Index after the last sample of each part, at last n; no difference spans two parts.
     counts : ndarray of int, shape (m,)
         Averaging times in samples.
     order : int
@@ -78,8 +78,48 @@ def sums_of_squares(angle: Array, ends: Whole, counts: Whole, order: int, worker
     return sums.sum(axis=0), taken
 
 
+def plain_sum_of_squares(angle: Array, parts: Whole, m: int, order: int) -> tuple[float, int]:
+    """Sum of squared differences at every m-th sample of each part, and their number.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n + 1,)
+    parts : ndarray of int
+        Numbers of samples between gaps.
+    m : int
+        Averaging time in samples.
+    order : int
+        2 for Allan, 3 for Hadamard.
+    """
+    first, _ = starts_of_spans(parts, m, order)
+    difference = np.diff(angle[first[:, None] + m * np.arange(order + 1)], order)[:, 0]
+    return float(np.dot(difference, difference)), len(difference)
+
+
+def starts_of_spans(parts: Whole, m: int, length: int, most: int | None = None) -> tuple[Whole, Whole]:
+    """First sample of each span, and the part that it lies in; the spans of a part start every m samples.
+
+    Parameters
+    ----------
+    parts : ndarray of int
+        Numbers of samples between gaps.
+    m : int
+        Averaging time in samples.
+    length : int
+        Length of a span in m samples.
+    most : int, optional
+        Greatest number of spans, the first ones.
+    """
+    counts = np.maximum(parts // m - length + 1, 0)
+    if most is not None:
+        counts = np.clip(most - (np.cumsum(counts) - counts), 0, counts)
+    part = np.repeat(np.arange(len(parts)), counts)
+    within = np.arange(len(part)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return (np.cumsum(parts) - parts)[part] + m * within, part
+
+
 def aligned(values: int) -> Array:
-    """Memory that begins at a cache line: a vector that straddles two takes longer to load."""
+    """Memory that begins at a cache line: a vector across two lines takes longer to load."""
     memory = np.empty(values + 8)
     first = -memory.ctypes.data // 8 % 8
     return memory[first : first + values]

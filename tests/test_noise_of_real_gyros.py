@@ -1,4 +1,4 @@
-"""Noise of real ring laser gyros: what it is, what it is not, and whose it is."""
+"""Noise of real ring laser gyros: residual dither, base motion, and Earth rate."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.noise.allan.analysis import NoiseAnalysis, analyse_noise
-from rlgcomp.noise.allan.slopes import stretches
+from rlgcomp.noise.analysis import NoiseAnalysis, analyse_noise
+from rlgcomp.noise.slopes import slope_segments
 from rlgcomp.units import EARTH_RATE_DEG_H
 
 LN100 = (
@@ -43,14 +43,13 @@ def test_earth_rate_from_the_pair_up_and_down(shared: Path) -> None:
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_ln100_shows_residual_dither_and_no_angle_random_walk(shared: Path, direction: str, axis: str) -> None:
     analysis = analyse_noise(ln100(shared, direction), f"gyro_{axis}_deg_s")
-    (stretch,) = [one for one in stretches(analysis.deviation) if one.long_enough]
-    assert (stretch.from_s < 0.05, stretch.to_s > 30.0) == (True, True)
-    assert stretch.slope == pytest.approx(-1.0, abs=0.12)
-    said = analysis.findings[0]
-    assert "quantization or residual dither" in said
-    assert "not angle random walk: an N read at 1 s would be 0.0" in said
-    # what an N read at 1 s would claim, and what the fit allows
-    read_at_1_s = analysis.deviation.at(1.0) / 60.0
+    (segment,) = [one for one in slope_segments(analysis.deviation) if one.long_enough]
+    assert (segment.from_s < 0.05, segment.to_s > 30.0) == (True, True)
+    assert segment.slope == pytest.approx(-1.0, abs=0.12)
+    assert analysis.findings[0].code == "noise.slope_quantization"
+    # an N read at 1 s, and the fitted one
+    read_at_1_s = analysis.findings[0].data["apparent_angle_random_walk_deg_sqrt_h"]
+    assert read_at_1_s == pytest.approx(analysis.deviation.at(1.0) / 60.0)
     assert read_at_1_s > 0.02
     assert analysis.coefficients.angle_random_walk_deg_sqrt_h < 0.1 * read_at_1_s
     assert analysis.coefficients.angle_random_walk_deg_sqrt_h_sd < 0.5 * read_at_1_s
@@ -59,10 +58,10 @@ def test_ln100_shows_residual_dither_and_no_angle_random_walk(shared: Path, dire
     assert analysis.stationarity.lines.share > 0.7
     assert any(abs(frequency - 29.9) < 0.2 for frequency in analysis.stationarity.lines.frequency_hz)
     assert not analysis.stationarity.base_motion
-    assert "residual dither of this gyro or its neighbours" in " ".join(analysis.findings)
+    assert "noise.narrow_lines" in {finding.code for finding in analysis.findings}
 
 
-def test_parked_vehicle_moves_and_its_accelerometers_say_so(vehicle: list[NoiseAnalysis]) -> None:
+def test_the_accelerometers_show_the_motion_of_a_parked_vehicle(vehicle: list[NoiseAnalysis]) -> None:
     assert [analysis.mean_deg_h for analysis in vehicle] == pytest.approx([-12.271, 0.438, 8.357], abs=0.001)
     for analysis in vehicle:
         found = analysis.stationarity
@@ -70,11 +69,9 @@ def test_parked_vehicle_moves_and_its_accelerometers_say_so(vehicle: list[NoiseA
         assert not found.stationary
         assert found.base_motion
         assert max(motion.coherence for motion in found.motions) > 0.9
-        said = " ".join(analysis.findings)
-        assert "the noise is not stationary" in said
-        assert "base motion: accel_" in said
-        assert "but the base moves" in analysis.findings[0]
-        assert "falls again: an oscillation or motion near" in said
+        assert analysis.findings[0].code == "noise.slope_with_base_motion"
+        codes = {finding.code for finding in analysis.findings}
+        assert {"noise.not_stationary", "noise.base_motion", "noise.base_motion_limits", "noise.maximum"} <= codes
     sway = max((motion for motion in vehicle[1].stationarity.motions), key=lambda motion: motion.share)  # type: ignore[union-attr]
     assert sway.accelerometer == "accel_x"
     assert sway.share > 0.7

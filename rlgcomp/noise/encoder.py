@@ -29,7 +29,7 @@ import numpy.typing as npt
 from scipy import linalg
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.rotation.harmonics import Harmonics, without
+from rlgcomp.noise.angle_harmonics import Harmonics, without
 from rlgcomp.recording import GAP_PERIODS, Recording
 from rlgcomp.recording.motion import ANGLES, unwrapped_deg
 from rlgcomp.units import RAD_PER_DEG, SECONDS_PER_HOUR

@@ -1,8 +1,8 @@
-"""The noise of a gyro whose recording is larger than memory: pieces of it in, its angle on disk, the same deviations out.
+"""Noise analysis of a recording larger than memory: read in pieces, with its angle on disk, for the same deviations.
 
-An overlapping deviation at an averaging time tau joins samples 2 tau apart, so that no short memory of the past suffices. What is
-kept is the angle alone, eight bytes a sample, in a scratch file that the system maps into whatever memory is free; every sum is
-taken in blocks of it, and none of it is copied.
+An overlapping deviation at an averaging time tau combines samples 2 tau apart, so that no short buffer suffices. Only the angle is
+stored, eight bytes a sample, in a scratch file that the system maps into free memory; sums are taken in blocks of it without a
+copy.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan.analysis import NoiseAnalysis, deviation_and_coefficients
-from rlgcomp.noise.allan.deviation import FEWEST_SAMPLES, Estimator, deviation_of_angle
-from rlgcomp.noise.allan.slopes import findings
+from rlgcomp.noise.allan_deviation import FEWEST_SAMPLES, Estimator, deviation_of_angle
+from rlgcomp.noise.analysis import NoiseAnalysis, deviation_and_coefficients
+from rlgcomp.noise.slopes import curve_findings
 from rlgcomp.recording import Recording
 from rlgcomp.recording.sampling import GAP_PERIODS
+from rlgcomp.report.messages import message
 
 Array = npt.NDArray[np.float64]
 _AT_ONCE: Final = 1 << 20  # samples
-_NOT_LOOKED_AT: Final = "read in pieces: segments were not compared with each other, temperature and motion not looked at"
 
 
 def analyse_pieces(
@@ -39,11 +39,10 @@ def analyse_pieces(
     per_decade: float = 10.0,
     scratch: Path | None = None,
 ) -> NoiseAnalysis:
-    """Noise of one gyro of a recording that comes in pieces, the lead-in left out.
+    """Noise of one gyro of a recording that is read in pieces, without the lead-in.
 
-    Deviations agree with those of :func:`rlgcomp.noise.allan.analysis.analyse_noise` to rounding. Segments of the record are not
-    compared
-    with each other, nor with accelerometers, temperature or motion: `stationarity` is None, and a finding says so.
+    Deviations agree with those of :func:`rlgcomp.noise.analysis.analyse_noise` to rounding. Stationarity, accelerometers,
+    temperature and motion are not checked: `stationarity` is None, and a finding says so.
 
     Parameters
     ----------
@@ -52,7 +51,7 @@ def analyse_pieces(
     gyro : str
         Its column.
     tau_s, estimator, confidence, per_decade
-        As `analyse_noise` takes them; estimators that overlap only.
+        As in `analyse_noise`; overlapping estimators only.
     scratch : path, optional
         Folder for the scratch file; by default the system's, which the variable TMPDIR names.
 
@@ -62,20 +61,20 @@ def analyse_pieces(
         The estimator does not overlap, or the record is too short.
     """
     if estimator not in ("overlapping", "hadamard"):
-        raise InputError(f"estimator {estimator!r} is not taken from a file in pieces; take overlapping or hadamard")
+        raise InputError(f"estimator {estimator!r} is not available for a file in pieces; choose overlapping or hadamard")
     with tempfile.TemporaryDirectory(prefix="rlgcomp-allan-", dir=scratch) as folder:
         path = Path(folder) / "angle.f8"
         with path.open("wb") as file:
             record = _write_angle(pieces, gyro, file)
         angle = np.memmap(path, dtype=np.float64, mode="r+", shape=(record.samples + 1,))
-        for first in range(0, len(angle), _AT_ONCE):  # the mean is known only now
+        for first in range(0, len(angle), _AT_ONCE):  # the mean is known only after the last piece
             stop = min(first + _AT_ONCE, len(angle))
-            angle[first:stop] -= record.beyond_deg_h * np.arange(first, stop)
+            angle[first:stop] -= record.mean_above_reference_deg_h * np.arange(first, stop)
         measure = functools.partial(deviation_of_angle, np.asarray(angle), np.array(record.ends), record.period_s)
-        shown, fitted, coefficients = deviation_and_coefficients(measure, tau_s, estimator, confidence, per_decade)
+        deviation, fitted, coefficients = deviation_and_coefficients(measure, tau_s, estimator, confidence, per_decade)
         del measure, angle  # unmapped before the folder goes
-    said = (*findings(fitted, coefficients, base_moves=False), _NOT_LOOKED_AT)
-    return NoiseAnalysis(gyro, record.mean_deg_h, shown, coefficients, None, said)
+    findings = (*curve_findings(fitted, coefficients), message("noise.read_in_pieces"))
+    return NoiseAnalysis(gyro, record.mean_deg_h, deviation, coefficients, None, findings)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,14 +83,14 @@ class _Record:
     ends: list[int]
     period_s: float
     mean_deg_h: float
-    beyond_deg_h: float  # of the mean over the one that the angle was formed with
+    mean_above_reference_deg_h: float
 
 
 def _write_angle(pieces: Iterable[Recording], gyro: str, file: BinaryIO) -> _Record:
-    """Write cumulative sums of the rate less the first piece's mean, and tell parts between gaps as a whole record would."""
-    samples, gaps_s, reached = 0, 0.0, 0.0
+    """Write cumulative sums of the rate less the first piece's mean, and find the parts between gaps of the whole record."""
+    samples, gaps_s, last_angle = 0, 0.0, 0.0
     ends: list[int] = []
-    begin_s = before_s = usual_s = reference = np.nan
+    begin_s = last_s = usual_s = reference = np.nan
     for piece in pieces:
         begin_s = piece.time_s[0] if np.isnan(begin_s) else begin_s
         scored = piece.time_s - begin_s >= piece.metadata.lead_in_s
@@ -101,14 +100,15 @@ def _write_angle(pieces: Iterable[Recording], gyro: str, file: BinaryIO) -> _Rec
         if not samples:
             file.write(np.zeros(1).tobytes())
             first_s, usual_s, reference = time_s[0], piece.period_s, float(rate.mean())
-        steps = np.diff(time_s, prepend=before_s) if samples else np.diff(time_s)
+        steps = np.diff(time_s, prepend=last_s) if samples else np.diff(time_s)
         breaks = np.flatnonzero(steps > GAP_PERIODS * usual_s)
         ends += (breaks + (samples if samples else 1)).tolist()
         gaps_s += float(steps[breaks].sum())
-        angle = reached + np.cumsum(rate - reference)
+        angle = last_angle + np.cumsum(rate - reference)
         file.write(angle.tobytes())
-        samples, reached, before_s = samples + len(rate), float(angle[-1]), time_s[-1]
+        samples, last_angle, last_s = samples + len(rate), float(angle[-1]), time_s[-1]
     if samples < FEWEST_SAMPLES:
         raise InputError(f"{samples} samples after the lead-in; an Allan deviation needs at least {FEWEST_SAMPLES}")
-    period_s = (before_s - first_s - gaps_s) / (samples - 1 - len(ends))
-    return _Record(samples, [*ends, samples], float(f"{period_s:.9g}"), reference + reached / samples, reached / samples)
+    period_s = (last_s - first_s - gaps_s) / (samples - 1 - len(ends))
+    mean = last_angle / samples
+    return _Record(samples, [*ends, samples], float(f"{period_s:.9g}"), reference + mean, mean)

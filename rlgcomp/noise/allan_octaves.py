@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan.sums import BLOCK, MANY, aligned, angle_of, squares_2, sums_of_squares
+from rlgcomp.noise.allan_sums import BLOCK, MANY, aligned, angle_of, squares_2, sums_of_squares
 from rlgcomp.numerics.compiled import available, compiled, in_threads, threads
 
 Array = npt.NDArray[np.float64]

@@ -1,9 +1,9 @@
-r"""Is it the gyro, or does its base move? Narrow lines in the gyro's spectrum, and what the accelerometers share with it.
+r"""Base motion or noise of the gyro: narrow lines in the gyro's spectrum, and its coherence with the accelerometers.
 
 The dither of a gyro and of its neighbours, sampled, leaves narrow lines at aliased frequencies: in the gyro, and in the
 accelerometers on the same block. People and wind move the base irregularly: the gyro is coherent with an accelerometer over a band,
 and its power rises and falls with the accelerometer's. A squared coherence :math:`\gamma^2` of n independent blocks is as large by
-chance with probability :math:`(1 - \gamma^2)^{n-1}`, times the number of frequencies looked at.
+chance with probability :math:`(1 - \gamma^2)^{n-1}`, times the number of tested frequencies.
 
 References
 ----------
@@ -24,7 +24,7 @@ from rlgcomp.numerics.robust import segments
 
 Array = npt.NDArray[np.float64]
 SIGNIFICANT: Final = 0.001
-LEAST_SHARE: Final = 0.05  # of the gyro's variance that is worth saying
+LEAST_SHARE: Final = 0.05  # of the gyro's variance that matters
 _BLOCKS: Final = 32
 _WINDOWS: Final = 100  # of the comparison of powers
 _OVERLAP_LOSS: Final = 1.056  # of independent blocks, Hann window, half overlapping
@@ -37,9 +37,16 @@ _INNER: Final = slice(1, -1)  # of a spectrum: the window leaks the mean into th
 
 @dataclasses.dataclass(frozen=True)
 class Lines:
-    """Narrow lines: their frequencies in Hz, the strongest first, and the part of the gyro's variance in all of them.
+    """Narrow lines in the gyro's spectrum.
 
-    `sampling_hz` and `bin_hz` are those of the spectrum they are in.
+    Parameters
+    ----------
+    frequency_hz : tuple of float
+        The strongest first.
+    share : float
+        Part of the gyro's variance in all of them.
+    sampling_hz, bin_hz : float
+        Sampling frequency and bin width of the spectrum.
     """
 
     frequency_hz: tuple[float, ...]
@@ -52,22 +59,22 @@ class Lines:
         return self.share >= LEAST_SHARE
 
     def all_multiples_of(self, beat_hz: float) -> bool:
-        """Whether each is a low multiple of a frequency, as sampled, to two bins and a thousandth of it."""
+        """Whether each is the alias of a low multiple of a frequency, to two bins and a thousandth of it."""
         multiples = beat_hz * np.arange(1, _MULTIPLES + 1)
-        seen = np.abs(multiples - self.sampling_hz * np.rint(multiples / self.sampling_hz))
+        aliases = np.abs(multiples - self.sampling_hz * np.rint(multiples / self.sampling_hz))
         near = 2.0 * self.bin_hz + 1e-3 * multiples
-        return all(bool((np.abs(seen - frequency) <= near).any()) for frequency in self.frequency_hz)
+        return all(bool((np.abs(aliases - frequency) <= near).any()) for frequency in self.frequency_hz)
 
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """How far one accelerometer moves with the gyro.
+    """Comparison of one accelerometer with the gyro.
 
     Parameters
     ----------
     accelerometer : str
     coherence, frequency_hz : float
-        Largest squared coherence outside narrow lines, and where.
+        Largest squared coherence outside narrow lines, and its frequency.
     coherence_p : float
         Probability of one as large by chance.
     share, line_share : float
@@ -87,18 +94,9 @@ class Motion:
 
     @property
     def significant(self) -> bool:
-        """Whether it tells of base motion: coherent over a band, or powers that rise and fall together."""
+        """Whether it indicates base motion: coherence over a band, or powers that rise and fall together."""
         coherent = self.coherence_p < SIGNIFICANT and self.share >= LEAST_SHARE
         return coherent or (self.power_p < SIGNIFICANT and self.power_correlation > 0.0)
-
-
-def probability(p_value: float) -> str:
-    """A p-value as text.
-
-    >>> probability(0.031), probability(0.0)
-    ('p = 0.03', 'p < 1e-99')
-    """
-    return f"p = {p_value:.1g}" if p_value >= 1e-99 else "p < 1e-99"
 
 
 def find_lines(rate: Array, period_s: float) -> Lines:
@@ -110,14 +108,26 @@ def find_lines(rate: Array, period_s: float) -> Lines:
     lines = _lines(power)
     if not lines.any():
         return Lines((), 0.0)
-    tops = [start + int(np.argmax(power[start:stop])) for start, stop in segments(lines)]
-    tops = sorted(tops, key=lambda k: -power[k])[:_LINES_NAMED]
+    peaks = [start + int(np.argmax(power[start:stop])) for start, stop in segments(lines)]
+    peaks = sorted(peaks, key=lambda k: -power[k])[:_LINES_NAMED]
     share = float(power[lines].sum() / power.sum())
-    return Lines(tuple(float(frequency[k]) for k in tops), share, 1.0 / period_s, float(frequency[0]))
+    return Lines(tuple(float(frequency[k]) for k in peaks), share, 1.0 / period_s, float(frequency[0]))
 
 
 def compare(name: str, rate: Array, acceleration: Array, period_s: float, tau_s: float) -> Motion:
-    """Compare a gyro with an accelerometer on a record without gaps; powers are Allan variances over `tau_s` or less."""
+    """Compare a gyro with an accelerometer on a record without gaps.
+
+    Parameters
+    ----------
+    name : str
+        The accelerometer.
+    rate, acceleration : ndarray, shape (n,)
+        In any units.
+    period_s : float
+        Sample period.
+    tau_s : float
+        Longest averaging time of the Allan variances whose powers are compared.
+    """
     block = len(rate) // _BLOCKS
     if block < 2 * _LINE_SURROUNDINGS or float(np.ptp(acceleration)) == 0.0 or float(np.ptp(rate)) == 0.0:
         return Motion(name, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -161,13 +171,13 @@ def _powers(values: Array, window: int, m: int) -> Array:
 
 
 def _rank_correlation(x: Array, y: Array) -> tuple[float, float]:
-    """Spearman's correlation, and its p-value with fewer independent pairs where neighbours are alike."""
+    """Spearman's correlation, and its p-value for as many independent pairs as the autocorrelation leaves."""
     if float(np.ptp(x)) == 0.0 or float(np.ptp(y)) == 0.0:
         return 0.0, 1.0
     a, b = (stats.rankdata(values) - 0.5 * (len(x) + 1) for values in (x, y))
     rho = float(a @ b / math.sqrt(float(a @ a) * float(b @ b)))
-    alike = float(a[1:] @ a[:-1] / (a @ a)) * float(b[1:] @ b[:-1] / (b @ b))
-    alike = min(max(alike, 0.0), 0.99)
-    independent = max(4.0, len(x) * (1.0 - alike) / (1.0 + alike))
+    lag_1 = float(a[1:] @ a[:-1] / (a @ a)) * float(b[1:] @ b[:-1] / (b @ b))
+    lag_1 = min(max(lag_1, 0.0), 0.99)
+    independent = max(4.0, len(x) * (1.0 - lag_1) / (1.0 + lag_1))
     t = rho * math.sqrt((independent - 2.0) / max(1.0 - rho**2, 1e-12))
     return rho, float(2.0 * stats.t.sf(abs(t), independent - 2.0))

@@ -1,4 +1,4 @@
-"""Recordings in pieces: the same samples, the same deviations as of the whole, in memory that does not grow with the file."""
+"""Noise analysis in pieces: the deviations of the whole recording, in memory that does not grow with the file."""
 
 from __future__ import annotations
 
@@ -7,33 +7,21 @@ import tracemalloc
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.noise.allan import sums
-from rlgcomp.noise.allan.analysis import analyse_noise
-from rlgcomp.noise.allan.streaming import analyse_pieces
+from rlgcomp.noise import allan_sums as sums
+from rlgcomp.noise.analysis import analyse_noise
+from rlgcomp.noise.out_of_core import analyse_pieces
 from rlgcomp.recording.formats import pieces
 from rlgcomp.recording.formats.pieces import gyros_of, read_pieces, too_large
+from tests.noise_records import rate_table, written
 
 register_commands()
 ROWS = 1700
-
-
-def table(rows: int = 20_000, *, gaps: bool = False) -> pd.DataFrame:
-    rng = np.random.default_rng(0)
-    rate = 10.0 + rng.normal(size=rows) + 0.02 * np.cumsum(rng.normal(size=rows))
-    frame = pd.DataFrame({"time_s": 5.0 + 0.5 * np.arange(rows), "temperature_block_degC": 20.0, "gyro_z_deg_h": rate})
-    return frame.drop(index=[*range(3, 6), *range(1697, 1702), *range(9000, 9500)]) if gaps else frame
-
-
-def written(frame: pd.DataFrame, path: Path) -> Path:
-    frame.to_csv(path, index=False) if path.suffix == ".csv" else frame.to_parquet(path, row_group_size=3000)
-    return path
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
@@ -45,7 +33,7 @@ def test_deviations_are_those_of_the_whole(
 ) -> None:
     monkeypatch.setattr(sums, "MANY", many)
     monkeypatch.setattr(sums, "_AT_ONCE", 1234)
-    path = written(table(gaps=gaps), tmp_path / f"run{suffix}")
+    path = written(rate_table(gaps=gaps), tmp_path / f"run{suffix}")
     whole = analyse_noise(rlg.read(path), estimator=estimator, per_decade=5.0)
     found = analyse_pieces(
         read_pieces(path, "gyro_z_deg_h", rows=ROWS), "gyro_z_deg_h", estimator=estimator, per_decade=5.0, scratch=tmp_path
@@ -59,22 +47,12 @@ def test_deviations_are_those_of_the_whole(
     assert found.mean_deg_h == pytest.approx(whole.mean_deg_h, rel=1e-13)
     assert found.coefficients.to_frame()["value"].to_numpy() == pytest.approx(whole.coefficients.to_frame()["value"].to_numpy())
     assert found.stationarity is None
-    assert found.findings[-1].startswith("read in pieces")
+    assert found.findings[-1].code == "noise.read_in_pieces"
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-@pytest.mark.parametrize("rows", [1000, 1700, 6000, 1 << 20])
-def test_pieces_are_the_whole(tmp_path: Path, suffix: str, rows: int) -> None:
-    frame = table(10_001)
-    found = list(read_pieces(written(frame, tmp_path / f"run{suffix}"), "gyro_z_deg_h", rows=rows))
-    assert min(map(len, found)) >= min(rows, len(frame))
-    together = pd.concat([piece.table for piece in found], ignore_index=True)
-    pd.testing.assert_frame_equal(together, frame[["time_s", "gyro_z_deg_h"]], rtol=1e-15)
-
-
 def test_mapping_pulses_and_the_lead_in(tmp_path: Path) -> None:
-    frame = table(5000).rename(columns={"gyro_z_deg_h": "Z", "time_s": "t [ms]"})
+    frame = rate_table(5000).rename(columns={"gyro_z_deg_h": "Z", "time_s": "t [ms]"})
     frame["t [ms]"] *= 1000.0
     frame["Z"] = np.round(10.0 * frame["Z"])
     path = written(frame, tmp_path / "run.parquet")
@@ -86,37 +64,13 @@ def test_mapping_pulses_and_the_lead_in(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.deviation.deviation_deg_h, whole.deviation.deviation_deg_h, rtol=1e-10)
 
 
-def test_without_time_stamps(tmp_path: Path) -> None:
-    path = written(table(5000).drop(columns="time_s"), tmp_path / "run.csv")
-    found = pd.concat([piece.table for piece in read_pieces(path, "gyro_z_deg_h", period_s=0.5, rows=1000)])
-    assert found["time_s"].to_numpy() == pytest.approx(0.5 * np.arange(5000))
-
-
-def test_faults_are_mended_or_refused_piece_by_piece(tmp_path: Path) -> None:
-    frame = table(5000)
-    frame.loc[2500:2504, "gyro_z_deg_h"] = np.nan
-    found = list(read_pieces(written(frame, tmp_path / "run.csv"), "gyro_z_deg_h", rows=1000))
-    assert sum(map(len, found)) == 4995
-    (finding,) = [finding for finding in found[2].findings if finding.severity == "repaired"]
-    assert (finding.message.code, finding.message.data) == ("recording.missing_gyro_values", {"values": 5})
-    assert (finding.column, finding.row) == ("gyro_z_deg_h", 500)
-    frame = table(5000)
-    frame.loc[2500:, "time_s"] -= 2000.0
-    with pytest.raises(rlg.InputError, match=r"rows from 2000.*\n.*time runs backwards"):
-        list(read_pieces(written(frame, tmp_path / "run.csv"), "gyro_z_deg_h", rows=1000))
-    frame = table(5000)
-    frame.loc[2000:, "time_s"] -= 2000.0
-    with pytest.raises(rlg.InputError, match="at row 2000 time goes from"):
-        list(read_pieces(written(frame, tmp_path / "run.csv"), "gyro_z_deg_h", rows=1000))
-
-
 def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrays take less than half of the one column that is asked for."""
-    monkeypatch.setattr("rlgcomp.noise.allan.streaming._AT_ONCE", 1 << 14)
-    monkeypatch.setattr("rlgcomp.noise.allan.deviation._IDENTIFIED", 1 << 12)
+    monkeypatch.setattr("rlgcomp.noise.out_of_core._AT_ONCE", 1 << 14)
+    monkeypatch.setattr("rlgcomp.noise.allan_deviation._MEANS_FOR_IDENTIFICATION", 1 << 12)
     monkeypatch.setattr(sums, "_AT_ONCE", 1 << 14)
     rows = 1_200_000
-    path = written(table(rows), tmp_path / "run.parquet")
+    path = written(rate_table(rows), tmp_path / "run.parquet")
     analyse_pieces(read_pieces(path, "gyro_z_deg_h", rows=4000), "gyro_z_deg_h", [1.0, 100.0])  # what is imported and compiled once
     tracemalloc.start()
     try:
@@ -127,41 +81,15 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.
     assert peak < 8 * rows / 2
 
 
-@pytest.mark.parametrize(
-    ("name", "rows", "message"),
-    [
-        ("run.h5", ROWS, r"only \.parquet and plain \.csv"),
-        ("run.csv.gz", ROWS, r"only \.parquet and plain \.csv"),
-        ("absent.csv", ROWS, "does not exist"),
-        ("run.csv", 10, "too short to tell"),
-        ("bad.parquet", ROWS, "no Parquet file"),
-        ("empty.csv", ROWS, "not readable as CSV"),
-        ("other.csv", ROWS, "no column 'time_s' to map"),
-    ],
-)
-def test_what_cannot_be_read_in_pieces_is_refused(tmp_path: Path, name: str, rows: int, message: str) -> None:
-    written(table(3000), tmp_path / "run.csv")
-    for other, content in (
-        ("run.h5", b"x"),
-        ("run.csv.gz", b"x"),
-        ("bad.parquet", b"no"),
-        ("empty.csv", b""),
-        ("other.csv", b"a\n1\n"),
-    ):
-        (tmp_path / other).write_bytes(content)
-    with pytest.raises(rlg.InputError, match=message):
-        list(read_pieces(tmp_path / name, "gyro_z_deg_h", rows=rows))
-
-
 def test_estimators_that_do_not_overlap_are_refused() -> None:
-    with pytest.raises(rlg.InputError, match="take overlapping or hadamard"):
+    with pytest.raises(rlg.InputError, match="choose overlapping or hadamard"):
         analyse_pieces([], "gyro_z_deg_h", estimator="plain")
     with pytest.raises(rlg.InputError, match="0 samples"):
         analyse_pieces([], "gyro_z_deg_h")
 
 
 def test_the_command_reads_large_files_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = written(table(6000), tmp_path / "run.parquet")
+    path = written(rate_table(6000), tmp_path / "run.parquet")
     whole = CliRunner().invoke(app, ["allan", str(path), "--json"])
     asked = CliRunner().invoke(app, ["allan", str(path), "--json", "--in-pieces"])
     assert not too_large(path)
@@ -180,7 +108,7 @@ def test_the_command_reads_large_files_in_pieces(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.parametrize("arguments", [["--gyro", "gyro_x_deg_h"], ["--estimator", "plain"]])
 def test_bad_options_end_with_one_message(tmp_path: Path, arguments: list[str]) -> None:
-    path = written(table(3000), tmp_path / "run.parquet")
+    path = written(rate_table(3000), tmp_path / "run.parquet")
     done = CliRunner().invoke(app, ["allan", str(path), "--in-pieces", *arguments])
     assert done.exit_code == 2
     assert done.output.count("error:") == 1
@@ -189,7 +117,7 @@ def test_bad_options_end_with_one_message(tmp_path: Path, arguments: list[str]) 
 
 
 def test_dropped_columns_are_left_out_in_pieces_too(tmp_path: Path) -> None:
-    frame = table(6000).assign(gyro_b_deg_h=lambda t: t["gyro_z_deg_h"] + 1.0)
+    frame = rate_table(6000).assign(gyro_b_deg_h=lambda t: t["gyro_z_deg_h"] + 1.0)
     path = written(frame, tmp_path / "run.csv")
     found = []
     for options in ([], ["--in-pieces"]):
@@ -204,11 +132,3 @@ def test_dropped_columns_are_left_out_in_pieces_too(tmp_path: Path) -> None:
     assert [done.exit_code for done in refused] == [2, 2]
     assert refused[0].output == refused[1].output
     assert "cannot drop gyro_c_deg_h; the columns are time_s" in " ".join(refused[0].output.split())
-
-
-def test_a_file_whose_time_is_dropped_needs_a_period(tmp_path: Path) -> None:
-    path = written(table(3000), tmp_path / "run.csv")
-    with pytest.raises(rlg.InputError, match="no column 'time_s'"):
-        list(read_pieces(path, "gyro_z_deg_h", drop=["time_s"]))
-    (piece,) = read_pieces(path, "gyro_z_deg_h", drop=["time_s"], period_s=0.5)
-    assert piece.time_s[0] == 0.0

@@ -11,8 +11,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rlgcomp.noise.allan.analysis import NoiseAnalysis
-from rlgcomp.noise.allan.wording import value_text
+from rlgcomp.noise.analysis import NoiseAnalysis
+from rlgcomp.noise.processes import coefficient_text
 from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN
 
 # One line a noise, in the order of the coefficients: letter, unit, colour
@@ -61,7 +61,7 @@ def _panel(axes: Axes, analysis: NoiseAnalysis) -> None:
     )
     values = coefficients.to_frame()
     for (letter, unit, colour), term, value, sd in zip(_NOISES, terms, values["value"], values["sd"], strict=True):
-        number = value_text(value, sd)
+        number = coefficient_text(value, sd)
         if value > 0.0:
             label = f"{letter} {number} {unit}" if number.startswith("<") else f"{letter} = {number} {unit}"
             axes.plot(tau, term, color=colour, lw=1.2, ls="--", label=label)

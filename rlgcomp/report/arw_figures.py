@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from rlgcomp.noise.rotation.harmonics import FALSE_ALARM
-from rlgcomp.noise.rotation.results import AngleRandomWalk
+from rlgcomp.noise.angle_harmonics import FALSE_ALARM
+from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
 from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
 from rlgcomp.units import SECONDS_PER_HOUR
 

@@ -1,4 +1,4 @@
-r"""Is the noise of a record the same all along, and where it is not, do the accelerometers see the same?
+r"""Stationarity of the noise of a record, by comparison of its segments, and of the gyro with the accelerometers.
 
 The record is cut into segments of equal duration. At each averaging time the segments' Allan variances :math:`s_i^2` with
 :math:`\nu_i` degrees of freedom are compared by Bartlett's test, the F test of more than two variances,
@@ -8,8 +8,8 @@ The record is cut into segments of equal duration. At each averaging time the se
     T = \frac{\sum \nu_i \ln \bar s^2 - \sum \nu_i \ln s_i^2}{1 + (\sum 1/\nu_i - 1/\sum \nu_i) / (3 (n - 1))} \sim \chi^2_{n-1},
 
 the degrees of freedom divided by :math:`1 + \kappa/2` for differences with excess kurtosis :math:`\kappa`. They are never more than
-those of white noise of the rate: a wrong guess of white angle noise would accuse a healthy gyro. The smallest p-value counts, times
-the number of averaging times.
+those of white noise of the rate, because a wrong identification of white angle noise would cause false alarms. The result is the
+smallest p-value, times the number of averaging times.
 
 References
 ----------
@@ -30,9 +30,10 @@ import pandas as pd
 from scipy import stats
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan.base_motion import SIGNIFICANT, Lines, Motion, compare, find_lines, probability
-from rlgcomp.noise.allan.deviation import AllanDeviation, allan_deviation
-from rlgcomp.noise.allan.power_law import degrees_of_freedom
+from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation
+from rlgcomp.noise.base_motion import SIGNIFICANT, Lines, Motion, compare, find_lines
+from rlgcomp.noise.power_law import degrees_of_freedom
+from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 SEGMENTS: Final = 8
@@ -48,19 +49,19 @@ class Stationarity:
     tau_s : float
         Averaging time at which they differ most significantly.
     start_s, deviation_deg_h : ndarray, shape (segments,)
-        Where each begins and its Allan deviation at that averaging time.
+        Start of each segment and its Allan deviation at that averaging time.
     p_value : float
-        Probability of differences as large if the noise is the same all along.
+        Probability of differences as large in stationary noise.
     excess_kurtosis : float
-        Of the differences over that averaging time within segments; zero for Gaussian noise.
+        Excess kurtosis of the differences over that averaging time within segments; zero for Gaussian noise.
     furthest_s : float
-        Time about which two neighbouring means over `tau_s` differ most.
+        Time at which two neighbouring means over `tau_s` differ most.
     lines : Lines
         Narrow lines of the gyro.
     beat_hz : float
-        Pulses a second that the mean rate makes; zero where the gyro does not count pulses.
+        Pulses a second at the mean rate; zero where the gyro does not count pulses.
     motions : tuple of Motion
-        One an accelerometer.
+        One per accelerometer.
     """
 
     tau_s: float
@@ -79,51 +80,54 @@ class Stationarity:
 
     @property
     def base_motion(self) -> bool:
-        """Whether an accelerometer sees what the gyro sees."""
+        """Whether an accelerometer shows the motion that the gyro shows."""
         return any(motion.significant for motion in self.motions)
 
-    def findings(self) -> tuple[str, ...]:
-        """What it says, in sentences."""
-        said = []
+    def findings(self) -> tuple[Message, ...]:
+        """What the comparison shows: segments that differ, narrow lines, base motion."""
+        found = []
         if not self.stationary:
             high, low = int(np.argmax(self.deviation_deg_h)), int(np.argmin(self.deviation_deg_h))
-            largest = f", in bursts (excess kurtosis {self.excess_kurtosis:.1f}), the largest at {self.furthest_s:.6g} s"
-            bursts = largest if self.excess_kurtosis > 1.0 else ""
-            said.append(
-                f"the noise is not stationary: at {self.tau_s:.3g} s the deviation is {self.deviation_deg_h[high]:.3g} deg/h from "
-                f"{self.start_s[high]:.4g} s on and {self.deviation_deg_h[low]:.3g} deg/h from {self.start_s[low]:.4g} s on "
-                f"({probability(self.p_value)}){bursts}; one set of coefficients does not describe this record"
+            found.append(
+                message(
+                    "noise.not_stationary",
+                    tau_s=self.tau_s,
+                    largest_deg_h=self.deviation_deg_h[high],
+                    largest_from_s=self.start_s[high],
+                    smallest_deg_h=self.deviation_deg_h[low],
+                    smallest_from_s=self.start_s[low],
+                    p_value=self.p_value,
+                    excess_kurtosis=self.excess_kurtosis,
+                    largest_difference_s=self.furthest_s,
+                )
             )
         if self.lines.significant:
-            said.append(self._of_lines())
-        said.extend(
-            f"base motion: {motion.accelerometer} sees it too (coherence {motion.coherence:.2f} at {motion.frequency_hz:.3g} Hz, "
-            f"{100 * motion.share:.0f} % of the gyro's variance; rank correlation of their powers {motion.power_correlation:.2f}, "
-            f"{probability(motion.power_p)})"
+            found.append(self._lines_finding())
+        found.extend(
+            message(
+                "noise.base_motion",
+                accelerometer=motion.accelerometer,
+                coherence=motion.coherence,
+                frequency_hz=motion.frequency_hz,
+                share=motion.share,
+                power_correlation=motion.power_correlation,
+                power_p_value=motion.power_p,
+            )
             for motion in self.motions
             if motion.significant
         )
         if self.base_motion:
-            said.append("what moves the base is no noise of the gyro: take these deviations as upper limits, or isolate the base")
+            found.append(message("noise.base_motion_limits"))
         elif not self.stationary:
-            said.append(
-                "no accelerometer sees the base move"
-                if self.motions
-                else "no accelerometer was recorded, so motion of the base cannot be told from a gyro that changes"
-            )
-        return tuple(said)
+            found.append(message("noise.no_base_motion") if self.motions else message("noise.no_accelerometer"))
+        return tuple(found)
 
-    def _of_lines(self) -> str:
-        too = [motion.accelerometer for motion in self.motions if motion.line_share >= 0.5 * self.lines.share]
-        seen = f", which {', '.join(too)} {'shows' if len(too) == 1 else 'show'} too" if too else ""
-        at = ", ".join(f"{frequency:.3g}" for frequency in self.lines.frequency_hz)
-        said = f"{100 * self.lines.share:.0f} % of the variance is in narrow lines (at {at} Hz, as sampled){seen}"
-        if not too and self.beat_hz > 0.0 and self.lines.all_multiples_of(self.beat_hz):
-            return (
-                f"{said}: the mean rate makes {self.beat_hz:.4g} pulses a second, and these are multiples of it: the beat of "
-                "counting whole pulses, no motion; in longer averages it fades"
-            )
-        return f"{said}: residual dither of this gyro or its neighbours, or a steady vibration"
+    def _lines_finding(self) -> Message:
+        accelerometers = [motion.accelerometer for motion in self.motions if motion.line_share >= 0.5 * self.lines.share]
+        data = {"share": self.lines.share, "frequency_hz": self.lines.frequency_hz}
+        if not accelerometers and self.beat_hz > 0.0 and self.lines.all_multiples_of(self.beat_hz):
+            return message("noise.pulse_beat", **data, beat_hz=self.beat_hz)
+        return message("noise.narrow_lines", **data, accelerometers=accelerometers)
 
     def to_frame(self) -> pd.DataFrame:
         """One row a segment."""
@@ -151,13 +155,14 @@ def check_stationarity(
     accelerometers : mapping of str to array_like, optional
         Their outputs at the same times, in any unit. They are compared on the longest part without gaps.
     segments : int
+        Number of segments of equal duration.
     pulse_arcsec : float, optional
-        Where the gyro counts pulses.
+        Pulse of a gyro that counts pulses.
 
     Raises
     ------
     InputError
-        The record is too short to be cut into that many segments.
+        The record is too short for that many segments.
     """
     rate = np.asarray(rate_deg_h, dtype=np.float64)
     time = np.asarray(time_s, dtype=np.float64)
@@ -195,9 +200,10 @@ def check_stationarity(
 def _compare(
     angle: Array, part: npt.NDArray[np.int64], edges: npt.NDArray[np.intp], m: int, alpha: int
 ) -> tuple[float, npt.NDArray[np.intp], Array, float, int] | None:
-    """Bartlett's test of the segments at one averaging time: log p-value, segments compared, rms difference, excess kurtosis.
+    """Bartlett's test of the segments at one averaging time.
 
-    Last the row about which the largest difference is.
+    Returns the logarithm of the p-value, the compared segments, their rms differences, the excess kurtosis, and the row of the
+    largest difference; None where the segments are too short.
     """
     difference = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
     whole = part[2 * m - 1 :] == part[: len(difference)]

@@ -66,7 +66,7 @@ def allan(
 
     Example: `rlgcomp allan static.parquet --per-decade 5 --out noise`
     """
-    from rlgcomp.noise.allan.analysis import analyse_noise
+    from rlgcomp.noise.analysis import analyse_noise
     from rlgcomp.recording.formats.pieces import too_large
 
     taus = None if tau is None else _times(tau)
@@ -116,7 +116,7 @@ def _in_pieces(
 ) -> list[Any]:
     """Analyses of a file that is not held in memory: one pass over it a gyro."""
     from rlgcomp.errors import InputError
-    from rlgcomp.noise.allan.streaming import analyse_pieces
+    from rlgcomp.noise.out_of_core import analyse_pieces
     from rlgcomp.recording.formats.mapping import parse_mapping
     from rlgcomp.recording.formats.pieces import gyros_of, read_pieces
 
@@ -150,7 +150,7 @@ def _in_pieces(
 
 
 def _show(analysis: Any) -> None:
-    from rlgcomp.noise.allan.wording import value_text
+    from rlgcomp.noise.processes import coefficient_text
 
     table = analysis.deviation.to_frame().rename(
         columns={
@@ -166,7 +166,7 @@ def _show(analysis: Any) -> None:
     )
     typer.echo()
     rows = [
-        {"coefficient": name, "value ± standard error": "not seen" if sd == float("inf") else value_text(value, sd)}
+        {"coefficient": name, "value ± standard error": coefficient_text(value, sd)}
         for name, value, sd in analysis.coefficients.to_frame().itertuples(index=False)
     ]
     show_table("Five noises", rows)
@@ -180,7 +180,7 @@ def _write(out: Path, analyses: list[Any], title: str) -> None:
     import pandas as pd
 
     from rlgcomp.files import whole_folder, write_json
-    from rlgcomp.report.noise import allan_picture
+    from rlgcomp.report.allan_figure import allan_picture
 
     with whole_folder(out, writes=FILES) as folder:
         tables = [analysis.deviation.to_frame().assign(gyro=analysis.gyro) for analysis in analyses]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan import octaves, sums
-from rlgcomp.noise.allan.deviation import allan_deviation
+from rlgcomp.noise import allan_octaves as octaves
+from rlgcomp.noise import allan_sums as sums
+from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.numerics.compiled import available
 
 pytestmark = pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")

@@ -1,23 +1,33 @@
-"""One stretch of constant rate: trend, harmonics, the table's own motion, spectra, and the check at whole revolutions."""
+"""Angle random walk on one segment of constant rate: trend, harmonics, table motion, spectra, and the cross-check."""
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy import stats
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan.coefficients import fit_coefficients
-from rlgcomp.noise.allan.deviation import allan_deviation
-from rlgcomp.noise.rotation.encoder import Leg, middle_deg
-from rlgcomp.noise.rotation.harmonics import Progress, fit_harmonics, spectra, without
-from rlgcomp.noise.rotation.results import AngleRandomWalk
-from rlgcomp.noise.rotation.spectral import LOWEST_BIN, SpectralNoise, fit_spectrum, fit_widest, periodogram, shapes, transform
+from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation, fit_coefficients
+from rlgcomp.noise.angle_harmonics import Harmonics, Progress, Spectrum, fit_harmonics, spectra, without
+from rlgcomp.noise.coefficients import NoiseCoefficients
+from rlgcomp.noise.encoder import Leg, middle_deg
+from rlgcomp.noise.spectral_fit import (
+    LOWEST_BIN,
+    Periodogram,
+    SpectralNoise,
+    fit_spectrum,
+    fit_widest,
+    periodogram,
+    shapes,
+    transform,
+)
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_HOUR
 
@@ -35,8 +45,105 @@ SHARE: Final = 0.02  # of a gyro's noise power in an octave
 WEAKEST: Final = 1e-3  # gain below which a gyro does not feel the rotation
 
 
-class Stretch:
-    """One stretch of constant rate: what its gyros share."""
+@dataclasses.dataclass(frozen=True)
+class AngleRandomWalk:
+    """Angle random walk of one gyro on one segment of constant rate.
+
+    Parameters
+    ----------
+    run, gyro : str
+    rate_deg_s, revolutions, hours : float
+    noise : SpectralNoise
+        The result: N with its standard deviation from the spectrum.
+    whole_revolutions : SpectralNoise
+        The cross-check, without harmonic fit.
+    coefficients : NoiseCoefficients
+        Five-term fit of the Allan variance of 1 s means.
+    before, after : AllanDeviation
+        Of 1 s means without mean and trend, before and after removal of the harmonics.
+    spectrum : Spectrum
+    harmonics : Harmonics
+    density : Periodogram
+        The fitted spectrum.
+    means : pandas.DataFrame
+        1 s means: `time_s`, `before_deg_h`, `after_deg_h`, `trend_deg_h`.
+    encoder_subtracted : bool
+        The encoder showed that the table's rate wandered, and its motion was subtracted.
+    """
+
+    run: str
+    gyro: str
+    rate_deg_s: float
+    revolutions: float
+    hours: float
+    noise: SpectralNoise
+    whole_revolutions: SpectralNoise
+    coefficients: NoiseCoefficients
+    before: AllanDeviation
+    after: AllanDeviation
+    spectrum: Spectrum
+    harmonics: Harmonics
+    density: Periodogram
+    means: pd.DataFrame
+    encoder_subtracted: bool
+
+    @property
+    def angle_random_walk_deg_sqrt_h(self) -> float:
+        """N in deg/sqrt(h)."""
+        return self.noise.angle_random_walk_deg_sqrt_h
+
+    @property
+    def angle_random_walk_deg_sqrt_h_sd(self) -> float:
+        """Standard deviation of N."""
+        return self.noise.angle_random_walk_deg_sqrt_h_sd
+
+    @property
+    def agreement_p_value(self) -> float:
+        """Probability of so large a difference between the result and its cross-check, which uses part of the same data."""
+        check = self.whole_revolutions
+        difference = check.angle_random_walk_deg_sqrt_h - self.angle_random_walk_deg_sqrt_h
+        own2, check2 = self.angle_random_walk_deg_sqrt_h_sd**2, check.angle_random_walk_deg_sqrt_h_sd**2
+        return float(2.0 * stats.norm.sf(abs(difference) / math.sqrt(max(check2 - own2, 0.1 * check2))))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain mapping, for JSON."""
+        return {
+            "run": self.run,
+            "gyro": self.gyro,
+            "rate_deg_s": self.rate_deg_s,
+            "revolutions": self.revolutions,
+            "hours": self.hours,
+            "noise": self.noise.to_frame().to_dict("records")[0],
+            "whole_revolutions": self.whole_revolutions.to_frame().to_dict("records")[0],
+            "agreement_p_value": self.agreement_p_value,
+            "allan": self.coefficients.to_mapping(),
+            "harmonics": self.harmonics.to_frame().to_dict("records"),
+            "encoder_subtracted": self.encoder_subtracted,
+        }
+
+
+class ConstantRateSegment:
+    """The gyros of one segment of constant rate.
+
+    Parameters
+    ----------
+    recording : Recording
+    leg : Leg
+        Rows and rate of the segment.
+    angle_deg : ndarray, shape (n,)
+        The encoder's angle over the recording, continuous beyond 360.
+    gyros : sequence of str
+        Gyro columns.
+    trend : {"time", "temperature"}
+        Variable of the fifth-order trend.
+    advance : callable
+        Receives the steps done and the total.
+
+    Raises
+    ------
+    InputError
+        A gyro does not respond to the rotation, or the trend's variable is constant.
+    """
 
     def __init__(
         self,
@@ -65,38 +172,40 @@ class Stretch:
             if abs(self.gains[-1]) < WEAKEST:
                 raise InputError(
                     f"{recording.name}: {name} shows {rate.mean():.4g} deg/h while the table turns at {leg.rate_deg_s:.4g} deg/s: "
-                    "it does not feel the rotation, or its unit is wrong; leave it out with --drop, or map its unit with --map"
+                    "it does not respond to the rotation, or its unit is wrong; leave it out with --drop, or map its unit with "
+                    "--map"
                 )
             self.trends.append(_trend(rate, self.variable, self.place, self.per_mean))
             self.rates.append(rate - self.trends[-1](self.variable))
         steps = 2 * len(self.names) + 2
         self.spectra = spectra(self.rates, self.middle_deg)
         self.advance(2, steps)
-        self.harmonics = [fit_harmonics(rate, self.middle_deg, found) for rate, found in zip(self.rates, self.spectra, strict=True)]
+        pairs = zip(self.rates, self.spectra, strict=True)
+        self.harmonics = [fit_harmonics(rate, self.middle_deg, spectrum) for rate, spectrum in pairs]
         self.clean = [without(rate, self.middle_deg, fitted) for rate, fitted in zip(self.rates, self.harmonics, strict=True)]
 
     def samples_in(self, duration_s: float) -> int:
-        """Samples, at least one."""
+        """Number of samples in a duration, at least one."""
         return max(1, round(duration_s / self.period_s))
 
     def results(self) -> list[AngleRandomWalk]:
-        """Of every gyro."""
+        """Angle random walk of every gyro."""
         steps = 2 * len(self.names) + 2
         encoder = self._encoder()
-        found = []
+        results = []
         for k in range(len(self.names)):
-            found.append(self._gyro(k, encoder))
+            results.append(self._gyro(k, encoder))
             self.advance(4 + 2 * k, steps)
-        return found
+        return results
 
     def _encoder(self) -> tuple[Array, Array]:
-        """Rate of the encoder in deg/h less its mean and trend, with what repeats and without: graduation errors repeat."""
+        """Rate of the encoder in deg/h without mean and trend, with and without its harmonics (graduation errors)."""
         rate = np.diff(self.angle_deg, prepend=2.0 * self.angle_deg[0] - self.angle_deg[1]) * (SECONDS_PER_HOUR / self.period_s)
         gap = np.r_[False, np.diff(self.place) > 1]
         rate[gap] = self.leg.rate_deg_s * SECONDS_PER_HOUR
         rate -= _trend(rate, self.variable, self.place, self.per_mean)(self.variable)
-        (found,) = spectra([rate], self.middle_deg)
-        return rate, without(rate, self.middle_deg, fit_harmonics(rate, self.middle_deg, found))
+        (spectrum,) = spectra([rate], self.middle_deg)
+        return rate, without(rate, self.middle_deg, fit_harmonics(rate, self.middle_deg, spectrum))
 
     def _gyro(self, k: int, encoder: tuple[Array, Array]) -> AngleRandomWalk:
         raw, clean, gain = self.rates[k], self.clean[k], self.gains[k]
@@ -127,7 +236,7 @@ class Stretch:
         )
 
     def _lines(self, frequency_hz: Array) -> npt.NDArray[np.bool_]:
-        """Bins beside multiples of the rotation rate, where orders too weak to be found may hide."""
+        """Bins near multiples of the rotation rate, which may contain undetected orders."""
         step_hz = frequency_hz[1] - frequency_hz[0]
         order = np.rint(frequency_hz * self.turn_s)
         return np.asarray((order > 0) & (np.abs(frequency_hz - order / self.turn_s) < LINE_BINS * step_hz))
@@ -149,7 +258,7 @@ class Stretch:
         return False
 
     def _seconds(self, k: int, raw: Array, clean: Array) -> pd.DataFrame:
-        """Means of gyro k over 1 s, of seconds that are whole."""
+        """Means of gyro k over seconds without a missing sample."""
         per_second = self.samples_in(AVERAGING_S)
         second = self.place // per_second
         starts = np.flatnonzero(np.r_[True, np.diff(second) > 0])
@@ -162,7 +271,7 @@ class Stretch:
         return pd.DataFrame({"time_s": time_s[whole], **means, "trend_deg_h": trend})
 
     def _broken_turns(self) -> Whole:
-        """The last places of each gap, beyond whole turns: what repeats does not cancel there, and the next turn shows it."""
+        """The last places of each gap beyond whole turns, where harmonics do not cancel; the next turn stands in for them."""
         missing = np.diff(self.place) - 1
         beyond = np.rint(np.remainder(missing, self.turn_s / self.period_s)).astype(np.int64)
         ends = self.place[1:]
@@ -177,13 +286,13 @@ class Stretch:
         """
         angle = np.zeros(self.place[-1] + 1)
         angle[self.place] = raw
-        lost = self._broken_turns()
-        angle[lost] = np.interp(lost + self.turn_s / self.period_s, self.place, raw)
+        missing = self._broken_turns()
+        angle[missing] = np.interp(missing + self.turn_s / self.period_s, self.place, raw)
         angle = np.cumsum(angle) * self.period_s  # arcsec; the whole turns of a gap count as no deviation
         area = np.cumsum(angle)
         turned = np.abs(np.interp(np.arange(len(angle)), self.place, self.angle_deg) - self.angle_deg[0]) / 360.0
         turns = np.arange(int(turned[-1]) + 1)
-        # Encoder noise of a few arcsec may make single readings fall back; what matters is when it passes a whole revolution.
+        # Encoder noise of a few arcsec may reverse single readings; the running maximum gives the passage of whole revolutions.
         row = np.clip(np.searchsorted(np.maximum.accumulate(turned), turns), 1, len(turned) - 1)
         at = row - np.clip((turned[row] - turns) * self.turn_s / self.period_s, 0.0, 1.0)
         ends = np.interp(at, np.arange(len(area)), area)
@@ -191,15 +300,17 @@ class Stretch:
         turn_s = float(np.median(np.diff(at))) * self.period_s
         rate = np.diff(mean) / turn_s
         rate -= rate.mean()
-        found = periodogram(rate, np.arange(len(rate)), turn_s)
-        smooth = np.sinc(found.frequency_hz * turn_s) ** 4
-        design = shapes(found.frequency_hz, turn_s) * np.column_stack([np.ones_like(smooth), np.ones_like(smooth), smooth, smooth])
-        design[:, 0] = (2.0 + np.cos(2.0 * math.pi * found.frequency_hz * turn_s)) / 3.0
-        return fit_spectrum(found, design=design)
+        density = periodogram(rate, np.arange(len(rate)), turn_s)
+        smooth = np.sinc(density.frequency_hz * turn_s) ** 4
+        design = shapes(density.frequency_hz, turn_s) * np.column_stack(
+            [np.ones_like(smooth), np.ones_like(smooth), smooth, smooth]
+        )
+        design[:, 0] = (2.0 + np.cos(2.0 * math.pi * density.frequency_hz * turn_s)) / 3.0
+        return fit_spectrum(density, design=design)
 
 
 def _trend_variable(recording: Recording, leg: Leg, trend: Trend) -> Array:
-    """Time or temperature over the stretch, scaled to -1 ... 1."""
+    """Time or temperature over the segment, scaled to -1 ... 1."""
     values = recording.time_s[leg.rows] if trend == "time" else recording.column(recording.temperature_column)[leg.rows]
     low, high = float(values.min()), float(values.max())
     if high == low:

@@ -1,1 +1,0 @@
-"""Allan deviations, the noise they show, and whether it holds all along: what `rlgcomp allan` says of a gyro."""
