@@ -22,7 +22,7 @@ def blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sums, "MANY", 1000)
     monkeypatch.setattr(sums, "BLOCK", 48)
     monkeypatch.setattr(sums, "_PIECE", 1024)
-    for name, value in {"MANY": 1000, "BLOCK": 48, "_CELL": 16, "_STRIDE": 64, "_STRETCH": 512, "_LONG": 5000}.items():
+    for name, value in {"MANY": 1000, "BLOCK": 48, "_CELL": 16, "_STRIDE": 64, "_ROWS": 512, "_LONG": 5000}.items():
         monkeypatch.setattr(octaves, name, value)
 
 

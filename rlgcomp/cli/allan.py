@@ -24,7 +24,7 @@ from rlgcomp.cli.base import (
 )
 from rlgcomp.cli.show import show_json, show_table
 
-FILES: Final = ("allan.csv", "coefficients.json", "allan.png")  # what it writes
+FILES: Final = ("allan.csv", "coefficients.json", "allan.png")
 
 
 @command("allan")
@@ -36,9 +36,7 @@ def allan(
     gyro: Gyro = None,
     estimator: Annotated[str, typer.Option(help="overlapping, plain, hadamard or plain-hadamard.")] = "overlapping",
     tau: Annotated[str | None, typer.Option(help="Averaging times in s, as 1,10,100.")] = None,
-    per_decade: Annotated[
-        float, typer.Option(min=0.5, max=1000.0, help="Averaging times a decade, where --tau is not given.")
-    ] = 10.0,
+    per_decade: Annotated[float, typer.Option(min=0.5, max=1000.0, help="Averaging times a decade, without --tau.")] = 10.0,
     confidence: Annotated[float, typer.Option(help="Probability of the intervals.")] = 0.683,
     out: Annotated[
         Path | None,
@@ -54,15 +52,15 @@ def allan(
         bool,
         typer.Option(
             "--in-pieces",
-            help="Read a .parquet or .csv file in pieces, the angle kept in a scratch file under TMPDIR, as is done by itself with "
-            "files that would take more than a quarter of memory.",
+            help="Read a .parquet or .csv file in pieces, with the angle in a scratch file under TMPDIR. Files that would take "
+            "more than a quarter of memory are read so by default.",
         ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Allan deviation of every gyro, the noise coefficients with their standard errors, and what the curve says.
+    """Allan deviation of every gyro, the noise coefficients with their standard errors, and findings on the curve.
 
-    Columns accel_... are compared with the gyros: they tell motion of the base from noise.
+    Columns accel_... are compared with the gyros, to separate base motion from noise.
 
     Example: `rlgcomp allan static.parquet --per-decade 5 --out noise`
     """
@@ -72,10 +70,10 @@ def allan(
     taus = None if tau is None else _times(tau)
     if out is not None:
         require_folder(out, FILES, run)
-    asked = {"estimator": estimator, "confidence": confidence, "per_decade": per_decade}
+    options = {"estimator": estimator, "confidence": confidence, "per_decade": per_decade}
     path, interval = interval_of(run)
     if in_pieces or (interval is None and too_large(path)):
-        analyses = _in_pieces(run, gyro, taus, asked, mapping, drop or [], pulse_arcsec, period_s)
+        analyses = _in_pieces(run, gyro, taus, options, mapping, drop or [], pulse_arcsec, period_s)
         name = path.stem
     else:
         (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
@@ -84,15 +82,15 @@ def allan(
         analyses = []
         with progress("gyros", len(columns)) as advance:
             for done, column in enumerate(columns, start=1):
-                analyses.append(analyse_noise(recording, column, taus, **asked))  # type: ignore[arg-type]  # checked there
+                analyses.append(analyse_noise(recording, column, taus, **options))  # type: ignore[arg-type]  # checked there
                 advance(done, len(columns))
     if taus is not None:
         period_s = analyses[0].deviation.period_s
-        there = analyses[0].deviation.tau_s
-        missing = [tau_s for tau_s in taus if min(abs(there - tau_s)) > 0.5 * period_s]
+        available = analyses[0].deviation.tau_s
+        missing = [tau_s for tau_s in taus if min(abs(available - tau_s)) > 0.5 * period_s]
         if missing:
-            held = f"{there[0]:g} to {there[-1]:g} s" if len(there) > 1 else f"{there[0]:g} s"
-            notify(f"no deviation at {', '.join(f'{tau_s:g}' for tau_s in missing)} s: the record shows {held} of those asked for")
+            span = f"{available[0]:g} to {available[-1]:g} s" if len(available) > 1 else f"{available[0]:g} s"
+            notify(f"no deviation at {', '.join(f'{tau_s:g}' for tau_s in missing)} s: of --tau, the record allows {span}")
     if out is not None:
         _write(out, analyses, name)
     if as_json:
@@ -108,13 +106,13 @@ def _in_pieces(
     run: str,
     gyro: str | None,
     taus: list[float] | None,
-    asked: dict[str, Any],
+    options: dict[str, Any],
     mapping: list[str] | None,
     drop: list[str],
     pulse_arcsec: float | None,
     period_s: float | None,
 ) -> list[Any]:
-    """Analyses of a file that is not held in memory: one pass over it a gyro."""
+    """Analyses of a file larger than memory, with one pass over it a gyro."""
     from rlgcomp.errors import InputError
     from rlgcomp.noise.out_of_core import analyse_pieces
     from rlgcomp.recording.formats.mapping import parse_mapping
@@ -129,9 +127,10 @@ def _in_pieces(
         raise InputError(
             f"{path.name} has the gyro columns {', '.join(gyros) or 'none'}; choose one of them, or map one with --map"
         )
+    metadata = {"pulse_arcsec": pulse_arcsec}
     notify(f"{path.name}: read in pieces")
 
-    def said(pieces: Iterator[Any]) -> Iterator[Any]:
+    def with_findings(pieces: Iterator[Any]) -> Iterator[Any]:
         for k, piece in enumerate(pieces):
             for finding in piece.findings:
                 if finding.severity == "repaired" or k == 0:
@@ -140,10 +139,10 @@ def _in_pieces(
 
     return [
         analyse_pieces(
-            said(read_pieces(path, column, columns=columns, drop=drop, metadata={"pulse_arcsec": pulse_arcsec}, period_s=period_s)),
+            with_findings(read_pieces(path, column, columns=columns, drop=drop, metadata=metadata, period_s=period_s)),
             column,
             taus,
-            **asked,
+            **options,
         )
         for column in (gyros if gyro is None else (gyro,))
     ]

@@ -11,7 +11,7 @@ from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, noti
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.errors import InputError
 
-FILES: Final = ("arw.json", "arw.csv", "*_deg_s_orders.csv", "*_deg_s_allan.csv", "*_deg_s_*.svg")  # what `arw` writes
+FILES: Final = ("arw.json", "arw.csv", "*_deg_s_orders.csv", "*_deg_s_allan.csv", "*_deg_s_*.svg")
 Gyros = Annotated[list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, repeatable; by default all.")]
 
 
@@ -20,17 +20,15 @@ def arw(
     runs: Runs,
     mapping: Map = None,
     drop: Drop = None,
-    gyro: Annotated[
-        list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, repeatable; by default all.")
-    ] = None,
+    gyro: Gyros = None,
     pulse_arcsec: PulseArcsec = None,
     trend: Annotated[str, typer.Option(help="Variable of the fifth-order trend: time or temperature.")] = "time",
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, JSON and pictures, replaced as a whole.")
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, JSON and figures, replaced as a whole.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Angle random walk of gyros that turn at constant rate on a table, with a check that needs no harmonic fit.
+    """Angle random walk of gyros that turn at constant rate on a table, with a cross-check that needs no harmonic fit.
 
     The runs need the table's angle. A start-up, or two rates (in one run or in several), gives the encoder's delay too.
 
@@ -76,7 +74,7 @@ def _row(one: Any) -> dict[str, Any]:
         "whole turns": _pm(check.angle_random_walk_deg_sqrt_h, check.angle_random_walk_deg_sqrt_h_sd),
         "agree, p": f"{one.agreement_p_value:.2g}",
         "five terms": _pm(fit.angle_random_walk_deg_sqrt_h, fit.angle_random_walk_deg_sqrt_h_sd),
-        "orders found": " ".join(map(str, one.harmonics.orders.tolist())) or "none",
+        "orders": " ".join(map(str, one.harmonics.orders.tolist())) or "none",
     }
 
 

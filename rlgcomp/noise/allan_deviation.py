@@ -125,7 +125,7 @@ class AllanDeviation(ShownAsTable):
         Raises
         ------
         InputError
-            The estimator does not overlap, the deviation is zero somewhere, or there are too few averaging times.
+        The estimator does not overlap, the deviation is zero somewhere, or there are too few averaging times.
         """
         if not self.overlapping:
             raise InputError(f"coefficients are fitted to the estimators overlapping and hadamard, not to {self.estimator}")
@@ -214,7 +214,7 @@ def allan_deviation(
     confidence : float
         Probability of the intervals; 0.683 is one sigma.
     per_decade : float
-        Averaging times a decade where `tau_s` is not given.
+        Averaging times a decade in the absence of `tau_s`.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-r"""Overlapping Allan deviations of one long record whose averaging times are short, or multiples of a long one, as octaves are.
+r"""Overlapping Allan deviations of one long record at short averaging times and at multiples of a long one, such as octaves.
 
-The angle is never stored. A record is cut into cells, and the angle at the start of each is kept; whatever part of the angle is
-wanted is summed up anew from there, in the processor's cache. Short averaging times take stretches of the record. Long ones take
-columns: samples so many apart, a cell at a time, hold all that differences of multiples of that number ask for. So every rate is
-read three times, and no more memory is taken than a few megabytes.
+The angle is never stored as a whole. The record is cut into cells, and only the angle at the start of each cell is stored; parts of
+the angle are summed again from there, in the processor's cache. Short averaging times use consecutive rows of the record. Long ones
+use columns: cells a fixed number of samples apart contain all samples of the differences at multiples of that number. So every rate
+is read three times, with a few megabytes of memory.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from rlgcomp.numerics.compiled import available, compiled, in_threads, threads
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 _CELL: Final = 512  # samples
-_STRIDE: Final = 1 << 15  # samples from which on an averaging time is long; a whole number of cells, like a stretch
-_STRETCH: Final = 1 << 17
-_LONG: Final = 1 << 23  # samples that two threads add up sooner than one
+_STRIDE: Final = 1 << 15  # samples of the shortest long averaging time; a whole number of cells, like _ROWS
+_ROWS: Final = 1 << 17  # consecutive samples a piece of work
+_LONG: Final = 1 << 23  # samples from which two threads are faster than one
 
 
 def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None) -> Array:
-    """Overlapping Allan deviations alone, of a record without gaps: no intervals, no noise identified.
+    """Overlapping Allan deviations of a record without gaps, without intervals and identification of noises.
 
-    For many records, or one that is very long; :func:`rlgcomp.allan_deviation` says how sure they are.
+    For many records, or one that is very long; :func:`rlgcomp.allan_deviation` gives intervals too.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None
     Raises
     ------
     InputError
-        An averaging time is no whole number of samples, or longer than half the record.
+        An averaging time is not a whole number of samples, or longer than half the record.
     """
     rate, counts = np.ascontiguousarray(rate, dtype=np.float64), np.asarray(counts)
     whole = rate.ndim == counts.ndim == 1 and counts.dtype.kind in "iu" and counts.size
@@ -73,25 +73,25 @@ def _sums(rate: Array, counts: Whole, workers: int) -> Array:
     np.cumsum(totals[:-1] - mean * _CELL, out=starts[1:])
 
     short = counts < _STRIDE
-    stretches, column = range(0, len(rate), _STRETCH), -(-cells // apart)  # a column's cells
+    blocks, column = range(0, len(rate), _ROWS), -(-cells // apart)  # a column's cells
     tiles = [
-        *((first // _CELL, 1, (_STRETCH + _STRIDE) // _CELL, _STRETCH, counts[short]) for first in stretches),
+        *((first // _CELL, 1, (_ROWS + _STRIDE) // _CELL, _ROWS, counts[short]) for first in blocks),
         *((first, apart, column, column * _CELL, counts[~short] // apart) for first in range(apart if not short.all() else 0)),
     ]
     sums = [np.zeros(len(tile[-1])) for tile in tiles]
-    rooms = [aligned(max(_STRETCH + _STRIDE, column * _CELL)) for _ in range(workers)]
+    buffers = [aligned(max(_ROWS + _STRIDE, column * _CELL)) for _ in range(workers)]
     fill, squares, begin = _fill.fast(), squares_2.fast(), np.array([0])
 
     def sum_up(first: int, step: int, many: int, taken: int, lags: Whole, total: Array) -> None:
-        room = rooms.pop()
-        size = fill(rate, mean, starts, first, step, many, _CELL, room)
-        squares(room[:size], begin, np.array([size - 1]), lags, 0, taken, BLOCK, total)
-        rooms.append(room)
+        buffer = buffers.pop()
+        size = fill(rate, mean, starts, first, step, many, _CELL, buffer)
+        squares(buffer[:size], begin, np.array([size - 1]), lags, 0, taken, BLOCK, total)
+        buffers.append(buffer)
 
     in_threads(sum_up, [(*tile, total) for tile, total in zip(tiles, sums, strict=True)], workers)
     whole = np.empty(len(counts))
-    whole[short] = np.sum(sums[: len(stretches)], axis=0)
-    whole[~short] = np.sum(sums[len(stretches) :], axis=0)
+    whole[short] = np.sum(sums[: len(blocks)], axis=0)
+    whole[~short] = np.sum(sums[len(blocks) :], axis=0)
     return whole
 
 
@@ -106,13 +106,13 @@ def _totals(rate: Array, first: int, last: int, cell: int, totals: Array) -> Non
 
 
 @compiled()
-def _fill(rate: Array, mean: float, starts: Array, first: int, step: int, many: int, cell: int, room: Array) -> int:
-    """Angles of so many cells, a step apart, into the room; how many angles they are. Four sums go side by side."""
+def _fill(rate: Array, mean: float, starts: Array, first: int, step: int, many: int, cell: int, buffer: Array) -> int:
+    """Angles of so many cells, a step apart, into the buffer; how many angles they are. Four sums go side by side."""
     done, apart = 0, step * cell
     while done + 4 <= many and (first + (done + 3) * step + 1) * cell <= len(rate):
         c = first + done * step
         a, b, d, e = starts[c], starts[c + step], starts[c + 2 * step], starts[c + 3 * step]
-        from_a, to_a = rate[c * cell :], room[done * cell :]
+        from_a, to_a = rate[c * cell :], buffer[done * cell :]
         from_b, from_d, from_e = from_a[apart:], from_a[2 * apart :], from_a[3 * apart :]
         to_b, to_d, to_e = to_a[cell:], to_a[2 * cell :], to_a[3 * cell :]
         for k in range(cell):
@@ -127,7 +127,7 @@ def _fill(rate: Array, mean: float, starts: Array, first: int, step: int, many: 
         at = (first + done * step) * cell
         total = starts[first + done * step]
         for k in range(at, min(at + cell, len(rate) + 1)):
-            room[size] = total
+            buffer[size] = total
             size += 1
             total += rate[k] - mean if k < len(rate) else 0.0
         done += 1

@@ -1,14 +1,14 @@
-r"""Errors that repeat with the table's angle: found by Fourier analysis in the angle, fitted by least squares on the angle.
+r"""Harmonics of the table's angle in a rate: detected by Fourier analysis in the angle, fitted by least squares on the angle.
 
 Order k of a rate r over samples with table angles :math:`\theta_j` is the mean of :math:`2 r_j e^{-ik\theta_j}`. The angle is the
-measured one at every sample; rows are never reshaped into revolutions, which a speed off by 1e-4 turns into leakage.
+measured one at every sample; rows are never reshaped into revolutions, which a speed off by 1e-4 would turn into leakage.
 
-Finding: the record is cut into S segments of whole revolutions. Order k is there if the mean of its S coefficients stands out of
-their own scatter: S|mean|²/scatter² follows F(2, 2S - 2) where nothing repeats, whatever the colour of the noise, and the
-threshold has the probability of six standard deviations, exp(-18). What does not repeat from segment to segment is left in: it is
-the gyro's own.
+Detection: the record is cut into S segments of whole revolutions. Order k is detected if the mean of its S coefficients is
+significant against their scatter: without a harmonic S|mean|²/scatter² follows F(2, 2S - 2), whatever the colour of the noise, and
+the threshold has the probability of six standard deviations, exp(-18). A component that does not repeat from segment to segment
+belongs to the gyro and remains.
 
-Fitting: one least squares over the entire record. A fit in every revolution would take 2K of its degrees of freedom from the noise.
+Fit: one least squares over the entire record. A fit in every revolution would take 2K of its degrees of freedom from the noise.
 
 References
 ----------
@@ -47,11 +47,11 @@ class Spectrum:
     ----------
     orders : ndarray, shape (m,)
     coefficient_deg_h : ndarray of complex, shape (m,)
-        Mean over the segments; the rate holds its real part times cos(k angle), less its imaginary part times sin(k angle).
+        Mean over the segments; the rate contains its real part times cos(k angle) less its imaginary part times sin(k angle).
     sd_deg_h : ndarray, shape (m,)
         Standard deviation of each component of the mean, from the scatter of the segments.
     p_value : ndarray, shape (m,)
-        Probability of so large a mean where nothing repeats.
+        Probability of so large a mean without a harmonic.
     revolutions, segments : int
     """
 
@@ -63,8 +63,8 @@ class Spectrum:
     segments: int
 
     @property
-    def found(self) -> tuple[int, ...]:
-        """Orders that repeat."""
+    def detected(self) -> tuple[int, ...]:
+        """Significant orders."""
         return tuple(self.orders[self.p_value < FALSE_ALARM].tolist())
 
     def to_frame(self) -> pd.DataFrame:
@@ -115,24 +115,24 @@ def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = 
     Parameters
     ----------
     rates_deg_h : sequence of ndarray, each of shape (n,)
-        With their mean removed.
+        Without their mean.
     angle_deg : ndarray, shape (n,)
-        Table angle in the middle of each sample, running on past 360.
+        Table angle in the middle of each sample, continuous beyond 360.
     advance : callable
-        Told the rows done and the rows in all.
+        Receives the segments done and the total.
 
     Raises
     ------
     InputError
-        Fewer than eight revolutions, or a revolution has fewer than four samples.
+        Fewer than eight revolutions, or fewer than four samples a revolution.
     """
     turned = np.abs(angle_deg - angle_deg[0]) / 360.0
     revolutions = int(turned[-1])
     highest = int(min(HIGHEST_ORDER, len(angle_deg) / max(turned[-1], 1e-9) / 2.0 - 1.0))
     if revolutions < FEWEST_SEGMENTS or highest < 1:
         raise InputError(
-            f"{turned[-1]:.1f} revolutions with {len(angle_deg) / max(turned[-1], 1e-9):.0f} samples each; finding what repeats "
-            f"takes at least {FEWEST_SEGMENTS} revolutions of four samples; record longer or faster"
+            f"{turned[-1]:.1f} revolutions with {len(angle_deg) / max(turned[-1], 1e-9):.0f} samples each; detection of harmonics "
+            f"needs at least {FEWEST_SEGMENTS} revolutions of four samples; record longer or faster"
         )
     segments = min(revolutions, MOST_SEGMENTS)
     ends = np.searchsorted(turned, (revolutions // segments) * np.arange(segments + 1))
@@ -154,7 +154,7 @@ def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = 
 
 
 def fit_harmonics(rate_deg_h: Array, angle_deg: Array, spectrum: Spectrum, orders: Sequence[int] | None = None) -> Harmonics:
-    """Least squares of the found orders and a constant on the angle, over the entire record at once.
+    """Least squares of the detected orders and a constant on the angle, over the entire record at once.
 
     Parameters
     ----------
@@ -162,9 +162,9 @@ def fit_harmonics(rate_deg_h: Array, angle_deg: Array, spectrum: Spectrum, order
     spectrum : Spectrum
         Its scatter gives the standard deviations, so that these hold in coloured noise.
     orders : sequence of int, optional
-        Other orders than those found.
+        Other orders than the detected ones.
     """
-    chosen = np.array(spectrum.found if orders is None else orders, dtype=np.int64)
+    chosen = np.array(spectrum.detected if orders is None else orders, dtype=np.int64)
     if not len(chosen):
         return Harmonics(chosen, np.zeros(0, dtype=np.complex128), np.zeros(0))
     width = 2 * len(chosen) + 1
@@ -179,7 +179,13 @@ def fit_harmonics(rate_deg_h: Array, angle_deg: Array, spectrum: Spectrum, order
 
 
 def without(rate_deg_h: Array, angle_deg: Array, harmonics: Harmonics) -> Array:
-    """The rate less its harmonics."""
+    """The rate less its harmonics.
+
+    Parameters
+    ----------
+    rate_deg_h, angle_deg : ndarray, shape (n,)
+    harmonics : Harmonics
+    """
     clean = np.array(rate_deg_h)
     if len(harmonics.orders):
         for rows, powers in _powers(angle_deg, harmonics.orders, 0, len(angle_deg)):
@@ -188,7 +194,7 @@ def without(rate_deg_h: Array, angle_deg: Array, harmonics: Harmonics) -> Array:
 
 
 def _powers(angle_deg: Array, orders: npt.NDArray[np.int64], first: int, last: int) -> Iterator[tuple[slice, Complex]]:
-    """exp(i k angle) for the orders in rising sequence, chunk by chunk, each from the one before by multiplication."""
+    """exp(i k angle) of ascending orders, chunk by chunk, each by multiplication of the previous one."""
     steps = np.diff(orders, prepend=0)
     for start in range(first, last, CHUNK):
         rows = slice(start, min(start + CHUNK, last))

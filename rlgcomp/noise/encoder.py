@@ -1,15 +1,15 @@
-r"""The table's angle: stretches of constant rate, and the delay between the gyros and the encoder.
+r"""The table's encoder: legs of constant rate, and the delay between gyros and encoder.
 
-A lagging encoder shows :math:`\theta(t) = \psi(t) - \omega \Delta t`. At constant rate that is a constant, inseparable from the
+A lagging encoder indicates :math:`\theta(t) = \psi(t) - \omega \Delta t`. At constant rate that is a constant, inseparable from the
 unknown angle at which the gyro began to count; a change of rate separates the two. On either side of a start-up, or of a step from
 one rate to another, the gyro's angle less g times the encoder's (g a fixed gain near the true one) is a straight line whose slope
-holds bias and gain; at the time where the encoder's own two lines meet, half-way up the ramp, the two lines differ by
+contains bias and gain; at the time where the encoder's two lines meet, half-way up the ramp, the two lines differ by
 
 .. math:: g (\omega_2 - \omega_1) \Delta t.
 
-The harmonics are taken out first: on a ramp of 20 deg/s² order 2 alone shifts the angle by 4 arcsec, 18 us at 60 deg/s. The noise
-is white (encoder) and a random walk; both are read from the residuals and the fit is by generalised least squares, so that the
-standard error holds.
+The harmonics are removed first: on a ramp of 20 deg/s² order 2 alone shifts the angle by 4 arcsec, 18 us at 60 deg/s. The noise
+is white (encoder) and a random walk; both are estimated from the residuals, and the fit is by generalised least squares, so that
+the standard error is valid.
 
 References
 ----------
@@ -37,19 +37,19 @@ from rlgcomp.units import RAD_PER_DEG, SECONDS_PER_HOUR
 Array = npt.NDArray[np.float64]
 
 SLOWEST_DEG_S: Final = 0.5  # below, the table counts as at rest
-SAME_RATE: Final = 0.01  # relative: what a leg's one-second rates may differ by
+SAME_RATE: Final = 0.01  # relative difference of the one-second rates within a leg
 SETTLING_S: Final = 2.0  # after a change of rate
 SHORTEST_S: Final = 6.0
 WINDOW_S: Final = 30.0  # on either side of a change of rate
 BLOCK_S: Final = 0.1
 LONGEST_DELAY_S: Final = 0.02
-LAGS: Final = (1, 40)  # in blocks: where white noise and random walk of the residuals are told apart
-LEAST_WALK: Final = 0.05  # of the white noise: what the residuals of a minute cannot rule out
+LAGS: Final = (1, 40)  # in blocks, at which white noise and random walk of the residuals are separated
+LEAST_WALK: Final = 0.05  # of the white noise: residuals of a minute do not exclude it
 
 
 @dataclasses.dataclass(frozen=True)
 class Leg:
-    """A stretch of constant rate.
+    """A leg of constant rate.
 
     Parameters
     ----------
@@ -68,13 +68,14 @@ class Leg:
 
 @dataclasses.dataclass(frozen=True)
 class Delay:
-    """How long ago the encoder was where it says.
+    """Delay of the encoder: its reading is the table's angle that long before.
 
     Parameters
     ----------
     delay_s, sd_s : float
+        With its standard deviation.
     source : str
-        What it was found from.
+        Events that it was estimated from.
     """
 
     delay_s: float
@@ -86,7 +87,7 @@ class Delay:
 
 
 def table_angle_deg(recording: Recording) -> Array:
-    """The encoder's angle, running on past 360 degrees.
+    """The encoder's angle, continuous beyond 360 degrees.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def table_angle_deg(recording: Recording) -> Array:
 
 
 def find_legs(time_s: Array, angle_deg: Array) -> list[Leg]:
-    """Stretches of constant rate, rests included, without the two seconds after a change.
+    """Legs of constant rate, at rest or turning, without the two seconds after a change.
 
     Parameters
     ----------
@@ -133,16 +134,22 @@ def find_legs(time_s: Array, angle_deg: Array) -> list[Leg]:
 
 
 def compensated_deg(angle_deg: Array, time_s: Array, delay_s: float) -> Array:
-    """Angle where the table was at `time_s`, from readings that lag by `delay_s` (eq. 15, for any delay of either sign).
+    """Angle of the table at `time_s`, from readings that lag by `delay_s` (eq. 15, for any delay of either sign).
+
+    Parameters
+    ----------
+    angle_deg, time_s : ndarray, shape (n,)
+        Readings of the encoder.
+    delay_s : float
 
     >>> compensated_deg(np.array([0.0, 0.3, 0.6]), np.array([0.0, 0.005, 0.01]), 0.001).round(6).tolist()
     [0.06, 0.36, 0.66]
     """
-    wanted = time_s + delay_s
-    shifted = np.interp(wanted, time_s, angle_deg)
-    for beyond, (a, b) in ((wanted > time_s[-1], (-2, -1)), (wanted < time_s[0], (0, 1))):
+    shifted_s = time_s + delay_s
+    shifted = np.interp(shifted_s, time_s, angle_deg)
+    for beyond, (a, b) in ((shifted_s > time_s[-1], (-2, -1)), (shifted_s < time_s[0], (0, 1))):
         slope = (angle_deg[b] - angle_deg[a]) / (time_s[b] - time_s[a])
-        shifted[beyond] = angle_deg[a] + slope * (wanted[beyond] - time_s[a])
+        shifted[beyond] = angle_deg[a] + slope * (shifted_s[beyond] - time_s[a])
     return np.asarray(shifted)
 
 
@@ -158,11 +165,11 @@ def delay_from_changes(
     angle_deg : ndarray, shape (n,)
         The encoder's angle.
     gyro : str
-        Column of a gyro that feels the rotation.
+        Column of a gyro that senses the rotation.
     harmonics : Harmonics, optional
-        Of that gyro.
+        Harmonics of that gyro.
     """
-    found = []
+    estimates = []
     time_s, period_s = recording.time_s, recording.period_s
     rate = recording.rate_deg_h(gyro)
     for before, after in itertools.pairwise(legs):
@@ -170,27 +177,28 @@ def delay_from_changes(
         first = max(before.rows.start, before.rows.stop - int(WINDOW_S / period_s))
         last = min(after.rows.stop, after.rows.start + int(WINDOW_S / period_s))
         if abs(step) < SLOWEST_DEG_S or np.diff(time_s[first:last]).max() > GAP_PERIODS * period_s:
-            continue  # the gyro's count across a gap is not known
+            continue  # the gyro's count across a gap is unknown
         clean = rate[first:last]
         if harmonics is not None:
             clean = without(clean, middle_deg(angle_deg[first:last]), harmonics)
         sides = slice(0, before.rows.stop - first), slice(after.rows.start - first, last - first)
         delay_s, sd_s = _jump(np.cumsum(clean) * (period_s / SECONDS_PER_HOUR), angle_deg[first:last], time_s[first:last], sides)
-        if gyro.endswith("_pulses"):  # whole pulses may beat with the sampling, and then no averaging helps
+        if gyro.endswith("_pulses"):  # whole pulses may beat with the sampling, which no averaging reduces
             gyro_step = float(rate[after.rows].mean() - rate[before.rows].mean())  # deg/h is arcsec/s
             sd_s = math.hypot(sd_s, (recording.metadata.pulse_arcsec or 0.0) / math.sqrt(6.0) / abs(gyro_step))
-        found.append((delay_s, sd_s, before.turning and after.turning))
-    if not found:
+        estimates.append((delay_s, sd_s, before.turning and after.turning))
+    if not estimates:
         return None
-    weight = np.array([sd_s**-2 for _, sd_s, _ in found])
-    value = float(np.dot(weight, [delay_s for delay_s, _, _ in found]) / weight.sum())
-    steps = sum(both for _, _, both in found)
-    parts = [f"{len(found) - steps} start or stop" if steps < len(found) else "", f"{steps} change of rate" if steps else ""]
+    weight = np.array([sd_s**-2 for _, sd_s, _ in estimates])
+    value = float(np.dot(weight, [delay_s for delay_s, _, _ in estimates]) / weight.sum())
+    steps = sum(both for _, _, both in estimates)
+    starts = len(estimates) - steps
+    parts = [f"{starts} start or stop" if starts else "", f"{steps} change of rate" if steps else ""]
     return Delay(value, float(weight.sum() ** -0.5), " and ".join(part for part in parts if part))
 
 
 def middle_deg(angle_deg: Array) -> Array:
-    """Angle in the middle of each sample, which the gyro's mean rate over the sample belongs to."""
+    """Angle in the middle of each sample, to which the gyro's mean rate over the sample belongs."""
     return np.asarray(angle_deg - 0.5 * np.diff(angle_deg, prepend=2.0 * angle_deg[0] - angle_deg[1]))
 
 
@@ -251,8 +259,8 @@ def delay_from_phases(fits: Sequence[tuple[float, Harmonics]]) -> Delay | None:
     fine_s = 0.2 / np.abs(slope).max()
     trials = np.arange(-LONGEST_DELAY_S, LONGEST_DELAY_S, fine_s)
     start = trials[np.argmax([weight @ np.cos(phase - slope * trial) for trial in trials])]
-    left = np.angle(np.exp(1j * (phase - slope * start)))
+    residual = np.angle(np.exp(1j * (phase - slope * start)))
     information = float(weight @ slope**2)
-    step = float(weight @ (slope * left)) / information
-    chi_square = float(weight @ (left - slope * step) ** 2) / max(len(phase) - 1, 1)
+    step = float(weight @ (slope * residual)) / information
+    chi_square = float(weight @ (residual - slope * step) ** 2) / max(len(phase) - 1, 1)
     return Delay(float(start) + step, math.sqrt(max(chi_square, 1.0) / information), "phases of the harmonics at different rates")

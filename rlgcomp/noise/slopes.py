@@ -107,15 +107,15 @@ def curve_findings(deviation: AllanDeviation, coefficients: NoiseCoefficients, *
         The base moves, so that no segment is attributed to noise of the gyro.
     """
     segments = [segment for segment in slope_segments(deviation) if segment.long_enough]
-    found = [_segment_finding(segment, deviation, coefficients, base_motion) for segment in segments]
+    findings = [_segment_finding(segment, deviation, coefficients, base_motion) for segment in segments]
     peak_s = _maximum(deviation)
     if peak_s is not None:
-        found.append(message("noise.maximum", tau_s=peak_s, frequency_hz=_SINE / peak_s))
+        findings.append(message("noise.maximum", tau_s=peak_s, frequency_hz=_SINE / peak_s))
     if coefficients.misfit:
-        found.append(message("noise.misfit", misfit=coefficients.misfit, p_value=coefficients.p_value))
+        findings.append(message("noise.misfit", misfit=coefficients.misfit, p_value=coefficients.p_value))
     longest_s, all_s = (float(samples) * deviation.period_s for samples in (deviation.parts.max(), deviation.parts.sum()))
     if longest_s < _LEAST_LONGEST_PART * all_s:
-        found.append(
+        findings.append(
             message(
                 "noise.curve_ends_early",
                 last_tau_s=deviation.tau_s[-1],
@@ -125,7 +125,7 @@ def curve_findings(deviation: AllanDeviation, coefficients: NoiseCoefficients, *
                 averaging_s=_AVERAGED * deviation.period_s,
             )
         )
-    return tuple(found)
+    return tuple(findings)
 
 
 def _segment_finding(

@@ -6,13 +6,13 @@ In a bin at frequency f the periodogram of the rate is exponentially distributed
 
 in (deg/h)²/Hz, two-sided, and independent of the other bins; the likelihood of Whittle is that of all bins. It is efficient where
 the five-term fit of the Allan variance is not: pulses of 0.84 arcsec put 0.24 arcsec of white noise on every angle, and means of
-the rate over 1 s keep two of the 200 angles of each second, so that an Allan variance meets the angle random walk only beyond 300
-s. The spectrum keeps all the angles and meets it at 4 s.
+the rate over 1 s use two of the 200 angles of each second, so that angle random walk dominates an Allan variance only beyond 300 s.
+The spectrum uses all angles, and angle random walk dominates it from 4 s on.
 
-Q² may come out negative: it is a variance that noise can take below zero, and holding it at zero would push N down. B² and K² are
-held at zero or above, which puts N low by a fifth to two fifths of its standard error where neither is there. The other ways are
-worse: free, they make N scatter up to twice as much; left out unless the likelihood asks for them, a faint flicker goes unseen into
-N, whose error is then up to 1.4 times the stated one.
+The estimate of Q² may be negative: a constraint Q² >= 0 would bias N low. B² and K² are constrained to zero or above, which biases
+N low by a fifth to two fifths of its standard error where both are zero. The alternatives are worse: without the constraint N
+scatters up to twice as much; if they enter only when the likelihood requires them, undetected flicker adds to N, whose error is
+then up to 1.4 times the stated one.
 
 References
 ----------
@@ -36,7 +36,7 @@ from rlgcomp.units import SECONDS_PER_HOUR
 Array = npt.NDArray[np.float64]
 
 FEWEST_BINS: Final = 50
-LOWEST_BIN: Final = 6  # a fifth-order trend has been taken out of the bins below
+LOWEST_BIN: Final = 6  # a fifth-order trend was removed from the bins below
 ITERATIONS: Final = 60
 BANDS: Final = 30
 LEAST_IN_BAND: Final = 20
@@ -63,7 +63,7 @@ class Periodogram:
     period_s: float
 
     def bands(self, per_decade: int = 12) -> tuple[Array, Array]:
-        """Means over logarithmic bands, for pictures: frequencies and densities."""
+        """Means over logarithmic bands, for figures: frequencies and densities."""
         decades = np.log10(self.frequency_hz[-1] / self.frequency_hz[0])
         edges = np.geomspace(self.frequency_hz[0], self.frequency_hz[-1], 2 + int(per_decade * decades))
         band = np.clip(np.digitize(self.frequency_hz, edges) - 1, 0, len(edges) - 2)
@@ -112,19 +112,21 @@ class SpectralNoise:
 
 
 def periodogram(rate_deg_h: Array, place: npt.NDArray[np.int64], period_s: float, highest_hz: float = math.inf) -> Periodogram:
-    """Periodogram of a rate whose samples stand at `place` on a grid of `period_s`.
+    """Periodogram of a rate whose samples lie at `place` on a grid of `period_s`.
 
-    Each part between gaps fades in and out over a hundredth of the record: the ends of a record of pulses differ by a fraction of a
-    pulse, which without this would appear in every bin.
+    Each part between gaps is tapered over a hundredth of the record at both ends: the ends of a record of pulses differ by a
+    fraction of a pulse, which would otherwise leak into every bin.
 
     Parameters
     ----------
     rate_deg_h : ndarray, shape (n,)
-        Mean and trend removed.
+        Without mean and trend.
     place : ndarray of int, shape (n,)
-        Rising, beginning at 0.
+        Ascending, from 0.
+    period_s : float
+        Period of the grid.
     highest_hz : float
-        Bins above are left out.
+        Upper limit of the frequencies.
     """
     spectrum, step_hz, weight = transform(rate_deg_h, place, period_s, highest_hz)
     density = np.abs(spectrum) ** 2 * (period_s / weight)
@@ -135,7 +137,21 @@ def periodogram(rate_deg_h: Array, place: npt.NDArray[np.int64], period_s: float
 def transform(
     rate_deg_h: Array, place: npt.NDArray[np.int64], period_s: float, highest_hz: float = math.inf
 ) -> tuple[npt.NDArray[np.complex128], float, float]:
-    """Faded Fourier transform from the lowest usable bin to `highest_hz`, the width of a bin in Hz, the sum of squared weights."""
+    """Tapered Fourier transform from the lowest usable bin to `highest_hz`.
+
+    Parameters
+    ----------
+    rate_deg_h, place, period_s, highest_hz
+        As in :func:`periodogram`.
+
+    Returns
+    -------
+    spectrum : ndarray of complex
+    step_hz : float
+        Width of a bin.
+    weight : float
+        Sum of the squared weights of the taper.
+    """
     grid, weight = np.zeros(place[-1] + 1), 0.0
     cuts = np.flatnonzero(np.diff(place) > 1) + 1
     for part in np.split(np.arange(len(place)), cuts) if len(cuts) else [slice(0, len(place))]:
@@ -165,43 +181,43 @@ def shapes(frequency_hz: Array, period_s: float) -> Array:
 
 
 def fit_spectrum(
-    found: Periodogram, *, leave_out: npt.NDArray[np.bool_] | None = None, design: Array | None = None
+    density: Periodogram, *, leave_out: npt.NDArray[np.bool_] | None = None, design: Array | None = None
 ) -> SpectralNoise:
     """Maximum of Whittle's likelihood: iterated weighted least squares, weights 1 / S².
 
     Parameters
     ----------
-    found : Periodogram
+    density : Periodogram
     leave_out : ndarray of bool, shape (m,), optional
-        Bins that hold something else, such as multiples of the rotation rate.
+        Bins with other components, such as multiples of the rotation rate.
     design : ndarray, shape (m, 4), optional
-        Densities of the four processes where these are not those of `shapes`.
+        Densities of the four processes, by default those of `shapes`.
 
     Raises
     ------
     InputError
-        Fewer than fifty bins are left.
+        Fewer than fifty bins remain.
     """
-    keep = np.ones(len(found.density), dtype=np.bool_) if leave_out is None else ~leave_out
-    density = found.density[keep]
-    design = (shapes(found.frequency_hz, found.period_s) if design is None else design)[keep]
-    if len(density) < FEWEST_BINS:
-        raise InputError(f"{len(density)} frequencies are left for the noise; at least {FEWEST_BINS} are needed; record longer")
+    used = np.ones(len(density.density), dtype=np.bool_) if leave_out is None else ~leave_out
+    power, frequency_hz = density.density[used], density.frequency_hz[used]
+    design = (shapes(density.frequency_hz, density.period_s) if design is None else design)[used]
+    if len(power) < FEWEST_BINS:
+        raise InputError(f"{len(power)} frequencies remain for the noise; at least {FEWEST_BINS} are needed; record longer")
     scale = design.mean(axis=0)
     unit = design / scale
     both_signs = np.hstack([unit, -unit[:, 1:2]])  # Q² may be negative
-    terms = np.array([np.median(density) / math.log(2.0), 0.0, 0.0, 0.0])
+    terms = np.array([np.median(power) / math.log(2.0), 0.0, 0.0, 0.0])
     for _ in range(ITERATIONS):
         expected = np.maximum(unit @ terms, 1e-3 * terms[0])
-        solution, _ = optimize.nnls(*_reduced(both_signs / expected[:, None], density / expected))
+        solution, _ = optimize.nnls(*_reduced(both_signs / expected[:, None], power / expected))
         new = np.r_[solution[0], solution[1] - solution[4], solution[2:4]]
-        new[0] = max(new[0], 1e-6 * float(density.mean()))
+        new[0] = max(new[0], 1e-6 * float(power.mean()))
         done = np.allclose(new, terms, rtol=1e-8, atol=1e-10 * new.sum())
         terms = new
         if done:
             break
     expected = np.maximum(unit @ terms, 1e-3 * terms[0])
-    free = np.array([True, True, terms[2] > 0.0, terms[3] > 0.0])  # what is held at zero does not widen the error of N
+    free = np.array([True, True, terms[2] > 0.0, terms[3] > 0.0])  # a term at its bound does not widen the error of N
     weighted = unit[:, free] / expected[:, None]
     covariance = np.linalg.inv(weighted.T @ weighted)
     white, angle, flicker, walk = (terms / scale).tolist()
@@ -212,28 +228,28 @@ def fit_spectrum(
         math.sqrt(max(angle, 0.0)),
         math.sqrt(flicker),
         math.sqrt(walk),
-        _shape_p_value(density / expected),
+        _shape_p_value(power / expected),
         terms / scale,
-        float(found.frequency_hz[keep][0]),
-        float(found.frequency_hz[keep][-1]),
+        float(frequency_hz[0]),
+        float(frequency_hz[-1]),
     )
 
 
-def fit_widest(found: Periodogram, *, leave_out: npt.NDArray[np.bool_]) -> SpectralNoise:
-    """The fit over the widest band, from the lowest bin up, in which the four noises describe the spectrum.
+def fit_widest(density: Periodogram, *, leave_out: npt.NDArray[np.bool_]) -> SpectralNoise:
+    """Fit over the widest band, from the lowest bin up, in which the four noises describe the spectrum.
 
     Coarse pulses beat with the rotation and put moving humps above some tenths of a hertz, table servos above some hertz; where the
     shape does not fit (p below 0.01), the upper end of the band is halved. Where no band fits, the narrowest is returned.
 
-    Rounding to pulses is only nearly white noise of the angle, and a test of the shape passes what already moves N by more than its
-    error. So the band also ends where white noise of the angle is more than that of the rate.
+    Rounding to pulses is only nearly white noise of the angle, and a test of the shape does not detect departures that bias N by
+    more than its error. So the band also ends where white noise of the angle exceeds that of the rate.
     """
-    highest_hz = float(found.frequency_hz[-1])
+    highest_hz = float(density.frequency_hz[-1])
     while True:
-        inside = found.frequency_hz <= highest_hz
-        part = Periodogram(found.frequency_hz[inside], found.density[inside], found.period_s)
+        inside = density.frequency_hz <= highest_hz
+        part = Periodogram(density.frequency_hz[inside], density.density[inside], density.period_s)
         fitted = fit_spectrum(part, leave_out=leave_out[inside])
-        narrower = int(np.count_nonzero((found.frequency_hz <= 0.5 * highest_hz) & ~leave_out))
+        narrower = int(np.count_nonzero((density.frequency_hz <= 0.5 * highest_hz) & ~leave_out))
         angle = fitted.terms[1] * float(shapes(part.frequency_hz[-1:], part.period_s)[0, 1])
         fits = fitted.fit_p_value > FITS and angle <= MOST_ANGLE * fitted.terms[0]
         if fits or 0.5 * highest_hz < NARROWEST_HZ or narrower < FEWEST_BINS:

@@ -85,10 +85,10 @@ class Stationarity:
 
     def findings(self) -> tuple[Message, ...]:
         """What the comparison shows: segments that differ, narrow lines, base motion."""
-        found = []
+        findings = []
         if not self.stationary:
             high, low = int(np.argmax(self.deviation_deg_h)), int(np.argmin(self.deviation_deg_h))
-            found.append(
+            findings.append(
                 message(
                     "noise.not_stationary",
                     tau_s=self.tau_s,
@@ -102,8 +102,8 @@ class Stationarity:
                 )
             )
         if self.lines.significant:
-            found.append(self._lines_finding())
-        found.extend(
+            findings.append(self._lines_finding())
+        findings.extend(
             message(
                 "noise.base_motion",
                 accelerometer=motion.accelerometer,
@@ -117,10 +117,10 @@ class Stationarity:
             if motion.significant
         )
         if self.base_motion:
-            found.append(message("noise.base_motion_limits"))
+            findings.append(message("noise.base_motion_limits"))
         elif not self.stationary:
-            found.append(message("noise.no_base_motion") if self.motions else message("noise.no_accelerometer"))
-        return tuple(found)
+            findings.append(message("noise.no_base_motion") if self.motions else message("noise.no_accelerometer"))
+        return tuple(findings)
 
     def _lines_finding(self) -> Message:
         accelerometers = [motion.accelerometer for motion in self.motions if motion.line_share >= 0.5 * self.lines.share]

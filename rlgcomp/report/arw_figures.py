@@ -18,19 +18,19 @@ SHOWN_MEANS_S: Final = 60
 
 
 def orders(one: AngleRandomWalk) -> str:
-    """Amplitude of every order of the rotation, the repeating ones in colour, with the threshold."""
+    """Amplitude of every order of the rotation, the detected ones in colour, with the threshold."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
         axes = figure.subplots()
         spectrum = one.spectrum
         amplitude = np.abs(spectrum.coefficient_deg_h)
-        found = spectrum.p_value < FALSE_ALARM
-        axes.vlines(spectrum.orders[~found], amplitude.min() / 2, amplitude[~found], color=RAW, lw=1.2)
-        axes.plot(spectrum.orders[~found], amplitude[~found], "o", color=RAW, ms=2.5, label="does not repeat")
-        axes.vlines(spectrum.orders[found], amplitude.min() / 2, amplitude[found], color=FIT, lw=1.8)
-        axes.plot(spectrum.orders[found], amplitude[found], "o", color=FIT, ms=5, label="repeats: fitted")
-        crowded = np.diff(spectrum.orders[found], prepend=-9) < 3
-        for order, height, close in zip(spectrum.orders[found], amplitude[found], crowded, strict=True):
+        detected = spectrum.p_value < FALSE_ALARM
+        axes.vlines(spectrum.orders[~detected], amplitude.min() / 2, amplitude[~detected], color=RAW, lw=1.2)
+        axes.plot(spectrum.orders[~detected], amplitude[~detected], "o", color=RAW, ms=2.5, label="not detected")
+        axes.vlines(spectrum.orders[detected], amplitude.min() / 2, amplitude[detected], color=FIT, lw=1.8)
+        axes.plot(spectrum.orders[detected], amplitude[detected], "o", color=FIT, ms=5, label="detected and fitted")
+        crowded = np.diff(spectrum.orders[detected], prepend=-9) < 3
+        for order, height, close in zip(spectrum.orders[detected], amplitude[detected], crowded, strict=True):
             place = (5, 0) if close else (0, 5)
             axes.annotate(
                 str(order), (order, height), place, textcoords="offset points", ha="left" if close else "center", fontsize=8.5
@@ -40,7 +40,7 @@ def orders(one: AngleRandomWalk) -> str:
         axes.set_ylim(amplitude.min() / 2, 3.0 * amplitude.max())
         axes.set_xlabel("order (cycles in a revolution)")
         axes.set_ylabel("amplitude in deg/h")
-        axes.set_title(f"Errors that repeat with the angle, {_name(one)}")
+        axes.set_title(f"Harmonics of the table angle, {_name(one)}")
         axes.legend(**LEGEND)
         return svg(figure)
 
