@@ -18,7 +18,7 @@ where L are the samples near which the table moved at least half as much: its ra
 whether it reversed. Where L has fewer than two passages of seven samples each, nothing is called a count error: the
 motion may cause it.
 
-Outliers of the angle of a turning gyro are sought by :mod:`rlgcomp.noise.rotation.pipeline`, those of a triad against its encoders
+Outliers of the angle of a turning gyro are sought by :mod:`rlgcomp.noise.angle_random_walk`, those of a triad against its encoders
 by :mod:`rlgcomp.calibration.triad.run`: there the residuals are others.
 """
 
