@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -160,3 +162,52 @@ def test_linear_algebra_has_the_threads_it_is_given_and_gets_its_own_back(monkey
     assert compiled._libraries(len(sys.modules)) is known
     monkeypatch.setitem(sys.modules, "a_library_that_came_later", sys)
     assert compiled._libraries(len(sys.modules)) is not known
+
+
+_USE = """
+import numpy as np
+from rlgcomp.numerics import compiled, hysteresis_loops
+hysteresis_loops.MANY = 50
+from rlgcomp.numerics.hysteresis import BoucWen
+operator = BoucWen()
+print(repr(float(operator.run(operator.init(0.0), np.sin(np.arange(500.0)))[0].sum())))
+"""
+
+
+def _run(**environment: str) -> str:
+    unset = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    done = subprocess.run([sys.executable, "-c", _USE], capture_output=True, text=True, check=True, env={**unset, **environment})
+    return done.stdout
+
+
+@needs_numba
+def test_compiled_code_is_kept_in_the_users_cache_and_never_in_the_package(tmp_path: Path) -> None:
+    result = _run(XDG_CACHE_HOME=str(tmp_path))
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "rlgcomp").rglob("*.nb?")}
+    assert kept
+    assert _run(XDG_CACHE_HOME=str(tmp_path)) == result
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept  # the second process compiled nothing
+    assert not list(Path(compiled.__file__).parents[1].rglob("*.nbi"))
+
+
+@needs_numba
+def test_a_cache_that_cannot_be_written_or_is_damaged_costs_speed_alone(tmp_path: Path) -> None:
+    result = _run(XDG_CACHE_HOME=str(tmp_path))
+    (tmp_path / "file").write_text("no folder")
+    assert _run(XDG_CACHE_HOME=str(tmp_path / "file")) == result
+    assert _run(HOME="/dev/null") == result
+    for path in (tmp_path / "rlgcomp").rglob("*.nb?"):
+        path.write_bytes(path.read_bytes()[:40])
+    assert _run(XDG_CACHE_HOME=str(tmp_path)) == result
+
+
+@needs_numba
+def test_a_full_disk_costs_speed_alone(tmp_path: Path) -> None:
+    """No file may grow: what is compiled cannot be kept."""
+    limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+    limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))\n"
+    unset = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment = {**unset, "XDG_CACHE_HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run([sys.executable, "-c", limit + _USE], check=False, capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == _run(XDG_CACHE_HOME=str(tmp_path))

@@ -1,4 +1,7 @@
-"""Loops that carry state, compiled by Numba when first called and kept on disk; without Numba the same lines run as Python.
+"""Loops that carry state, compiled by Numba when first called; without Numba the same lines run as Python.
+
+Compiled code is kept in a folder of the user (:func:`cache_folder`), never in the package's own: what an installer does not know of
+would outlive the package there. Where it cannot be written, loops are compiled anew in each process, and nothing else changes.
 
 Importing this module costs nothing: Numba is imported by the first call of a compiled loop. Where the data are few, callers take
 their plain path instead, so that no command waits for a compiler that it does not need. `RLGCOMP_NUMBA=0` turns compiling off.
@@ -6,15 +9,19 @@ their plain path instead, so that no command waits for a compiler that it does n
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.util
 import os
+import pickle
 import sys
+import tempfile
 import threading
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -58,7 +65,9 @@ class Compiled:
         bound = functools.update_wrapper(types.FunctionType(function.__code__, names, function.__name__), function)
         # sums may be taken in another order, but a number that is not finite stays one
         fastmath = {"reassoc", "contract", "nsz"} if self._reassociate else False
-        return numba.njit(cache=True, nogil=True, fastmath=fastmath, error_model="numpy")(bound)
+        njit = functools.partial(numba.njit, nogil=True, fastmath=fastmath, error_model="numpy")
+        with _caching_in(cache_folder()) as writable:
+            return _forgiving(njit(cache=True)(bound)) if writable else njit()(bound)
 
 
 def compiled(*, reassociate: bool = False) -> Callable[[Callable[..., Any]], Compiled]:
@@ -69,6 +78,67 @@ def compiled(*, reassociate: bool = False) -> Callable[[Callable[..., Any]], Com
 def available() -> bool:
     """Whether loops are compiled: Numba is there, and `RLGCOMP_NUMBA` does not forbid it."""
     return os.environ.get("RLGCOMP_NUMBA", "1") != "0" and _installed()
+
+
+def cache_folder() -> Path | None:
+    """Where compiled code is kept: `NUMBA_CACHE_DIR`, else `rlgcomp` in the user's cache folder; None where a user has none."""
+    stated = os.environ.get("NUMBA_CACHE_DIR")
+    if stated:
+        return Path(stated)
+    try:
+        caches = Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    except RuntimeError:  # no home
+        return None
+    return Path(os.environ.get("XDG_CACHE_HOME") or caches) / "rlgcomp"
+
+
+_numba_settings = threading.Lock()
+
+
+@contextlib.contextmanager
+def _caching_in(folder: Path | None) -> Iterator[bool]:
+    """Numba keeps what is compiled in this context in `folder`; whether it can. Numba reads the place when a function is made."""
+    from numba.core import config
+
+    settings: Any = config
+    with _numba_settings:
+        before = settings.CACHE_DIR
+        writable = folder is not None and _writable(folder)
+        settings.CACHE_DIR = str(folder) if writable else before
+        try:
+            yield writable
+        finally:
+            settings.CACHE_DIR = before
+
+
+@functools.cache
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as trial:
+            trial.write(b"0")
+    except OSError:
+        return False
+    return True
+
+
+def _forgiving(function: Any) -> Any:
+    """A compiled function that is used although it cannot be kept: the disk is full, or what is kept there is damaged."""
+    cache = function._cache  # noqa: SLF001  Numba has no public name for it
+    for name in ("load_overload", "save_overload"):
+        setattr(cache, name, _or_none(getattr(cache, name)))
+    return function
+
+
+def _or_none(method: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(method)
+    def attempt(*arguments: Any) -> Any:
+        try:
+            return method(*arguments)
+        except (OSError, EOFError, pickle.UnpicklingError):
+            return None
+
+    return attempt
 
 
 def loaded() -> bool:
