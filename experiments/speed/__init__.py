@@ -1,8 +1,7 @@
-"""How fast the package is beside its peers, measured in the same run. One file a family of rows; `ROWS` lists them.
+"""Run times of the package and of its peers, measured in the same run. One file holds a family of rows; `ROWS` lists them.
 
-A row is a :class:`~experiments.speed.measure.Row`: what is done, on which data, by us and by which peers, and how far their
-results may
-differ. To add a row, write it in its family's file and name it in that file's `ROWS`; peers go to the extra `bench`.
+A row is a :class:`~experiments.speed.measure.Row`: the work, its data, our implementation, its peers and the tolerance of their
+agreement. To add a row, write it in its family's file and name it in that file's `ROWS`; peers go to the extra `bench`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""How fast the package is beside its peers: `python -m experiments.speed`."""
+"""Run times of the package and of its peers: `python -m experiments.speed`."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,23 +10,34 @@ import typer
 
 from experiments.speed import chosen, growth, measure
 from experiments.speed.machine import machine
-from rlgcomp.cli.base import AsJson, notify, progress
+from rlgcomp.cli.base import BAD_INPUT, AsJson, notify, progress
 from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.errors import InputError
 from rlgcomp.files import require_writable, write_json
 
+application = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown")
 
-def bench(
-    only: Annotated[list[str] | None, typer.Option("--only", metavar="ROW", help="Rows whose names begin so.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Small data: what runs and agrees, not how fast it is.")] = False,
-    repeats: Annotated[int, typer.Option(min=1, help="Paired repeats, as many as 10 s a peer allow.")] = 5,
-    grows: Annotated[bool, typer.Option("--growth", help="Instead: how our own time grows from small data to full.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="JSON file to write as well.")] = None,
+
+@application.command()
+def speed(
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", metavar="ROW", help="Rows whose names begin with this; may be repeated. All rows by default."),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Small data: checks agreement; goals are not judged.")] = False,
+    repeats: Annotated[int, typer.Option(min=1, help="Paired repeats a peer, fewer where they would take more than 10 s.")] = 5,
+    grows: Annotated[
+        bool, typer.Option("--growth", help="Exponent of our processor time between small and full data, instead of peers.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="JSON file to write besides the table.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """How fast this package is beside its peers, measured in the same run, their results compared.
+    """Measure run times of rlgcomp and of its peers in the same run, and the agreement of their results.
 
-    A ratio is the median of paired repeats of the peer's time over ours. Peers come with `pip install 'rlgcomp[bench]'`; a row
-    whose peer is not installed says so.
+    The ratio is the median over paired repeats of the peer's time divided by ours. `pip install 'rlgcomp[bench]'` installs the
+    peers; the note of a row names a peer that is not installed.
 
     Example: `python -m experiments.speed --only allan --only bouc --out bench.json`
     """
@@ -33,13 +45,13 @@ def bench(
         require_writable(out)
     rows = chosen(only)
     if grows:
-        found = [one for one in (growth(row, repeats) for row in rows) if one is not None]
+        exponents = [one for one in (growth(row, repeats) for row in rows) if one is not None]
         if out is not None:
-            write_json(out, {"machine": machine(), "growth": found})
+            write_json(out, {"machine": machine(), "growth": exponents})
         if as_json:
-            show_json(found)
+            show_json(exponents)
         else:
-            show_table("Processor time as a power of n", [_grown(one) for one in found])
+            show_table("Processor time as a power of n", [_grown(one) for one in exponents])
         return
     measured = []
     with progress("measuring", len(rows)) as advance:
@@ -79,5 +91,14 @@ def _row(one: Any) -> dict[str, Any]:
     }
 
 
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line; bad input ends it with exit code 2 and one message."""
+    try:
+        application(arguments, prog_name="python -m experiments.speed")
+    except InputError as error:
+        notify(f"error: {error}")
+        raise SystemExit(BAD_INPUT) from None
+
+
 if __name__ == "__main__":
-    typer.run(bench)
+    main()

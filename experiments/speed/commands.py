@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from experiments.speed.measure import Case, Peer, Row, Timed
-from experiments.speed.whole import said_of, simulated_case
+from experiments.speed.whole import simulated_case, size_text
 from rlgcomp.recording import Recording
 from rlgcomp.recording.formats import write
 from rlgcomp.simulation.random_units import simulated_unit
@@ -102,9 +102,9 @@ def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
     files = [folder / f"run-{k}.parquet" for k in range(len(runs))]
     for path, run in zip(files, runs, strict=True):
         write(run, path)
-    given = ["diagnose", "--simulator", folder / "sim.yaml", "--train", *files[:-1], "--test", files[-1]]
+    arguments = ["diagnose", "--simulator", folder / "sim.yaml", "--train", *files[:-1], "--test", files[-1]]
     places = (folder / f"out-{k}" for k in itertools.count())
-    return Case(lambda: timed_command(*given, "--out", next(places)), size=said_of(runs), n=sum(map(len, runs)))
+    return Case(lambda: timed_command(*arguments, "--out", next(places)), size=size_text(runs), n=sum(map(len, runs)))
 
 
 ROWS: Final = (

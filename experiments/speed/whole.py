@@ -79,8 +79,8 @@ def simulated_case(length: Literal["short", "half", "whole"]) -> tuple[Simulator
     return lacking(unit, "readout_incoherence", seed=1), runs
 
 
-def said_of(runs: Sequence[Recording]) -> str:
-    """How many, and how long."""
+def size_text(runs: Sequence[Recording]) -> str:
+    """Number of runs and their total duration."""
     return f"{len(runs)} runs, {sum(run.duration_s for run in runs) / 3600.0:.1f} h in all"
 
 
@@ -109,14 +109,14 @@ def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
     def ours() -> Diagnosis:
         began = time.perf_counter()
 
-        def told(fraction: float) -> None:
+        def record_part(fraction: float) -> None:
             parts[_PARTS[fraction]] = time.perf_counter() - began - sum(parts[_PARTS[done]] for done in _PARTS if done < fraction)
 
-        found = diagnose(simulator, runs[:-1], runs[-1:], seed=1, progress=told)
-        told(1.0)
-        return found
+        diagnosis = diagnose(simulator, runs[:-1], runs[-1:], seed=1, progress=record_part)
+        record_part(1.0)
+        return diagnosis
 
-    return Case(ours, size=said_of(runs), n=sum(map(len, runs)), parts=parts)
+    return Case(ours, size=size_text(runs), n=sum(map(len, runs)), parts=parts)
 
 
 ROWS: Final = (

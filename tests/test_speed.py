@@ -1,4 +1,4 @@
-"""The benchmark: pairs and medians, goals, peers that are missing or disagree, and that its rows run and agree on small data."""
+"""Run times against peers: pairs, medians, goals, peers that are missing or disagree, and rows that agree on small data."""
 
 from __future__ import annotations
 
@@ -8,17 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from experiments import speed as bench
+from experiments import speed
+from experiments.speed.__main__ import main
 from experiments.speed.lssvmlab import lssvmlab
 from experiments.speed.measure import Case, Peer, Row, Timed, measure
 from experiments.speed.selection import thermal_rows
-from rlgcomp.cli import register_commands
-from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError
-
-register_commands()
 
 
 def slow() -> float:
@@ -95,12 +91,12 @@ def test_work_of_which_the_peer_does_a_part_is_scaled() -> None:
 
 
 def test_names_are_unique_and_chosen_by_their_beginning() -> None:
-    names = [one.name for one in bench.ROWS]
+    names = [one.name for one in speed.ROWS]
     assert len(set(names)) == len(names)
-    assert [one.name for one in bench.chosen(["plays"])] == ["plays", "plays-fleet"]
-    assert [one.name for one in bench.chosen(["select-430"])] == ["select-430"]
+    assert [one.name for one in speed.chosen(["plays"])] == ["plays", "plays-fleet"]
+    assert [one.name for one in speed.chosen(["select-430"])] == ["select-430"]
     with pytest.raises(InputError, match="rows are select-430"):
-        bench.chosen(["nothing"])
+        speed.chosen(["nothing"])
 
 
 @pytest.mark.parametrize(
@@ -119,7 +115,7 @@ def test_names_are_unique_and_chosen_by_their_beginning() -> None:
     ],
 )
 def test_rows_agree_with_their_peers(name: str) -> None:
-    (one,) = (one for one in bench.ROWS if one.name == name)
+    (one,) = (one for one in speed.ROWS if one.name == name)
     found = measure(one, quick=True, repeats=1)
     assert found
     assert all(each.agrees for each in found if not each.note.startswith("peer not installed"))
@@ -133,22 +129,21 @@ def test_selection_is_measured_on_as_many_rows_as_it_says(n: int) -> None:
     assert np.array_equal(np.bincount(groups), np.full(10, n // 10))
 
 
-def test_the_command_prints_and_writes(tmp_path: Path) -> None:
-    out = tmp_path / "bench.json"
-    arguments = ["bench", "--quick", "--only", "plays", "--repeats", "1", "--out", str(out)]
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 0, done.output
-    assert "NumPy" in done.output
+def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "speed.json"
+    with pytest.raises(SystemExit, match="0"):
+        main(["--quick", "--only", "plays", "--repeats", "1", "--out", str(out)])
+    assert "NumPy" in capsys.readouterr().out
     written = json.loads(out.read_text())
     assert {one["row"] for one in written["rows"]} == {"plays", "plays-fleet"}
     assert written["machine"]["cores"] >= 1
 
 
-@pytest.mark.parametrize("arguments", [["--only", "nothing"], ["--out", "/nowhere/at/all.json"]])
-def test_bad_input_ends_with_one_message(arguments: list[str]) -> None:
-    done = CliRunner().invoke(app, ["bench", "--quick", *arguments])
-    assert done.exit_code == 2
-    assert done.output.count("error:") == 1
+@pytest.mark.parametrize("arguments", [["--only", "absent"], ["--out", "/nowhere/at/all.json"]])
+def test_bad_input_ends_with_one_message(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["--quick", *arguments])
+    assert capsys.readouterr().err.count("error:") == 1
 
 
 def test_growth_is_the_exponent_of_the_work() -> None:
@@ -157,9 +152,9 @@ def test_growth_is_the_exponent_of_the_work() -> None:
         a = np.random.default_rng(0).normal(size=(n, n))
         return Case(lambda: a @ a, n=n)
 
-    found = bench.growth(Row("product", "a product of matrices", prepare), 5)
+    found = speed.growth(Row("product", "a product of matrices", prepare), 5)
     assert found["exponent"] == pytest.approx(3.0, abs=1.0)
-    assert bench.growth(Row("toy", "a toy", lambda quick: Case(lambda: 1.0)), 1) is None
+    assert speed.growth(Row("toy", "a toy", lambda quick: Case(lambda: 1.0)), 1) is None
 
 
 def test_parts_of_the_work_are_said() -> None:
@@ -176,12 +171,12 @@ def test_growth_may_be_of_data_of_their_own() -> None:
         n = 2 if small else 8
         return Case(lambda: Timed(None, 1.0, float(n) ** 1.5), n=n)
 
-    found = bench.growth(Row("toy", "a toy", lambda quick: Case(lambda: None), grown=grown), 1)
+    found = speed.growth(Row("toy", "a toy", lambda quick: Case(lambda: None), grown=grown), 1)
     assert found["exponent"] == pytest.approx(1.5)
 
 
 def test_a_fleet_by_two_workers_is_that_of_one() -> None:
-    (row,) = (one for one in bench.ROWS if one.name == "fleet-10")
+    (row,) = (one for one in speed.ROWS if one.name == "fleet-10")
     (found,) = measure(row, quick=True, repeats=1)
     assert found.agrees
     assert found.size == "10 units"
