@@ -79,6 +79,8 @@ def _row(one: Any) -> dict[str, Any]:
 
 
 def _coefficients(one: Any) -> dict[str, Any]:
+    from rlgcomp.noise.processes import coefficient_text
+
     fit = one.coefficients
     units = {
         "quantization_arcsec": "Q, arcsec",
@@ -86,7 +88,7 @@ def _coefficients(one: Any) -> dict[str, Any]:
         "rate_random_walk_deg_h_sqrt_h": "K, deg/h/√h",
         "rate_ramp_deg_h2": "R, deg/h²",
     }
-    values = {label: f"{getattr(fit, name):.2g} ± {getattr(fit, name + '_sd'):.1g}" for name, label in units.items()}
+    values = {label: coefficient_text(getattr(fit, name), getattr(fit, f"{name}_sd")) for name, label in units.items()}
     return {"run": one.run, "gyro": one.gyro, **values}
 
 
