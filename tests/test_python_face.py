@@ -73,7 +73,7 @@ def test_results_print_as_a_few_lines(runs: list[rlg.Recording], folder: Path, t
     for shown, lines, words in (
         (model, 5, ("cubic on 1 input, 100 s means", "trained on: cold, hot", "with runs left out")),
         (rlg.load(tmp_path / "model"), 5, ("cubic on 1 input", "trained on: cold, hot")),
-        (evaluation, 12, ("new", "noise floor", "together", "cold was trained on")),
+        (evaluation, 12, ("new", "noise floor", "together", "cold was used for training")),
         (deviation, 15, ("tau_s", "1260 samples every 10 s", "12 of 22 averaging times")),
         (deviation.noise(), 6, ("N  angle random walk  0.000", "deg/sqrt(h)", "R  rate ramp")),
         (rlg.analyse_noise(runs[0]), 12, ("gyro_deg_h: mean", "temperature_block_degC changes")),
@@ -156,7 +156,7 @@ def test_results_are_tables_in_a_notebook(runs: list[rlg.Recording], fitted: rlg
     for shown, words in (
         (deviation, ("<p>Allan deviation (overlapping): 1260 samples", "<th>deviation_deg_h</th>")),
         (deviation.noise(), ("<p>Noise from 10 to ", "<td>angle random walk</td>", "deg/sqrt(h)")),
-        (evaluation, ("<p>Bias stability", "<th>noise floor</th>", "<td>cold</td>", "<li>cold was trained on, at least in part")),
+        (evaluation, ("<p>Bias stability", "<th>noise floor</th>", "<td>cold</td>", "<li>cold was used for training, at least in part")),
     ):
         page = shown._repr_html_()
         for word in words:
