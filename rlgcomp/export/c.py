@@ -44,7 +44,7 @@ class CExport:
     skipped : tuple of Message
         Why a toolchain was not used.
     curve : pandas.DataFrame
-        Held-out stability by number of centres; empty where no size was asked for.
+        Held-out stability by number of centres; empty where no size was requested.
     """
 
     summary: Mapping[str, Any]
@@ -55,13 +55,15 @@ class CExport:
     @property
     def tables(self) -> Sequence[tuple[str, Sequence[Mapping[str, Any]]]]:
         """Titles and rows for people."""
-        found: list[tuple[str, Sequence[Mapping[str, Any]]]] = [
+        tables: list[tuple[str, Sequence[Mapping[str, Any]]]] = [
             (f"{self.summary['model']} in C99, {self.summary['precision']}", self._facts()),
             ("Every sample compared with Python", self._compared()),
         ]
         if not self.curve.empty:
-            found.append(("Size against bias stability, training runs left out in turn", [self._size(row) for row in self._rows()]))
-        return found if self.checks else [found[0], *found[2:]]
+            tables.append(
+                ("Size against bias stability, training runs left out in turn", [self._size(row) for row in self._rows()])
+            )
+        return tables if self.checks else [tables[0], *tables[2:]]
 
     @property
     def remarks(self) -> tuple[Message, ...]:
@@ -244,10 +246,10 @@ def _verified(
             logger.info("%s: comparing %d samples with Python", toolchain.name, samples)  # minutes on an emulated board
             tools.selftest(toolchain, command)
             for stream, allowed in zip(streams, bounds, strict=True):
-                found = tools.check(toolchain, command, stream, allowed)
-                if found.wrong:
-                    raise RuntimeError(f"the exported C does not agree with Python: {found}")
-                checks.append(found)
+                check = tools.check(toolchain, command, stream, allowed)
+                if check.wrong:
+                    raise RuntimeError(f"the exported C does not agree with Python: {check}")
+                checks.append(check)
             if "-O2" in toolchain.flags:
                 size = tools.sizes(toolchain, module, Path(built))
                 measured += [] if size is None else [{"toolchain": tools.version(toolchain), **size}]

@@ -1,4 +1,4 @@
-"""What exported code is compared with: samples, and what Python answers to each, those that it refuses included."""
+"""Streams for comparing exported code with Python: samples, refused ones included, and Python's answer to each."""
 
 from __future__ import annotations
 
@@ -95,10 +95,10 @@ def _episodes(compensator: Compensator) -> tuple[Array, Array]:
     beyond = again + 0.4 * span
     far = again[:4] * np.array([[50.0], [-50.0], [1e6], [-1e6]])  # last: single precision takes long to forget it
     dark = any(isinstance(feature, ReadoutDifference) for feature in compensator.pipeline_.features)
-    nothing = np.full_like(quiet[:1], 0.0 if dark else np.nan)
-    bad = np.vstack([np.repeat(quiet[-1:], 5, axis=0), nothing])
+    invalid = np.full_like(quiet[:1], 0.0 if dark else np.nan)
+    bad = np.vstack([np.repeat(quiet[-1:], 5, axis=0), invalid])
     bad[0, 0], bad[1, -1] = np.nan, np.inf
-    monitors = np.vstack([nothing, quiet, again, beyond, bad, again, far])
+    monitors = np.vstack([invalid, quiet, again, beyond, bad, again, far])
     period_s = compensator.averaging_s
     added_s = quiet_s[-1] + 10.0 * period_s + period_s * np.arange(1, len(monitors) - len(quiet))
     time_s = np.r_[quiet_s[0] - period_s, quiet_s, added_s]

@@ -151,8 +151,8 @@ def graph(compensator: Compensator, expansion: Expansion, precision: str, metada
     spans = made.total(made("Div", beyond, np.where(high > low, high - low, 1.0)))
     made("Greater", spans, 0.0, to="out_of_range")
     made("Add", made("Mul", spans, interval.per_span_deg_h), interval.inside_deg_h, to="half_width_deg_h")
-    held = made("Min", made("Max", "features", expansion.least), expansion.most)
-    x = made("Div", made("Sub", held, expansion.offset), expansion.scale)
+    clipped = made("Min", made("Max", "features", expansion.least), expansion.most)
+    x = made("Div", made("Sub", clipped, expansion.offset), expansion.scale)
     values = _values(made, expansion, x)
     made("Add", made("Mul", values, expansion.y_scale_deg_h), expansion.y_mean_deg_h, to="bias_deg_h")
     body = helper.make_graph(

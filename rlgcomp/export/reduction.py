@@ -64,10 +64,10 @@ def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple
     limit = centres if options.max_centres is None else min(centres, options.max_centres)
     if options.max_bytes is not None:
         limit = _fitting(whole, limit, options)
-    asked = options.smallest or limit < centres
-    if not centres or not (asked or options.runs):
+    requested = options.smallest or limit < centres
+    if not centres or not (requested or options.runs):
         return whole, pd.DataFrame()
-    if whole.form == "sigmoid" and not asked:
+    if whole.form == "sigmoid" and not requested:
         return whole, pd.DataFrame()
     curve = size_curve(compensator, options.runs, [limit])
     curve.insert(1, "table_bytes", [table_bytes(whole, int(m), options.precision) for m in curve["centres"]])
@@ -159,8 +159,8 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     """Bias stability by number of centres, on runs left out.
 
     Every training run is left out in turn and the model fitted again on the rest with the parameters it has; a single run is
-    divided into five blocks. `runs` are scored beside that and take no part in a choice of size: those not trained on, and apart
-    from them those that were.
+    divided into five blocks. `runs` are scored as well and do not influence the choice of a size: those not trained on, and
+    separately those trained on.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def _greedy(expansion: Expansion, x: Array, remainder: Array) -> tuple[npt.NDArr
     """Rows in the order chosen, and the orthonormal basis of their functions on all rows, shape (n, chosen)."""
     diagonal = np.array([float(expansion.gram(row[None, :], row[None, :])[0, 0]) for row in x])
     floor = _SMALLEST_PIVOT * float(diagonal.max(initial=0.0))
-    left = remainder.astype(np.float64).copy()
+    residual = remainder.astype(np.float64).copy()
     basis = np.zeros((len(x), len(x)))
     order: list[int] = []
     while len(order) < len(x):
@@ -205,12 +205,12 @@ def _greedy(expansion: Expansion, x: Array, remainder: Array) -> tuple[npt.NDArr
         free[order] = False
         if not free.any():
             break
-        best = int(np.argmax(np.where(free, np.abs(left) / np.sqrt(np.maximum(diagonal, floor or 1.0)), -1.0)))
+        best = int(np.argmax(np.where(free, np.abs(residual) / np.sqrt(np.maximum(diagonal, floor or 1.0)), -1.0)))
         k, m = expansion.gram(x, x[best : best + 1])[:, 0], len(order)
         column = (k - basis[:, :m] @ basis[best, :m]) / np.sqrt(diagonal[best])
         column[order] = 0.0
         basis[:, m] = column
-        left -= column * (left[best] / column[best])
+        residual -= column * (residual[best] / column[best])
         diagonal = diagonal - column**2
         order.append(best)
     return np.array(order, dtype=np.intp), basis[:, : len(order)]
