@@ -198,7 +198,7 @@ def _plain(value: Any) -> Any:
 
 
 def require_writable(path: str | Path) -> None:
-    """Raise unless a file of this name could be written: said before the work, not after it.
+    """Raise unless a file of this name could be written: for use before the work.
 
     Raises
     ------
@@ -212,7 +212,7 @@ def require_writable(path: str | Path) -> None:
 
 
 def require_folder(path: str | Path, *, writes: Sequence[str]) -> None:
-    """Raise unless :func:`whole_folder` could write a folder of this name: said before the work, not after it.
+    """Raise unless :func:`whole_folder` could write a folder of this name: for use before the work.
 
     Raises
     ------

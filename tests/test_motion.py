@@ -110,7 +110,7 @@ def test_a_rate_at_the_instant_tells_the_mean_over_each_sample() -> None:
     mean = run.column("table_rate_deg_s")
     angle = PROGRAMME.angle_deg(np.r_[run.time_s - 1e-4, run.time_s + 1e-4]).reshape(2, -1)
     instant = run.replace(table=run.table.assign(table_rate_deg_s=(angle[1] - angle[0]) / 2e-4))
-    late, sd = motion.lateness(instant, instant.column("table_rate_deg_s"), 3600.0 * mean)
+    late, sd = motion.delay_in_samples(instant, instant.column("table_rate_deg_s"), 3600.0 * mean)
     assert late == pytest.approx(-0.5, abs=max(0.05, 3.0 * sd))
     assert motion.reading_of(instant, 3600.0 * mean).means == "angle"
     alone = instant.replace(table=instant.table.drop(columns="table_angle_deg"))
@@ -138,14 +138,14 @@ def test_the_recorded_rate_stays_where_nothing_is_clearly_better() -> None:
 
 def test_rows_whose_rate_an_angle_does_not_tell() -> None:
     """The ends; and after a gap, unless the table turned as evenly before it as after it."""
-    assert not motion.untold(recording(*BOTH)).any()
+    assert not motion.rows_without_rate(recording(*BOTH)).any()
     run = recording("table_angle_deg")
     ends = np.isin(np.arange(len(run)), [0, 1, len(run) - 1])
-    assert np.array_equal(motion.untold(run), ends)
+    assert np.array_equal(motion.rows_without_rate(run), ends)
     uneven, even = slice(58, 75), slice(100, 110)  # 7 to -25 deg/s, and -25 deg/s all along
     gapped = run.replace(table=run.table.drop(index=[*range(uneven.start, uneven.stop), *range(even.start, even.stop)]))
     after = np.isin(gapped.time_s, [run.time_s[uneven.stop]])
-    assert np.array_equal(motion.untold(gapped), np.isin(np.arange(len(gapped)), [0, 1, len(gapped) - 1]) | after)
+    assert np.array_equal(motion.rows_without_rate(gapped), np.isin(np.arange(len(gapped)), [0, 1, len(gapped) - 1]) | after)
 
 
 def test_the_earth_turns_a_table_that_says_where_it_is() -> None:
@@ -166,7 +166,7 @@ def test_a_table_that_comes_to_rest_has_no_rate_of_its_last_motion(encoder_deg_s
     angle = np.random.default_rng(0).standard_normal(len(rate) + 1) * encoder_deg_s
     table = pd.DataFrame({"time_s": np.arange(len(rate)) + 1.0, "gyro_deg_s": rate, "table_rate_deg_s": rate + np.diff(angle)})
     run = rlg.Recording(table, rlg.Metadata(kind="turntable"), name="rest")
-    found = motion.stilled(run, run.column("table_rate_deg_s"))
+    found = motion.averaged_at_rest(run, run.column("table_rate_deg_s"))
     assert found[41:] == pytest.approx(0.0, abs=0.1 * encoder_deg_s)
     assert found[:40] == pytest.approx(-0.5, abs=1e-4)
     assert found[40] == pytest.approx(-0.075, abs=1e-4)
@@ -182,7 +182,7 @@ def test_an_encoder_at_rest_that_changes_by_its_last_digit_now_and_then_stands()
     assert 0 < flickers.sum() < 100
     table = pd.DataFrame({"time_s": np.arange(len(rate)) + 1.0, "gyro_deg_s": rate, "table_rate_deg_s": seen_rate})
     run = rlg.Recording(table, rlg.Metadata(kind="turntable"), name="digits")
-    found = motion.stilled(run, seen_rate)
+    found = motion.averaged_at_rest(run, seen_rate)
     for rest in (slice(41, 2041), slice(2083, None)):
         assert np.ptp(found[rest]) == 0.0
         assert abs(found[rest][0]) < 2.0 * digit_deg / 2000.0

@@ -131,7 +131,7 @@ def test_long_numbers_near_half_way_between_doubles(tmp_path: Path, monkeypatch:
         least = 2**53 // 5**q + 1
         cells += [f"{odd << (q % 8)}e{q}" for odd in range(least | 1, (least | 1) + 40, 2) if 2**53 < odd * 5**q < 2**54]
     cells += [f"{odd * 5**q}e-{q}" for q in range(5) for odd in range(2**53 + 1, 2**53 + 41, 2) if odd * 5**q < 2**64]
-    monkeypatch.setattr(numbers, "_LEFT", 1 << 15)
+    monkeypatch.setattr(numbers, "_MOST_LEFTOVER", 1 << 15)
     path = tmp_path / "run.csv"
     path.write_text("a,b\n" + "".join(f"{one},-{two}\n" for one, two in itertools.pairwise(cells)))
     found = numbers.read(path, ["a", "b"], ",")
@@ -144,11 +144,11 @@ def test_few_numbers_are_left_to_python(tmp_path: Path, monkeypatch: pytest.Monk
     path = tmp_path / "run.csv"
     path.write_text("a,b\n" + "1,0.1234567890123456789012\n" * 9)
     assert numbers.read(path, ["a", "b"], ",") is not None
-    monkeypatch.setattr(numbers, "_LEFT", 8)
+    monkeypatch.setattr(numbers, "_MOST_LEFTOVER", 8)
     assert numbers.read(path, ["a", "b"], ",") is None
     drawn = np.random.default_rng(0).normal(size=(20_000, 2))
     pd.DataFrame(drawn, columns=["a", "b"]).to_csv(path, index=False, float_format="%.17g")
-    monkeypatch.setattr(numbers, "_LEFT", 64)  # of 26 000 numbers a piece
+    monkeypatch.setattr(numbers, "_MOST_LEFTOVER", 64)  # of 26 000 numbers a piece
     np.testing.assert_array_equal(numbers.read(path, ["a", "b"], ",").to_numpy(), drawn)
 
 

@@ -55,7 +55,7 @@ def test_faults_are_mended_or_refused_piece_by_piece(tmp_path: Path) -> None:
         ("run.h5", ROWS, r"only \.parquet and plain \.csv"),
         ("run.csv.gz", ROWS, r"only \.parquet and plain \.csv"),
         ("absent.csv", ROWS, "does not exist"),
-        ("run.csv", 10, "too short to tell"),
+        ("run.csv", 10, "too short to detect"),
         ("bad.parquet", ROWS, "no Parquet file"),
         ("empty.csv", ROWS, "not readable as CSV"),
         ("other.csv", ROWS, "no column 'time_s' to map"),

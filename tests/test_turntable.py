@@ -24,7 +24,7 @@ from rlgcomp.noise.processes import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
 from rlgcomp.physics.scale_factor import ScaleFactor
-from rlgcomp.recording.motion import stilled
+from rlgcomp.recording.motion import averaged_at_rest
 from rlgcomp.simulation.table_programme import PRESETS, TableProgramme
 from rlgcomp.simulation.turntable import Turntable
 
@@ -377,7 +377,7 @@ class TestWhatTheTableRecords:
         sweep, swing, crawl = np.linspace(-3.0, 3.0, 300), 0.5 * np.sin(0.3 * np.arange(1.0, 301.0)), np.full(300, 0.02)
         rate = np.concatenate([rest, sweep, rest, swing, rest, crawl])
         run = rlg.Recording(pd.DataFrame({"time_s": np.arange(1800.0), "gyro_deg_s": rate, "table_rate_deg_s": rate}))
-        found = stilled(run, rate)
+        found = averaged_at_rest(run, rate)
         for start in (0, 600, 1200):
             assert np.ptp(found[start : start + 300]) == 0.0
             assert found[start] == pytest.approx(rate[start : start + 300].mean(), abs=1e-9)

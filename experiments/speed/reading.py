@@ -27,13 +27,21 @@ _FOLDERS: Final[list[tempfile.TemporaryDirectory[str]]] = []
 
 
 def recording_table(rows: int) -> pd.DataFrame:
-    """A day at 40 Hz, eight columns."""
+    """A day at 40 Hz in a chamber, eight columns with the digits that a logger writes: nothing in it needs repair."""
     rng = np.random.default_rng(0)
-    table = pd.DataFrame(np.round(rng.normal(size=(rows, len(COLUMNS))), 5), columns=list(COLUMNS))
-    table["time_s"] = np.arange(rows) / 40.0
-    table["temperature_block_degC"] += 20.0
-    table["temperature_shell_degC"] += 20.0
-    return table
+    time_s = np.arange(rows) / 40.0
+    chamber_degC = 20.0 + 25.0 * np.sin(2.0 * np.pi * time_s / time_s[-1])
+    courses = {
+        "gyro_deg_h": (0.01, 0.11, 6),
+        "temperature_block_degC": (chamber_degC, 0.003, 3),
+        "temperature_shell_degC": (chamber_degC + 1.0, 0.003, 3),
+        "light_intensity_V": (2.5, 0.001, 5),
+        "readout_a_V": (1.2, 0.001, 5),
+        "readout_b_V": (1.1, 0.001, 5),
+        "supply_voltage_V": (15.0, 0.002, 4),
+    }
+    columns = {name: np.round(mean + sd * rng.standard_normal(rows), digits) for name, (mean, sd, digits) in courses.items()}
+    return pd.DataFrame({"time_s": time_s, **columns})[list(COLUMNS)]
 
 
 def _case(suffix: str) -> Callable[[bool], Case]:

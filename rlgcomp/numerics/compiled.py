@@ -142,15 +142,15 @@ def _or_none(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def loaded() -> bool:
-    """Whether Numba is there already, so that a loop kept on disk costs a moment: few data are worth that."""
+    """Whether Numba is there already, so that a cached loop costs a moment: few data are worth that."""
     return available() and "numba" in sys.modules
 
 
 def threads() -> int:
     """Threads that a compiled loop may use: the cores of this process, or fewer in a worker of joblib, which says how many."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    told = os.environ.get("NUMBA_NUM_THREADS", "")
-    return max(1, min(cores, int(told))) if told.isdigit() else cores
+    stated = os.environ.get("NUMBA_NUM_THREADS", "")
+    return max(1, min(cores, int(stated))) if stated.isdigit() else cores
 
 
 def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], workers: int | None = None) -> None:
@@ -160,13 +160,13 @@ def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], 
         for piece in pieces:
             function(*piece)
         return
-    left = iter(pieces)
+    remaining = iter(pieces)
     lock = threading.Lock()
 
     def work() -> None:
         while True:
             with lock:
-                piece = next(left, None)
+                piece = next(remaining, None)
             if piece is None:
                 return
             function(*piece)
@@ -182,7 +182,7 @@ def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], 
 
 @functools.lru_cache(maxsize=1)
 def _helpers(process: int) -> ThreadPoolExecutor:
-    """Threads that are kept: a diagnosis asks for them 700 times. A process that was forked has none of its parent's."""
+    """Threads for reuse: a diagnosis needs them 700 times. A process that was forked has none of its parent's."""
     del process
     return ThreadPoolExecutor(threads(), thread_name_prefix="in_threads")
 

@@ -20,7 +20,7 @@ from rlgcomp.units import SECONDS_PER_MINUTE
 Array = npt.NDArray[np.float64]
 _RATE_WINDOWS_S: Final = (120.0, 1200.0)  # shortest and longest over which a slope is taken
 _RATE_ERROR: Final = 0.1  # standard deviation of a rate that its window may leave, of the rate's rms
-_CALMER: Final = 0.9  # of second differences, by which read noise is told,
+_QUIETER: Final = 0.9  # of second differences, from which read noise is estimated,
 _NORMAL: Final = 1.6449  # and the size below which so many of unit normal values are
 _BLOCK: Final = 512  # samples, at least, over which sums for slopes are carried on
 _MANY: Final = 20_000  # samples from which compiling pays: a recording is passed through a dozen filters
@@ -94,7 +94,7 @@ def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
 
 @compiled()
 def _decay(keep: Array, output: Array) -> Array:
-    """Each value gains a share of the one before it; the share is the same for all where one is given."""
+    """Each value gains a share of the one before it; a single share serves all."""
     for k in range(1, len(output)):
         output[k] = keep[min(k, len(keep)) - 1] * output[k - 1] + output[k]
     return output
@@ -166,7 +166,7 @@ def read_noise(values: Array) -> float:
 
     .. math:: \sigma = \frac{q_{0.9}(|x_{k-1} - 2 x_k + x_{k+1}|)}{1.645 \sqrt 6}
     """
-    return float(np.quantile(np.abs(np.diff(values, 2)), _CALMER)) / _NORMAL / math.sqrt(6.0) if len(values) > 2 else 0.0
+    return float(np.quantile(np.abs(np.diff(values, 2)), _QUIETER)) / _NORMAL / math.sqrt(6.0) if len(values) > 2 else 0.0
 
 
 def rate_window_s(values: Array, time_s: Array) -> float:

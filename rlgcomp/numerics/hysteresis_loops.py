@@ -70,7 +70,7 @@ def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int
     else:
         # operators of no weight, so that vector registers, or pairs of operators, are full
         rest = -len(radii) % (4 if u.ndim == 1 else 2)
-        radii, weights, states = (np.concatenate([given, np.zeros((rest, *given.shape[1:]))]) for given in (radii, weights, states))
+        radii, weights, states = (np.concatenate([array, np.zeros((rest, *array.shape[1:]))]) for array in (radii, weights, states))
         if u.ndim == 1:
             _sums_of_one(u, radii, weights, states, sums)
         else:
@@ -172,9 +172,9 @@ def _sums_of_many(u: Array, radii: Array, weights: Array, states: Array, first: 
             states[j, g] += radii[j]  # kept as w + r, as for one gyro
     for k in range(0, whole, 4):
         for step in range(4):
-            given, kept, total = u[k + step, first:last], room[step], room[4 + step]
+            row, inputs, total = u[k + step, first:last], room[step], room[4 + step]
             for g in range(last - first):
-                kept[g] = given[g]
+                inputs[g] = row[g]
                 total[g] = shift
         for j in range(0, len(radii), 2):  # four inputs and two operators at once: states and sums are read and written less often
             width, weight, state = 2.0 * radii[j], weights[j], states[j]

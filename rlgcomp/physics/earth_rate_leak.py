@@ -10,7 +10,7 @@ import numpy as np
 
 from rlgcomp.physics.mechanism import TABLE_ANGLE, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import TAKEN, harmonic, worth_trying
+from rlgcomp.recording.motion import TAKEN, harmonic, sampling_candidates
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +40,7 @@ class EarthRateLeak(Mechanism):
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """The conventions for the angle within a sample, where they differ."""
-        return tuple(cls(taken=taken) for taken in worth_trying(recordings, 1))
+        return tuple(cls(taken=taken) for taken in sampling_candidates(recordings, 1))
 
     def basis(self, recording: Recording) -> Array:
         return np.column_stack(harmonic(recording, 1, self.taken))

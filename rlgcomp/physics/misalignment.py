@@ -10,7 +10,7 @@ import numpy as np
 
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import TAKEN, harmonic, rate_deg_s, worth_trying
+from rlgcomp.recording.motion import TAKEN, harmonic, rate_deg_s, sampling_candidates
 from rlgcomp.units import RAD_PER_ARCSEC, SECONDS_PER_HOUR
 
 
@@ -41,7 +41,7 @@ class Misalignment(Mechanism):
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """The conventions for the angle within a sample, where they differ."""
-        return tuple(cls(taken=taken) for taken in worth_trying(recordings, 1))
+        return tuple(cls(taken=taken) for taken in sampling_candidates(recordings, 1))
 
     def basis(self, recording: Recording) -> Array:
         rate = RAD_PER_ARCSEC * SECONDS_PER_HOUR * rate_deg_s(recording)

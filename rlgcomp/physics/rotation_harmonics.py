@@ -10,7 +10,15 @@ import numpy as np
 
 from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, Array, Mechanism, Parameter, amplitude, setting
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import TAKEN, harmonic, rate_deg_s, reference_rate_deg_s, taken_at_deg, told_by_values, worth_trying
+from rlgcomp.recording.motion import (
+    TAKEN,
+    harmonic,
+    identifiable_by_values,
+    rate_deg_s,
+    reference_angle_deg,
+    reference_rate_deg_s,
+    sampling_candidates,
+)
 from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR
 
 LOWER: Final = 12  # orders tried one by one; higher ones only where the spectrum shows them
@@ -112,7 +120,7 @@ class RotationHarmonics(Mechanism):
 
 def _ways(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
     """Conventions for the angle within a sample, as far as the recordings separate them at this order."""
-    return worth_trying(recordings, order) if told_by_values(recordings, order) else TAKEN[:1]
+    return sampling_candidates(recordings, order) if identifiable_by_values(recordings, order) else TAKEN[:1]
 
 
 def highest_order(recordings: Sequence[Recording]) -> int:
@@ -140,7 +148,7 @@ def _plain_orders(recordings: Sequence[Recording], points: Sequence[RotationHarm
         gyro = run.rate_deg_h()
         rate = reference_rate_deg_s(run, gyro)
         left.append(_freed(gyro - SECONDS_PER_HOUR * rate, np.column_stack([np.ones(len(rate)), rate])))
-        angles.append(taken_at_deg(run, points[0].taken))
+        angles.append(reference_angle_deg(run, points[0].taken))
         weights.append(rate / points[0].reference_deg_s if points[0].scaling == "rate" else np.ones(len(rate)))
     place = np.floor(np.concatenate(angles) * (_BINS / DEG_PER_TURN)).astype(np.int64) % _BINS
     weight = np.concatenate(weights)

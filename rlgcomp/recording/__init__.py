@@ -1,7 +1,7 @@
 """The recording: the one data type that flows through the package, a table with units in its column names and its metadata.
 
 A recording is frozen and valid: its time increases, nothing in it is missing or infinite, and it holds a gyro. Simulated and
-measured recordings differ only in `truth`. Files are read and mended by :mod:`rlgcomp.recording.formats` and
+measured recordings differ only in `truth`. Files are read and repaired by :mod:`rlgcomp.recording.formats` and
 :mod:`rlgcomp.recording.repair`.
 """
 
@@ -80,15 +80,15 @@ class Recording:
         problems = problems_of(table, truth)
         if problems:
             raise InputError(f"{name} is not a valid recording:\n" + "\n".join(f"  - {problem}" for problem in problems))
-        _hold(self, table, metadata, name, truth, findings)
+        _set_fields(self, table, metadata, name, truth, findings)
 
     @classmethod
     def repaired(
         cls, table: pd.DataFrame, metadata: Metadata, *, name: str, truth: pd.DataFrame | None, findings: tuple[Finding, ...]
     ) -> Self:
-        """A recording of a table as `rlgcomp.recording.repair.repair` returns it: what that has proved is not looked at again."""
+        """A recording of a table as `rlgcomp.recording.repair.repair` returns it: what that has proved is not checked again."""
         recording = cls.__new__(cls)
-        _hold(recording, table, metadata, name, truth, findings)
+        _set_fields(recording, table, metadata, name, truth, findings)
         return recording
 
     def __setattr__(self, attribute: str, value: Any) -> None:
@@ -212,7 +212,7 @@ class Recording:
         Raises
         ------
         InputError
-            The gyro column cannot be told, or it holds pulses and `pulse_arcsec` is not known.
+            The gyro column is ambiguous, or it holds pulses and `pulse_arcsec` is not known.
         """
         column = self.gyro_column(gyro)
         values = self.column(column)
@@ -272,7 +272,7 @@ class Recording:
     def averaged(self, window_s: float = DEFAULT_AVERAGING_S, extra: pd.DataFrame | None = None) -> Recording:
         """Means over consecutive windows that begin after the lead-in; gyros come out in deg/h.
 
-        Beside gyros that can be told in deg/h, pulses of unknown size stay pulses.
+        Pulses of unknown size stay pulses where another gyro can be given in deg/h.
 
         A window counts only if at least 80 % of its samples are there, so that a gap shortens the result instead of bending it.
 
@@ -309,7 +309,7 @@ class Recording:
         )
 
 
-def _hold(
+def _set_fields(
     recording: Recording,
     table: pd.DataFrame,
     metadata: Metadata | None,
@@ -317,7 +317,7 @@ def _hold(
     truth: pd.DataFrame | None,
     findings: tuple[Finding, ...],
 ) -> None:
-    """Give a recording what it holds for good."""
+    """Set the fields of a recording."""
     object.__setattr__(recording, "_table", table.astype(np.float64).reset_index(drop=True))
     object.__setattr__(recording, "_columns", tuple(table.columns))
     object.__setattr__(recording, "_arrays", {})

@@ -12,16 +12,16 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 
 _ROUNDED: Final = 1e-3  # of a sample period, and of a gyro's range: files of one run differ by less
-_OF_NOISE: Final = 1e-2  # of fifth differences of a gyro, in which a table's rate is gone and the noise is left, ten times as large
-_FEWEST: Final = 10  # common rows that tell
+_OF_NOISE: Final = 1e-2  # of fifth differences of a gyro, in which a table's rate is gone and the noise remains, ten times as large
+_FEWEST: Final = 10  # common rows
 
 
-def require_recordings(given: Iterable[Recording], name: str) -> list[Recording]:
+def require_recordings(argument: Iterable[Recording], name: str) -> list[Recording]:
     """A list of recordings, from any iterable of them.
 
     Parameters
     ----------
-    given : iterable of Recording
+    argument : iterable of Recording
     name : str
         What the argument is called.
 
@@ -30,9 +30,9 @@ def require_recordings(given: Iterable[Recording], name: str) -> list[Recording]
     InputError
         It is a single recording, or something in it is none.
     """
-    if isinstance(given, Recording):
-        raise InputError(f"{name} is one recording, {given.name}; a list of recordings is wanted: give [{name}]")
-    found = list(given) if isinstance(given, Iterable) else [given]
+    if isinstance(argument, Recording):
+        raise InputError(f"{name} is one recording, {argument.name}; it must be a list of recordings: give [{name}]")
+    found = list(argument) if isinstance(argument, Iterable) else [argument]
     for one in found:
         if not isinstance(one, Recording):
             raise InputError(
@@ -57,7 +57,7 @@ def share_rows(one: Recording, other: Recording) -> bool:
     return bool(np.ptp(values) > 0.0 and apart.max() <= allowed)
 
 
-def require_seed(given: int) -> int:
+def require_seed(argument: int) -> int:
     """A seed of random numbers.
 
     Raises
@@ -65,10 +65,10 @@ def require_seed(given: int) -> int:
     InputError
         It is no whole number, or negative.
     """
-    return _whole(given, "seed", 0)
+    return _whole(argument, "seed", 0)
 
 
-def require_workers(given: int, name: str = "n_jobs") -> int:
+def require_workers(argument: int, name: str = "n_jobs") -> int:
     """A number of worker processes, negative as joblib counts: -1 is every core.
 
     Raises
@@ -76,18 +76,18 @@ def require_workers(given: int, name: str = "n_jobs") -> int:
     InputError
         It is no whole number, or zero.
     """
-    if given == 0:
-        raise InputError(f"{name} is 0, which leaves nobody to do the work; give 1, or more, or -1 for every core")
-    return _whole(given, name, None)
+    if argument == 0:
+        raise InputError(f"{name} is 0, which leaves no worker; give 1, or more, or -1 for every core")
+    return _whole(argument, name, None)
 
 
-def _whole(given: Any, name: str, least: int | None) -> int:
+def _whole(argument: Any, name: str, least: int | None) -> int:
     try:
-        value = operator.index(given)
+        value = operator.index(argument)
     except TypeError:
         value = None
-    if value is None or isinstance(given, bool) or (least is not None and value < least):
-        raise InputError(f"{name} is {given!r}; it must be a whole number{'' if least is None else f', {least} or more'}, as 1")
+    if value is None or isinstance(argument, bool) or (least is not None and value < least):
+        raise InputError(f"{name} is {argument!r}; it must be a whole number{'' if least is None else f', {least} or more'}, as 1")
     return value
 
 

@@ -1,11 +1,11 @@
-r"""The motion of a one-axis table as a recording tells it: rate, angle and acceleration, each from the other where one is missing.
+r"""The motion of a one-axis table as recorded: rate, angle and acceleration, each from the other where one is missing.
 
 A row belongs to the sample that ends at its time: the rate is the mean over that sample, so that
 
 .. math:: W_k = (\theta_k - \theta_{k-1}) / (t_k - t_{k-1})
 
-exactly, whatever happens in between. Recordings made elsewhere may mean the sample that begins there, or the instant;
-:func:`reading_of` finds out which, against the gyro that turned with the table.
+exactly, whatever happens in between. Other recorders may mean the sample that begins there, or the instant;
+:func:`reading_of` determines which, by the gyro that turned with the table.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _STRAYS: Final = 8.0  # of the root mean square step of an angle
 _SLOWEST: Final = 1e-3  # of the highest rate
 _SAME_RATE: Final = 1e-9  # of the highest: rounding
 _BETWEEN: Final = ("middle", "instant")  # readings that are interpolated
-_IN_TIME: Final = 0.05  # of a sample: a delay that is left by more is no convention
+_IN_TIME: Final = 0.05  # of a sample: a greater residual delay is no convention
 _NO_WORSE: Final = 1.1  # of the residual: a reading that is better by rows is no worse by means of many, and the other way round
 # Weights of the values around: halfway between two of them; and of their mean from one to the next. More of them, and fewer.
 _MIDDLES: Final = (
@@ -85,15 +85,16 @@ def rate_deg_s(recording: Recording) -> Array:
     return recording.column(column) if column == RATE else _steps_deg(recording) / _spans_s(recording)
 
 
-def untold(recording: Recording) -> Flags:
-    r"""Rows whose rate an angle does not tell, so that they cannot be compared with it, shape (n,).
+def rows_without_rate(recording: Recording) -> Flags:
+    r"""Rows whose rate the recorded angle does not determine, shape (n,).
 
-    The first row has no angle before it, and the second's acceleration hangs on the first's rate; the last has none after it, where
-    the gyro's samples begin at their time. Across a gap an angle tells the mean rate of the gap: it is the sample's own where
+    The first row has no angle before it, and the acceleration of the second depends on the rate of the first; the last has none
+    after it, where the gyro's samples begin at their time. Across a gap an angle gives the mean rate of the gap: it is that of the
+    sample where
 
     .. math:: \max\big(|W_k - W_{k-1}|, |W_{k+1} - W_k|\big) \le r \, \mathrm{med}\,|\Delta W|, \qquad r = 12,
 
-    that is where the table turned evenly. Of a recorded rate all rows are told.
+    that is where the table turned evenly. A recorded rate has no such rows.
 
     Raises
     ------
@@ -164,10 +165,10 @@ def rate_at_ends_deg_s(recording: Recording) -> Array:
     straight_on, straight_back = own + 0.5 * (own - before), after - 0.5 * (later - after)
     bends = np.abs(np.diff(padded, 2))
     on, back = bends[: len(rate)], bends[3:]
-    beside = np.maximum(bends[1 : 1 + len(rate)], bends[2 : 2 + len(rate)])
+    inner = np.maximum(bends[1 : 1 + len(rate)], bends[2 : 2 + len(rate)])
     usual = max(_BENDS * float(np.median(bends)), _NO_BEND * float(np.abs(rate).max()))
     straight = np.where(on < back, straight_on, straight_back)
-    return np.asarray(np.where((beside > usual) & (np.minimum(on, back) <= usual), straight, around))
+    return np.asarray(np.where((inner > usual) & (np.minimum(on, back) <= usual), straight, around))
 
 
 def harmonic(recording: Recording, order: int, taken: str = "before") -> tuple[Array, Array]:
@@ -188,22 +189,22 @@ def harmonic(recording: Recording, order: int, taken: str = "before") -> tuple[A
     """
     middle, turned = _middle_deg(recording, taken)
     phase = order * RAD_PER_DEG * middle
-    kept = np.sinc(order * turned / DEG_PER_TURN)
-    return kept * np.cos(phase), kept * np.sin(phase)
+    attenuation = np.sinc(order * turned / DEG_PER_TURN)
+    return attenuation * np.cos(phase), attenuation * np.sin(phase)
 
 
-def taken_at_deg(recording: Recording, taken: str) -> Array:
+def reference_angle_deg(recording: Recording, taken: str) -> Array:
     """The angle in deg that :func:`harmonic` refers to, shape (n,)."""
     return _middle_deg(recording, taken)[0]
 
 
-def worth_trying(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
-    """Ways to take a harmonic that differ: one where the table turns little within a sample, else that and the value at its end."""
+def sampling_candidates(recordings: Sequence[Recording], order: int) -> tuple[str, ...]:
+    """Ways to sample a harmonic that differ: one where the table turns little within a sample, else also the value at its end."""
     return TAKEN[:1] if _most_rad(recordings, order) < _SAME_RAD else TAKEN[:2]
 
 
-def told_by_values(recordings: Sequence[Recording], order: int) -> bool:
-    """Whether values at the samples' ends tell a harmonic from all others: it never goes through half a cycle within a sample."""
+def identifiable_by_values(recordings: Sequence[Recording], order: int) -> bool:
+    """Whether values at the ends of samples identify a harmonic: it never passes through half a cycle within a sample."""
     return _most_rad(recordings, order) <= np.pi
 
 
@@ -236,7 +237,7 @@ def reading_of(recording: Recording, gyro_deg_h: Array) -> Reading:
 
     The recorded rate, or else the encoder's over the sample that ends at a row, comes first. Another reading replaces it only where
     the gyro, freed of a scale factor and a bias, follows it at least twice as closely, by rows or by means of many, and hardly less
-    closely by the other; one that is interpolated only where nothing of a delay is left then.
+    closely by the other; one that is interpolated only where it has no residual delay.
 
     Parameters
     ----------
@@ -249,17 +250,19 @@ def reading_of(recording: Recording, gyro_deg_h: Array) -> Reading:
         The recording has neither rate nor angle.
     """
     best, *others = _readings(recording)
-    least = _unlike(recording, best.rate_deg_s, gyro_deg_h)
+    least = _residual_sds(recording, best.rate_deg_s, gyro_deg_h)
     for reading in others:
-        left = _unlike(recording, reading.rate_deg_s, gyro_deg_h)
-        better = np.any(left < CLEARLY_BETTER * least) and np.all(left <= _NO_WORSE * least)
-        if better and (reading.means not in _BETWEEN or abs(lateness(recording, reading.rate_deg_s, gyro_deg_h)[0]) < _IN_TIME):
-            best, least = reading, left
+        residual = _residual_sds(recording, reading.rate_deg_s, gyro_deg_h)
+        better = np.any(residual < CLEARLY_BETTER * least) and np.all(residual <= _NO_WORSE * least)
+        if better and (
+            reading.means not in _BETWEEN or abs(delay_in_samples(recording, reading.rate_deg_s, gyro_deg_h)[0]) < _IN_TIME
+        ):
+            best, least = reading, residual
     return best
 
 
-def lateness(recording: Recording, rate: Array, gyro_deg_h: Array) -> tuple[float, float]:
-    r"""By how much of a sample a rate is late against the gyro, and its standard deviation: the f of
+def delay_in_samples(recording: Recording, rate: Array, gyro_deg_h: Array) -> tuple[float, float]:
+    r"""Delay of a rate against the gyro in sample periods, and its standard deviation: the f of
 
     .. math:: g_k = (1 + K) W_k + b + f \, \Delta t \, \dot W_k
     """
@@ -269,8 +272,8 @@ def lateness(recording: Recording, rate: Array, gyro_deg_h: Array) -> tuple[floa
     scale = np.sqrt((design**2).mean(axis=0)).clip(1e-12)
     beyond = gyro_deg_h[inner] - design[:, 1]
     weights = np.linalg.lstsq(design / scale, beyond, rcond=None)[0]
-    left = beyond - design / scale @ weights
-    variance = float(left @ left) / len(left) * np.linalg.pinv((design / scale).T @ (design / scale))[2, 2]
+    residual = beyond - design / scale @ weights
+    variance = float(residual @ residual) / len(residual) * np.linalg.pinv((design / scale).T @ (design / scale))[2, 2]
     return float(weights[2] / scale[2]), math.sqrt(variance) / float(scale[2])
 
 
@@ -283,24 +286,24 @@ def _readings(recording: Recording) -> list[Reading]:
         over = _steps_deg(recording) / _spans_s(recording)
         found += [
             Reading(over, np.r_[math.inf, sure[1:]], "angle"),
-            Reading(*_between(recording, over, _MIDDLES), "middle"),
+            Reading(*_interpolated(recording, over, _MIDDLES), "middle"),
             Reading(np.r_[over[1:], over[-1]], sure, "after"),
         ]
     for instants in rate:
-        mean, doubt = _between(recording, instants, _MEANS)
+        mean, doubt = _interpolated(recording, instants, _MEANS)
         found.append(Reading(np.r_[instants[0], mean[:-1]], np.r_[math.inf, doubt[:-1]], "instant"))
     return found
 
 
-def _between(recording: Recording, values: Array, weights: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Between each row and the next, by weights of values on both sides; and how far off fewer weights put it or its neighbours."""
+def _interpolated(recording: Recording, values: Array, weights: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Values between each row and the next, by weights of both sides; and how far fewer weights move them or their neighbours."""
     from scipy.ndimage import maximum_filter1d
 
     many, few = (np.convolve(np.pad(values, (len(one) // 2 - 1, len(one) // 2), "edge"), one, "valid") for one in weights)
     reach = len(weights[0]) // 2
-    beside_gaps = np.zeros(len(values) + 1)
-    beside_gaps[np.r_[0, recording.gaps + 1, len(values)]] = 1.0
-    near = maximum_filter1d(beside_gaps, 2 * reach + 1)[:-1] > 0.0
+    at_gaps = np.zeros(len(values) + 1)
+    at_gaps[np.r_[0, recording.gaps + 1, len(values)]] = 1.0
+    near = maximum_filter1d(at_gaps, 2 * reach + 1)[:-1] > 0.0
     return many, np.where(near, math.inf, maximum_filter1d(np.abs(many - few), 3))
 
 
@@ -315,8 +318,8 @@ def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:
     return reading_of(recording, gyro_deg_h).rate_deg_s
 
 
-def stilled(recording: Recording, rate: Array) -> Array:
-    r"""A table's rate with its mean in each stretch where the table stands: what its encoder says there is the encoder's own noise.
+def averaged_at_rest(recording: Recording, rate: Array) -> Array:
+    r"""A table's rate, averaged over each segment at rest: what the encoder shows there is its own noise.
 
     The noise of an angle comes back, motion goes on. A table stands where over `_STILL` samples the angle strays no farther than
     noise does that returns,
@@ -402,7 +405,7 @@ def _first(recording: Recording, columns: tuple[str, ...]) -> str:
         if column in recording:
             return column
     raise InputError(
-        f"{recording.name} does not say how the table turned ({RATE} or {ANGLES[0]}); map one with --map {RATE}='NAME [deg/s]' or "
+        f"{recording.name} has no motion of the table ({RATE} or {ANGLES[0]}); map one with --map {RATE}='NAME [deg/s]' or "
         f"--map {ANGLES[0]}='NAME [deg]'; the columns are {', '.join(recording.columns)}"
     )
 
@@ -428,8 +431,8 @@ def _spans_s(recording: Recording) -> Array:
     return np.r_[spans[0], spans]
 
 
-def _unlike(recording: Recording, rate: Array, gyro_deg_h: Array) -> Array:
-    """Standard deviations, by window means and by rows, of the gyro less what a scale factor and a bias make of a rate."""
+def _residual_sds(recording: Recording, rate: Array, gyro_deg_h: Array) -> Array:
+    """Standard deviations of the gyro's residual after a scale factor and a bias on a rate: of window means, and of rows."""
     inner = slice(1, -1)  # how far the table turned before the first row, or after the last, is not known from its angle
     since_s = (recording.time_s - recording.time_s[0])[inner]
     rate, gyro_deg_h = rate[inner], gyro_deg_h[inner]
@@ -440,10 +443,10 @@ def _unlike(recording: Recording, rate: Array, gyro_deg_h: Array) -> Array:
     counts = np.diff(np.r_[starts, len(window)])
     full = counts > 0.5 * counts.max()
     means = [(np.add.reduceat(values, starts) / counts)[full] for values in (rate, gyro_deg_h)]
-    return np.array([_left(*means), _left(rate, gyro_deg_h)])
+    return np.array([_residual_sd(*means), _residual_sd(rate, gyro_deg_h)])
 
 
-def _left(rate: Array, gyro_deg_h: Array) -> float:
-    """Standard deviation of what a scale factor and a bias leave."""
+def _residual_sd(rate: Array, gyro_deg_h: Array) -> float:
+    """Standard deviation of the gyro's residual after a scale factor and a bias."""
     design = np.column_stack([np.ones(len(rate)), rate])
     return float(np.std(gyro_deg_h - design @ np.linalg.lstsq(design, gyro_deg_h, rcond=None)[0]))

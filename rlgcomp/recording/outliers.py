@@ -219,7 +219,7 @@ def count_errors(run: Recording, gyro: str | None) -> Outliers | None:
     turning_deg_s = motion.reference_rate_deg_s(run, rate_deg_h)
     design = np.column_stack([np.ones(len(run)), turning_deg_s])
     residual = rate_deg_h - design @ np.linalg.lstsq(design, rate_deg_h, rcond=None)[0]
-    deviation_deg_h = np.where(motion.untold(run), 0.0, residual - median_filter(residual, _PASSAGE, mode="nearest"))
+    deviation_deg_h = np.where(motion.rows_without_rate(run), 0.0, residual - median_filter(residual, _PASSAGE, mode="nearest"))
     sample_sd_deg_h = max(robust_sd(deviation_deg_h), _counting_sd_deg_h(run, gyro))
     far = np.abs(deviation_deg_h) > _COUNT_ERROR_SD * sample_sd_deg_h
     if not sample_sd_deg_h > 0.0 or not far.any():

@@ -21,7 +21,7 @@ DEFAULT_AVERAGING_S: Final = 100.0
 LEAST_COVERAGE: Final = 0.8
 GAP_PERIODS: Final = 1.5
 _LATE: Final = 0.5  # periods that stamps come later after a gap, of one sample or more, than before it; late stamps alone catch up
-_NEAR: Final = 15  # samples on either side that tell
+_NEAR: Final = 15  # samples on either side that show it
 _SAME: Final = 1e-7  # of the period: the median step is that good where stamps are exact
 
 
@@ -60,7 +60,7 @@ def _gaps(time_s: Array, steps: Array, period_s: float) -> npt.NDArray[np.intp]:
     if not len(long):
         return long
     rows = np.clip(long[:, None] + np.arange(1 - _NEAR, 1 + _NEAR), 0, len(time_s) - 1)
-    late_s = time_s[rows] - time_s[long, None] - period_s * (rows - long[:, None])  # beside a clock of this period
+    late_s = time_s[rows] - time_s[long, None] - period_s * (rows - long[:, None])  # against a clock of this period
     later_s = np.median(late_s[:, _NEAR:], axis=1) - np.median(late_s[:, :_NEAR], axis=1)
     return long[later_s > _LATE * period_s]
 

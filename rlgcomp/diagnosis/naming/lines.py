@@ -25,7 +25,7 @@ from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.rotation_harmonics import highest_order
-from rlgcomp.recording.motion import angle_deg, rate_deg_s, worth_trying
+from rlgcomp.recording.motion import angle_deg, rate_deg_s, sampling_candidates
 from rlgcomp.units import DEG_PER_TURN, RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]
@@ -196,7 +196,7 @@ def harmonics(problem: Problem, within: Within) -> list[Harmonic]:
     found = []
     for order in orders:
         powers = [power * turn for power, (turn, _, _) in zip(powers, turns, strict=True)]
-        for taken in worth_trying(problem.runs, order):
+        for taken in sampling_candidates(problem.runs, order):
             seen = [_seen(power, order * moved, taken) for power, (_, moved, _) in zip(powers, turns, strict=True)]
             if order > 1:
                 moving = [_moving(part, order * moved, rate) for part, (_, moved, rate) in zip(problem.windows, turns, strict=True)]

@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.result.phrases import listing
 from rlgcomp.numerics.robust import SD_OF_MAD
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import ANGLES, RATE, Reading, lateness, rate_column, rate_deg_s, reading_of
+from rlgcomp.recording.motion import ANGLES, RATE, Reading, delay_in_samples, rate_column, rate_deg_s, reading_of
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -64,7 +64,7 @@ def as_meant(run: Recording, gyro: str | None = None) -> Meant:
         return Meant(run)
     told = _told(reading, gyro_deg_h)
     table = run.table.assign(**{RATE: reading.rate_deg_s})[told].reset_index(drop=True)
-    late = Estimate(*lateness(run, rate_deg_s(run), gyro_deg_h), "of a sample")
+    late = Estimate(*delay_in_samples(run, rate_deg_s(run), gyro_deg_h), "of a sample")
     return Meant(run.replace(table=table, truth=None), reading.means, late, float(np.mean(~told)))
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.question.windows import Flags, Windows
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import ANGLES, RATE, untold
+from rlgcomp.recording.motion import ANGLES, RATE, rows_without_rate
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR, column_unit
 
@@ -33,7 +33,7 @@ def not_comparable(simulator: Simulator, run: Recording, predicted: Callable[[Re
     """
     if simulator.kind != "turntable" or predicted is not None:
         return np.zeros(len(run), dtype=np.bool_)
-    return untold(run)
+    return rows_without_rate(run)
 
 
 def departures_deg_h(

@@ -13,7 +13,7 @@ from rlgcomp.physics.lock_in.observed import RATIO, Search, consistent, observed
 from rlgcomp.physics.lock_in.sampled import LOWEST_DEG_S, mean_error_deg_h, phase_disturbances, pulse_of_deg, spans_of_s
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import earth_rate_deg_h, rate_deg_s, stilled
+from rlgcomp.recording.motion import averaged_at_rest, earth_rate_deg_h, rate_deg_s
 from rlgcomp.units import SECONDS_PER_HOUR
 
 _STANDS_OUT: Final = 10.0  # standard deviations: lock-in is significant
@@ -124,4 +124,4 @@ class LockIn(Mechanism):
         """The total rate of the light, as far as it is known."""
         if self.acts_on == "total" and FELT_RATE_DEG_S in recording:
             return recording.column(FELT_RATE_DEG_S)
-        return stilled(recording, rate_deg_s(recording)) + self.offset_deg_h / SECONDS_PER_HOUR
+        return averaged_at_rest(recording, rate_deg_s(recording)) + self.offset_deg_h / SECONDS_PER_HOUR

@@ -11,7 +11,7 @@ import numpy as np
 from rlgcomp.physics.lock_in.sampled import LOWEST_DEG_S, error_deg_h
 from rlgcomp.physics.mechanism import Array
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import earth_rate_deg_h, reference_rate_deg_s, stilled
+from rlgcomp.recording.motion import averaged_at_rest, earth_rate_deg_h, reference_rate_deg_s
 from rlgcomp.units import SECONDS_PER_HOUR
 
 RATIO: Final = 1.6  # between the lock-in rates that diagnosis tries
@@ -43,7 +43,7 @@ def observed(recordings: Sequence[Recording]) -> Observed | None:
             return None
         gyro = run.rate_deg_h()
         rate = reference_rate_deg_s(run, gyro)
-        rates.append(stilled(run, rate))
+        rates.append(averaged_at_rest(run, rate))
         residual.append(gyro - SECONDS_PER_HOUR * rate)
         change = np.abs(np.diff(rates[-1]))
         steady.append(np.maximum(np.r_[0.0, change], np.r_[change, 0.0]) <= _STEADY * np.abs(rates[-1]))

@@ -40,7 +40,7 @@ def read(
     period_s: float | None = None,
     computed: bool = False,
 ) -> Recording:
-    """Read a recording, mend what can be mended, and say so.
+    """Read a recording and repair it where that needs no guessing.
 
     Parameters
     ----------
@@ -61,27 +61,27 @@ def read(
     Returns
     -------
     Recording
-        What was repaired or noted is in its `findings`.
+        Its `findings` hold what was repaired or noted.
 
     Raises
     ------
     InputError
-        The file cannot be read or mended; everything that is wrong is in one list.
+        The file cannot be read or repaired; the message lists all findings.
     """
     path = Path(path)
     form = _readable(path)
     table, stored = form.load(path)
-    beside = read_sidecar(path)
-    mapping = column_mapping(beside, path) | dict(columns or {})
-    period_s = beside.pop("period_s", None) if period_s is None else period_s
-    said = {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
-    merged = Metadata.from_mapping(said)
+    sidecar_values = read_sidecar(path)
+    mapping = column_mapping(sidecar_values, path) | dict(columns or {})
+    period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
+    stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
+    merged = Metadata.from_mapping(stated)
     require_droppable(drop, table.columns, path)
     table = table.drop(columns=list(drop))
     table, vouched = apply_mapping(table, mapping, name=path.name)
     if period_s is not None:
         table = _with_time(table, period_s, path.name)
-    if "kind" not in said and any(column in table for column in TABLE_COLUMNS):
+    if "kind" not in stated and any(column in table for column in TABLE_COLUMNS):
         merged = dataclasses.replace(merged, kind="turntable")
     table, findings = repair(table, merged, name=path.name, vouched=vouched, computed=computed)
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
@@ -128,7 +128,7 @@ def write(recording: Recording, path: str | Path) -> None:
 
 
 def require_recordable(path: Path) -> None:
-    """Raise unless a recording of this name could be written: said before the work, not after it.
+    """Raise unless a recording of this name could be written: for use before the work.
 
     Raises
     ------
@@ -154,17 +154,16 @@ def require_sidecar(path: Path) -> None:
     InputError
         It does; it may be a simulator's file.
     """
-    beside = sidecar(path)
+    file = sidecar(path)
     try:
         foreign = sorted(read_sidecar(path).keys() - {field.name for field in dataclasses.fields(Metadata)})
-        unreadable = beside.exists() and not beside.is_file()
+        unreadable = file.exists() and not file.is_file()
     except (InputError, OSError):
         foreign, unreadable = [], True
     if foreign or unreadable:
         holds = f" that was written here: it holds {', '.join(foreign)}" if foreign else ""
         raise InputError(
-            f"{beside}, which would hold the metadata of {path.name}, exists and is no recording's metadata{holds}; "
-            "give another name"
+            f"{file}, which would hold the metadata of {path.name}, exists and is no recording's metadata{holds}; give another name"
         )
 
 
@@ -173,32 +172,32 @@ def write_sidecar(path: Path, metadata: Mapping[str, Any]) -> None:
     write_text(sidecar(path), yaml.safe_dump(dict(metadata), sort_keys=False, allow_unicode=True))
 
 
-def column_mapping(beside: dict[str, Any], path: Path) -> dict[str, str]:
-    """The mapping of columns, taken out of what the .yaml beside a recording says; empty where it says nothing of it.
+def column_mapping(sidecar_values: dict[str, Any], path: Path) -> dict[str, str]:
+    """The mapping of columns, removed from the values of the .yaml beside a recording; empty where it has none.
 
     Raises
     ------
     InputError
         It is no mapping of names to names, or one stands under another key.
     """
-    misplaced = [key for key, value in beside.items() if key != "columns" and _maps_columns(value)]
+    misplaced = [key for key, value in sidecar_values.items() if key != "columns" and _maps_columns(value)]
     if misplaced:
-        raise InputError(f"{sidecar(path)}: {misplaced[0]} maps columns, which nobody reads there; write it under 'columns:'")
-    said = beside.pop("columns", None)
-    if said is None:
+        raise InputError(f"{sidecar(path)}: {misplaced[0]} maps columns, which are not read from there; write it under 'columns:'")
+    columns = sidecar_values.pop("columns", None)
+    if columns is None:
         return {}
-    if not isinstance(said, dict) or not all(isinstance(source, str | int | float) for source in said.values()):
+    if not isinstance(columns, dict) or not all(isinstance(source, str | int | float) for source in columns.values()):
         raise InputError(
-            f"{sidecar(path)}: columns is {str(said)[:80]!r}, a {type(said).__name__}; it must map contract names to the file's "
-            "own; write a line such as 'columns: {gyro_deg_h: \"Gyro Z [deg/s]\"}'"
+            f"{sidecar(path)}: columns is {str(columns)[:80]!r}, a {type(columns).__name__}; it must map contract names to the "
+            "file's own; write a line such as 'columns: {gyro_deg_h: \"Gyro Z [deg/s]\"}'"
         )
-    return {str(target): str(source) for target, source in said.items()}
+    return {str(target): str(source) for target, source in columns.items()}
 
 
-def _maps_columns(said: Any) -> bool:
-    if not isinstance(said, dict) or not all(isinstance(source, str) for source in said.values()):
+def _maps_columns(value: Any) -> bool:
+    if not isinstance(value, dict) or not all(isinstance(source, str) for source in value.values()):
         return False
-    return any(str(target) == TIME or column_unit(str(target)) is not None for target in said)
+    return any(str(target) == TIME or column_unit(str(target)) is not None for target in value)
 
 
 def _with_time(table: pd.DataFrame, period_s: Any, name: str) -> pd.DataFrame:
@@ -244,22 +243,22 @@ def sidecar(path: Path) -> Path:
 
 
 def read_sidecar(path: Path) -> dict[str, Any]:
-    """What the .yaml beside a recording says; nothing where there is none.
+    """Values of the .yaml beside a recording; empty where there is none.
 
     Raises
     ------
     InputError
         It is not readable.
     """
-    beside = sidecar(path)
-    if not beside.is_file():
+    file = sidecar(path)
+    if not file.is_file():
         return {}
     try:
-        content = from_yaml(beside.read_text(encoding="utf-8"))
+        content = from_yaml(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{beside}: not readable as YAML: {error}") from None
+        raise InputError(f"{file}: not readable as YAML: {error}") from None
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise InputError(f"{beside}: holds a {type(content).__name__}; expected lines such as 'pulse_arcsec: 0.84'")
+        raise InputError(f"{file}: holds a {type(content).__name__}; expected lines such as 'pulse_arcsec: 0.84'")
     return {str(key): value for key, value in content.items()}

@@ -29,6 +29,8 @@ _NEARLY_ALL: Final = 0.8
 _NUMBER: Final = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
 _RAGGED: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+# pandas 3.1 reads the nearest doubles by itself, and warns of the option that 3.0 needs for that.
+_NEAREST_DOUBLES: Final[dict[str, Any]] = {"float_precision": "round_trip"} if pd.__version__.startswith("3.0.") else {}
 _NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
 
 
@@ -54,7 +56,7 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     except pd.errors.EmptyDataError:
         raise InputError(f"{path} is empty: no header and no rows") from None
     except (pd.errors.ParserError, UnicodeError, OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path} is not readable as CSV: {_said_of(error)}") from None
+        raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
 
 
 def header(path: Path) -> list[str]:
@@ -62,7 +64,7 @@ def header(path: Path) -> list[str]:
     try:
         return [str(name) for name in _pandas(path, nrows=0).columns]
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path} is not readable as CSV: {_said_of(error)}") from None
+        raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
 
 
 def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
@@ -72,7 +74,7 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
             for table in reader:
                 yield table[list(columns)]
     except (pd.errors.ParserError, UnicodeError) as error:
-        raise InputError(f"{path} is not readable as CSV: {_said_of(error)}") from None
+        raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
 
 
 def _pandas(path: Path, **named: Any) -> Any:
@@ -86,7 +88,7 @@ def _pandas(path: Path, **named: Any) -> Any:
         comment="#",
         skipinitialspace=True,
         low_memory=False,
-        float_precision="round_trip",  # the nearest double, in pandas 3.0 too
+        **_NEAREST_DOUBLES,
         **named,
     )
 
@@ -118,10 +120,10 @@ def _by_arrow(path: Path, names: list[str], separator: str) -> pd.DataFrame | No
     import pyarrow
     from pyarrow import csv
 
-    told = csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.float64()))  # not found out: half the work
+    options = csv.ConvertOptions(column_types=dict.fromkeys(names, pyarrow.float64()))  # stated, not inferred: half the work
     try:
         with pyarrow.memory_map(str(path)) as mapped:
-            table = csv.read_csv(mapped, parse_options=csv.ParseOptions(delimiter=separator), convert_options=told)
+            table = csv.read_csv(mapped, parse_options=csv.ParseOptions(delimiter=separator), convert_options=options)
     except (pyarrow.ArrowInvalid, OSError):
         return None
     return table.to_pandas(split_blocks=True) if table.column_names == names else None
@@ -153,8 +155,8 @@ def _header_of(lines: Sequence[str]) -> int:
     return 0
 
 
-def _said_of(error: Exception) -> str:
-    """What a parser complains of, for people."""
+def _parser_message(error: Exception) -> str:
+    """The message of a parser in plain words."""
     found = _RAGGED.search(str(error))
     if found is None:
         return str(error).splitlines()[0]

@@ -28,11 +28,11 @@ Array = npt.NDArray[np.float64]
 Words = npt.NDArray[np.uint64]
 Whole = npt.NDArray[np.int64]
 Flag = npt.NDArray[np.bool_]
-_LARGE: Final = 1 << 26  # bytes from which it pays to start Numba, which columns of that length need soon after anyway
+_LARGE: Final = 1 << 27  # bytes from which it pays to start Numba: at half of that a fresh process gains nothing
 _PIECE: Final = 1 << 19  # bytes: they stay in the second-level cache
 _LONGEST: Final = 1 << 16  # bytes within which a piece's last line must end
 _AHEAD: Final = 8  # bytes beyond a piece that the loop may look at
-_LEFT: Final = 1 << 10  # numbers of a piece that may be left to Python
+_MOST_LEFTOVER: Final = 1 << 10  # numbers of a piece that may be left to Python
 _LEAST, _MOST = -290, 280  # powers of ten that take no w beyond the normal doubles
 
 # An unsigned number and a signed one make a float in NumPy's arithmetic, so that all constants of the text are unsigned.
@@ -100,9 +100,9 @@ def _read(text: Text, first: int, last: int, separator: np.uint64, columns: Arra
         lines += b"" if lines.endswith(b"\n") else b"\n"
         piece, stop = np.frombuffer(lines + bytes(_AHEAD), np.uint8), len(lines)
     eights = np.ndarray(stop + 1, "<u8", piece, strides=(1,))  # the eight bytes from each byte on, at no even address
-    left = np.empty((_LEFT, 3), dtype=np.int64)
-    count = _fill(piece, eights, stop, separator, columns, row, *_powers(), left)
-    for start, end, place in left[: max(count, 0)].tolist():
+    leftover = np.empty((_MOST_LEFTOVER, 3), dtype=np.int64)
+    count = _fill(piece, eights, stop, separator, columns, row, *_powers(), leftover)
+    for start, end, place in leftover[: max(count, 0)].tolist():
         columns.reshape(-1)[place] = float(piece[start:end].tobytes())
     failed[0] |= count < 0
 
@@ -138,7 +138,7 @@ def _fill(
     tens: Array,
     fives: Words,
     scales: Array,
-    left: Whole,
+    leftover: Whole,
 ) -> int:
     """Rows from one on; returns how many numbers are left to Python, each with its start, end and place, or -1 for no such text."""
     count, width, rows = 0, columns.shape[0], columns.shape[1]
@@ -164,9 +164,9 @@ def _fill(
                 simple = w <= _EXACT and -22 <= q <= 0 and digits <= _MOST_DIGITS
                 value = np.float64(np.int64(w)) / tens[-q] if simple else _rounded(w, q, digits, fives, scales)
                 if np.isnan(value):
-                    if count == len(left):
+                    if count == len(leftover):
                         return -1
-                    left[count, 0], left[count, 1], left[count, 2] = start, p, column * rows + np.int64(k)
+                    leftover[count, 0], leftover[count, 1], leftover[count, 2] = start, p, column * rows + np.int64(k)
                     count += 1
             elif p > start:
                 return -1
@@ -214,7 +214,7 @@ def _exponent(text: Text, e: Any) -> Any:
 
 
 def _significant(text: Text, p: Any, digits: Any) -> Any:
-    """How many digits are left without leading zeros; of zeros alone, one."""
+    """How many digits remain without leading zeros; of zeros alone, one."""
     while digits > _ONE and (text[p] == _ZERO or text[p] == _POINT):
         digits -= np.uint64(text[p] == _ZERO)
         p += _ONE

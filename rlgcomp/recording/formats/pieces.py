@@ -65,24 +65,24 @@ def read_pieces(
     Raises
     ------
     InputError
-        The file cannot be read in pieces, a piece cannot be mended, or time does not increase from one to the next.
+        The file cannot be read in pieces, a piece cannot be repaired, or time does not increase from one to the next.
     """
     path = Path(path)
     if rows < 1000:
-        raise InputError(f"pieces of {rows} rows are too short to tell stuck samples from others; give 1000 or more")
+        raise InputError(f"pieces of {rows} rows are too short to detect stuck samples; give 1000 or more")
     names, stored = _opened(path, drop)
-    beside = read_sidecar(path)
-    mapping = column_mapping(beside, path) | dict(columns or {})
-    period_s = beside.pop("period_s", None) if period_s is None else period_s
-    said = {**stored, **beside, **{key: value for key, value in (metadata or {}).items() if value is not None}}
+    sidecar_values = read_sidecar(path)
+    mapping = column_mapping(sidecar_values, path) | dict(columns or {})
+    period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
+    stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
     if any(name in TABLE_COLUMNS for name in (*names, *mapping)):
-        said.setdefault("kind", "turntable")
-    merged = Metadata.from_mapping(said)
+        stated.setdefault("kind", "turntable")
+    merged = Metadata.from_mapping(stated)
     wanted = {target: find_column(names, mapping.get(target, target), path.name)[0] for target in _needed(gyro, period_s)}
-    told = {target: mapping[target] for target in wanted if target in mapping}
+    needed = {target: mapping[target] for target in wanted if target in mapping}
     first, last_s = 0, -np.inf
     for table in _joined(_tables(path, list(dict.fromkeys(wanted.values())), rows), rows):
-        mapped, vouched = apply_mapping(table, told, name=path.name)
+        mapped, vouched = apply_mapping(table, needed, name=path.name)
         if period_s is not None:
             mapped = mapped.assign(**{TIME: period_s * np.arange(first, first + len(table))})
         whole, findings = repair(mapped, merged, name=f"{path.name}, rows from {first}", vouched=vouched)
@@ -119,14 +119,14 @@ def _tables(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
 
 def _joined(tables: Iterable[pd.DataFrame], rows: int) -> Iterator[pd.DataFrame]:
     """Tables of at least so many rows each, if all of them together have them."""
-    held: list[pd.DataFrame] = []
+    pending: list[pd.DataFrame] = []
     ready: pd.DataFrame | None = None
     for table in tables:
-        held.append(table)
-        if sum(map(len, held)) >= rows:
+        pending.append(table)
+        if sum(map(len, pending)) >= rows:
             if ready is not None:
                 yield ready
-            ready, held = pd.concat(held, ignore_index=True), []
-    rest = [table for table in (ready, *held) if table is not None]
+            ready, pending = pd.concat(pending, ignore_index=True), []
+    rest = [table for table in (ready, *pending) if table is not None]
     if rest:
         yield pd.concat(rest, ignore_index=True)

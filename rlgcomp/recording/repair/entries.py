@@ -61,8 +61,8 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         else:
             context.add("noted", message("recording.text_column"), column)
     result = pd.DataFrame(numeric, copy=False)
-    doubtful = [str(name) for name, extent in context.extents(result).items() if not extent.within(LARGEST_VALUE)]
-    if any((np.abs(numeric[name]) > LARGEST_VALUE).any() for name in doubtful):
+    suspect = [str(name) for name, extent in context.extents(result).items() if not extent.within(LARGEST_VALUE)]
+    if any((np.abs(numeric[name]) > LARGEST_VALUE).any() for name in suspect):
         absurd = (result.abs() > LARGEST_VALUE).to_numpy()
         row = int(np.flatnonzero(absurd.any(axis=1))[0])
         found = message("recording.absurd_values", values=int(absurd.sum()), largest=LARGEST_VALUE)
@@ -86,8 +86,8 @@ def _seconds(values: pd.Series, context: Context) -> pd.Series:
 
 
 def empty_channels(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    doubtful = [name for name, extent in context.extents(table).items() if extent.missing]
-    empty = [name for name in doubtful if np.isnan(table[name].to_numpy()).all()]
+    suspect = [name for name, extent in context.extents(table).items() if extent.missing]
+    empty = [name for name in suspect if np.isnan(table[name].to_numpy()).all()]
     for column in empty:
         if column == TIME:
             context.add("refused", message("recording.empty_time"), column)
