@@ -356,6 +356,7 @@ class TestCases:
         read = logger.readings(runs[0], np.random.default_rng(0))
         seen = logger.reconstructed(runs[0], read)
         assert np.std(seen.block - runs[0].block) < 0.05
+        assert np.abs(seen.block - runs[0].block)[-10:].max() < 0.2
         assert np.std(seen.rate_K_min - runs[0].rate_K_min) < 0.2 * np.std(runs[0].rate_K_min)
 
     def test_seeds_for_tuning_are_not_the_pages(self) -> None:
@@ -580,6 +581,9 @@ class TestPage:
         assert len(page.certain_and_wrong([*sure, wrong, healthy, outside])) == 1
 
     def test_what_counts_as_right(self) -> None:
+        assert page.right(self.row("single", "ageing"))
+        assert not page.right(self.row("single", "ageing", verdict="unknown"))
+        assert page.right(self.row("turntable", verdict="none"))
         assert page.right(self.row("healthy", verdict="none"))
         assert not page.right(self.row("healthy", verdict="unknown"))
         assert page.right(self.row("unrecorded", "magnetic_field", verdict="unknown", findings=[]))

@@ -127,10 +127,8 @@ class Logger:
         step_s = chamber.step_s
         monitors = {}
         for column, values in readings.items():
-            prompt = np.interp(chamber.time_s + self.lag_s.get(column, 0.0), chamber.time_s, values) - self.offset_K.get(
-                column, 0.0
-            )
-            tried = [_smooth(prompt, share * WINDOW_S / step_s) for share in _SMOOTHINGS]
+            late, true_level = self.lag_s.get(column, 0.0) / step_s, values - self.offset_K.get(column, 0.0)
+            tried = [_smooth(true_level, share * WINDOW_S / step_s, late) for share in _SMOOTHINGS]
             monitors[column] = _nearest(tried, chamber[column])
             if column == "temperature_block_degC":
                 rate = _nearest([60.0 * np.gradient(one, step_s) for one in tried], chamber.rate_K_min)
@@ -141,5 +139,9 @@ def _nearest(tried: Sequence[Array], truth: Array) -> Array:
     return min(tried, key=lambda one: float(np.mean((one - truth) ** 2)))
 
 
-def _smooth(values: Array, width: float) -> Array:
-    return np.asarray(ndimage.gaussian_filter1d(values, width, mode="nearest")) if width > 0.0 else values
+def _smooth(values: Array, width: float, late: float) -> Array:
+    """Smoothed over so many samples, and so many samples earlier; beyond its ends a series goes on as it came."""
+    rows = min(len(values) - 1, math.ceil(4.0 * width + late) + 1)
+    longer = np.pad(values, rows, mode="reflect", reflect_type="odd")
+    smooth = ndimage.gaussian_filter1d(longer, width) if width > 0.0 else longer
+    return np.interp(np.arange(len(values)) + rows + late, np.arange(len(longer)), smooth)
