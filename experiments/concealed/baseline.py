@@ -13,9 +13,9 @@ import numpy.typing as npt
 from experiments.concealed.chamber import Chamber
 from experiments.concealed.effects import BLOCK, SHELL
 from experiments.concealed.operators import first_order
+from rlgcomp.physics import CATALOGUE
 
 Array = npt.NDArray[np.float64]
-LARGEST = 1e5  # number that a simulator's file takes
 _KIN_OF_LAG = {"temperature_rate", "thermal_gradient", "thermal_hysteresis"}
 
 
@@ -85,6 +85,11 @@ def draw(rng: np.random.Generator, hidden: Collection[str]) -> list[Part]:
     return parts or [next(part for part in others if part.name not in hidden)]
 
 
+def largest(mechanism: str, parameter: str) -> float:
+    """The largest number that a simulator's file takes."""
+    return next(one.high for one in CATALOGUE[mechanism].parameters() if one.name == parameter)
+
+
 def columns(parts: Sequence[Part], chamber: Chamber) -> Array:
     """Of all parts, shape (n, weights)."""
     return np.column_stack([part.columns(chamber) for part in parts])
@@ -123,7 +128,7 @@ def to_mapping(
             factor = rng.uniform(0.2, 1.8)
             if wrong is not None and wrong[:2] == (part.name, parameter):
                 values[parameter] = unit * (weight + wrong[2])
-            elif free and abs(unit * weight * factor) < LARGEST:
+            elif free and abs(unit * weight * factor) <= largest(part.name, parameter):
                 values[parameter] = {"value": unit * weight * factor, "free": True}
         listed.append({part.name: values} if values else part.name)
     return {"kind": "chamber", "mechanisms": listed}

@@ -183,8 +183,8 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
     scale = scale or Scale.draw(stream(plan.seed, "scale"))
     time = scale.period_s / bench.chambers[0].step_s
     rate_deg_h = scale.size_deg_h / _rms(np.concatenate(made.gyro[: bench.training]))
-    if (wrong := _stated(bench, made.nuisance.wrong, time, rate_deg_h)) is not None and abs(wrong[3]) > baseline.LARGEST:
-        quieter = baseline.LARGEST / abs(wrong[3])
+    if (wrong := _stated(bench, made.nuisance.wrong, time, rate_deg_h)) is not None:
+        quieter = min(1.0, baseline.largest(*wrong[:2]) / abs(wrong[3]))
         rate_deg_h, scale = quieter * rate_deg_h, dataclasses.replace(scale, size_deg_h=quieter * scale.size_deg_h)
         wrong = _stated(bench, made.nuisance.wrong, time, rate_deg_h)
     readings = [
