@@ -1,0 +1,20 @@
+"""Diagnosis on one model: terms are driver × memory × form × selection, compared by one evidence.
+
+.. math:: y(t) = s(t; \\beta) + \\sum_k S_k(\\mathrm{run}, t)\\, f_k(h_k[u_k](t)) + n(t)
+
+Rooms, each importing only from those before it:
+    priors      every number of the prior, with its reason
+    data        window means of runs, and their columns on a finer grid
+    drivers     what acts: recorded columns, differences, time since switch-on
+    bases       memories and forms of drivers as columns with Gaussian weights
+    terms       forms and regions: a mechanism is the name of a region
+    regions     the regions that are searched
+    baseline    the simulator, linearised in its free numbers
+    noise       hypotheses of the noise, whitening
+    evidence    the evidence of a set of forms in closed form
+    search      sets of regions, forms refined
+    posterior   probabilities of sets and regions
+    fit         weights, predictions
+    decide      what is stated: every threshold
+    diagnose    one diagnosis from beginning to end
+"""

@@ -1,0 +1,183 @@
+"""Window means of runs, and the columns of each run on a finer grid of bins.
+
+The window follows from the runs: the longest has :data:`~rlgcomp.diagnosis.engine.priors.WINDOWS` of them. Memories and forms are
+evaluated on bins, of which a window has a few, and averaged afterwards; missing bins are interpolated for memories and do not count
+in the means of the gyro.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.engine import priors
+from rlgcomp.recording import TIME, Recording
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+_COVERAGE = 0.8  # of a window's bins that must be there
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """Bins and windows, the same for all runs.
+
+    Parameters
+    ----------
+    bin_s : float
+        Length of a bin in s.
+    bins : int
+        Bins of a window.
+    """
+
+    bin_s: float
+    bins: int
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording]) -> Grid:
+        """The grid that training runs ask for."""
+        longest = max(recording.duration_s for recording in recordings)
+        total = sum(recording.duration_s for recording in recordings)
+        period = max(recording.period_s for recording in recordings)
+        windows = min(float(priors.WINDOWS), priors.WINDOWS_OF_ALL * longest / total)
+        samples = max(1, math.ceil(longest / period / windows - 1e-6))
+        in_bin = max(1, samples // priors.BINS)
+        return cls(in_bin * period, math.ceil(samples / in_bin))
+
+    @property
+    def window_s(self) -> float:
+        return self.bin_s * self.bins
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """One run: its columns on bins, and the means of its output in windows.
+
+    Parameters
+    ----------
+    binned : Recording
+        Means over bins; bins with gaps are missing.
+    grid : Grid
+    bins : int
+        Bins of the run, missing ones among them.
+    full : ndarray of bool, shape (windows,)
+        Windows that count.
+    output : ndarray, shape (counted windows,)
+        Means of the output less what is known of it.
+    white : ndarray, shape (counted windows,)
+        Variance of the white noise, 1 in a window without gaps.
+    """
+
+    binned: Recording
+    grid: Grid
+    bins: int
+    full: npt.NDArray[np.bool_]
+    output: Array
+    white: Array
+    cache: dict[object, Array] = dataclasses.field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, recording: Recording, grid: Grid, output: Callable[[Recording], Array]) -> Run:
+        """A recording on the grid.
+
+        Parameters
+        ----------
+        recording : Recording
+        grid : Grid
+        output : callable
+            The output of a recording of bin means, less what is known of it, shape (bins,).
+        """
+        history = recording.metadata.lead_in_s
+        whole = recording.replace(metadata=dataclasses.replace(recording.metadata, lead_in_s=0.0), truth=None)
+        binned = whole if grid.bin_s <= 1.5 * whole.period_s else whole.averaged(grid.bin_s)
+        place = np.rint((binned.time_s - binned.time_s[0]) / grid.bin_s).astype(np.intp)
+        windows = max(1, (int(place[-1]) + 1) // grid.bins)
+        bins = windows * grid.bins
+        inside = place < bins
+        counts = np.bincount(place[inside] // grid.bins, minlength=windows).astype(np.float64)
+        sums = np.bincount(place[inside] // grid.bins, weights=output(binned)[inside], minlength=windows)
+        begins = np.arange(windows) * grid.window_s
+        full = (counts >= _COVERAGE * grid.bins) & (begins >= history - 1e-6 * grid.bin_s)
+        return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / counts[full])
+
+    @property
+    def name(self) -> str:
+        return self.binned.name
+
+    @functools.cached_property
+    def elapsed_s(self) -> Array:
+        """Time since the beginning of the run at the middle of each bin, shape (bins,)."""
+        return np.asarray((np.arange(self.bins) + 0.5) * self.grid.bin_s)
+
+    @functools.cached_property
+    def windows(self) -> IntArray:
+        """Places of the counted windows among all windows."""
+        return np.flatnonzero(self.full)
+
+    def column(self, name: str) -> Array:
+        """A recorded column on all bins of the run, shape (bins,)."""
+        key = ("column", name)
+        if key not in self.cache:
+            self.cache[key] = self.on_bins(self.binned.column(name))
+        return self.cache[key]
+
+    def on_bins(self, values: Array) -> Array:
+        """Values at the recorded bins, interpolated to all bins of the run; shape (bins,) or (bins, k)."""
+        since = self.binned.time_s - self.binned.time_s[0] + 0.5 * self.grid.bin_s
+        if len(since) >= self.bins and np.allclose(since[: self.bins], self.elapsed_s, atol=0.1 * self.grid.bin_s):
+            return np.asarray(values[: self.bins])
+        if values.ndim == 1:
+            return np.interp(self.elapsed_s, since, values)
+        return np.column_stack([np.interp(self.elapsed_s, since, column) for column in values.T])
+
+    def means(self, values: Array) -> Array:
+        """Means of values on bins, shape (bins,) or (bins, k), over the counted windows."""
+        shape = (len(self.full), self.grid.bins, *values.shape[1:])
+        return np.asarray(values.reshape(shape).mean(axis=1)[self.full])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Data:
+    """The training runs together: n window means."""
+
+    runs: tuple[Run, ...]
+
+    @functools.cached_property
+    def output(self) -> Array:
+        return np.concatenate([run.output for run in self.runs])
+
+    @functools.cached_property
+    def white(self) -> Array:
+        return np.concatenate([run.white for run in self.runs])
+
+    @functools.cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Rows of each run."""
+        edges = np.r_[0, np.cumsum([len(run.output) for run in self.runs])]
+        return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges))
+
+    def __len__(self) -> int:
+        return len(self.output)
+
+    def means(self, of_run: Callable[[Run], Array]) -> Array:
+        """Window means of a function of a run that gives values on its bins."""
+        return np.concatenate([run.means(of_run(run)) for run in self.runs])
+
+    @property
+    def longest_s(self) -> float:
+        """Length of the longest run in s."""
+        return max(run.bins for run in self.runs) * self.runs[0].grid.bin_s
+
+    @functools.cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Recorded columns that all runs have and that vary, the outputs and the time left out."""
+        first = self.runs[0].binned
+        shared = [c for c in first.columns if c != TIME and c not in first.gyro_columns]
+        shared = [c for c in shared if all(c in run.binned for run in self.runs)]
+        return tuple(c for c in shared if np.ptp(np.concatenate([run.column(c) for run in self.runs])) > 0.0)

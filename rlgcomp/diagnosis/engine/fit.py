@@ -1,0 +1,192 @@
+"""The likeliest set fitted: posterior means of all weights, predictions of any run, parameters with their standard deviations."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.engine import priors
+from rlgcomp.diagnosis.engine.baseline import Baseline
+from rlgcomp.diagnosis.engine.bases import Basis
+from rlgcomp.diagnosis.engine.data import Data, Grid, Run
+from rlgcomp.diagnosis.engine.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.engine.search import State
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
+
+Array = npt.NDArray[np.float64]
+_SIDE: Final = 1.0 / 32.0  # step of the grid at which the curvature of the evidence is taken
+_PLACES: Final = 25  # of a function's table
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """A parameter with its standard deviation and unit."""
+
+    value: float
+    sd: float
+    unit: str
+
+    def to_mapping(self) -> dict[str, object]:
+        """`value`, `sd` and `unit`, as JSON has them."""
+        return {"value": self.value, "sd": self.sd, "unit": self.unit}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fit:
+    """A set with its weights.
+
+    Parameters
+    ----------
+    data : Data
+    baseline : Baseline
+    bank : Bank
+    state : State
+        The set; with no members, the simulator calibrated.
+    """
+
+    data: Data
+    baseline: Baseline
+    bank: Bank
+    state: State
+
+    @functools.cached_property
+    def _evidence(self) -> Evidence:
+        return Evidence(self.bank, self.state.noise, 0.0)
+
+    @functools.cached_property
+    def parts(self) -> tuple[tuple[Member, tuple[tuple[Basis, float], ...]], ...]:
+        """Members, their bases and the scale of each."""
+        return tuple(
+            (member, tuple((basis, member.size * scale) for basis, scale in self.bank.scaled(member.form) or ()))
+            for member in self.state.members
+        )
+
+    @functools.cached_property
+    def _path(self) -> Array:
+        """What jumps between two values, shape (n,)."""
+        seen = self.state.telegraph
+        return np.zeros(len(self.data)) if seen is None else seen.half_step * seen.path
+
+    @functools.cached_property
+    def _solution(self) -> tuple[Array, Array, Array, float]:
+        """Numbers of the baseline, weights, covariance of the weights, and the standard deviation of the white noise."""
+        whitened = self._evidence.whitened
+        output = whitened.project((self.data.output - self._path)[:, None])[:, 0]
+        table = self._evidence.table(self.state.members)
+        inverse = np.linalg.inv(np.eye(table.shape[1]) + table.T @ table)
+        weights = inverse @ (table.T @ output)
+        square = float(output @ output - output @ table @ weights)
+        variance = max(square, 0.0) / whitened.freedom
+        plain = [scale * self.bank.columns(basis) for _, bases in self.parts for basis, scale in bases]
+        terms = np.hstack([np.empty((len(self.data), 0)), *plain]) @ weights
+        design = whitened.whiten(self.data.means(self.baseline.columns))
+        left = whitened.whiten((self.data.output - self._path - terms)[:, None])[:, 0]
+        size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        numbers = np.linalg.lstsq(design / size, left, rcond=1e-9)[0] / size
+        return numbers, weights, variance * inverse, math.sqrt(variance)
+
+    @property
+    def white(self) -> float:
+        """Standard deviation of the white noise of a window mean."""
+        return self._solution[3]
+
+    @property
+    def noise_rms(self) -> float:
+        """Root mean square of all noise of window means about the mean of their run."""
+        total, count = 0.0, 0
+        length = max(len(run.full) for run in self.data.runs)
+        for run in self.data.runs:
+            covariance = self.state.noise.covariance(run.windows, run.white, length)
+            total += float(np.trace(covariance) - covariance.mean() * len(covariance))
+            count += len(covariance)
+        return self.white * math.sqrt(total / count)
+
+    # --- predictions -----------------------------------------------------------------------------------------------------------
+
+    def term(self, k: int, run: Run) -> Array:
+        """What the k-th member does in a run, shape (bins,)."""
+        at = sum(self._width(j) for j in range(k))
+        weights = self._solution[1][at : at + self._width(k)]
+        table = np.hstack([scale * basis.columns(run) for basis, scale in self.parts[k][1]])
+        return np.asarray(table @ weights)
+
+    def _width(self, k: int) -> int:
+        return sum(self.bank.columns(basis).shape[1] for basis, _ in self.parts[k][1])
+
+    def predicted(self, run: Run) -> Array:
+        """The output less what is stated, of a run on its bins, shape (bins,)."""
+        total = self.baseline.columns(run) @ self._solution[0]
+        for k in range(len(self.parts)):
+            total = total + self.term(k, run)
+        return np.asarray(total)
+
+    def residual(self, run: Run) -> Array:
+        """What a run's window means hold beyond the fit; a two-state path is not predicted."""
+        return np.asarray(run.output - run.means(self.predicted(run)))
+
+    def rate_deg_h(self, recording: Recording, grid: Grid) -> Array:
+        """The output predicted at each sample of a recording, in deg/h, shape (n,)."""
+        run = Run.of(recording, grid, lambda binned: np.zeros(len(binned)))
+        since = recording.time_s - recording.time_s[0] + 0.5 * recording.period_s
+        return np.interp(since, run.elapsed_s, self.predicted(run)) + self.baseline.stated(recording)
+
+    # --- parameters ------------------------------------------------------------------------------------------------------------
+
+    def parameters(self, k: int, mechanism: type[Mechanism] | None) -> dict[str, Estimate]:
+        """Amplitude and nonlinear parameters of the k-th member in the mechanism's own names, where its lead is one basis."""
+        member, bases = self.parts[k]
+        if mechanism is None or len(member.form.lead) != 1:
+            return {}
+        (lead,) = member.form.lead
+        declared = mechanism.parameters()
+        amplitudes = [parameter for parameter in declared if parameter.role == "amplitude"]
+        columns = self.bank.columns(lead).shape[1]
+        found = {}
+        at = sum(self._width(j) for j in range(k))
+        scale = bases[0][1] * lead.per_unit()
+        if columns <= len(amplitudes):
+            for j, parameter in enumerate(amplitudes[:columns]):
+                sd = math.sqrt(self._solution[2][at + j, at + j]) * scale
+                found[parameter.name] = Estimate(float(self._solution[1][at + j] * scale), sd, parameter.unit)
+        for name, value in lead.parameters().items():
+            same = next((parameter for parameter in declared if parameter.name.startswith(name)), None)
+            if same is not None and columns <= len(amplitudes):
+                found[same.name] = Estimate(value, self._spread(k, name, value), same.unit)
+        return found
+
+    def _spread(self, k: int, name: str, value: float) -> float:
+        """Standard deviation of a nonlinear parameter, of the fall of the evidence to both sides."""
+        members = self.state.members
+        given = self._evidence.given((*members[:k], *members[k + 1 :]))
+        at = int(np.argmin(np.abs(priors.SIZES - members[k].size)))
+        here = float(given.gain(members[k].form)[at])
+        spreads = []
+        for form in members[k].form.nearby(_SIDE):
+            moved = form.lead[0].parameters()[name] - value
+            if abs(moved) > 0.0 and self.bank.scaled(form) is not None:
+                fall = max(here - float(given.gain(form)[at]), 1e-3)
+                spreads.append(abs(moved) / math.sqrt(2.0 * fall))
+        return float(np.median(spreads)) if spreads else 0.0
+
+    def function(self, k: int) -> dict[str, list[float]]:
+        """The k-th member as a table of its driver: value, mean and standard deviation of the contribution, about its mean."""
+        _, bases = self.parts[k]
+        path = next((getattr(basis, "path", None) for basis, _ in bases), None)
+        if path is None or path.memory != "none":
+            return {}
+        u = self.data.means(path.driver.raw)
+        table = np.hstack([scale * self.bank.columns(basis) for basis, scale in bases])
+        table = table - table.mean(axis=0)
+        at = sum(self._width(j) for j in range(k))
+        inside = slice(at, at + self._width(k))
+        places = np.unique(np.argsort(u)[np.linspace(0, len(u) - 1, _PLACES).astype(np.intp)])
+        places = places[np.argsort(u[places])]
+        spread = np.sqrt(np.einsum("ij,jk,ik->i", table[places], self._solution[2][inside, inside], table[places]))
+        mean = table[places] @ self._solution[1][inside]
+        return {"driver": u[places].tolist(), "value": mean.tolist(), "sd": spread.tolist()}

@@ -1,0 +1,157 @@
+r"""Hypotheses of the noise of window means, relative to their white part, and the whitening of columns under each.
+
+.. math:: N = \mathrm{diag}(v) + \phi^2 F + \omega^2 \min(t, t') / T + a^2 e^{-|t - t'| / \tau}
+
+with F a sum of relaxations whose spectra add up to 1/f (A. van der Ziel, Physica 16, 359 (1950)), each averaged over windows
+exactly, and T the length of the longest run. Runs are independent. Windows are few, so each run has a Cholesky factor.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.engine import priors
+from rlgcomp.diagnosis.engine.data import Data
+
+Array = npt.NDArray[np.float64]
+_RATIO: Final = 5.0  # between the time constants of the relaxations
+_RELAXATIONS: Final = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """Noise of window means over their white part.
+
+    Parameters
+    ----------
+    flicker : float
+        Bias instability.
+    walk : float
+        Random walk gathered in the longest run.
+    wander : float
+        Standard deviation of what wanders unrecorded.
+    wander_time : float
+        Its correlation time over the length of the longest run.
+    """
+
+    flicker: float = 0.0
+    walk: float = 0.0
+    wander: float = 0.0
+    wander_time: float = 0.1
+
+    def covariance(self, places: npt.NDArray[np.intp], white: Array, length: float) -> Array:
+        """Of the windows of one run.
+
+        Parameters
+        ----------
+        places : ndarray of int, shape (n,)
+            Number of each window from the beginning of the run.
+        white : ndarray, shape (n,)
+            Variance of the white noise.
+        length : float
+            Windows of the longest run.
+        """
+        apart = np.abs(np.subtract.outer(places, places))
+        by_lag = np.zeros(int(apart.max(initial=0)) + 1)
+        if self.flicker:
+            each = self.flicker**2 * math.log(_RATIO) / math.pi
+            for k in range(_RELAXATIONS):
+                by_lag += each * relaxation(len(by_lag), _RATIO**k)
+        if self.wander:
+            by_lag += self.wander**2 * relaxation(len(by_lag), self.wander_time * length)
+        total = by_lag[apart] + np.diag(white)
+        if self.walk:
+            middles = places + 0.5
+            total = total + self.walk**2 / length * np.minimum.outer(middles, middles)
+        return np.asarray(total)
+
+
+def relaxation(lags: int, windows: float) -> Array:
+    """Autocovariance of window means of a process with correlation exp(-t / windows), t in windows."""
+    decay = windows * -math.expm1(-1.0 / windows)
+    found = decay**2 * np.exp(-(np.arange(lags) - 1.0) / windows)
+    found[0] = 2.0 * windows * (1.0 - decay)
+    return np.asarray(found)
+
+
+def neighbours(noise: Noise) -> tuple[Noise, ...]:
+    """Hypotheses next to one on the grid."""
+    axes: tuple[tuple[str, tuple[float, ...]], ...] = (("flicker", tuple(priors.FLICKERS)), ("walk", tuple(priors.WALKS)))
+    if noise.wander:
+        axes = (("wander", tuple(priors.WANDERS)), ("wander_time", priors.WANDER_TIMES))
+    found = []
+    for name, values in axes:
+        at = values.index(getattr(noise, name))
+        found += [dataclasses.replace(noise, **{name: values[k]}) for k in (at - 1, at + 1) if 0 <= k < len(values)]
+    return tuple(found)
+
+
+def hypotheses() -> tuple[tuple[Noise, ...], Array]:
+    """All hypotheses and the logarithm of their prior probabilities."""
+    found = {
+        Noise(flicker, walk): share * part
+        for (flicker, share), (walk, part) in itertools.product(priors.FLICKERS.items(), priors.WALKS.items())
+        if not (flicker and walk > 3.0)
+    }
+    total = sum(found.values()) / (1.0 - priors.WANDER_ODDS)
+    found = {noise: share / total for noise, share in found.items()}
+    for (size, share), time in itertools.product(priors.WANDERS.items(), priors.WANDER_TIMES):
+        found[Noise(wander=size, wander_time=time)] = priors.WANDER_ODDS * share / len(priors.WANDER_TIMES)
+    return tuple(found), np.log(list(found.values()))
+
+
+class Whitened:
+    """Data whitened under one hypothesis and projected off the baseline, whose numbers are flat.
+
+    Parameters
+    ----------
+    data : Data
+    design : ndarray, shape (n, p)
+        Columns of the baseline.
+    noise : Noise
+    """
+
+    def __init__(self, data: Data, design: Array, noise: Noise) -> None:
+        from scipy.linalg import cholesky
+
+        length = max(len(run.full) for run in data.runs)
+        self.noise = noise
+        self._slices = data.slices
+        self._factors = [
+            cholesky(noise.covariance(run.windows, run.white, length), lower=True, check_finite=False)
+            if noise != Noise()
+            else np.sqrt(run.white)
+            for run in data.runs
+        ]
+        white = self.whiten(design)
+        size = np.linalg.norm(white, axis=0)
+        self._basis, triangle = np.linalg.qr(white / size)
+        log_det = sum(np.sum(np.log(np.diag(f) if f.ndim == 2 else f)) for f in self._factors)
+        log_det += np.sum(np.log(np.abs(np.diag(triangle)))) + np.sum(np.log(size))
+        self.log_normaliser = -float(log_det)
+        self.freedom = len(data) - design.shape[1]
+        self.output = self.project(data.output[:, None])[:, 0]
+        self.square = float(self.output @ self.output)
+
+    def project(self, columns: Array) -> Array:
+        """Columns of window means, whitened, less what the baseline absorbs."""
+        white = self.whiten(columns)
+        return np.asarray(white - self._basis @ (self._basis.T @ white))
+
+    def whiten(self, columns: Array) -> Array:
+        """Columns of window means, whitened."""
+        from scipy.linalg import solve_triangular
+
+        parts = [
+            columns[rows] / factor[:, None]
+            if factor.ndim == 1
+            else solve_triangular(factor, columns[rows], lower=True, check_finite=False)
+            for rows, factor in zip(self._slices, self._factors, strict=True)
+        ]
+        return np.concatenate(parts)

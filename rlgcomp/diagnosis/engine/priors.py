@@ -1,0 +1,66 @@
+"""Every number of the prior, with its reason."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+# --- resolution of the data ----------------------------------------------------------------------------------------------------
+
+WINDOWS: Final = 400
+"""Windows of the longest run: a hop or a reversal is placed to a fraction of a per cent of a run; a Cholesky factor is small."""
+WINDOWS_OF_ALL: Final = 1800
+"""Windows of all runs: the time of a diagnosis grows with their square."""
+BINS: Final = 5
+"""Bins of a window, on which memories and forms are evaluated: a form does not commute with an average."""
+
+# --- regions -------------------------------------------------------------------------------------------------------------------
+
+NAMED_ODDS: Final = 0.03
+"""Odds that a mechanism of the catalogue is missing: with some twenty of them, none is missing in half of all diagnoses."""
+LAW_ODDS: Final = 0.002
+"""Odds of a law without a name: there are ten times as many, and together they are as likely as two or three mechanisms."""
+WANDER_ODDS: Final = 0.03
+"""Odds that something unrecorded wanders."""
+
+# --- sizes ---------------------------------------------------------------------------------------------------------------------
+
+SIZES: Final = 0.2 * 3.0 ** np.arange(8)
+"""Strength of a term over the white noise of a window mean, log-uniform: 0.2 can hardly be seen in a thousand windows, 440 is
+beyond any recording in which a gyro still works. A ratio of three loses a tenth of a nat against a continuum."""
+DISCREPANCY: Final = 0.12
+"""Departure of a law from its equation over its own size: equations of the literature, fitted to other laws of the same cause,
+leave 5 to 20 per cent."""
+
+# --- forms ---------------------------------------------------------------------------------------------------------------------
+
+SMOOTH_KNOTS: Final = 12
+"""Functions of a smooth form: two bends of a range are resolved."""
+SMOOTH_WIDTH: Final = 0.35
+"""Correlation length of a smooth function over half the driver's range."""
+TIME_CONSTANTS: Final = 12
+"""Lags that are tried, in equal ratios from a window to a run: the next is within a sixth of an e-fold of any."""
+THRESHOLDS: Final = 36
+"""Levels of a relay that are tried over the range of its driver: polished afterwards."""
+DEAD_BANDS: Final = (0.0, 0.03, 0.08, 0.16)
+"""Dead bands of a relay over half the driver's range."""
+RADII: Final = tuple(float(r) for r in np.geomspace(0.04, 0.8, 7))
+"""Radii of a play, over half the driver's range."""
+PREISACH_LEVELS: Final = 44
+"""Levels of the Preisach plane, so 946 relays: finer than a density of relays can be told from a smooth one below strength 30."""
+LAW_LEVELS: Final = 22
+"""The same for loops of monitors."""
+MORE_STEPS: Final = 0.5
+"""Odds of one more hop of a ladder."""
+
+# --- noise ---------------------------------------------------------------------------------------------------------------------
+
+FLICKERS: Final = {0.0: 0.45, 0.15: 0.2, 0.35: 0.2, 0.8: 0.11, 2.0: 0.04}
+"""Bias instability over the white noise of a window mean."""
+WALKS: Final = {0.0: 0.45, 0.3: 0.2, 1.0: 0.2, 3.0: 0.11, 10.0: 0.03, 30.0: 0.01}
+"""Random walk gathered in a run of usual length, over the white noise of a window mean."""
+WANDERS: Final = {0.6: 0.3, 1.5: 0.3, 4.0: 0.2, 10.0: 0.12, 25.0: 0.08}
+"""Size of a wander of something unrecorded over the white noise of a window mean."""
+WANDER_TIMES: Final = (0.01, 0.03, 0.1, 0.3)
+"""Correlation time of a wander over the length of a run."""

@@ -1,0 +1,343 @@
+"""The search over sets of regions: a beam from the null, members chosen again given the others, forms polished and grown."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.engine import priors
+from rlgcomp.diagnosis.engine.evidence import LOG_SIZE, Bank, Conditional, Evidence, Member, Screen, Set
+from rlgcomp.diagnosis.engine.noise import Noise, hypotheses, neighbours
+from rlgcomp.diagnosis.engine.telegraph import Telegraph, telegraph
+from rlgcomp.diagnosis.engine.terms import Form, Region
+
+Array = npt.NDArray[np.float64]
+Latent = Literal["", "wander", "telegraph"]
+Key = tuple[frozenset[str], Latent]
+_WHITE: Final = Noise()
+_BEAM: Final = 4  # states that are expanded at each size
+_FIRST: Final = 6  # and of one member: what shows only beside another is found from there
+_WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expanded
+_WITH_WANDER: Final = 3  # sets beside which a wander is tried
+_USUAL_WANDER: Final = 1.5  # from which its size is climbed
+_MOST: Final = 6  # members of a set
+_CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
+_FINEST: Final = 1.0 / 64.0  # step of the grid
+_WORTH: Final = 0.3  # nats that a polishing step must gain
+_SLOW_WINDOWS: Final = (5, 15)  # of running means from which a two-state path is begun
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    """A set with its likeliest noise.
+
+    Parameters
+    ----------
+    members : tuple of Member
+    noise : Noise
+    log_point : float
+        Log posterior of this very point, up to a constant of all sets.
+    log_volume : float
+        Log of the posterior of all forms, sizes and noises of the same regions over that of the point.
+    telegraph : Telegraph, optional
+        A two-state process beside the set.
+    """
+
+    members: Set
+    noise: Noise
+    log_point: float
+    log_volume: float = 0.0
+    telegraph: Telegraph | None = None
+
+    @property
+    def log_posterior(self) -> float:
+        """Log posterior of the set of regions."""
+        return self.log_point + self.log_volume
+
+    @property
+    def key(self) -> Key:
+        """The regions, and what unrecorded there is beside them."""
+        latent: Latent = "telegraph" if self.telegraph else "wander" if self.noise.wander else ""
+        return frozenset(member.form.region for member in self.members), latent
+
+
+class Search:
+    """Sets of regions and their posterior.
+
+    Parameters
+    ----------
+    bank : Bank
+    regions : sequence of Region
+    """
+
+    def __init__(self, bank: Bank, regions: Sequence[Region]) -> None:
+        self.bank = bank
+        bank.prepare(form for region in regions for form in region.forms)
+        self.regions = {region.key: self._possible(region) for region in regions}
+        self.forms = tuple(form for region in self.regions.values() for form in region.forms)
+        self._region_of = np.array([form.region for form in self.forms])
+        noises, log_prior = hypotheses()
+        self.noise_log_prior = dict(zip(noises, log_prior.tolist(), strict=True))
+        self._evidences: dict[Noise, Evidence] = {}
+        self._screens: dict[Noise, Screen] = {}
+        self.visited: dict[Key, State] = {}
+
+    def _possible(self, region: Region) -> Region:
+        forms = tuple(form for form in region.forms if self.bank.scaled(form) is not None)
+        return dataclasses.replace(region, forms=forms)
+
+    def evidence(self, noise: Noise) -> Evidence:
+        """The evidence under a noise."""
+        if noise not in self._evidences:
+            self._evidences[noise] = Evidence(self.bank, noise, self.noise_log_prior[noise])
+        return self._evidences[noise]
+
+    def screen(self, noise: Noise) -> Screen:
+        """All forms under a noise."""
+        if noise not in self._screens:
+            self._screens[noise] = Screen(self.evidence(noise), self.forms)
+        return self._screens[noise]
+
+    def log_prior(self, members: Set) -> float:
+        """Of the regions, forms and sizes of a set."""
+        return sum(self.regions[m.form.region].log_odds + m.form.log_share + LOG_SIZE for m in members)
+
+    # --- the search ------------------------------------------------------------------------------------------------------------
+
+    def run(self) -> list[State]:
+        """All states that were visited, the likeliest first."""
+        null, wander = self.settled(()), self._wandering(())
+        beam, best = [null, *([wander] if wander.log_posterior > null.log_posterior else [])], null.log_posterior
+        for size in range(1, _MOST + 1):
+            children: dict[frozenset[str], State] = {}
+            for state in beam:
+                for child in self.expanded(state):
+                    key = child.key[0]
+                    if key not in children or child.log_point > children[key].log_point:
+                        children[key] = child
+            ordered = sorted(children.values(), key=lambda child: child.log_posterior, reverse=True)
+            ordered = ordered[: _FIRST if size == 1 else _BEAM]
+            beam = [self.refined(child) for child in ordered if size == 1 or child.log_posterior > best - _WITHIN]
+            beam.sort(key=lambda state: state.log_posterior, reverse=True)
+            if not beam or beam[0].log_posterior < best - 3.0:
+                break
+            best = max(best, beam[0].log_posterior)
+            beam = [state for state in beam if state.log_posterior > best - _WITHIN] or beam[:1]
+        self._exchange()
+        ordered = sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
+        for members in dict.fromkeys(state.members for state in ordered[:_WITH_WANDER]):
+            self._wandering(members)
+        return sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
+
+    def _exchange(self) -> None:
+        """From the likeliest set: each member dropped, and exchanged for another region."""
+        for _ in range(3):
+            best = max(self.visited.values(), key=lambda state: state.log_posterior)
+            for k in range(len(best.members)):
+                fewer = self.settled((*best.members[:k], *best.members[k + 1 :]))
+                others = sorted(self.expanded(fewer), key=lambda child: child.log_posterior, reverse=True)
+                for child in others[:3]:
+                    if child.key not in self.visited and child.log_posterior > best.log_posterior - _WITHIN:
+                        self.refined(child)
+            if max(self.visited.values(), key=lambda state: state.log_posterior) is best:
+                return
+
+    # --- a two-state process beside a set ----------------------------------------------------------------------------------------
+
+    def with_telegraph(self, states: Sequence[State]) -> list[State]:
+        """Sets with a two-state process beside them, where there is one; they count as visited."""
+        found = []
+        for members in dict.fromkeys(state.members for state in states):
+            table = np.hstack([np.empty((len(self.bank.data), 0)), *(self._unwhitened(member) for member in members)])
+            seen = telegraph(self.bank.data, self.bank.design, table, self._slow(table))
+            if seen is None:
+                continue
+            log_point = seen.log_evidence + self.log_prior(members) + math.log(priors.NAMED_ODDS)
+            state = State(members, Noise(), log_point, telegraph=seen)
+            self._visit(state)
+            found.append(state)
+        return found
+
+    def _unwhitened(self, member: Member) -> Array:
+        scaled = self.bank.scaled(member.form) or ()
+        return np.hstack([member.size * scale * self.bank.columns(basis) for basis, scale in scaled])
+
+    def _slow(self, table: Array) -> list[Array]:
+        """Slow courses of what the baseline and a set leave of the output."""
+        design = np.hstack([self.bank.design, table])
+        output = self.bank.data.output
+        left = output - design @ np.linalg.lstsq(design, output, rcond=1e-9)[0]
+        courses = []
+        for windows in _SLOW_WINDOWS:
+            kernel = np.ones(windows) / windows
+            courses.append(
+                np.concatenate(
+                    [np.convolve(left[rows], kernel, "full")[windows // 2 :][: len(left[rows])] for rows in self.bank.data.slices]
+                )
+            )
+        return courses
+
+    def settled(self, members: Set, noise: Noise = _WHITE) -> State:
+        """A set at its likeliest noise, climbing over the grid of hypotheses from one; and the volume of the noises passed."""
+        log_prior = self.log_prior(members)
+        found: dict[Noise, float] = {}
+
+        def value(one: Noise) -> float:
+            if one not in found:
+                found[one] = self.evidence(one).log_evidence(members) + log_prior + self.noise_log_prior[one]
+            return found[one]
+
+        best = max((noise, *self._climbed_from(noise)), key=value)
+        while True:
+            around = [one for one in neighbours(best) if one in self.noise_log_prior]
+            nearer = max((best, *around), key=value)
+            if nearer == best:
+                break
+            best = nearer
+        state = State(members, best, found[best], _log_sum(found.values()) - found[best])
+        self._visit(state)
+        return state
+
+    def _wandering(self, members: Set) -> State:
+        """A set beside something unrecorded that wanders."""
+        starts = [one for one in self.noise_log_prior if one.wander == _USUAL_WANDER]
+        return max((self.settled(members, start) for start in starts[1::2]), key=lambda state: state.log_posterior)
+
+    def _climbed_from(self, noise: Noise) -> tuple[Noise, ...]:
+        """Starts of a climb beside one."""
+        return () if noise.wander else (Noise(), Noise(walk=1.0))
+
+    def _visit(self, state: State) -> None:
+        known = self.visited.get(state.key)
+        if known is None or state.log_posterior > known.log_posterior:
+            self.visited[state.key] = state
+
+    def core(self, state: State) -> list[Noise]:
+        """Noises under which a state is expanded: its own, white noise, and less of what is slow."""
+        own = state.noise
+        fewer = [one for one in neighbours(own) if one.flicker <= own.flicker and one.walk <= own.walk and one.wander <= own.wander]
+        return list(dict.fromkeys([own, Noise(), *fewer[:1]]))
+
+    def expanded(self, state: State) -> list[State]:
+        """A state with each further region, at its likeliest form, size and noise."""
+        taken = {member.form.region for member in state.members}
+        log_prior = self.log_prior(state.members)
+        found: dict[str, list[tuple[float, Form, float, Noise]]] = {}
+        sums: dict[str, list[float]] = {}
+        shares = np.array([form.log_share for form in self.forms])
+        wanted = np.array([region not in taken for region in self._region_of])
+        for noise in self.core(state):
+            given = self.evidence(noise).given(state.members)
+            offset = log_prior + self.noise_log_prior[noise] + LOG_SIZE
+            gains = given.gains(self.screen(noise), wanted) + shares[:, None] + offset
+            for key in set(self.regions) - taken:
+                region = self.regions[key]
+                if region.propose is not None:
+                    forms = self._proposed(region, given)
+                    table = np.array([given.gain(form) + form.log_share + offset for form in forms]) if forms else np.empty((0, 0))
+                else:
+                    forms = region.forms
+                    table = gains[self._region_of == key]
+                if not table.size:
+                    continue
+                table = table + region.log_odds
+                k, size = np.unravel_index(int(np.argmax(table)), table.shape)
+                best = float(table[k, size]), forms[k], float(priors.SIZES[size]), noise
+                found.setdefault(key, []).append(best)
+                sums.setdefault(key, []).append(_log_sum(table.ravel()))
+        children = []
+        for key, options in found.items():
+            log_point, form, strength, likeliest = max(options, key=lambda option: option[0])
+            volume = _log_sum(sums[key]) - log_point
+            children.append(State((*state.members, Member(form, strength)), likeliest, log_point, volume + state.log_volume))
+        return children
+
+    def _proposed(self, region: Region, given: Conditional) -> tuple[Form, ...]:
+        assert region.propose is not None  # noqa: S101
+        forms = region.propose(given.residual())
+        return tuple(form for form in forms if self.bank.scaled(form) is not None)
+
+    # --- one state -------------------------------------------------------------------------------------------------------------
+
+    def refined(self, state: State) -> State:
+        """Members chosen again given the others, polished and grown; then the volume about the point."""
+        members, noise = state.members, state.noise
+        for _ in range(3):
+            before = members
+            for k in range(len(members)):
+                members = self._chosen_again(members, k, noise)
+            if members == before:
+                break
+            noise = self.settled(members, noise).noise
+        settled = self.settled(members, noise)
+        volume = settled.log_volume + sum(self._volume(members, k, settled.noise) for k in range(len(members)))
+        found = dataclasses.replace(settled, log_volume=volume)
+        self._visit(found)
+        return found
+
+    def _chosen_again(self, members: Set, k: int, noise: Noise) -> Set:
+        """One member's form and size, the others held."""
+        others, own = (*members[:k], *members[k + 1 :]), members[k]
+        region, given = self.regions[own.form.region], self.evidence(noise).given(others)
+
+        def best(form: Form) -> tuple[float, Member]:
+            gains = given.gain(form) + form.log_share
+            j = int(np.argmax(gains))
+            return float(gains[j]), Member(form, float(priors.SIZES[j]))
+
+        value, member = best(own.form)
+        if region.forms:
+            table = given.gains(self.screen(noise), self._region_of == region.key)[self._region_of == region.key]
+            table += np.array([form.log_share for form in region.forms])[:, None]
+            i, j = np.unravel_index(int(np.argmax(table)), table.shape)
+            if table[i, j] > value + _WORTH:
+                value, member = float(table[i, j]), Member(region.forms[i], float(priors.SIZES[j]))
+        if value - given.log_evidence > _CLEAR:
+            value, member = self._polished(value, member, best)
+            while region.grow is not None:
+                grown = [best(form) for form in region.grow(member.form) if self.bank.scaled(form) is not None]
+                more = max(grown, key=lambda one: one[0], default=(value, member))
+                if more[0] <= value + _WORTH:
+                    break
+                value, member = self._polished(*more, best)
+        return (*members[:k], member, *members[k + 1 :])
+
+    def _polished(self, value: float, member: Member, best: object) -> tuple[float, Member]:
+        """A form moved by ever smaller steps; a finer place than the grid's costs the share of the grid that it is."""
+        assert callable(best)  # noqa: S101
+        step = 0.5
+        while step >= _FINEST:
+            moves = [form for form in member.form.nearby(step) if self.bank.scaled(form) is not None]
+            found = max((best(form) for form in moves), key=lambda one: one[0], default=(value, member))
+            if found[0] > value + _WORTH:
+                value, member = found
+            else:
+                step *= 0.5
+        return value, member
+
+    def _volume(self, members: Set, k: int, noise: Noise) -> float:
+        """Log of the posterior of all forms and sizes of one member over that of its own."""
+        others, own = (*members[:k], *members[k + 1 :]), members[k]
+        given = self.evidence(noise).given(others)
+        point = given.gain(own.form) + own.form.log_share
+        values = [*point.tolist()]
+        mask = self._region_of == own.form.region
+        if mask.any():
+            table = given.gains(self.screen(noise), mask)[mask]
+            table += np.array([form.log_share for form in self.regions[own.form.region].forms])[:, None]
+            values += [
+                v for form, row in zip(self.regions[own.form.region].forms, table, strict=True) if form != own.form for v in row
+            ]
+        at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
+        return _log_sum(values) - float(at)
+
+
+def _log_sum(values: Iterable[float]) -> float:
+    found = np.array(list(values))
+    top = float(found.max())
+    return top + math.log(float(np.sum(np.exp(found - top))))
