@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 Start = Literal["rested", "below", "above"]
 STARTS: Final[dict[Start, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0}
 _JITTER: Final = 1e-6
-_PLANE: Final = 1.6  # ranges of the driver over which relays are laid: other runs go beyond
+PLANE: Final = 1.6  # ranges of the driver over which relays are laid: other runs go beyond
 _SMALL: Final = 1e-3  # of the largest square of a column of densities
 _SPREAD: Final = 10  # radii of a mean over plays
 
@@ -276,10 +276,10 @@ class Preisach(Basis):
         if not self.free:
             return weights
         middles, widths = 0.5 * (up + down), up - down
-        one = _root(_kernel(np.linspace(-_PLANE, _PLANE, 12) / self.width))
-        other = _root(_kernel(np.linspace(0.0, 2.0 * _PLANE, 12) / self.width))
-        of_middle = np.column_stack([np.interp(middles, np.linspace(-_PLANE, _PLANE, 12), column) for column in one.T])
-        of_width = np.column_stack([np.interp(widths, np.linspace(0.0, 2.0 * _PLANE, 12), column) for column in other.T])
+        one = _root(_kernel(np.linspace(-PLANE, PLANE, 12) / self.width))
+        other = _root(_kernel(np.linspace(0.0, 2.0 * PLANE, 12) / self.width))
+        of_middle = np.column_stack([np.interp(middles, np.linspace(-PLANE, PLANE, 12), column) for column in one.T])
+        of_width = np.column_stack([np.interp(widths, np.linspace(0.0, 2.0 * PLANE, 12), column) for column in other.T])
         both = (of_middle[:, :, None] * of_width[:, None, :]).reshape(len(up), -1)
         sizes = np.sum(both**2, axis=0)
         return np.asarray(weights * both[:, sizes > _SMALL * sizes.max()])
@@ -400,9 +400,9 @@ class Own(Basis):
 # --- numerics ------------------------------------------------------------------------------------------------------------------
 
 
-def plane(count: int) -> tuple[Array, Array]:
-    """Thresholds (up, down) of the relays of the Preisach plane of so many levels, up > down."""
-    levels = np.linspace(-_PLANE, _PLANE, count)
+def plane(count: int, reach: float = PLANE) -> tuple[Array, Array]:
+    """Thresholds (up, down) of the relays of the Preisach plane of so many levels over so many ranges, up > down."""
+    levels = np.linspace(-reach, reach, count)
     up, down = np.meshgrid(levels, levels, indexing="ij")
     above = up > down
     return up[above], down[above]

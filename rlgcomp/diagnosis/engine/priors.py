@@ -51,8 +51,12 @@ PREISACH_LEVELS: Final = 44
 """Levels of the Preisach plane, so 946 relays: finer than a density of relays can be told from a smooth one below strength 30."""
 LAW_LEVELS: Final = 22
 """The same for loops of monitors."""
-MORE_STEPS: Final = 0.5
-"""Odds of one more hop of a ladder."""
+RELAY_LEVELS: Final = 13
+"""Levels of the plane of single relays over the range of the driver: 78 of them, polished afterwards."""
+MORE_STEPS: Final = 0.7
+"""Odds of one more hop of a ladder, or of one more relay."""
+MOST_STEPS: Final = 12
+"""Members of a ladder, or relays, that are sought one by one."""
 
 # --- noise ---------------------------------------------------------------------------------------------------------------------
 
@@ -60,7 +64,7 @@ FLICKERS: Final = {0.0: 0.45, 0.15: 0.2, 0.35: 0.2, 0.8: 0.11, 2.0: 0.04}
 """Bias instability over the white noise of a window mean."""
 WALKS: Final = {0.0: 0.45, 0.3: 0.2, 1.0: 0.2, 3.0: 0.11, 10.0: 0.03, 30.0: 0.01}
 """Random walk gathered in a run of usual length, over the white noise of a window mean."""
-WANDERS: Final = {0.6: 0.3, 1.5: 0.3, 4.0: 0.2, 10.0: 0.12, 25.0: 0.08}
-"""Size of a wander of something unrecorded over the white noise of a window mean."""
+WANDERS: Final = {1.5: 0.4, 4.0: 0.3, 10.0: 0.2, 25.0: 0.1}
+"""Size of a wander of something unrecorded over the white noise of a window mean: a smaller one cannot be told from flicker."""
 WANDER_TIMES: Final = (0.01, 0.03, 0.1, 0.3)
 """Correlation time of a wander over the length of a run."""

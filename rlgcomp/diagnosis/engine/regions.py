@@ -36,12 +36,14 @@ from rlgcomp.diagnosis.engine.bases import (
     Spectrum,
     Start,
     Wave,
+    plane,
 )
 from rlgcomp.diagnosis.engine.data import Data
 from rlgcomp.diagnosis.engine.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.engine.terms import Family, Form, Region, forms_of
 from rlgcomp.physics.mechanism import Mechanism
 
+_DENSITIES: Final = ((0.15, 0.3), (0.15, 0.6), (0.4, 0.3), (0.4, 0.6), (1.5, 0.6))  # radius and smoothness
 _NAMED: Final = math.log(priors.NAMED_ODDS)
 _LAW: Final = math.log(priors.LAW_ODDS)
 
@@ -131,6 +133,8 @@ def _hysteresis_of(driver: Driver, starts: Sequence[Start], levels: int) -> list
         return Preisach(driver, 0.7, True, start, 1.0, levels), Smooth(Path(driver), 0.5, 8)
 
     families = []
+    up, down = plane(priors.RELAY_LEVELS, 1.0)
+    every = tuple(up.tolist()), tuple(down.tolist())
     for start in starts:
         weight = 1.0 if start == "rested" else 0.5
         families += [
@@ -140,13 +144,32 @@ def _hysteresis_of(driver: Driver, starts: Sequence[Start], levels: int) -> list
             Family("b = relays of exponential density",
                    [(Preisach(driver, r, False, start, levels=levels),) for r in (0.1, 0.25, 0.6, 1.5)], kin(start), weight),
             Family("b = relays of smooth density",
-                   [(Preisach(driver, r, True, start, 0.6, levels),) for r in (0.3, 1.5)], kin(start), weight),
+                   [(Preisach(driver, r, True, start, w, levels),) for r, w in _DENSITIES], kin(start), weight),
+            Family("b = relays, each with a level of its own", [(Relays(driver, *every, start),)], kin(start), weight),
         ]  # fmt: skip
     return families
 
 
 def _hysteresis(setting: Setting) -> list[Family]:
-    return _hysteresis_of(setting.temperature, tuple(STARTS), priors.PREISACH_LEVELS)
+    driver, kin = setting.temperature, (Smooth(setting.thermal, 0.5, 8),)
+    up, down = plane(priors.RELAY_LEVELS, 1.0)
+    single = [(Relays(driver, (float(a),), (float(b),)),) for a, b in zip(up, down, strict=True)]
+    families = _hysteresis_of(driver, tuple(STARTS), priors.PREISACH_LEVELS)
+    return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
+
+
+def _more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+    up, down = plane(priors.RELAY_LEVELS, 1.0)
+
+    def grow(form: Form) -> Iterator[Form]:
+        if len(form.lead) < priors.MOST_STEPS and all(isinstance(basis, Relays) and len(basis.up) == 1 for basis in form.lead):
+            share = form.log_share + math.log(priors.MORE_STEPS / len(up))
+            for a, b in zip(up, down, strict=True):
+                more = Relays(setting.temperature, (float(a),), (float(b),))
+                if more not in form.lead:
+                    yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
+
+    return grow
 
 
 def _hops(setting: Setting) -> list[Family]:
@@ -178,7 +201,7 @@ def _more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
 
     def grow(form: Form) -> Iterator[Form]:
         first = form.lead[0]
-        if len(form.lead) > 9 or not isinstance(first, Relays) or len(first.up) > 1:
+        if len(form.lead) >= priors.MOST_STEPS or not isinstance(first, Relays) or len(first.up) > 1:
             return
         band = first.up[0] - first.down[0]
         share = form.log_share + math.log(priors.MORE_STEPS / len(levels))
@@ -295,7 +318,7 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
     return propose
 
 
-_GROW: Final = {"thermal_lag": _more_lags, "mode_hop": _more_hops}
+_GROW: Final = {"thermal_hysteresis": _more_relays, "thermal_lag": _more_lags, "mode_hop": _more_hops}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
 
 

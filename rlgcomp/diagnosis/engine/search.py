@@ -27,8 +27,10 @@ _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _USUAL_WANDER: Final = 1.5  # from which its size is climbed
 _MOST: Final = 6  # members of a set
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
+_PROMISING: Final = 3  # forms with one basis more that are tried in full
 _FINEST: Final = 1.0 / 64.0  # step of the grid
 _WORTH: Final = 0.3  # nats that a polishing step must gain
+_WORTH_MORE: Final = 3.0  # and a further member of a form
 _SLOW_WINDOWS: Final = (5, 15)  # of running means from which a two-state path is begun
 
 
@@ -275,6 +277,12 @@ class Search:
                 break
             noise = self.settled(members, noise).noise
         settled = self.settled(members, noise)
+        for k in range(len(members)):
+            for other in self._richer(settled, k):
+                tried = self.settled((*settled.members[:k], other, *settled.members[k + 1 :]), settled.noise)
+                if tried.log_posterior > settled.log_posterior + _WORTH:
+                    settled = tried
+        members = settled.members
         volume = settled.log_volume + sum(self._volume(members, k, settled.noise) for k in range(len(members)))
         found = dataclasses.replace(settled, log_volume=volume)
         self._visit(found)
@@ -284,36 +292,85 @@ class Search:
         """One member's form and size, the others held."""
         others, own = (*members[:k], *members[k + 1 :]), members[k]
         region, given = self.regions[own.form.region], self.evidence(noise).given(others)
-
-        def best(form: Form) -> tuple[float, Member]:
-            gains = given.gain(form) + form.log_share
-            j = int(np.argmax(gains))
-            return float(gains[j]), Member(form, float(priors.SIZES[j]))
-
-        value, member = best(own.form)
-        if region.forms:
-            table = given.gains(self.screen(noise), self._region_of == region.key)[self._region_of == region.key]
-            table += np.array([form.log_share for form in region.forms])[:, None]
-            i, j = np.unravel_index(int(np.argmax(table)), table.shape)
-            if table[i, j] > value + _WORTH:
-                value, member = float(table[i, j]), Member(region.forms[i], float(priors.SIZES[j]))
+        value, member = self._best(given, own.form)
+        found = self._best_of_region(region, given, noise)
+        if found is not None and found[0] > value + _WORTH:
+            value, member = found
         if value - given.log_evidence > _CLEAR:
-            value, member = self._polished(value, member, best)
-            while region.grow is not None:
-                grown = [best(form) for form in region.grow(member.form) if self.bank.scaled(form) is not None]
-                more = max(grown, key=lambda one: one[0], default=(value, member))
-                if more[0] <= value + _WORTH:
-                    break
-                value, member = self._polished(*more, best)
+            value, member = self._polished(value, member, given)
         return (*members[:k], member, *members[k + 1 :])
 
-    def _polished(self, value: float, member: Member, best: object) -> tuple[float, Member]:
-        """A form moved by ever smaller steps; a finer place than the grid's costs the share of the grid that it is."""
-        assert callable(best)  # noqa: S101
+    def _best(self, given: Conditional, form: Form) -> tuple[float, Member]:
+        """Log evidence and share of a form at its likeliest size."""
+        gains = given.gain(form) + form.log_share
+        j = int(np.argmax(gains))
+        return float(gains[j]), Member(form, float(priors.SIZES[j]))
+
+    def _best_of_region(
+        self, region: Region, given: Conditional, noise: Noise, wanted: npt.NDArray[np.bool_] | None = None
+    ) -> tuple[float, Member] | None:
+        """The likeliest form of a region and its size; of those that are wanted."""
+        inside = self._region_of == region.key
+        if wanted is not None:
+            inside = inside & wanted
+        if not inside.any():
+            return None
+        places = np.flatnonzero(inside)
+        table = given.gains(self.screen(noise), inside)[inside] + np.array([self.forms[k].log_share for k in places])[:, None]
+        i, j = np.unravel_index(int(np.argmax(table)), table.shape)
+        return float(table[i, j]), Member(self.forms[places[i]], float(priors.SIZES[j]))
+
+    def _richer(self, state: State, k: int) -> list[Member]:
+        """The likeliest form of a member under white noise, for a loud noise hides what it stands in for; and a grown one."""
+        members = state.members
+        others, own = (*members[:k], *members[k + 1 :]), members[k]
+        region, given = self.regions[own.form.region], self.evidence(_WHITE).given(others)
+        best = self._best_of_region(region, given, _WHITE)
+        if best is None or best[0] - given.log_evidence < _CLEAR:
+            return []
+        found = [self._polished(*best, given)[1]]
+        grow = region.grow
+        if grow is not None and (state.noise != _WHITE or self._switches(own.form)):
+            wanted = np.array([form.region == region.key and next(iter(grow(form)), None) is not None for form in self.forms])
+            first = self._best_of_region(region, given, _WHITE, wanted)
+            if first is not None:
+                value, member = self._polished(*first, given)
+                while True:
+                    further = [self._best(given, form) for form in self._promising(grow(member.form), (*others, member), _WHITE)]
+                    more = max(further, key=lambda one: one[0], default=(value, member))
+                    if more[0] <= value + _WORTH_MORE:
+                        break
+                    value, member = self._polished(*more, given, last=True)
+                found.append(self._polished(value, member, given)[1])
+        return found
+
+    def _switches(self, form: Form) -> bool:
+        """Whether its leading bases have thresholds."""
+        return any("threshold" in basis.parameters() for basis in form.lead)
+
+    def _promising(self, forms: Iterable[Form], members: Set, noise: Noise) -> list[Form]:
+        """Of forms with one leading basis more than the last member has, those whose further basis gains most beside it."""
+        listed = list(forms)
+        own = members[-1]
+        further = [dataclasses.replace(form, lead=form.lead[-1:], smooth=(), own=()) for form in listed]
+        self.bank.prepare(further)
+        shown = [k for k, form in enumerate(further) if self.bank.scaled(form) is not None]
+        if not shown:
+            return []
+        columns = np.hstack([self.evidence(noise).block(Member(further[k], own.size)) for k in shown])
+        gains = self.evidence(noise).given(members).gains_of_columns(columns)
+        ordered = [listed[shown[k]] for k in np.argsort(gains)[::-1][:_PROMISING]]
+        return [form for form in ordered if self.bank.scaled(form) is not None]
+
+    def _polished(self, value: float, member: Member, given: Conditional, last: bool = False) -> tuple[float, Member]:
+        """A form moved by ever smaller steps, of all its leading bases or of the last."""
         step = 0.5
         while step >= _FINEST:
-            moves = [form for form in member.form.nearby(step) if self.bank.scaled(form) is not None]
-            found = max((best(form) for form in moves), key=lambda one: one[0], default=(value, member))
+            forms = member.form.nearby(step)
+            if last:
+                forms = tuple(form for form in forms if form.lead[:-1] == member.form.lead[:-1])
+            moves = [form for form in forms if self.bank.scaled(form) is not None]
+            found = max((self._best(given, form) for form in moves), key=lambda one: one[0], default=(value, member))
             if found[0] > value + _WORTH:
                 value, member = found
             else:
