@@ -333,9 +333,9 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
         Mechanisms of the simulator.
     """
     for name, mechanism in catalogue.items():
-        if name in present or not mechanism.named_for("chamber"):
+        if name in present or not mechanism.is_candidate("chamber"):
             continue
-        if mechanism.each_run or "frequency_hz" in {parameter.name for parameter in mechanism.parameters()}:
+        if "frequency_hz" in {parameter.name for parameter in mechanism.parameters()}:
             yield Region(name, name, _NAMED, (), (), "none", None, _lines(setting, name))
         elif name in _THERMAL:
             builder, memory = _THERMAL[name]
