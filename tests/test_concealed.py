@@ -32,10 +32,12 @@ from experiments.concealed.plan import KINDS, NUISANCES, NUMBERS, Kind, Nuisance
 from experiments.concealed.programmes import COLDEST_DEG_C, HOTTEST_DEG_C, random_programme
 from experiments.concealed.score import (
     died,
+    forget_peak_memory,
     held_out_error,
     improvement,
     key_of,
     nuisance_found,
+    peak_memory_mib,
     run_case,
     set_probability,
 )
@@ -464,6 +466,15 @@ class TestScore:
         biased = dataclasses.replace(case, plan=dataclasses.replace(case.plan, nuisance="run bias"))
         assert held_out_error(biased, shifted) == pytest.approx(0.0, abs=1e-12)
 
+    def test_memory_is_that_of_the_case_not_of_the_process(self) -> None:
+        block = np.ones(40_000_000)
+        before = peak_memory_mib()
+        del block
+        forget_peak_memory()
+        if not Path("/proc/self/clear_refs").exists():
+            pytest.skip("the system cannot forget a peak of memory")
+        assert peak_memory_mib() < before - 250.0
+
     def test_the_probability_of_the_set(self) -> None:
         found = [{"mechanism": "ageing", "probability": 0.8}, {"mechanism": "warm_up", "probability": 0.7}]
         assert set_probability({"verdict": "none", "findings": [], "nothing_missing": 0.99}) == 0.99
@@ -605,7 +616,14 @@ class TestPage:
         faults = {"nuisance": {"nuisance": "step", "nuisance_found": True}}
         page.show([self.row(kind, *hidden.get(kind, ("ageing",)), **faults.get(kind, {})) for kind in KINDS])
         text = capsys.readouterr().out
-        for title in ("Goals", "One effect, by strength", "On a turntable", "Outside the catalogue", "Reliability"):
+        for title in (
+            "Goals",
+            "One effect, by strength",
+            "Healthy gyros",
+            "On a turntable",
+            "Outside the catalogue",
+            "Reliability",
+        ):
             assert f"## {title}" in text
         assert "held-out error / oracle, median, one effect | ≤ 1.2 | 1.10" in text
 

@@ -53,6 +53,8 @@ def show(rows: Sequence[Row]) -> None:
         show_table("One effect, by cause", by_cause(single))
         show_table("One effect, by form", by_form(single))
         show_table("Injected (rows) against named (columns), one effect", confusion(single))
+    if healthy := [row for row in done if row["kind"] == "healthy"]:
+        show_table("Healthy gyros", null(healthy))
     if several := [row for row in rows if row["kind"] in ("pair", "triple", "unequal", "nuisance")]:
         show_table("Several at once, and effects beside other faults", by_kind(several))
     if turning := [row for row in rows if row["kind"] == "turntable"]:
@@ -260,6 +262,14 @@ def by_kind(rows: Sequence[Row]) -> list[dict[str, str]]:
         if (chosen := [row for row in rows if row["nuisance"] == nuisance])
     ]
     return several + faulty
+
+
+def null(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Calibration of the null: p-values and verdicts of healthy gyros."""
+    p_values = np.array([row["p_value"] for row in rows])
+    below = {f"p < {level:g}": proportion(int(np.sum(p_values < level)), len(rows)) for level in (0.5, 0.1, 0.05, 0.01)}
+    verdicts = ", ".join(f"{verdict} {count}" for verdict, count in Counter(row["verdict"] for row in rows).most_common())
+    return [{"cases": str(len(rows)), **below, "KS p": f"{stats.kstest(p_values, 'uniform').pvalue:.3f}", "verdicts": verdicts}]
 
 
 def by_law(rows: Sequence[Row]) -> list[dict[str, str]]:
