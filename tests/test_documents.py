@@ -47,7 +47,8 @@ def test_paths_exist(document: Path) -> None:
 
 
 def test_links_lead_to_files(document: Path) -> None:
-    links = re.findall(r"\]\(([^)#]+)[^)]*\)", document.read_text(encoding="utf-8"))
+    text = re.sub(r"`[^`]*`", "", document.read_text(encoding="utf-8"))
+    links = re.findall(r"\]\(([^)#\s]*[./][^)#\s]*)", text)
     assert not [link for link in links if "://" not in link and not (document.parent / link).exists()]
 
 
