@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -20,3 +21,9 @@ def test_lowest_versions_agree_with_the_pins_that_are_tested() -> None:
     lines = (ROOT / ".ci" / "lowest.txt").read_text(encoding="utf-8").splitlines()
     pins = dict(line.split("==") for line in lines if line and not line.startswith("#"))
     assert {name: Version(pin) for name, pin in pins.items()} == floors
+
+
+def test_the_tests_that_the_lowest_versions_must_pass_are_there() -> None:
+    named = re.findall(r"tests/test_\w+\.py", (ROOT / ".ci" / "lowest").read_text(encoding="utf-8"))
+    assert named
+    assert all((ROOT / name).is_file() for name in named)

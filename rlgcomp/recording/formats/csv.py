@@ -29,8 +29,6 @@ _NEARLY_ALL: Final = 0.8
 _NUMBER: Final = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
 _RAGGED: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-# pandas 3.1 reads the nearest doubles by itself, and warns of the option that 3.0 needs for that.
-_NEAREST_DOUBLES: Final[dict[str, Any]] = {"float_precision": "round_trip"} if pd.__version__.startswith("3.0.") else {}
 _NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
 
 
@@ -88,7 +86,6 @@ def _pandas(path: Path, **named: Any) -> Any:
         comment="#",
         skipinitialspace=True,
         low_memory=False,
-        **_NEAREST_DOUBLES,
         **named,
     )
 
