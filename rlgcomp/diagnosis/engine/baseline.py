@@ -9,13 +9,14 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.engine.bases import Own
+from rlgcomp.diagnosis.engine.bases import Basis, Own
 from rlgcomp.diagnosis.engine.data import Data, Run
 from rlgcomp.physics.mechanism import Mechanism, Parameter
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
+CONSTANT: Final = "constant_deg_h"
 _STEP: Final = 1e-3  # of a shape, relative, for its derivative
 _ROUNDS: Final = 12  # of halved steps
 
@@ -30,16 +31,33 @@ class Baseline:
         Its free shapes are calibrated.
     amplitudes : mapping of str to ndarray
         By mechanism, at which derivatives by free shapes are taken.
+    own : mapping of str to Basis
+        Columns of mechanisms that are not computed by themselves.
     """
 
     simulator: Simulator
     amplitudes: Mapping[str, Array] = dataclasses.field(default_factory=dict)
+    own: Mapping[str, Basis] = dataclasses.field(default_factory=dict)
 
     def free(self, mechanism: Mechanism, role: str) -> tuple[Parameter, ...]:
         """Parameters in use of a role that are to be calibrated."""
         named = self.simulator.free.get(mechanism.name, frozenset())
         used = mechanism.amplitude_parameters() if role == "amplitude" else mechanism.shape_parameters()
         return tuple(parameter for parameter in used if parameter.name in named)
+
+    def known(self, mechanism: Mechanism) -> tuple[tuple[int, Parameter], ...]:
+        """Amplitudes in use that are stated, with their places among the mechanism's columns."""
+        names = {parameter.name for parameter in self.free(mechanism, "amplitude")}
+        return tuple((k, p) for k, p in enumerate(mechanism.amplitude_parameters()) if p.name not in names)
+
+    def names(self) -> tuple[tuple[str, str, str], ...]:
+        """Mechanism, parameter and unit of each column that :meth:`columns` gives."""
+        found = [("", CONSTANT, "deg/h")]
+        for mechanism in self.simulator.mechanisms:
+            found += [(mechanism.name, p.name, p.unit) for p in self.free(mechanism, "amplitude")]
+            if mechanism.name in self.amplitudes:
+                found += [(mechanism.name, p.name, p.unit) for p in self.free(mechanism, "shape")]
+        return tuple(found)
 
     def stated(self, binned: Recording) -> Array:
         """What the simulator states for certain of a recording of bin means, shape (bins,)."""
@@ -55,13 +73,17 @@ class Baseline:
         """Free columns on the bins of a run, shape (bins, p): a constant, amplitudes, and derivatives by shapes."""
         found = [np.ones((run.bins, 1))]
         for mechanism in self.simulator.mechanisms:
-            table = Own(mechanism).columns(run)
+            table = self._table(mechanism, run)
             used = [p.name for p in mechanism.amplitude_parameters()]
             found.append(table[:, [used.index(p.name) for p in self.free(mechanism, "amplitude")]])
             for shape in self.free(mechanism, "shape") if mechanism.name in self.amplitudes else ():
                 change = Own(_moved(mechanism, shape, 1.0 + _STEP)).columns(run) - table
                 found.append((change @ self.amplitudes[mechanism.name])[:, None] / _STEP)
         return np.hstack(found)
+
+    def _table(self, mechanism: Mechanism, run: Run) -> Array:
+        basis = self.own.get(mechanism.name)
+        return Own(mechanism).columns(run) if basis is None else basis.columns(run) / basis.per_unit()
 
     def design(self, data: Data) -> Array:
         """Columns of all training runs, orthonormal, dependent ones left out, shape (n, p)."""

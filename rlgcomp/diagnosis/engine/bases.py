@@ -82,14 +82,20 @@ class Magnitude(Basis):
 
 @dataclasses.dataclass(frozen=True)
 class Smooth(Basis):
-    r"""A Gaussian process of a path, :math:`\mathrm{cov} = e^{-(u - u')^2 / 2 w^2}`, on knots over its range."""
+    r"""A Gaussian process of a path, :math:`\mathrm{cov} = e^{-(u - u')^2 / 2 w^2}`, on knots over its range.
+
+    With `parity` 1 its even part, with -1 its odd part.
+    """
 
     path: Path
     width: float = priors.SMOOTH_WIDTH
     knots: int = priors.SMOOTH_KNOTS
+    parity: int = 0
 
     def columns(self, run: Run) -> Array:
-        return gaussian_process(self.path.bounded(run), self.width, self.knots)
+        u = self.path.bounded(run)
+        found = gaussian_process(u, self.width, self.knots)
+        return found + self.parity * gaussian_process(-u, self.width, self.knots) if self.parity else found
 
 
 @dataclasses.dataclass(frozen=True)
@@ -258,15 +264,14 @@ class Preisach(Basis):
     driver: Driver
     radius: float
     free: bool
-    start: Start = "rested"
     width: float = 0.5
     levels: int = priors.PREISACH_LEVELS
 
     def columns(self, run: Run) -> Array:
         up, down = plane(self.levels)
-        key = ("plane", self.driver, self.start, self.levels)
+        key = ("plane", self.driver, self.levels)
         if key not in run.cache:
-            run.cache[key] = relays(self.driver.values(run), up, down, self.start) - 0.5
+            run.cache[key] = relays(self.driver.values(run), up, down, "rested") - 0.5
         return np.asarray(run.cache[key] @ self._densities())
 
     def _densities(self) -> Array:
@@ -286,19 +291,40 @@ class Preisach(Basis):
 
 
 @dataclasses.dataclass(frozen=True)
-class Since(Basis):
-    r"""A function of the time since switch-on: :math:`e^{-t/\tau}`, :math:`\ln(1 + t/\tau)`, or :math:`t^p` of the run's length."""
+class Undecided(Basis):
+    """What is left of the history before a run: relays that the run has not switched yet, coming from above less from below."""
 
-    law: Literal["exponential", "logarithm", "power"]
+    driver: Driver
+    radius: float
+    levels: int
+
+    def columns(self, run: Run) -> Array:
+        up, down = plane(self.levels)
+        values = self.driver.values(run)
+        left = relays(values, up, down, "above") - relays(values, up, down, "below")
+        return (left @ np.exp(-(up - down) / self.radius))[:, None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Since(Basis):
+    r"""A function of the time since switch-on.
+
+    :math:`e^{-(t/\tau)^q}`, :math:`(1 + t/\tau)^{-q}`, :math:`\ln(1 + t/\tau)`, or :math:`t^p` of the run's length.
+    """
+
+    law: Literal["exponential", "hyperbola", "logarithm", "power"]
     value: float
     unit_s: float
     ratio: float = 1.4
+    exponent: float = 1.0
 
     def columns(self, run: Run) -> Array:
         if self.law == "power":
             return ((run.elapsed_s / self.unit_s) ** self.value)[:, None]
         scaled = run.elapsed_s / self.value
-        return (np.exp(-scaled) if self.law == "exponential" else np.log1p(scaled))[:, None]
+        if self.law == "hyperbola":
+            return ((1.0 + scaled) ** -self.exponent)[:, None]
+        return (np.exp(-(scaled**self.exponent)) if self.law == "exponential" else np.log1p(scaled))[:, None]
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         if self.law == "power" and self.value == 1.0:
@@ -350,6 +376,25 @@ class Wave(Basis):
 
 
 @dataclasses.dataclass(frozen=True)
+class Modulated(Basis):
+    """A wave whose amplitude and phase change slowly, as of a frequency that wanders: Gaussian processes of the time in a run."""
+
+    wave: Wave
+    knots: int
+
+    def columns(self, run: Run) -> Array:
+        time = 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0
+        slow = gaussian_process(time, 2.0 / self.knots, self.knots)
+        return (self.wave.columns(run)[:, :, None] * slow[:, None, :]).reshape(run.bins, -1)
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, wave=wave) for wave in self.wave.nearby(step))
+
+    def parameters(self) -> dict[str, float]:
+        return self.wave.parameters()
+
+
+@dataclasses.dataclass(frozen=True)
 class EachRun(Basis):
     """Another basis with weights of its own in each of some runs; nothing in others."""
 
@@ -365,6 +410,31 @@ class EachRun(Basis):
 
     def parameters(self) -> dict[str, float]:
         return self.basis.parameters()
+
+
+@dataclasses.dataclass(frozen=True)
+class Constant(Basis):
+    """One in every bin."""
+
+    def columns(self, run: Run) -> Array:
+        return np.ones((run.bins, 1))
+
+
+@dataclasses.dataclass(frozen=True)
+class Moment(Basis):
+    """One from a moment on in one run, nothing in others: a step of the bias."""
+
+    run: str
+    at_s: float
+    window_s: float
+
+    def columns(self, run: Run) -> Array:
+        after = np.clip((run.elapsed_s - self.at_s) / run.grid.bin_s + 0.5, 0.0, 1.0)
+        return (after * (run.name == self.run))[:, None]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        moves = step * self.window_s, -step * self.window_s
+        return tuple(dataclasses.replace(self, at_s=self.at_s + move) for move in moves)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -389,12 +459,14 @@ class Glitch(Basis):
 
 @dataclasses.dataclass(frozen=True)
 class Own(Basis):
-    """The columns of a mechanism, as it states them itself."""
+    """The columns of a mechanism, as it states them itself, or one of them."""
 
     mechanism: Any
+    column: int | None = None
 
     def columns(self, run: Run) -> Array:
-        return run.on_bins(self.mechanism.basis(run.binned))
+        table = run.on_bins(self.mechanism.basis(run.binned))
+        return table if self.column is None else table[:, self.column : self.column + 1]
 
 
 # --- numerics ------------------------------------------------------------------------------------------------------------------

@@ -67,7 +67,7 @@ class Decision:
 def decided(posterior: Posterior) -> Decision:
     """The decision of least loss."""
     best = posterior.best
-    regions, latent = best.key
+    regions, latent = posterior.effects(best.key), best.key[1]
     own = posterior.probabilities[best.key]
     if (not regions and not latent) or posterior.null * FALSE_FINDING > own * MISSED:
         return Decision("none", ())
@@ -75,6 +75,7 @@ def decided(posterior: Posterior) -> Decision:
     for key in sorted(regions, key=posterior.of_region, reverse=True):
         probability = posterior.of_region(key)
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
+        partners = {other: p for other, p in partners.items() if not posterior.regions[other].nuisance}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))

@@ -17,8 +17,9 @@ from rlgcomp.diagnosis.engine.drivers import Driver
 from rlgcomp.diagnosis.engine.evidence import Bank
 from rlgcomp.diagnosis.engine.fit import Estimate, Fit
 from rlgcomp.diagnosis.engine.noise import Noise
+from rlgcomp.diagnosis.engine.nuisances import nuisances
 from rlgcomp.diagnosis.engine.posterior import Posterior
-from rlgcomp.diagnosis.engine.regions import Setting, laws, named
+from rlgcomp.diagnosis.engine.regions import Setting, laws, named, own_bases
 from rlgcomp.diagnosis.engine.search import State
 from rlgcomp.numerics.bootstrap import drawn_squares
 from rlgcomp.physics import CATALOGUE
@@ -75,6 +76,10 @@ class Diagnosis:
         return self.decision.verdict
 
     @functools.cached_property
+    def calibrated(self) -> Augmented:
+        return Augmented(self.before, self.before.data.runs[0].grid)
+
+    @functools.cached_property
     def augmented(self) -> Augmented:
         return Augmented(self.after, self.after.data.runs[0].grid)
 
@@ -82,7 +87,12 @@ class Diagnosis:
         """Content of `diagnosis.json`."""
         decision, posterior = self.decision, self.posterior
         findings = [self._finding(one) for one in decision.named if one.mechanism is not None]
-        equations = [m.form.equation for m in self.after.state.members if posterior.regions[m.form.region].mechanism is None]
+        laws_found = [posterior.regions[member.form.region] for member in self.after.state.members]
+        equations = [
+            member.form.equation
+            for member, region in zip(self.after.state.members, laws_found, strict=True)
+            if region.mechanism is None and not region.nuisance
+        ]
         ordered = sorted(posterior.probabilities.items(), key=lambda item: item[1], reverse=True)
         alternatives = [
             {"mechanisms": sorted(_names(regions, latent)), "probability": p}
@@ -102,6 +112,11 @@ class Diagnosis:
                 "equation": "; ".join(equations) or None,
             },
             "fit": {"train": self.scores(self.after.data.runs), "test": self.scores(self.test) if self.test else None},
+            "probability": posterior.probabilities[posterior.best.key],
+            "nothing_missing": min(posterior.null, 1.0),
+            "steps": self.after.steps,
+            "baseline": _plain(self.before),
+            "baseline_with_findings": _plain(self.after),
             "next_experiment": None,
             "remarks": [],
         }
@@ -217,21 +232,29 @@ def diagnose(
         return np.asarray(binned.rate_deg_h(gyro) - stated.stated(binned))
 
     data = Data(tuple(Run.of(recording, grid, output) for recording in train))
-    baseline = Baseline.calibrated(simulator, data)
-    bank = Bank(data, baseline.design(data))
     setting = Setting(data, Driver.of(data, train[0].temperature_column))
-    known = list(named(setting, mechanisms, [mechanism.name for mechanism in simulator.mechanisms]))
-    posterior = Posterior.of(bank, [*known, *laws(setting, known)])
+    present = [mechanism.name for mechanism in simulator.mechanisms]
+    baseline = Baseline.calibrated(simulator, data)
+    baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
+    bank = Bank(data, baseline.design(data))
+    known = list(named(setting, mechanisms, present))
+    posterior = Posterior.of(bank, [*known, *laws(setting, known), *nuisances(data, baseline)])
     decision = decided(posterior)
     null = State((), Noise(), 0.0)
     null = next((state for state in posterior.states if state.key == null.key), null)
-    best = null if decision.verdict == "none" else posterior.best
+    best = posterior.best
+    if decision.verdict == "none" and (posterior.effects(best.key) or best.key[1]):
+        best = next((state for state in posterior.states if not posterior.effects(state.key) and not state.key[1]), null)
     runs = tuple(Run.of(recording, grid, output) for recording in test)
     return Diagnosis(decision, posterior, Fit(data, baseline, bank, null), Fit(data, baseline, bank, best), runs, mechanisms)
 
 
 def _names(regions: frozenset[str], latent: str) -> list[str]:
     return [*regions, *({"telegraph": ["random_telegraph"], "wander": ["unrecorded"]}.get(latent, []))]
+
+
+def _plain(fit: Fit) -> dict[str, dict[str, dict[str, object]]]:
+    return {name: {key: one.to_mapping() for key, one in numbers.items()} for name, numbers in fit.numbers.items()}
 
 
 def _rms(values: Array) -> float:

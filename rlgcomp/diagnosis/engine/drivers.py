@@ -98,12 +98,24 @@ class Path:
         bin_s = data.runs[0].grid.bin_s
         noise = max(read_noise(driver.values(run)) for run in data.runs)
         for bins in _RATE_BINS:
-            found = cls(driver, "rate", bins * bin_s)
-            values = np.concatenate([found.values(run) for run in data.runs])
+            found = cls.rate_over(data, driver, bins)
+            values = np.concatenate([found.values(run) for run in data.runs]) * found.half
             error = noise * np.sqrt(12.0 / bins**3) / (bin_s / 60.0)
             if error <= _RATE_ERROR * np.sqrt(np.mean(values**2)):
                 break
-        return dataclasses.replace(found, half=float(np.quantile(np.abs(values), 0.995)) or 1.0)
+        return found
+
+    @classmethod
+    def rate_over(cls, data: Data, driver: Driver, bins: int) -> Self:
+        """Rate of change, of slopes over so many bins."""
+        raw = cls(driver, "rate", bins * data.runs[0].grid.bin_s)
+        values = np.concatenate([raw.values(run) for run in data.runs])
+        return dataclasses.replace(raw, half=float(np.quantile(np.abs(values), 0.995)) or 1.0)
+
+    @classmethod
+    def rates(cls, data: Data, driver: Driver) -> tuple[Self, ...]:
+        """Rates of change over windows of several lengths: noise of the driver asks for long ones, its corners for short ones."""
+        return tuple(cls.rate_over(data, driver, bins) for bins in _RATE_BINS[:-1])
 
     def values(self, run: Run) -> Array:
         """In units of its range, shape (bins,)."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.baseline import Baseline
-from rlgcomp.diagnosis.engine.bases import Basis
+from rlgcomp.diagnosis.engine.bases import Basis, Constant, EachRun, Moment, Own
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
 from rlgcomp.diagnosis.engine.evidence import Bank, Evidence, Member
 from rlgcomp.diagnosis.engine.search import State
@@ -107,6 +107,50 @@ class Fit:
             count += len(covariance)
         return self.white * math.sqrt(total / count)
 
+    @functools.cached_property
+    def numbers(self) -> dict[str, dict[str, Estimate]]:
+        """Numbers of the baseline by mechanism; stated ones that were found wrong and biases of runs among them."""
+        whitened = self._evidence.whitened
+        design = whitened.whiten(self.data.means(self.baseline.columns))
+        size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        spread = self.white * np.sqrt(np.diag(np.linalg.pinv((design / size).T @ (design / size), rcond=1e-12))) / size
+        found: dict[str, dict[str, Estimate]] = {}
+        mechanisms = {mechanism.name: mechanism for mechanism in self.baseline.simulator.mechanisms}
+        for (name, parameter, unit), value, sd in zip(self.baseline.names(), self._solution[0], spread, strict=True):
+            at = getattr(mechanisms[name], parameter) if name and parameter in _shapes(mechanisms[name]) else None
+            estimate = (
+                Estimate(float(value), float(sd), unit) if at is None else Estimate(at * (1.0 + value), abs(at) * float(sd), unit)
+            )
+            found.setdefault(name, {})[parameter] = estimate
+        for k, (member, bases) in enumerate(self.parts):
+            at = sum(self._width(j) for j in range(k))
+            (lead, scale), *_ = bases
+            if isinstance(lead, Own) and lead.column is not None:
+                parameter = lead.mechanism.amplitude_parameters()[lead.column]
+                change, sd = (float(v) * scale for v in (self._solution[1][at], math.sqrt(self._solution[2][at, at])))
+                value = getattr(lead.mechanism, parameter.name) + change
+                found.setdefault(lead.mechanism.name, {})[parameter.name] = Estimate(value, sd, parameter.unit)
+            elif isinstance(lead, EachRun) and isinstance(lead.basis, Constant):
+                for j, run in enumerate(lead.runs):
+                    value, sd = self._solution[1][at + j] * scale, math.sqrt(self._solution[2][at + j, at + j]) * scale
+                    found.setdefault(member.form.region, {})[run] = Estimate(float(value), float(sd), "deg/h")
+        return found
+
+    @property
+    def steps(self) -> list[dict[str, object]]:
+        """Steps of the bias: run, time and size."""
+        found: list[dict[str, object]] = []
+        for k, (_, bases) in enumerate(self.parts):
+            at = sum(self._width(j) for j in range(k))
+            for j, (basis, scale) in enumerate(bases):
+                if isinstance(basis, Moment):
+                    start = next(float(run.binned.time_s[0]) for run in self.data.runs if run.name == basis.run)
+                    size = Estimate(
+                        float(self._solution[1][at + j] * scale), math.sqrt(self._solution[2][at + j, at + j]) * scale, "deg/h"
+                    )
+                    found.append({"run": basis.run, "at_s": start + basis.at_s, "size": size.to_mapping()})
+        return found
+
     # --- predictions -----------------------------------------------------------------------------------------------------------
 
     def term(self, k: int, run: Run) -> Array:
@@ -190,3 +234,7 @@ class Fit:
         spread = np.sqrt(np.einsum("ij,jk,ik->i", table[places], self._solution[2][inside, inside], table[places]))
         mean = table[places] @ self._solution[1][inside]
         return {"driver": u[places].tolist(), "value": mean.tolist(), "sd": spread.tolist()}
+
+
+def _shapes(mechanism: Mechanism) -> frozenset[str]:
+    return frozenset(parameter.name for parameter in mechanism.shape_parameters())

@@ -60,10 +60,14 @@ class Posterior:
     def best(self) -> State:
         return self.states[0]
 
+    def effects(self, key: Key) -> frozenset[str]:
+        """The regions of a set that are missing physics."""
+        return frozenset(region for region in key[0] if not self.regions[region].nuisance)
+
     @property
     def null(self) -> float:
-        """Probability that nothing is missing and nothing unrecorded acts."""
-        return self.probabilities[frozenset(), ""]
+        """Probability that nothing is missing and nothing unrecorded acts, whatever steps or wrong numbers there are."""
+        return sum(p for key, p in self.probabilities.items() if not self.effects(key) and not key[1])
 
     def of_region(self, key: str) -> float:
         """Probability that a region is missing."""

@@ -21,6 +21,8 @@ NAMED_ODDS: Final = 0.03
 """Odds that a mechanism of the catalogue is missing: with some twenty of them, none is missing in half of all diagnoses."""
 LAW_ODDS: Final = 0.002
 """Odds of a law without a name: there are ten times as many, and together they are as likely as two or three mechanisms."""
+NUISANCE_ODDS: Final = 0.03
+"""Odds of a step of the bias, of a bias a run, and of a stated number that is wrong: each about as usual as a missing mechanism."""
 WANDER_ODDS: Final = 0.03
 """Odds that something unrecorded wanders."""
 

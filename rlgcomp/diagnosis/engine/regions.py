@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.engine.bases import (
     Glitch,
     Lag,
     Magnitude,
+    Modulated,
     Own,
     Plays,
     Power,
@@ -34,7 +35,7 @@ from rlgcomp.diagnosis.engine.bases import (
     Smooth,
     SmoothSince,
     Spectrum,
-    Start,
+    Undecided,
     Wave,
     plane,
 )
@@ -54,6 +55,17 @@ class Setting:
 
     data: Data
     temperature: Driver
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the runs."""
+        return tuple(run.name for run in self.data.runs)
+
+    @property
+    def other_thermometers(self) -> tuple[Driver, ...]:
+        """Of other places than the one that the catalogue means by temperature."""
+        columns = [c for c in self.data.columns if c.startswith("temperature_") and c != self.temperature.columns[0]]
+        return tuple(Driver.of(self.data, column) for column in columns)
 
     @property
     def thermal(self) -> Path:
@@ -84,24 +96,38 @@ def _static(setting: Setting) -> list[Family]:
 
 def _rate(setting: Setting) -> list[Family]:
     rate = Path.rate(setting.data, setting.temperature)
-    return [Family("b = k dT/dt", [(Power(rate),)], departures(rate), own=(Shift,))]
+    leads: list[tuple[Basis, ...]] = [(Power(one),) for one in Path.rates(setting.data, setting.temperature)]
+    return [
+        Family("b = k dT/dt", leads, departures(rate), 2.0, (Shift,)),
+        Family("b = odd function of dT/dt", [(Power(rate), Smooth(rate, parity=-1))], departures(rate), 1.0, (Shift,)),
+    ]
 
 
 def _rate_magnitude(setting: Setting) -> list[Family]:
     rate = Path.rate(setting.data, setting.temperature)
-    return [Family("b = k |dT/dt|", [(Magnitude(rate),)], departures(rate), own=(Shift,))]
+    leads: list[tuple[Basis, ...]] = [(Magnitude(one),) for one in Path.rates(setting.data, setting.temperature)]
+    return [
+        Family("b = k |dT/dt|", leads, departures(rate), 2.0, (Shift,)),
+        Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], departures(rate), 1.0, (Shift,)),
+    ]
 
 
 def _lags(setting: Setting) -> list[Family]:
-    driver, times = setting.temperature, setting.time_constants_s(1.5)
-    ratio = times[1] / times[0]
-    freely = (Spectrum(driver, times[::2], 1.5), Smooth(setting.thermal, 0.5, 8))
-    return [
-        Family("b = k (lag(T, time_constant_s) - T)", [(Lag(driver, t, ratio),) for t in times], freely, 2.0),
-        Family("b = k (mean of a slab - T)", [(Conduction(driver, t, False, ratio),) for t in times[3:]], freely),
-        Family("b = k (back of a slab - T)", [(Conduction(driver, t, True, ratio),) for t in times[3:]], freely),
-        Family("b = integral of k(tau) (lag(T, tau) - T)", [(Spectrum(driver, times),)], freely),
-    ]
+    """Of the block, or of another place that has a thermometer."""
+    families = []
+    for driver in (setting.temperature, *setting.other_thermometers):
+        times, name = setting.time_constants_s(1.5), "T" if driver == setting.temperature else driver.symbol
+        ratio, weight = times[1] / times[0], 1.0 if driver == setting.temperature else 0.5
+        freely = (Spectrum(driver, times[::2], 1.5), Smooth(Path(driver), 0.5, 8))
+        families += [
+            Family(
+                f"b = k (lag({name}, time_constant_s) - {name})", [(Lag(driver, t, ratio),) for t in times], freely, 2.0 * weight
+            ),
+            Family(f"b = k (mean of a slab - {name})", [(Conduction(driver, t, False, ratio),) for t in times[3:]], freely, weight),
+            Family(f"b = k (back of a slab - {name})", [(Conduction(driver, t, True, ratio),) for t in times[3:]], freely, weight),
+            Family(f"b = integral of k(tau) (lag({name}, tau) - {name})", [(Spectrum(driver, times),)], freely, weight),
+        ]
+    return families
 
 
 def _more_lags(setting: Setting) -> Callable[[Form], Iterator[Form]]:
@@ -110,7 +136,9 @@ def _more_lags(setting: Setting) -> Callable[[Form], Iterator[Form]]:
     def grow(form: Form) -> Iterator[Form]:
         if len(form.lead) < 3 and all(isinstance(basis, Lag) for basis in form.lead):
             for time_s in times:
-                more = Lag(setting.temperature, time_s, times[1] / times[0])
+                first = form.lead[0]
+                assert isinstance(first, Lag)  # noqa: S101
+                more = Lag(first.driver, time_s, times[1] / times[0])
                 share = form.log_share + math.log(priors.MORE_STEPS / len(times))
                 yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 
@@ -124,37 +152,36 @@ def _gradients(setting: Setting) -> list[Family]:
     families = []
     for pair in pairs:
         path = Path(Driver.of(setting.data, *pair, combination="difference"))
-        families.append(Family(f"b = k ({path.driver.symbol})", [(Power(path),)], departures(path), own=(Shift,)))
+        symbol = path.driver.symbol
+        families.append(Family(f"b = k ({symbol})", [(Power(path),)], departures(path), 2.0, (Shift,)))
+        families.append(Family(f"b = f({symbol})", [(Power(path), Smooth(path))], departures(path), 1.0, (Shift,)))
     return families
 
 
-def _hysteresis_of(driver: Driver, starts: Sequence[Start], levels: int) -> list[Family]:
-    def kin(start: Start) -> tuple[Basis, ...]:
-        return Preisach(driver, 0.7, True, start, 1.0, levels), Smooth(Path(driver), 0.5, 8)
-
-    families = []
+def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[Family]:
     up, down = plane(priors.RELAY_LEVELS, 1.0)
-    every = tuple(up.tolist()), tuple(down.tolist())
-    for start in starts:
-        weight = 1.0 if start == "rested" else 0.5
-        families += [
-            Family("b = mean over exponential radii of play(u; r) - u",
-                   [(Plays(driver, r, True, start),) for r in priors.RADII], kin(start), weight),
-            Family("b = play(u; radius) - u", [(Plays(driver, r, False, start),) for r in priors.RADII], kin(start), weight),
-            Family("b = relays of exponential density",
-                   [(Preisach(driver, r, False, start, levels=levels),) for r in (0.1, 0.25, 0.6, 1.5)], kin(start), weight),
-            Family("b = relays of smooth density",
-                   [(Preisach(driver, r, True, start, w, levels),) for r, w in _DENSITIES], kin(start), weight),
-            Family("b = relays, each with a level of its own", [(Relays(driver, *every, start),)], kin(start), weight),
-        ]  # fmt: skip
-    return families
+    every = Relays(driver, tuple(up.tolist()), tuple(down.tolist()))
+    kin = Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.5, 8)
+    shapes: list[tuple[str, list[Basis]]] = [
+        ("b = mean over exponential radii of play(u; r) - u", [Plays(driver, r, True) for r in priors.RADII]),
+        ("b = play(u; radius) - u", [Plays(driver, r, False) for r in priors.RADII]),
+        ("b = relays of exponential density", [Preisach(driver, r, False, levels=levels) for r in (0.1, 0.25, 0.6, 1.5)]),
+        ("b = relays of smooth density", [Preisach(driver, r, True, w, levels) for r, w in _DENSITIES]),
+        ("b = relays, each with a level of its own", [every]),
+    ]
+    history = EachRun(Undecided(driver, 0.7, levels), runs)
+    families = [Family(equation, [(basis,) for basis in bases], kin) for equation, bases in shapes]
+    before = [
+        Family(f"{equation}, each run after a history of its own", [(b, history) for b in bases], kin) for equation, bases in shapes
+    ]
+    return [*families, *before]
 
 
 def _hysteresis(setting: Setting) -> list[Family]:
     driver, kin = setting.temperature, (Smooth(setting.thermal, 0.5, 8),)
     up, down = plane(priors.RELAY_LEVELS, 1.0)
     single = [(Relays(driver, (float(a),), (float(b),)),) for a, b in zip(up, down, strict=True)]
-    families = _hysteresis_of(driver, tuple(STARTS), priors.PREISACH_LEVELS)
+    families = _hysteresis_of(driver, setting.names, priors.PREISACH_LEVELS)
     return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
 
 
@@ -222,11 +249,21 @@ def _kin_of_time(setting: Setting) -> tuple[Basis, ...]:
 
 def _warm_up(setting: Setting) -> list[Family]:
     times = setting.time_constants_s(1.0, 0.6)
-    ratio, kin = times[1] / times[0], _kin_of_time(setting)
+    ratio, kin, longest = times[1] / times[0], _kin_of_time(setting), setting.data.longest_s
     single = [(Since("exponential", t, setting.data.longest_s, ratio),) for t in times]
     pairs = [(*single[k], *single[k + apart]) for apart in (3, 5) for k in range(len(times) - apart)]
     return [
         Family("b = initial * exp(-t / time_constant_s)", single, kin, 2.0),
+        Family(
+            "b = initial * exp(-(t / time_constant_s)^q)",
+            [(Since("exponential", t, longest, ratio, q),) for t in times for q in (0.5, 0.75)],
+            kin,
+        ),
+        Family(
+            "b = initial * (1 + t / time_constant_s)^-q",
+            [(Since("hyperbola", t, longest, ratio, q),) for t in times for q in (1.0, 1.7, 2.5)],
+            kin,
+        ),
         Family("b = a exp(-t / time_constant_s) + c exp(-t / slower_time_constant_s)", pairs, kin),
     ]
 
@@ -274,6 +311,7 @@ _CYCLES: Final = 3  # in the longest run, at least: fewer are a drift
 _OVERSAMPLING: Final = 3  # frequencies in each resolution cell
 _PEAKS: Final = 2
 _HARMONICS: Final = 3
+_MODULATIONS: Final = (6, 16)  # knots of a run, of a wave whose frequency wanders
 
 
 def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
@@ -286,15 +324,20 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
     names = tuple(run.name for run in data.runs)
     log_share = -math.log(2.0 * max(1, len(places)))
 
-    def forms(frequency_hz: float, each: bool) -> Form:
+    def forms(frequency_hz: float, each: bool, knots: int = 0) -> Form:
         def wave(times: float) -> Basis:
             one = Wave(times * frequency_hz, step_hz)
             return EachRun(one, names) if each else one
 
+        def harmonics_of() -> tuple[Basis, ...]:
+            return tuple(wave(float(k)) for k in range(2, _HARMONICS + 1))
+
         sides = () if each else (Wave(frequency_hz, step_hz, True),)
-        harmonics = tuple(wave(float(k)) for k in range(2, _HARMONICS + 1))
         phase = "of a phase in each run" if each else "of one phase"
-        return Form(key, f"b = wave of frequency_hz, {phase}", (wave(1.0),), (*harmonics, *sides), (), log_share)
+        if knots:
+            wandering = EachRun(Modulated(Wave(frequency_hz, step_hz), knots), names)
+            return Form(key, "b = wave of a frequency that wanders about frequency_hz", (wandering,), harmonics_of(), (), log_share)
+        return Form(key, f"b = wave of frequency_hz, {phase}", (wave(1.0),), (*harmonics_of(), *sides), (), log_share)
 
     def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
         transforms = []
@@ -307,11 +350,10 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
             (False, np.abs(np.sum(transforms, axis=0)) ** 2),
             (True, np.sum(np.abs(transforms) ** 2, axis=0)),
         ):
-            if each and len(names) == 1:
-                continue
             for _ in range(_PEAKS if len(places) else 0):
                 k = int(np.argmax(power))
                 found += [forms(float(places[k] + shift) * step_hz, each) for shift in (-0.5, 0.0, 0.5)]
+                found += [forms(float(places[k]) * step_hz, True, knots) for knots in _MODULATIONS if each]
                 power[max(0, k - 3 * _OVERSAMPLING) : k + 3 * _OVERSAMPLING + 1] = 0.0
         return tuple(found)
 
@@ -320,6 +362,13 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
 
 _GROW: Final = {"thermal_hysteresis": _more_relays, "thermal_lag": _more_lags, "mode_hop": _more_hops}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
+
+
+def own_bases(setting: Setting, present: Sequence[str]) -> dict[str, Basis]:
+    """Columns of mechanisms that the engine computes itself, for a rate of change has a window that follows from the data."""
+    path = Path.rate(setting.data, setting.temperature)
+    found: dict[str, Basis] = {"temperature_rate": Power(path), "rate_asymmetry": Magnitude(path)}
+    return {name: basis for name, basis in found.items() if name in present}
 
 
 def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: Sequence[str]) -> Iterator[Region]:
@@ -381,12 +430,12 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             if driver != own:
                 families.insert(0, Family(f"b = k {column}", [(Power(path),)], kin))
             yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,))
-        if driver != own:
+        if driver != own and driver not in setting.other_thermometers:
             times = setting.time_constants_s(1.0, 0.5)
             late: list[tuple[Basis, ...]] = [(Lag(driver, t, times[1] / times[0], behind=False),) for t in times[1::2]]
             families = [Family(f"b = k lag({column}, time_constant_s)", late, kin)]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
-            families = _hysteresis_of(driver, ("rested",), priors.LAW_LEVELS)
+            families = _hysteresis_of(driver, setting.names, priors.LAW_LEVELS)
             yield Region(f"loop:{column}", None, _LAW, forms_of(f"loop:{column}", families), (column,), "rate-independent")
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]

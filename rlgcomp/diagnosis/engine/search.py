@@ -325,14 +325,14 @@ class Search:
         members = state.members
         others, own = (*members[:k], *members[k + 1 :]), members[k]
         region, given = self.regions[own.form.region], self.evidence(_WHITE).given(others)
-        best = self._best_of_region(region, given, _WHITE)
-        if best is None or best[0] - given.log_evidence < _CLEAR:
+        best = self._best_of_region(region, given, _WHITE) or self._best(given, own.form)
+        if best[0] - given.log_evidence < _CLEAR:
             return []
         found = [self._polished(*best, given)[1]]
         grow = region.grow
-        if grow is not None and (state.noise != _WHITE or self._switches(own.form)):
+        if grow is not None and (state.noise != _WHITE or self._switches(own.form) or not region.forms):
             wanted = np.array([form.region == region.key and next(iter(grow(form)), None) is not None for form in self.forms])
-            first = self._best_of_region(region, given, _WHITE, wanted)
+            first = self._best_of_region(region, given, _WHITE, wanted) if region.forms else best
             if first is not None:
                 value, member = self._polished(*first, given)
                 while True:

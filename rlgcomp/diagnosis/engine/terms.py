@@ -78,6 +78,8 @@ class Region:
         Richer forms of the same region about a form that was found.
     propose : callable, optional
         Forms that a residual suggests, where there are too many to try all; it is whitened window means of all runs.
+    nuisance : bool
+        No missing physics: a step of the bias, a bias a run, a stated number that is wrong.
     """
 
     key: str
@@ -88,6 +90,7 @@ class Region:
     memory: MemoryClass = "static"
     grow: Callable[[Form], Iterable[Form]] | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
+    nuisance: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
