@@ -146,7 +146,7 @@ class TestSimulator:
         assert of().predict(run).rate_deg_h() == pytest.approx(np.full(60, 15.041067), abs=1e-5)
 
     def test_a_simulator_predicts_no_run_of_the_other_kind(self) -> None:
-        with pytest.raises(rlg.InputError, match="does not say how the table turned"):
+        with pytest.raises(rlg.InputError, match="has no motion of the table"):
             of(ScaleFactor()).predict(rlg.Simulator().simulate("short", step_s=20.0))
         with pytest.raises(rlg.InputError, match="one of its own kind"):
             rlg.Simulator().simulate(TableProgramme.parse("rest 60"))

@@ -358,10 +358,18 @@ def _interval_text(start_s: float, stop_s: float) -> str:
     return since + (f" to {stop_s:g} s" if math.isfinite(stop_s) else "")
 
 
+class _StderrHandler(logging.StreamHandler):  # type: ignore[type-arg]  # generic in stubs alone
+    """Writes to what is standard error at the moment, also where a program that runs several commands replaces it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.stream = sys.stderr
+        super().emit(record)
+
+
 def _log_to_stderr() -> None:
     logger = logging.getLogger("rlgcomp")
     if not logger.handlers:
-        handler = logging.StreamHandler()
+        handler = _StderrHandler()
         handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
         logger.addHandler(handler)
         logger.setLevel(logging.INFO)
