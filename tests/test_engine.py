@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlgcomp.diagnosis.engine.bases import Plays, Power, Relays, Smooth, relays
+from rlgcomp.diagnosis.engine.bases import Power, Smooth
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
 from rlgcomp.diagnosis.engine.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.engine.drivers import Driver, Path, lagged
 from rlgcomp.diagnosis.engine.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.engine.memories import Plays, Relays, relays
 from rlgcomp.diagnosis.engine.noise import Noise, Whitened, relaxation
 from rlgcomp.diagnosis.engine.telegraph import two_state
 from rlgcomp.diagnosis.engine.terms import Form

@@ -6,13 +6,17 @@ Rooms, each importing only from those before it:
     priors      every number of the prior, with its reason
     data        window means of runs, and their columns on a finer grid
     drivers     what acts: recorded columns, differences, time since switch-on
-    bases       memories and forms of drivers as columns with Gaussian weights
+    bases       forms of drivers as columns with Gaussian weights
+    memories    bases with a memory: lags, plays, relays
+    times       bases of the time in a run: laws of switch-on, waves
     terms       forms and regions: a mechanism is the name of a region
     regions     the regions that are searched
     baseline    the simulator, linearised in its free numbers
+    nuisances   steps of the bias, biases of runs, stated numbers that are wrong
     noise       hypotheses of the noise, whitening
     evidence    the evidence of a set of forms in closed form
     search      sets of regions, forms refined
+    telegraph   a two-state process beside a set
     posterior   probabilities of sets and regions
     fit         weights, predictions
     decide      what is stated: every threshold

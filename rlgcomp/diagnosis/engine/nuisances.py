@@ -51,10 +51,10 @@ def _form(data: Data, run: str, window: float) -> Form:
 
 
 def _steps(data: Data) -> Callable[[Array], tuple[Form, ...]]:
-    """The likeliest place of a step in each run: where means before and after differ most."""
+    """The likeliest place of a step in each run, where means before and after differ most; and the two likeliest together."""
 
     def propose(residual: Array) -> tuple[Form, ...]:
-        found = []
+        found, likeliest = [], []
         for run, rows in zip(data.runs, data.slices, strict=True):
             left = residual[rows] - residual[rows].mean()
             n = len(left)
@@ -63,7 +63,14 @@ def _steps(data: Data) -> Callable[[Array], tuple[Form, ...]]:
             before = np.arange(1, n)
             score = np.cumsum(left)[:-1] ** 2 / (before * (n - before))
             k = _END + int(np.argmax(score[_END : n - _END])) if n > 2 * _END + 1 else _END
-            found += [_form(data, run.name, float(run.windows[k] + 1) + shift) for shift in (-0.5, 0.0, 0.5)]
+            places = [_form(data, run.name, float(run.windows[k] + 1) + shift) for shift in (-0.5, 0.0, 0.5)]
+            found += places
+            likeliest.append((float(score[k]), places[1]))
+        likeliest.sort(key=lambda one: one[0], reverse=True)
+        if len(likeliest) > 1:
+            (_, one), (_, other) = likeliest[:2]
+            share = one.log_share + other.log_share + math.log(priors.MORE_STEPS)
+            found.append(dataclasses.replace(one, lead=(*one.lead, *other.lead), log_share=share))
         return tuple(found)
 
     return propose

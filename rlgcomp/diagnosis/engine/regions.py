@@ -15,33 +15,12 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.diagnosis.engine import priors
-from rlgcomp.diagnosis.engine.bases import (
-    STARTS,
-    Basis,
-    Conduction,
-    EachRun,
-    Glitch,
-    Lag,
-    Magnitude,
-    Modulated,
-    Own,
-    Plays,
-    Power,
-    Preisach,
-    Product,
-    Relays,
-    Shift,
-    Since,
-    Smooth,
-    SmoothSince,
-    Spectrum,
-    Undecided,
-    Wave,
-    plane,
-)
+from rlgcomp.diagnosis.engine.bases import Basis, EachRun, Glitch, Magnitude, Own, Power, Product, Shift, Smooth
 from rlgcomp.diagnosis.engine.data import Data
 from rlgcomp.diagnosis.engine.drivers import Combination, Driver, Path
+from rlgcomp.diagnosis.engine.memories import STARTS, Conduction, Lag, Plays, Preisach, Relays, Spectrum, Undecided, plane
 from rlgcomp.diagnosis.engine.terms import Family, Form, Region, forms_of
+from rlgcomp.diagnosis.engine.times import Modulated, Since, SmoothSince, Wave
 from rlgcomp.physics.mechanism import Mechanism
 
 _DENSITIES: Final = ((0.15, 0.3), (0.15, 0.6), (0.4, 0.3), (0.4, 0.6), (1.5, 0.6))  # radius and smoothness
@@ -77,9 +56,10 @@ class Setting:
         return tuple(float(t) for t in np.geomspace(first, longest * self.data.longest_s, priors.TIME_CONSTANTS))
 
 
-def departures(path: Path) -> tuple[Basis, ...]:
-    """Smooth functions of a path."""
-    return (Smooth(path, knots=8, width=0.5),)
+def departures(path: Path, data: Data | None = None) -> tuple[Basis, ...]:
+    """Smooth functions of a path; with the data, each of two columns by itself as well, for their sensors err each by its own."""
+    each = path.driver.columns if data is not None and len(path.driver.columns) > 1 else ()
+    return (Smooth(path, knots=8, width=0.5), *(Power(Path(Driver.of(data, column))) for column in each if data is not None))
 
 
 # --- thermal regions -----------------------------------------------------------------------------------------------------------
@@ -153,8 +133,8 @@ def _gradients(setting: Setting) -> list[Family]:
     for pair in pairs:
         path = Path(Driver.of(setting.data, *pair, combination="difference"))
         symbol = path.driver.symbol
-        families.append(Family(f"b = k ({symbol})", [(Power(path),)], departures(path), 2.0, (Shift,)))
-        families.append(Family(f"b = f({symbol})", [(Power(path), Smooth(path))], departures(path), 1.0, (Shift,)))
+        families.append(Family(f"b = k ({symbol})", [(Power(path),)], departures(path, setting.data), 2.0, (Shift,)))
+        families.append(Family(f"b = f({symbol})", [(Power(path), Smooth(path))], departures(path, setting.data), 1.0, (Shift,)))
     return families
 
 
@@ -281,13 +261,15 @@ def _ageing(setting: Setting) -> list[Family]:
 # --- monitors --------------------------------------------------------------------------------------------------------------------
 
 
-def _monitor(path: Path) -> list[Family]:
+def _monitor(path: Path, data: Data) -> list[Family]:
     """Linear, then smooth: saturation, square, dead zone are still that monitor."""
     symbol = path.driver.symbol
     return [
-        Family(f"b = k ({symbol})", [(Power(path),)], departures(path), 2.0, (Shift,)),
+        Family(f"b = k ({symbol})", [(Power(path),)], departures(path, data), 2.0, (Shift,)),
         Family(
-            f"b = f({path.driver.symbol})", [(Power(path), Smooth(path)), (Power(path, 2),), (Power(path, 3),)], departures(path)
+            f"b = f({path.driver.symbol})",
+            [(Power(path), Smooth(path)), (Power(path, 2),), (Power(path, 3),)],
+            departures(path, data),
         ),
         Family(f"b = f({symbol}), finely", [(Smooth(path, 0.15, 20),)], (), 0.5),
     ]
@@ -404,7 +386,7 @@ def _of_monitors(setting: Setting, name: str, mechanism: type[Mechanism]) -> Reg
     one = len(columns) == 1 and len([p for p in mechanism.parameters() if p.role == "amplitude"]) == 1
     if one or name in _PAIRS:
         path = Path(Driver.of(setting.data, *columns, combination=_PAIRS.get(name, "column")))
-        return Region(name, name, _NAMED, forms_of(name, _monitor(path)), columns)
+        return Region(name, name, _NAMED, forms_of(name, _monitor(path, setting.data)), columns)
     leads: list[tuple[Basis, ...]] = [(Own(point),) for point in mechanism.grid([run.binned for run in setting.data.runs])]
     return Region(name, name, _NAMED, forms_of(name, [Family(mechanism.equation, leads)]), columns)
 

@@ -26,9 +26,12 @@ _WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expan
 _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _USUAL_WANDER: Final = 1.5  # from which its size is climbed
 _MOST: Final = 6  # members of a set
+_WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
 _FINEST: Final = 1.0 / 64.0  # step of the grid
+_COARSE: Final = 1.0 / 16.0  # of a form of more than a few leading bases
+_FEW: Final = 3
 _WORTH: Final = 0.3  # nats that a polishing step must gain
 _WORTH_MORE: Final = 3.0  # and a further member of a form
 _SLOW_WINDOWS: Final = (5, 15)  # of running means from which a two-state path is begun
@@ -88,6 +91,7 @@ class Search:
         self._evidences: dict[Noise, Evidence] = {}
         self._screens: dict[Noise, Screen] = {}
         self.visited: dict[Key, State] = {}
+        self._grown: set[tuple[frozenset[str], str]] = set()
 
     def _possible(self, region: Region) -> Region:
         forms = tuple(form for form in region.forms if self.bank.scaled(form) is not None)
@@ -324,6 +328,11 @@ class Search:
         """The likeliest form of a member under white noise, for a loud noise hides what it stands in for; and a grown one."""
         members = state.members
         others, own = (*members[:k], *members[k + 1 :]), members[k]
+        known = frozenset(member.form.region for member in others), own.form.region
+        top = max(other.log_posterior for other in self.visited.values())
+        if known in self._grown or state.log_posterior < top - _WITHIN_REACH:
+            return []
+        self._grown.add(known)
         region, given = self.regions[own.form.region], self.evidence(_WHITE).given(others)
         best = self._best_of_region(region, given, _WHITE) or self._best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
@@ -363,9 +372,9 @@ class Search:
         return [form for form in ordered if self.bank.scaled(form) is not None]
 
     def _polished(self, value: float, member: Member, given: Conditional, last: bool = False) -> tuple[float, Member]:
-        """A form moved by ever smaller steps, of all its leading bases or of the last."""
-        step = 0.5
-        while step >= _FINEST:
+        """A form moved by ever smaller steps; while it grows coarsely and its last leading basis alone."""
+        step, finest = 0.5, _COARSE if last or len(member.form.lead) > _FEW else _FINEST
+        while step >= finest:
             forms = member.form.nearby(step)
             if last:
                 forms = tuple(form for form in forms if form.lead[:-1] == member.form.lead[:-1])
