@@ -7,20 +7,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.noise.whitening import norms
-from rlgcomp.diagnosis.question.events import PARTLY, Partly
+from rlgcomp.diagnosis.noise.whitening import Rows, norms
+from rlgcomp.diagnosis.question.events import PARTLY, BiasStep, Partly
 from rlgcomp.diagnosis.question.shapes import neighbours, refined
+from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
-
-if TYPE_CHECKING:
-    from rlgcomp.diagnosis.question.problem import Problem
 
 Array = npt.NDArray[np.float64]
 Name = tuple[str, str]  # whose a column is, and which parameter it is
@@ -28,6 +27,40 @@ OWN_BIAS: Final = "own_bias_deg_h"
 CONSTANT: Final = "constant_deg_h"
 _RELATIVE_STEP: Final = 1e-3
 _STARTS: Final = 4  # from which a shape is sought
+
+
+class ProblemData(Protocol):
+    """What the free part reads of a problem, which itself is built with it."""
+
+    @property
+    def windows(self) -> tuple[Windows, ...]: ...
+    @property
+    def rows(self) -> Rows: ...
+    @property
+    def target_deg_h(self) -> Array: ...
+    @property
+    def simulator(self) -> Simulator: ...
+    @property
+    def held_out(self) -> int: ...
+    @property
+    def own_biases(self) -> bool: ...
+    @property
+    def offsets(self) -> bool: ...
+    @property
+    def beside(self) -> tuple[Mechanism, ...]: ...
+    @property
+    def laws(self) -> tuple[EmpiricalLaw, ...]: ...
+    @property
+    def steps(self) -> tuple[BiasStep, ...]: ...
+    @property
+    def partly(self) -> tuple[Partly, ...]: ...
+    @property
+    def ones(self) -> Array: ...
+    @property
+    def runs(self) -> tuple[Recording, ...]: ...
+    def columns(self, mechanism: Mechanism) -> Array: ...
+    def step_column(self, step: BiasStep) -> Array: ...
+    def partly_column(self, partly: Partly) -> Array: ...
 
 
 def free(simulator: Simulator, mechanism: Mechanism, role: str) -> tuple[str, ...]:
@@ -53,12 +86,12 @@ def where_free(simulator: Simulator, mechanism: Mechanism, width: int) -> npt.ND
     return np.resize([parameter.name in names for parameter in mechanism.amplitude_parameters()], width)
 
 
-def columns(problem: Problem, amplitudes: Mapping[str, Array]) -> tuple[Array, tuple[Name, ...]]:
+def columns(problem: ProblemData, amplitudes: Mapping[str, Array]) -> tuple[Array, tuple[Name, ...]]:
     """All that is free, shape (n, p), and what each column is.
 
     Parameters
     ----------
-    problem : Problem
+    problem : ProblemData
     amplitudes : mapping of str to ndarray
         Of mechanisms by name, at which derivatives by shapes are taken; else the likeliest.
     """
@@ -73,7 +106,7 @@ def columns(problem: Problem, amplitudes: Mapping[str, Array]) -> tuple[Array, t
     return _table(found), tuple(name for _, name in found)
 
 
-def calibrated(problem: Problem, mechanism: Mechanism) -> Mechanism:
+def calibrated(problem: ProblemData, mechanism: Mechanism) -> Mechanism:
     """Free shapes by separable least squares: the best of the grid's points and of those that the residual suggests, then ever
     smaller steps about each; a misfit has valleys."""
     shapes = free(problem.simulator, mechanism, "shape")
@@ -103,12 +136,12 @@ def calibrated(problem: Problem, mechanism: Mechanism) -> Mechanism:
     return min((refined(one, shapes, misfit) for one in sorted(starts, key=misfit)[:_STARTS]), key=misfit)
 
 
-def tangents(problem: Problem, law: EmpiricalLaw) -> Array:
+def tangents(problem: ProblemData, law: EmpiricalLaw) -> Array:
     """A law's column and its derivatives by its shapes, so that what its shapes are off by is not taken for a second law."""
     return np.column_stack([problem.columns(law), *law_slopes(problem, law).values()])
 
 
-def law_slopes(problem: Problem, law: EmpiricalLaw) -> dict[str, Array]:
+def law_slopes(problem: ProblemData, law: EmpiricalLaw) -> dict[str, Array]:
     """Derivatives of a law's column by those of its shapes that it has."""
     column = problem.columns(law)[:, 0]
     steps = {name: 0.02 * getattr(law, name) for name in ("lag_s", "radius", "width", "lead_s")}
@@ -121,7 +154,7 @@ def law_slopes(problem: Problem, law: EmpiricalLaw) -> dict[str, Array]:
     return found
 
 
-def _of_simulator(problem: Problem, amplitudes: Mapping[str, Array]) -> Iterator[tuple[Array, Name]]:
+def _of_simulator(problem: ProblemData, amplitudes: Mapping[str, Array]) -> Iterator[tuple[Array, Name]]:
     """Of each mechanism its free amplitudes, then the derivatives by its free shapes."""
     for mechanism in problem.simulator.mechanisms:
         in_use = mechanism.amplitude_parameters()
@@ -137,13 +170,13 @@ def _of_simulator(problem: Problem, amplitudes: Mapping[str, Array]) -> Iterator
                 yield _derivative(problem, mechanism, name, at), (mechanism.name, name)
 
 
-def _of_laws(problem: Problem) -> Iterator[tuple[Array, Name]]:
+def _of_laws(problem: ProblemData) -> Iterator[tuple[Array, Name]]:
     for law in problem.laws:
         for column in tangents(problem, law).T:
             yield column, (law.name, "")
 
 
-def _of_events(problem: Problem) -> Iterator[tuple[Array, Name]]:
+def _of_events(problem: ProblemData) -> Iterator[tuple[Array, Name]]:
     """Steps of the bias; causes in a part of the training runs, and in each held-out run by itself."""
     for step in problem.steps:
         yield problem.step_column(step), (problem.runs[step.run].name, step.parameter)
@@ -153,7 +186,7 @@ def _of_events(problem: Problem) -> Iterator[tuple[Array, Name]]:
             yield problem.partly_column(Partly(one.mechanism, (run,))), (one.mechanism.name, f"{PARTLY}:{problem.runs[run].name}")
 
 
-def _own_biases(problem: Problem) -> Iterator[tuple[Array, Name]]:
+def _own_biases(problem: ProblemData) -> Iterator[tuple[Array, Name]]:
     """Of each training run off the last; their mean is the gyro's."""
     training = problem.rows.run < len(problem.windows) - problem.held_out
     for run in range(len(problem.windows) - problem.held_out - 1 if problem.own_biases else 0):
@@ -161,18 +194,18 @@ def _own_biases(problem: Problem) -> Iterator[tuple[Array, Name]]:
         yield inside - np.mean(inside[training]) * training, (problem.runs[run].name, OWN_BIAS)
 
 
-def _held_out(problem: Problem) -> range:
+def _held_out(problem: ProblemData) -> range:
     return range(len(problem.windows) - problem.held_out, len(problem.windows))
 
 
-def _others(problem: Problem, mechanism: Mechanism) -> Array:
+def _others(problem: ProblemData, mechanism: Mechanism) -> Array:
     """What is free beside a mechanism: a constant, other mechanisms' amplitudes, causes, laws."""
     simulator = problem.simulator
     others = [other for other in simulator.mechanisms if other.name != mechanism.name and free(simulator, other, "amplitude")]
     return np.column_stack([problem.ones, *(problem.columns(other) for other in (*others, *problem.beside, *problem.laws))])
 
 
-def _amplitudes(problem: Problem, mechanism: Mechanism) -> Array:
+def _amplitudes(problem: ProblemData, mechanism: Mechanism) -> Array:
     """The likeliest of those in use that are free, the others as they are stated."""
     table = problem.columns(mechanism)
     design = np.column_stack([table, _others(problem, mechanism)])
@@ -182,7 +215,7 @@ def _amplitudes(problem: Problem, mechanism: Mechanism) -> Array:
     return np.where(where_free(problem.simulator, mechanism, width), solution[:width], certain)
 
 
-def _derivative(problem: Problem, mechanism: Mechanism, name: str, amplitudes: Array) -> Array:
+def _derivative(problem: ProblemData, mechanism: Mechanism, name: str, amplitudes: Array) -> Array:
     low, high = neighbours(mechanism, name, _RELATIVE_STEP)
     step = getattr(high, name) - getattr(low, name)
     return np.asarray((problem.columns(high) - problem.columns(low)) @ amplitudes / step)

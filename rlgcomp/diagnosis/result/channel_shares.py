@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from rlgcomp.diagnosis.result import Trace
+from rlgcomp.diagnosis.result.fits import Trace
 from rlgcomp.noise.processes import NoiseModel
 
 Array = npt.NDArray[np.float64]

@@ -10,7 +10,9 @@ from typing import Final
 import pandas as pd
 
 import rlgcomp
-from rlgcomp.diagnosis.result import Diagnosis, NextExperiment, Unexplained, phrases, sentences, wording
+from rlgcomp.diagnosis.result import phrases, sentences, wording
+from rlgcomp.diagnosis.result.findings import NextExperiment, Unexplained
+from rlgcomp.diagnosis.result.record import DiagnosisRecord
 from rlgcomp.files import write_text
 from rlgcomp.units import typeset
 
@@ -18,12 +20,12 @@ PICTURES: Final = ("timeline", "left", "driver_map", "loop", "channels", "probab
 _INDENT: Final = "\u2003"  # of a run below the row of all runs: a page would drop plain spaces
 
 
-def write_diagnosis_report(path: str | Path, diagnosis: Diagnosis, executor: Executor | None = None) -> None:
+def write_diagnosis_report(path: str | Path, diagnosis: DiagnosisRecord, executor: Executor | None = None) -> None:
     """Write the page, whole or not at all."""
     write_text(path, render(diagnosis, executor))
 
 
-def picture(name: str, diagnosis: Diagnosis) -> str:
+def picture(name: str, diagnosis: DiagnosisRecord) -> str:
     """One picture, as SVG text; empty where there is nothing to show."""
     from rlgcomp.diagnosis.result import pictures
 
@@ -37,7 +39,7 @@ def picture(name: str, diagnosis: Diagnosis) -> str:
     return str(getattr(pictures, name)(diagnosis))
 
 
-def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
+def render(diagnosis: DiagnosisRecord, executor: Executor | None = None) -> str:
     """The page as HTML text; an executor, where given, draws the pictures."""
     drawing = {} if executor is None else {name: executor.submit(picture, name, diagnosis) for name in PICTURES}
     import jinja2
@@ -89,7 +91,7 @@ def render(diagnosis: Diagnosis, executor: Executor | None = None) -> str:
     return template.render(**page, **drawn)
 
 
-def _left(diagnosis: Diagnosis) -> dict[str, str]:
+def _left(diagnosis: DiagnosisRecord) -> dict[str, str]:
     unexplained = diagnosis.unexplained
     sure = unexplained.probability
     return {
@@ -107,11 +109,11 @@ def _next(following: NextExperiment | None, kind: str) -> dict[str, str]:
     return {"next_aim": wording.next_aim(following), "next_notes": " ".join(f"{note[0].upper()}{note[1:]}." for note in notes)}
 
 
-def _places(diagnosis: Diagnosis) -> pd.DataFrame:
+def _places(diagnosis: DiagnosisRecord) -> pd.DataFrame:
     return pd.DataFrame(wording.place_rows(diagnosis.where), columns=["where", "share", "p"])
 
 
-def _causes(diagnosis: Diagnosis) -> pd.DataFrame:
+def _causes(diagnosis: DiagnosisRecord) -> pd.DataFrame:
     columns = ["mechanism", *wording.PROBABILITY_COLUMNS, "rms (deg/h)", "driven by", "cannot be told from"]
     rows = [
         [
@@ -127,7 +129,7 @@ def _causes(diagnosis: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _parameters(diagnosis: Diagnosis) -> pd.DataFrame:
+def _parameters(diagnosis: DiagnosisRecord) -> pd.DataFrame:
     return pd.DataFrame(
         [
             {"mechanism": cause.name, "parameter": name, "value": value}
@@ -147,7 +149,7 @@ def _laws(unexplained: Unexplained) -> pd.DataFrame:
     )
 
 
-def _fits(diagnosis: Diagnosis) -> pd.DataFrame:
+def _fits(diagnosis: DiagnosisRecord) -> pd.DataFrame:
     rows = wording.fit_rows("training", diagnosis.train)
     if diagnosis.test is not None:
         rows = wording.fit_rows("held out", diagnosis.test) + rows
@@ -156,7 +158,7 @@ def _fits(diagnosis: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _baseline(diagnosis: Diagnosis) -> pd.DataFrame:
+def _baseline(diagnosis: DiagnosisRecord) -> pd.DataFrame:
     together = diagnosis.recalibration
     return pd.DataFrame(
         [
@@ -172,7 +174,7 @@ def _baseline(diagnosis: Diagnosis) -> pd.DataFrame:
     )
 
 
-def _noise(diagnosis: Diagnosis) -> pd.DataFrame:
+def _noise(diagnosis: DiagnosisRecord) -> pd.DataFrame:
     strengths = diagnosis.noise.strengths()
     if not diagnosis.noise.dither_residual_arcsec:
         del strengths["dither_residual_frequency_hz"]

@@ -14,9 +14,10 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from rlgcomp.diagnosis.result import Diagnosis, Fit, RunFit, Trace
 from rlgcomp.diagnosis.result.channel_shares import channel_shares
+from rlgcomp.diagnosis.result.fits import Fit, RunFit, Trace
 from rlgcomp.diagnosis.result.phrases import sure_text
+from rlgcomp.diagnosis.result.record import DiagnosisRecord
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.physics.empirical_law import EmpiricalLaw
@@ -45,7 +46,7 @@ DOTS_PER_INCH: Final = 130
 ABOVE_IN, BELOW_IN, GAP_IN, SIDE_GAP_IN = 0.32, 0.48, 0.52, 0.5
 
 
-def timeline(diagnosis: Diagnosis) -> str:
+def timeline(diagnosis: DiagnosisRecord) -> str:
     """Each run's mismatch, what the causes say of it, and the intervals found."""
     scale, unit = _scale(diagnosis.train)
     with rc_context(STYLE):
@@ -77,7 +78,7 @@ def timeline(diagnosis: Diagnosis) -> str:
         return svg(figure)
 
 
-def loop(diagnosis: Diagnosis) -> str:
+def loop(diagnosis: DiagnosisRecord) -> str:
     """The mismatch less all other findings against each finding's driver, rising and falling in two colours, before and after."""
     shown = [view for view in views(diagnosis) if view.x]
     scale, unit = _scale(diagnosis.train)
@@ -119,7 +120,7 @@ class View:
     turns: bool = True  # x rises and falls, and what is drawn may depend on which
 
 
-def views(diagnosis: Diagnosis) -> list[View]:
+def views(diagnosis: DiagnosisRecord) -> list[View]:
     """One for each finding; where there is none, the mismatch against the driver of the other pictures."""
     findings = {cause.name: (cause.drivers, cause.name) for cause in diagnosis.causes}
     if diagnosis.unexplained.equation:
@@ -154,7 +155,7 @@ def _against(traces: Sequence[Trace], driver: str) -> View:
     return View("Mismatch before", column_label(driver), [table[driver].to_numpy() for table in x], before, after)
 
 
-def driver_map(diagnosis: Diagnosis) -> str:
+def driver_map(diagnosis: DiagnosisRecord) -> str:
     """Mean mismatch over a driver and another, or its rate of change, before and after, in one colour scale."""
     found = map_axes(diagnosis)
     scale, unit = _scale(diagnosis.train)
@@ -190,7 +191,7 @@ def driver_map(diagnosis: Diagnosis) -> str:
         return svg(figure)
 
 
-def map_axes(diagnosis: Diagnosis) -> tuple[Array, Array, str, str] | None:
+def map_axes(diagnosis: DiagnosisRecord) -> tuple[Array, Array, str, str] | None:
     """A driver and what it is shown with over all runs, with their labels: the second driver of the same finding (less the first
     where both go together), else its own rate of change; None where neither says anything."""
     driver, traces = _driver(diagnosis), diagnosis.traces
@@ -214,7 +215,7 @@ def map_axes(diagnosis: Diagnosis) -> tuple[Array, Array, str, str] | None:
     return x, factor * rate, column_label(driver), f"rate of change, {per_minute}"
 
 
-def channels(diagnosis: Diagnosis) -> str:
+def channels(diagnosis: DiagnosisRecord) -> str:
     """How much of the mismatch follows each recorded channel, before and after: share of its variance between bins; with what noise
     alone reaches."""
     shares = channel_shares(diagnosis.traces, diagnosis.noise, diagnosis.train.averaging_s)
@@ -237,7 +238,7 @@ def channels(diagnosis: Diagnosis) -> str:
         return svg(figure)
 
 
-def probabilities(diagnosis: Diagnosis) -> str:
+def probabilities(diagnosis: DiagnosisRecord) -> str:
     """Posterior probability of the chosen set and of each other that has some."""
     if not diagnosis.alternatives:
         return ""
@@ -255,7 +256,7 @@ def probabilities(diagnosis: Diagnosis) -> str:
         return svg(figure)
 
 
-def likely_sets(diagnosis: Diagnosis) -> list[tuple[tuple[str, ...], float]]:
+def likely_sets(diagnosis: DiagnosisRecord) -> list[tuple[tuple[str, ...], float]]:
     """The chosen set with its probability, then each other that has some, one at least, then all others together."""
     chosen = tuple(cause.name for cause in diagnosis.causes)
     shares = {item.mechanisms: item.probability for item in diagnosis.alternatives if set(item.mechanisms) != set(chosen)}
@@ -271,7 +272,7 @@ def likely_sets(diagnosis: Diagnosis) -> list[tuple[tuple[str, ...], float]]:
     return [*first, *others, *([(("any other set",), rest)] if rest >= SLIGHT else [])]
 
 
-def _beyond(diagnosis: Diagnosis) -> tuple[str, ...]:
+def _beyond(diagnosis: DiagnosisRecord) -> tuple[str, ...]:
     """What is said to be missing beside named causes."""
     if diagnosis.verdict != "unknown":
         return ()
@@ -281,7 +282,7 @@ def _beyond(diagnosis: Diagnosis) -> tuple[str, ...]:
     return (f"no {further}mechanism of the catalogue (noise, or something unknown)",)
 
 
-def held_out(diagnosis: Diagnosis) -> str:
+def held_out(diagnosis: DiagnosisRecord) -> str:
     """Runs held out: the mismatch before and after, with twice the noise floor."""
     traces = [trace for trace in diagnosis.traces if trace.held_out]
     if not traces or diagnosis.test is None:
@@ -333,7 +334,7 @@ def bars(fit: Fit) -> str:
         return svg(figure)
 
 
-def what_is_left(diagnosis: Diagnosis) -> str:
+def what_is_left(diagnosis: DiagnosisRecord) -> str:
     """Allan deviation before and after with the white floor, and the autocorrelation of what is left."""
     traces = [trace for trace in diagnosis.traces if trace.held_out] or list(diagnosis.traces)
     fit = diagnosis.test or diagnosis.train
@@ -371,7 +372,7 @@ def what_is_left(diagnosis: Diagnosis) -> str:
         return svg(figure)
 
 
-def programme(diagnosis: Diagnosis) -> str:
+def programme(diagnosis: DiagnosisRecord) -> str:
     """The chamber's set point, or the table's rate, over time in the experiment that is proposed."""
     if diagnosis.next_experiment is None:
         return ""
@@ -388,7 +389,7 @@ def programme(diagnosis: Diagnosis) -> str:
         return svg(figure)
 
 
-def driver_column(diagnosis: Diagnosis, monitors: pd.DataFrame) -> str | None:
+def driver_column(diagnosis: DiagnosisRecord, monitors: pd.DataFrame) -> str | None:
     """The recorded column that pictures are drawn against: the first cause's, else a thermometer, the table's rate, or any."""
     wanted = [driver for cause in diagnosis.causes for driver in cause.drivers] + list(diagnosis.unexplained.drivers)
     thermometers = [column for column in monitors.columns if column.startswith("temperature_") and column.endswith("_degC")]
@@ -451,7 +452,7 @@ def _power(size: float, unit: str) -> tuple[float, str]:
     return 1e6, f"10⁻⁶ {unit}"
 
 
-def _driver(diagnosis: Diagnosis) -> str | None:
+def _driver(diagnosis: DiagnosisRecord) -> str | None:
     return driver_column(diagnosis, diagnosis.traces[0].monitors) if diagnosis.traces else None
 
 

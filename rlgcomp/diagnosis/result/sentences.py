@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import re
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rlgcomp.diagnosis.result.findings import Cause, InPart, Unexplained
+from rlgcomp.diagnosis.result.fits import Fit
 from rlgcomp.diagnosis.result.phrases import (
     interval_text,
     listing,
@@ -16,11 +18,9 @@ from rlgcomp.diagnosis.result.phrases import (
     sure_text,
     time_text,
 )
+from rlgcomp.diagnosis.result.record import DiagnosisRecord
 from rlgcomp.physics.mechanism import TABLE_RATE
 from rlgcomp.recording.motion import ANGLES
-
-if TYPE_CHECKING:
-    from rlgcomp.diagnosis.result import Cause, Diagnosis, Fit, InPart, Unexplained
 
 DOUBTED: Final = 0.1  # probability that nothing is missing from which it is said beside what is named
 NEAREST: Final = 0.2  # of what comes near to explaining what wanders, from which that is said
@@ -32,12 +32,12 @@ MOSTLY: Final = 0.5  # of an improvement: with less about each run's own mean, m
 AS_GOOD_AS_NONE: Final = 0.005  # loss of which nothing is said
 
 
-def subject(diagnosis: Diagnosis) -> str:
+def subject(diagnosis: DiagnosisRecord) -> str:
     """What the simulator is called in a sentence."""
     return "the simulator" if diagnosis.simulator == "simulator" else diagnosis.simulator
 
 
-def title(diagnosis: Diagnosis) -> str:
+def title(diagnosis: DiagnosisRecord) -> str:
     """What the page of a diagnosis is headed."""
     if diagnosis.verdict != "none":
         return f"What {subject(diagnosis)} is missing"
@@ -46,7 +46,7 @@ def title(diagnosis: Diagnosis) -> str:
     return f"Nothing is missing that {which} {'could name' if doubtful else 'show'}"
 
 
-def proof_title(diagnosis: Diagnosis) -> str:
+def proof_title(diagnosis: DiagnosisRecord) -> str:
     """What the section of held-out runs is headed; without any, it says what that means."""
     if diagnosis.test is not None:
         return "The proof"
@@ -54,12 +54,12 @@ def proof_title(diagnosis: Diagnosis) -> str:
     return f"The fit: {which}, so this proves nothing"
 
 
-def verdict_sentence(diagnosis: Diagnosis) -> str:
+def verdict_sentence(diagnosis: DiagnosisRecord) -> str:
     """The verdict, the causes with their probability, and what they gain held out."""
     return " ".join(part for part in (headline(diagnosis), gain_sentence(diagnosis)) if part)
 
 
-def headline(diagnosis: Diagnosis) -> str:
+def headline(diagnosis: DiagnosisRecord) -> str:
     """The verdict and the causes with their probability; and which held-out runs are far off for all that."""
     off = _off_held_out(diagnosis)
     if not off:
@@ -69,7 +69,7 @@ def headline(diagnosis: Diagnosis) -> str:
     return f"{_verdict(diagnosis).rstrip('.')}{said}{listing(off)}: train on {them} too."
 
 
-def _verdict(diagnosis: Diagnosis) -> str:
+def _verdict(diagnosis: DiagnosisRecord) -> str:
     """The verdict and the causes with their probability, by the training runs and what held-out runs bear out."""
     who = subject(diagnosis)
     who = who[:1].upper() + who[1:] if who == "the simulator" else who
@@ -122,12 +122,12 @@ def _verdict(diagnosis: Diagnosis) -> str:
     return f"Probably {subject(diagnosis)} lacks {named}{doubt}." if doubt else f"{who} lacks {named}."
 
 
-def _as_likely_as_not(diagnosis: Diagnosis) -> bool:
+def _as_likely_as_not(diagnosis: DiagnosisRecord) -> bool:
     """Whether nothing is named, though something is missing as likely as not."""
     return diagnosis.verdict == "none" and diagnosis.healthy is not None and diagnosis.healthy < EVEN
 
 
-def _off_held_out(diagnosis: Diagnosis) -> list[str]:
+def _off_held_out(diagnosis: DiagnosisRecord) -> list[str]:
     """Held-out runs that are far off by more than a bias of their own, where that is not known to be something unknown, and what is
     named says something of them."""
     if diagnosis.verdict == "unknown" or diagnosis.test is None or not all(cause.mechanism.repeats() for cause in diagnosis.causes):
@@ -148,7 +148,7 @@ def _rivals(cause: Cause) -> list[str]:
     return [name if p is None else f"{name} ({sure_text(p, 2)})" for name, p in rivals]
 
 
-def _either(diagnosis: Diagnosis) -> str:
+def _either(diagnosis: DiagnosisRecord) -> str:
     """The causes, each with those that these runs cannot tell from it."""
     said = []
     for cause in diagnosis.causes:
@@ -166,7 +166,7 @@ def followed(left: Unexplained) -> list[str]:
     return [f"the table's rate by {column}" if by_rate and column in ANGLES else column for column in left.drivers]
 
 
-def no_channel(diagnosis: Diagnosis) -> str:
+def no_channel(diagnosis: DiagnosisRecord) -> str:
     """That what is unexplained follows no recorded channel, or what comes near to being followed."""
     named = {cause.name for cause in diagnosis.causes}
     more = [([name for name in one.mechanisms if name not in named], one) for one in diagnosis.alternatives]
@@ -180,13 +180,13 @@ def no_channel(diagnosis: Diagnosis) -> str:
     return f"no law was found that it follows for sure; nearest is {what} (probability {sure_text(share, 2)})"
 
 
-def _events_alone(diagnosis: Diagnosis) -> bool:
+def _events_alone(diagnosis: DiagnosisRecord) -> bool:
     """Whether nothing is unknown but what acts in a part of the runs, or in one event."""
     events = bool(diagnosis.steps or diagnosis.in_part)
     return diagnosis.verdict == "unknown" and events and diagnosis.unexplained.probability is None
 
 
-def events_text(diagnosis: Diagnosis) -> str:
+def events_text(diagnosis: DiagnosisRecord) -> str:
     """What acts in a part of the runs, or in one event, and what to do about it."""
     said = [_in_part_text(one) for one in diagnosis.in_part]
     if diagnosis.steps:
@@ -212,7 +212,7 @@ def _in_part_text(one: InPart) -> str:
     )
 
 
-def gain_sentence(diagnosis: Diagnosis) -> str:
+def gain_sentence(diagnosis: DiagnosisRecord) -> str:
     """What the causes gain held out, and whose numbers do not fit beside them; empty where nothing was found."""
     if diagnosis.verdict == "none" or (_events_alone(diagnosis) and not diagnosis.causes):
         return ""

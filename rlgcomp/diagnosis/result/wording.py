@@ -6,8 +6,10 @@ import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rlgcomp.diagnosis.result.findings import Cause, NextExperiment, Place, Unexplained
+from rlgcomp.diagnosis.result.fits import Alignment, Fit, RunFit
 from rlgcomp.diagnosis.result.phrases import (
     interval_text,
     listing,
@@ -21,6 +23,7 @@ from rlgcomp.diagnosis.result.phrases import (
     span_text,
     sure_text,
 )
+from rlgcomp.diagnosis.result.record import DiagnosisRecord
 from rlgcomp.diagnosis.result.sentences import (
     DOUBTED,
     followed,
@@ -28,9 +31,6 @@ from rlgcomp.diagnosis.result.sentences import (
     headline,
 )
 from rlgcomp.units import SECONDS_PER_HOUR
-
-if TYPE_CHECKING:
-    from rlgcomp.diagnosis.result import Alignment, Cause, Diagnosis, Fit, NextExperiment, Place, RunFit, Unexplained
 
 FIT_COLUMNS: Final = ("runs", "before", "after", "noise floor", "LS-SVM", "improvement", "95 % interval")
 PROBABILITY_COLUMNS: Final = ("probability", "in training alone")
@@ -51,7 +51,7 @@ BLACK_BOX: Final = (
 )
 
 
-def about(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+def about(diagnosis: DiagnosisRecord) -> list[tuple[str, str]]:
     """What a diagnosis is of: the simulator, the gyro and the recordings, by name."""
     own = [Path(name).name for name in diagnosis.recordings.get("simulator", ())]
     units = dict.fromkeys(trace.unit for trace in diagnosis.traces if trace.unit)
@@ -71,7 +71,7 @@ def _run_and_file(run: str, file: str) -> str:
     return run if Path(file).stem == run else f"{run} ({file})"
 
 
-def methods(diagnosis: Diagnosis) -> list[str]:
+def methods(diagnosis: DiagnosisRecord) -> list[str]:
     """Sources of the methods that this diagnosis used."""
     used = [EVIDENCE] if diagnosis.alternatives else []
     if diagnosis.test is not None:
@@ -81,7 +81,7 @@ def methods(diagnosis: Diagnosis) -> list[str]:
     return used
 
 
-def as_text(diagnosis: Diagnosis) -> str:
+def as_text(diagnosis: DiagnosisRecord) -> str:
     """The whole diagnosis for a terminal: verdict first."""
     parts = ["\n".join(part for part in (headline(diagnosis), gain_sentence(diagnosis)) if part)]
     if diagnosis.where:
@@ -224,7 +224,7 @@ def clock_text(shift: Alignment) -> str:
     )
 
 
-def _set_rows(diagnosis: Diagnosis) -> list[list[str]]:
+def _set_rows(diagnosis: DiagnosisRecord) -> list[list[str]]:
     """Sets with their probabilities: that of the verdict, then the others."""
     others = [[set_text(item.mechanisms), probability_text(item.probability)] for item in diagnosis.alternatives]
     if diagnosis.verdict == "none" and diagnosis.healthy is not None:
