@@ -39,8 +39,8 @@ class Posterior:
         best = max(jumping, key=lambda state: state.log_posterior, default=None)
         if best is not None and best.log_posterior > states[0].log_posterior:
             assert best.telegraph is not None  # noqa: S101
-            beside = Search(Bank(bank.data, np.column_stack([bank.design, best.telegraph.path])), regions)
-            for state in beside.run()[:_PROVED]:
+            with_path = Search(Bank(bank.data, np.column_stack([bank.design, best.telegraph.path])), regions)
+            for state in with_path.run()[:_PROVED]:
                 for member in state.members:
                     search.bank.prepare([member.form])
                 possible = tuple(member for member in state.members if search.bank.scaled(member.form) is not None)

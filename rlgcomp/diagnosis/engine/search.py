@@ -117,7 +117,7 @@ class Search:
 
     def run(self) -> list[State]:
         """All states that were visited, the likeliest first."""
-        null, wander = self.settled(()), self._wandering(())
+        null, wander = self.converged(()), self._wandering(())
         beam, best = [null, *([wander] if wander.log_posterior > null.log_posterior else [])], null.log_posterior
         for size in range(1, _MOST + 1):
             children: dict[frozenset[str], State] = {}
@@ -145,7 +145,7 @@ class Search:
         for _ in range(3):
             best = max(self.visited.values(), key=lambda state: state.log_posterior)
             for k in range(len(best.members)):
-                fewer = self.settled((*best.members[:k], *best.members[k + 1 :]))
+                fewer = self.converged((*best.members[:k], *best.members[k + 1 :]))
                 others = sorted(self.expanded(fewer), key=lambda child: child.log_posterior, reverse=True)
                 for child in others[:3]:
                     if child.key not in self.visited and child.log_posterior > best.log_posterior - _WITHIN:
@@ -188,7 +188,7 @@ class Search:
             )
         return courses
 
-    def settled(self, members: Set, noise: Noise = _WHITE) -> State:
+    def converged(self, members: Set, noise: Noise = _WHITE) -> State:
         """A set at its likeliest noise, climbing over the grid of hypotheses from one; and the volume of the noises passed."""
         log_prior = self.log_prior(members)
         found: dict[Noise, float] = {}
@@ -212,7 +212,7 @@ class Search:
     def _wandering(self, members: Set) -> State:
         """A set beside something unrecorded that wanders."""
         starts = [one for one in self.noise_log_prior if one.wander == _USUAL_WANDER]
-        return max((self.settled(members, start) for start in starts[1::2]), key=lambda state: state.log_posterior)
+        return max((self.converged(members, start) for start in starts[1::2]), key=lambda state: state.log_posterior)
 
     def _climbed_from(self, noise: Noise) -> tuple[Noise, ...]:
         """Starts of a climb beside one."""
@@ -279,16 +279,16 @@ class Search:
                 members = self._chosen_again(members, k, noise)
             if members == before:
                 break
-            noise = self.settled(members, noise).noise
-        settled = self.settled(members, noise)
+            noise = self.converged(members, noise).noise
+        converged = self.converged(members, noise)
         for k in range(len(members)):
-            for other in self._richer(settled, k):
-                tried = self.settled((*settled.members[:k], other, *settled.members[k + 1 :]), settled.noise)
-                if tried.log_posterior > settled.log_posterior + _WORTH:
-                    settled = tried
-        members = settled.members
-        volume = settled.log_volume + sum(self._volume(members, k, settled.noise) for k in range(len(members)))
-        found = dataclasses.replace(settled, log_volume=volume)
+            for other in self._richer(converged, k):
+                tried = self.converged((*converged.members[:k], other, *converged.members[k + 1 :]), converged.noise)
+                if tried.log_posterior > converged.log_posterior + _WORTH:
+                    converged = tried
+        members = converged.members
+        volume = converged.log_volume + sum(self._volume(members, k, converged.noise) for k in range(len(members)))
+        found = dataclasses.replace(converged, log_volume=volume)
         self._visit(found)
         return found
 
