@@ -331,7 +331,7 @@ def compensate(
 
 def _repaired_monitors(compensator: Compensator, recording: Recording) -> tuple[Recording, list[Message]]:
     """The run with single outliers of its monitors interpolated, and remarks on it."""
-    from rlgcomp.compensation.input_checks import other_unit
+    from rlgcomp.compensation.correction import other_unit
     from rlgcomp.recording.outliers import gyro_outliers, without_monitor_outliers
 
     repaired, interpolated = without_monitor_outliers(recording, compensator.pipeline_.columns)
@@ -342,7 +342,7 @@ def _repaired_monitors(compensator: Compensator, recording: Recording) -> tuple[
 
 def _require_the_same_calibration(compensator: Compensator, recordings: list[Recording]) -> None:
     """Refuse runs calibrated otherwise than those that the model was trained on."""
-    from rlgcomp.compensation.input_checks import calibration_mismatch
+    from rlgcomp.compensation.correction import calibration_mismatch
     from rlgcomp.errors import InputError
 
     for recording in recordings:

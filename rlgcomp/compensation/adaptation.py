@@ -31,7 +31,7 @@ import pandas as pd
 from sklearn.base import clone
 
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.input_checks import require_distinct, require_raw
+from rlgcomp.compensation.correction import require_distinct, require_raw
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.models.cubic import CubicLeastSquares
 from rlgcomp.compensation.selection import Selection

@@ -13,11 +13,10 @@ import numpy.typing as npt
 import pandas as pd
 from sklearn.base import BaseEstimator, clone
 
-from rlgcomp.compensation import model_card, serialisation
+from rlgcomp.compensation import serialisation
 from rlgcomp.compensation.artefact import SCHEMA
-from rlgcomp.compensation.correction import Correction, corrected_table
+from rlgcomp.compensation.correction import Correction, corrected_table, require_distinct, require_raw
 from rlgcomp.compensation.feature_pipeline import omitted_groups, pipeline_for
-from rlgcomp.compensation.input_checks import require_distinct, require_raw
 from rlgcomp.compensation.interval import Interval, excess
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
@@ -114,7 +113,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     def __repr__(self) -> str:
         if hasattr(self, "model_"):
-            return model_card.summary(serialisation.manifest_of(self))
+            return serialisation.summary(serialisation.manifest_of(self))
         model = "LSSVMRegressor" if self.model is None else type(self.model).__name__
         features = self.features if isinstance(self.features, str) else ", ".join(map(str, self.features))
         return f"Compensator, not fitted: {model}, features {features}, {self.averaging_s:g} s means"

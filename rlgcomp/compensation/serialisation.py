@@ -1,10 +1,11 @@
-"""Serialisation: a fitted compensator as an artefact, and back. Everything that a file states is checked."""
+"""Serialisation: a fitted compensator as an artefact with its model card, and back. Everything that a file states is checked."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import logging
 import platform
+import textwrap
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any, Final, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compensation import artefact, model_card
+from rlgcomp.compensation import artefact
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.models import MODELS
@@ -22,12 +23,13 @@ from rlgcomp.compensation.selection import Selection
 from rlgcomp.compensation.window_means import Scaling, WindowMeans
 from rlgcomp.errors import InputError
 from rlgcomp.recording import is_gyro
-from rlgcomp.report.messages import Message
+from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
 GOLDEN_ROWS: Final = 64
 GOLDEN_TOLERANCE: Final = 1e-9
+_CARD_WIDTH: Final = 110
 _SCALING_ARRAYS: Final = ("mean", "scale", "low", "high")
 
 
@@ -113,8 +115,7 @@ def save(path: str | Path, compensator: Fitted) -> None:
         "golden_bias_deg_h": compensator.predict_rows(golden_X),
         "golden_half_width_deg_h": compensator.half_widths(golden_X),
     }
-    card = model_card.card(manifest, arrays)
-    artefact.write(path, artefact.Artefact(manifest, arrays, compensator.selection_.table), card)
+    artefact.write(path, artefact.Artefact(manifest, arrays, compensator.selection_.table), model_card(manifest, arrays))
 
 
 def load(path: str | Path, make: Callable[..., Compensation]) -> Compensation:
@@ -219,3 +220,107 @@ def _golden_inputs(training_X: Array, low: Array, high: Array) -> Array:
     """Inputs whose bias is saved with the model: from all over training, and half a span and three spans beyond its range."""
     within = training_X[np.unique(np.linspace(0, len(training_X) - 1, GOLDEN_ROWS).astype(np.int64))]
     return np.vstack([within, *(high + beyond * (high - low) for beyond in (-4.0, -1.5, 0.5, 3.0))])
+
+
+def summary(manifest: Mapping[str, Any]) -> str:
+    """A compensation in a few lines: model, inputs, training, residual with runs left out."""
+    inputs, before = manifest["inputs"], manifest["output"]["scale_deg_h"]
+    rmse, half_width = manifest["selection"]["rmse"], manifest["interval"]["inside_deg_h"]
+    residual = "not known" if rmse is None else f"{rmse * before:.3g} deg/h"
+    hours = sum(float(run["hours"]) for run in manifest["runs"])
+    selected = ", ".join(f"{name} = {_short(value)}" for name, value in manifest["selection"]["best"].items())
+    count = f"{len(inputs)} input{'s' if len(inputs) > 1 else ''}"
+    lines = [
+        f"Compensator of {manifest['output']['gyro']}: {manifest['model']['name']} on {count}, {manifest['averaging_s']:g} s means",
+        textwrap.fill(f"  inputs: {', '.join(inputs)}", _CARD_WIDTH, subsequent_indent=" " * 6),
+        f"  trained on: {', '.join(str(run['run']) for run in manifest['runs'])} ({hours:.1f} h)",
+        f"  selected: {selected or 'nothing to select'}",
+        f"  rms before {before:.3g} deg/h, with runs left out {residual}; 90 % interval ± {half_width:.2g} deg/h",
+    ]
+    return "\n".join(lines)
+
+
+def model_card(manifest: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
+    """Model card in Markdown, from the manifest and the arrays of an artefact."""
+    model, output = manifest["model"], manifest["output"]
+    units = sorted({str(run.get("unit") or "not stated") for run in manifest["runs"]})
+    hours = sum(float(run["hours"]) for run in manifest["runs"])
+    relative, rows = manifest["selection"]["rmse"], arrays["training_y_deg_h"].size
+    error = "not known" if relative is None else f"{relative * output['scale_deg_h']:.5f} deg/h rms"
+    parameters = ", ".join(f"{key} = {_short(value)}" for key, value in sorted(model["parameters"].items()))
+    runs = "\n".join(
+        f"| {run['run']} | {run.get('kind', 'chamber')} | {run.get('unit', '')} | {run['hours']:.2f} | {_programme(run)} |"
+        for run in manifest["runs"]
+    )
+    ranges = "\n".join(
+        f"| `{name}` | {low:.5g} | {high:.5g} |"
+        for name, low, high in zip(manifest["inputs"], arrays["low"], arrays["high"], strict=True)
+    )
+    mean = (
+        "Only the difference from the training mean is removed; the corrected gyro keeps that mean."
+        if output["keep_mean"]
+        else "The whole estimated bias is removed, its mean included."
+    )
+    other_units = [run["adapted_from"]["units"] for run in manifest["runs"] if "adapted_from" in run]
+    parts = "units" if other_units else "runs"
+    interval = _interval(manifest["interval"], manifest["averaging_s"], parts)
+    adapted = f"\n- Adapted from what {other_units[0]} other units have in common" if other_units else ""
+    remarks = "".join(f"- {remark['text']}\n" for remark in manifest["remarks"])
+    remarks = f"## Remarks of training\n\n{remarks}\n" if remarks else ""
+    return f"""# Bias compensation: {model["name"]} on {len(manifest["inputs"])} inputs
+
+Estimates the bias of `{output["gyro"]}` in {output["unit"]} from the gyro's own monitors. {mean}
+
+- Gyro unit: {", ".join(units)}
+- Trained on {len(manifest["runs"])} runs, {hours:.1f} h: {rows} means over {manifest["averaging_s"]:g} s{adapted}
+- Model: {model["name"]} ({parameters})
+- Error with {parts} left out, noise of the means included: {error}
+- Made {manifest["created"]} with rlgcomp {manifest["versions"]["rlgcomp"]}
+
+## Training runs
+
+| run | kind | unit | hours | programme |
+|---|---|---|---|---|
+{runs}
+
+## Where it holds
+
+A sample with an input beyond these ranges (training span and a 5 % margin) is flagged `compensation_out_of_range`. An input further
+out than {output["reach"]:g} times its range is clipped: the output stays bounded, but it is no longer an estimate to rely on.
+
+| input | low | high |
+|---|---|---|
+{ranges}
+
+{remarks}## How far to trust it
+
+{interval}
+
+## What it does not do
+
+It corrects this gyro unit, mounted as it was. It has not seen ageing, other mounts, vibration or rotation. Filters and hysteresis
+memory start afresh with every recording: the first minutes after switching on are as uncertain as they were in training.
+
+## Files
+
+`manifest.json` says everything above in full; `arrays/` holds float64 arrays; `sha256sum -c SHA256SUMS` checks them all.
+"""
+
+
+def _interval(interval: Mapping[str, Any], averaging_s: float, parts: str) -> str:
+    share = 100.0 * interval["coverage"]
+    promise = message("compensation.interval", parts=parts, number=interval["runs"], coverage=interval["coverage"])
+    inside, per_span = interval["inside_deg_h"], interval["per_span_deg_h"]
+    return f"""Means of the gyro over {averaging_s:g} s lie within ±{inside:.3g} deg/h of the estimated bias in {share:.0f} % of
+cases while every input is within the ranges above; their own noise is included.
+{textwrap.fill(promise.text, _CARD_WIDTH)}
+Beyond the ranges the half width grows by {per_span:.3g} deg/h (the span of the bias in training) for each span of its range
+that an input lies outside. `compensation_half_width_deg_h` gives it sample by sample."""
+
+
+def _programme(run: Mapping[str, Any]) -> str:
+    return str((run.get("notes") or {}).get("programme", ""))
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

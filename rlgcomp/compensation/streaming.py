@@ -22,9 +22,8 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.calibration.file import PULSE_AGREEMENT, Calibration
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.correction import corrected_table
+from rlgcomp.compensation.correction import calibration_mismatch, corrected_table, other_unit, require_raw
 from rlgcomp.compensation.growing_files import STANDARD, GrowingInput, GrowingOutput, interruption, require_csv
-from rlgcomp.compensation.input_checks import calibration_mismatch, other_unit, require_raw
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Metadata, is_gyro, rate_name
 from rlgcomp.recording.formats import column_mapping, read_sidecar, require_sidecar, write_sidecar

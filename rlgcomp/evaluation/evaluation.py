@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.compensation.compensator import Compensator
-from rlgcomp.compensation.input_checks import other_unit, require_raw
+from rlgcomp.compensation.correction import other_unit, require_raw
 from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.comparison import comparison_table, correlation_table
