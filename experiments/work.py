@@ -43,7 +43,7 @@ class Work:
         self._finished_rows = _finished(rows) if resume and rows is not None else {}
         if rows is not None:
             rows.parent.mkdir(parents=True, exist_ok=True)
-            write_text(rows, "".join(_line(row) for row in self._finished_rows.values()))
+            write_text(rows, "".join(line_of(row) for row in self._finished_rows.values()))
 
     @staticmethod
     def add_options(parser: argparse.ArgumentParser, name: str) -> None:
@@ -82,7 +82,7 @@ class Work:
         missing = [piece for key, piece in pieces.items() if key not in self._finished_rows]
         try:
             for done, row in enumerate(spread(run, missing, died=died, n_jobs=self._jobs, scheduler=self._scheduler), start=1):
-                line = _line(row)
+                line = line_of(row)
                 self._finished_rows[row["key"]] = json.loads(line)
                 if self._file is not None:
                     with self._file.open("a", encoding="utf-8") as lines:
@@ -118,7 +118,8 @@ def _died(keyed: tuple[str, tuple[Any, ...]]) -> Row:
     return {"key": keyed[0], "failure": DIED}
 
 
-def _line(row: Row) -> str:
+def line_of(row: Row) -> str:
+    """A row as a line of the file of rows."""
     return to_json(row, indent=None) + "\n"
 
 

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import settings
 
 import rlgcomp as rlg
+from tests.cluster import Cluster
 
-Cluster = tuple[str, list[subprocess.Popen[bytes]]]  # a scheduler's address; its process and those of two workers
 ROOT = Path(__file__).resolve().parent.parent
 
 # The same examples at every run, so that a change is judged by what it changed; --hypothesis-profile=search looks for new ones.

@@ -21,8 +21,8 @@ def blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled from 1000 samples on, in small blocks and pieces, so that short records cross many edges."""
     monkeypatch.setattr(sums, "MANY", 1000)
     monkeypatch.setattr(sums, "BLOCK", 48)
-    monkeypatch.setattr(sums, "_PIECE", 1024)
-    for name, value in {"MANY": 1000, "BLOCK": 48, "_CELL": 16, "_STRIDE": 64, "_ROWS": 512, "_LONG": 5000}.items():
+    monkeypatch.setattr(sums, "PIECE", 1024)
+    for name, value in {"MANY": 1000, "BLOCK": 48, "CELL": 16, "STRIDE": 64, "ROWS": 512, "LONG": 5000}.items():
         monkeypatch.setattr(octaves, name, value)
 
 
@@ -73,11 +73,16 @@ def test_columns_of_the_record_give_the_deviations_of_the_angle(
 @pytest.mark.usefixtures("blocks")
 def test_columns_are_taken_only_where_they_hold_every_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     rate = np.random.default_rng(8).normal(size=3000)
-    taken: list[int] = []
-    monkeypatch.setattr(octaves, "_sums", lambda rate, counts, workers: taken.append(len(counts)) or np.ones(len(counts)))
+    from_the_angle: list[list[int]] = []
+
+    def sums_of_squares(angle: np.ndarray, ends: np.ndarray, counts: np.ndarray, *options: object) -> tuple:
+        from_the_angle.append(counts.tolist())
+        return np.ones(len(counts)), counts
+
+    monkeypatch.setattr(octaves, "sums_of_squares", sums_of_squares)
     for counts in ([1, 32, 64, 128], [1, 33], [1, 65]):
         octaves.overlapping_deviation(rate, np.array(counts))
-    assert taken == [4]
+    assert from_the_angle == [[1, 33], [1, 65]]
 
 
 @pytest.mark.usefixtures("blocks")

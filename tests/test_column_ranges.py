@@ -15,8 +15,8 @@ from rlgcomp.recording.repair import repair
 
 @pytest.fixture(params=[1 << 15, 7])
 def blocks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(column_ranges, "_BLOCK", request.param)
-    monkeypatch.setattr(column_ranges, "_LONG", 50)
+    monkeypatch.setattr(column_ranges, "BLOCK", request.param)
+    monkeypatch.setattr(column_ranges, "LONG", 50)
 
 
 @pytest.mark.usefixtures("blocks")
@@ -121,7 +121,7 @@ def test_bounds_find_what_looking_at_every_value_finds(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rlgcomp.recording.repair.context.step_extent", lambda values: column_ranges.Extent(-np.inf, 1e9))
         patch.setattr("rlgcomp.recording.repair.channels.may_hold", lambda values, samples: True)
-        patch.setattr("rlgcomp.recording.repair.wrong_units._plainly_in_its_unit", lambda table, column, context: False)
+        patch.setattr("rlgcomp.recording.repair.wrong_units.plainly_in_its_unit", lambda table, column, context: False)
         slow = outcome()
     assert quick[1] == slow[1]
     if quick[0] is not None and slow[0] is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from threadpoolctl import threadpool_info
+import threadpoolctl
 
 from rlgcomp.errors import InputError
 from rlgcomp.numerics import compiled, filters, hysteresis_loops
@@ -26,9 +26,9 @@ WEIGHTS = np.random.default_rng(1).normal(size=7)
 @pytest.fixture(autouse=True)
 def _few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hysteresis_loops, "MANY", 50)
-    monkeypatch.setattr(hysteresis_loops, "_TOGETHER", 3)
-    monkeypatch.setattr(hysteresis_loops, "_PLAYS", 3)
-    monkeypatch.setattr(hysteresis_loops, "_LARGE", 50)
+    monkeypatch.setattr(hysteresis_loops, "BOUC_WEN_PIECE", 3)
+    monkeypatch.setattr(hysteresis_loops, "PLAY_PIECE", 3)
+    monkeypatch.setattr(hysteresis_loops, "LARGE", 50)
 
 
 def inputs(n: int = 301, gyros: int = 7) -> np.ndarray:
@@ -139,7 +139,7 @@ def test_the_low_pass_has_the_same_bits_in_a_stream_and_compiled(monkeypatch: py
     rng = np.random.default_rng(3)
     values, step_s = np.cumsum(rng.normal(size=500)), np.r_[0.0, rng.uniform(0.5, 1.5, 499)]
     plain, last = filters.low_pass(1.0, values, step_s, 7.0)
-    monkeypatch.setattr(filters, "_MANY", 1)
+    monkeypatch.setattr(filters, "MANY", 1)
     fast, end = filters.low_pass(1.0, values, step_s, 7.0)
     assert np.array_equal(fast, plain)
     assert end == last
@@ -147,9 +147,9 @@ def test_the_low_pass_has_the_same_bits_in_a_stream_and_compiled(monkeypatch: py
     assert np.array_equal(np.r_[first, filters.low_pass(middle, values[200:], step_s[200:], 7.0)[0]], plain)
 
 
-def test_linear_algebra_has_the_threads_it_is_given_and_gets_its_own_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_linear_algebra_has_the_threads_it_is_given_and_gets_its_own_back() -> None:
     def now() -> list[int]:
-        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+        return [library["num_threads"] for library in threadpoolctl.threadpool_info() if library["user_api"] == "blas"]
 
     before = now()
     with compiled.blas_threads(2):
@@ -158,10 +158,15 @@ def test_linear_algebra_has_the_threads_it_is_given_and_gets_its_own_back(monkey
             assert set(now()) == {1}
         assert set(now()) == {2}
     assert now() == before
-    known = compiled._libraries(len(sys.modules))
-    assert compiled._libraries(len(sys.modules)) is known
-    monkeypatch.setitem(sys.modules, "a_library_that_came_later", sys)
-    assert compiled._libraries(len(sys.modules)) is not known
+
+
+def test_libraries_are_looked_for_again_only_when_modules_were_imported_since(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked, controller = [], threadpoolctl.ThreadpoolController
+    monkeypatch.setattr(threadpoolctl, "ThreadpoolController", lambda: looked.append(0) or controller())
+    for name, times in (("one_library", 1), ("one_library", 1), ("another_library", 2)):
+        monkeypatch.setitem(sys.modules, name, sys)
+        with compiled.blas_threads(1):
+            assert len(looked) == times
 
 
 _USE = """

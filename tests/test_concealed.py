@@ -246,8 +246,8 @@ class TestCases:
             np.concatenate([means(run.rate_deg_h(), one.samples) for run in one.train]) / one.white_deg_h
             for one in (with_it, without)
         ]
-        made = bench._Bench.of(with_it.plan, None)
-        made = dataclasses.replace(made, parts=bench._identifiable(made, stream(with_it.plan.seed, "lag")))
+        made = bench.Bench.of(with_it.plan, None)
+        made = dataclasses.replace(made, parts=bench.identifiable_parts(made, stream(with_it.plan.seed, "lag")))
         left = observer.residual(made.means(made.columns(made.chambers)), windows[0] - windows[1])
         assert np.sqrt(np.mean(left**2)) == pytest.approx(0.5, rel=1e-6)
 
@@ -279,7 +279,7 @@ class TestCases:
 
     def test_the_simulators_file_has_the_true_numbers_in_the_units_of_the_case(self) -> None:
         """Of a number that is stated as known, and wrong by nothing: the package's column times it is the part of the truth."""
-        made = bench._Bench.of(next(one for one in plan("healthy", 30) if len(bench._Bench.of(one, None).parts) > 1), None)
+        made = bench.Bench.of(next(one for one in plan("healthy", 30) if len(bench.Bench.of(one, None).parts) > 1), None)
         chamber, time, rate_deg_h = made.chambers[0], 40.0, 7.0
         columns = {"time_s": time * chamber.time_s, "gyro_deg_h": 0.0 * chamber.time_s, **chamber.monitors}
         perfect = rlg.Recording(pd.DataFrame(columns), rlg.Metadata(kind="chamber"), name="perfect")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +17,8 @@ import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.compensation.artefact import identity
+from rlgcomp.export import onnx as exported
+from rlgcomp.export.expansion import Expansion
 from rlgcomp.export.target import Options, export
 
 onnx = pytest.importorskip("onnx", reason="onnx is not installed (pip install 'rlgcomp[onnx]')")
@@ -95,7 +99,12 @@ def test_the_command_verifies_on_recordings_and_writes_golden_vectors(short_runs
 
 
 def test_a_wrong_graph_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rlgcomp.export.onnx._values", lambda made, e, x: made.total(x))
+    right = exported.graph
+
+    def wrong(compensator: rlg.Compensator, expansion: Expansion, *options: Any) -> Any:
+        return right(compensator, dataclasses.replace(expansion, y_scale_deg_h=0.5 * expansion.y_scale_deg_h), *options)
+
+    monkeypatch.setattr(exported, "graph", wrong)
     with pytest.raises(RuntimeError, match="does not agree with Python"):
         export(KEPT / "simulated-unit-2", tmp_path / "out", "onnx")
     with pytest.raises(rlg.InputError, match="use --precision double"):

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Cluster
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
@@ -21,6 +20,7 @@ from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError
 from rlgcomp.fleet import NOTE, SUMMARY, Unit, diagnose_unit, read_fleet, run_fleet, train_unit
+from tests.cluster import Cluster
 
 register_commands()
 TRAIN = functools.partial(train_unit, model="cubic", features="temperature")

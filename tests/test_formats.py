@@ -383,7 +383,7 @@ def test_large_text_is_read_as_small_text_is(tmp_path: Path, text: str, monkeypa
     path.write_text(text)
     found = []
     for large in (1 << 40, 0):
-        monkeypatch.setattr(csv, "_LARGE", large)
+        monkeypatch.setattr(csv, "LARGE", large)
         try:
             found.append(csv.load(path)[0])
         except rlg.InputError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import pickle
 import subprocess
 import sys
@@ -97,10 +98,18 @@ def test_it_solves_the_kkt_system_whatever_the_panels(seed: int, n: int, width: 
 
 def test_it_stores_half_a_matrix(data: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(kkt_system.PANEL_WIDTH, "cpu", 60)
+    before = bytes_of_tensors()
     system = DeviceKKTSystem("gaussian", {"sigma": 2.0}, data[0], "cpu", np.ones(600))
-    sizes = {panel.untyped_storage().data_ptr(): panel.untyped_storage().nbytes() for panel in system._panels}
-    assert sum(sizes.values()) == 8 * 600 * (600 + 60) // 2
-    assert max(panel.numel() for panel in system._panels) <= 600 * 60
+    vectors = 8 * 600 * (5 + 1)  # the inputs, and a solution
+    assert bytes_of_tensors() - before == 8 * 600 * (600 + 60) // 2 + vectors
+    assert len(system.inverse_diagonal()) == 600  # it was there until now
+
+
+def bytes_of_tensors() -> int:
+    """Of the tensors that live, each storage once."""
+    gc.collect()
+    storages = [each.untyped_storage() for each in gc.get_objects() if type(each) is torch.Tensor]
+    return sum({storage.data_ptr(): storage.nbytes() for storage in storages}.values())
 
 
 def test_a_pickled_model_is_plain_numbers(data: tuple[np.ndarray, np.ndarray]) -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from rlgcomp.numerics.compiled import available
+from rlgcomp.numerics.compiled import Compiled, available
 from rlgcomp.recording.formats import csv, numbers
 
 pytestmark = pytest.mark.skipif(not available(), reason="Numba is not installed, or switched off")
@@ -48,15 +48,15 @@ CELL = st.one_of(
 @pytest.fixture
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every few lines are a piece of their own, and so are files of a few lines worth reading."""
-    monkeypatch.setattr(numbers, "_PIECE", 40)
-    monkeypatch.setattr(csv, "_LARGE", 0)
-    monkeypatch.setattr(numbers, "_LARGE", 0)
+    monkeypatch.setattr(numbers, "PIECE", 40)
+    monkeypatch.setattr(csv, "LARGE", 0)
+    monkeypatch.setattr(numbers, "LARGE", 0)
 
 
 def by_arrow(path: Path, monkeypatch: pytest.MonkeyPatch) -> pd.DataFrame | None:
     with monkeypatch.context() as without:
         without.setattr(numbers, "pays", lambda size: False)
-        return csv._all_numbers(path)
+        return csv.read_numbers(path)
 
 
 def bits(table: pd.DataFrame) -> np.ndarray:
@@ -113,7 +113,7 @@ def test_whatever_is_read_is_what_arrow_reads(
 ) -> None:
     path = tmp_path / "run.csv"
     path.write_bytes((end.join([header, *lines]) + (end if last else "")).encode())
-    found, arrow = csv._all_numbers(path), by_arrow(path, monkeypatch)
+    found, arrow = csv.read_numbers(path), by_arrow(path, monkeypatch)
     assert (found is None) == (arrow is None)
     if found is not None:
         np.testing.assert_array_equal(bits(found), bits(arrow))
@@ -131,7 +131,7 @@ def test_long_numbers_near_half_way_between_doubles(tmp_path: Path, monkeypatch:
         least = 2**53 // 5**q + 1
         cells += [f"{odd << (q % 8)}e{q}" for odd in range(least | 1, (least | 1) + 40, 2) if 2**53 < odd * 5**q < 2**54]
     cells += [f"{odd * 5**q}e-{q}" for q in range(5) for odd in range(2**53 + 1, 2**53 + 41, 2) if odd * 5**q < 2**64]
-    monkeypatch.setattr(numbers, "_MOST_LEFTOVER", 1 << 15)
+    monkeypatch.setattr(numbers, "MOST_LEFTOVER", 1 << 15)
     path = tmp_path / "run.csv"
     path.write_text("a,b\n" + "".join(f"{one},-{two}\n" for one, two in itertools.pairwise(cells)))
     found = numbers.read(path, ["a", "b"], ",")
@@ -144,20 +144,20 @@ def test_few_numbers_are_left_to_python(tmp_path: Path, monkeypatch: pytest.Monk
     path = tmp_path / "run.csv"
     path.write_text("a,b\n" + "1,0.1234567890123456789012\n" * 9)
     assert numbers.read(path, ["a", "b"], ",") is not None
-    monkeypatch.setattr(numbers, "_MOST_LEFTOVER", 8)
+    monkeypatch.setattr(numbers, "MOST_LEFTOVER", 8)
     assert numbers.read(path, ["a", "b"], ",") is None
     drawn = np.random.default_rng(0).normal(size=(20_000, 2))
     pd.DataFrame(drawn, columns=["a", "b"]).to_csv(path, index=False, float_format="%.17g")
-    monkeypatch.setattr(numbers, "_MOST_LEFTOVER", 64)  # of 26 000 numbers a piece
+    monkeypatch.setattr(numbers, "MOST_LEFTOVER", 64)  # of 26 000 numbers a piece
     np.testing.assert_array_equal(numbers.read(path, ["a", "b"], ",").to_numpy(), drawn)
 
 
 def test_lines_that_are_too_long_are_left_to_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "run.csv"
     path.write_text("a,b\n" + ("1," + "0" * 60 + "2\n") * 4)
-    monkeypatch.setattr(numbers, "_PIECE", 40)
+    monkeypatch.setattr(numbers, "PIECE", 40)
     assert numbers.read(path, ["a", "b"], ",") is not None
-    monkeypatch.setattr(numbers, "_LONGEST", 8)
+    monkeypatch.setattr(numbers, "LONGEST_LINE", 8)
     assert numbers.read(path, ["a", "b"], ",") is None
 
 
@@ -169,10 +169,10 @@ def test_short_lines_ask_for_no_memory(tmp_path: Path) -> None:
 
 
 def test_numba_is_not_started_for_little_text(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(numbers._fill, "_fast", None)
-    assert not numbers.pays(numbers._LARGE - 1)
-    assert numbers.pays(numbers._LARGE)
-    monkeypatch.setattr(numbers._fill, "_fast", numbers._fill.plain)
+    monkeypatch.setattr(Compiled, "ready", False)
+    assert not numbers.pays(numbers.LARGE - 1)
+    assert numbers.pays(numbers.LARGE)
+    monkeypatch.setattr(Compiled, "ready", True)
     assert numbers.pays(1)
     monkeypatch.setenv("RLGCOMP_NUMBA", "0")
     assert not numbers.pays(1 << 40)

@@ -32,7 +32,7 @@ def test_deviations_are_those_of_the_whole(
     tmp_path: Path, suffix: str, estimator: str, gaps: bool, many: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sums, "MANY", many)
-    monkeypatch.setattr(sums, "_AT_ONCE", 1234)
+    monkeypatch.setattr(sums, "SAMPLES_AT_ONCE", 1234)
     path = written(rate_table(gaps=gaps), tmp_path / f"run{suffix}")
     whole = analyse_noise(rlg.read(path), estimator=estimator, per_decade=5.0)
     found = analyse_pieces(
@@ -66,9 +66,9 @@ def test_mapping_pulses_and_the_lead_in(tmp_path: Path) -> None:
 
 def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrays take less than half of the one column that is asked for."""
-    monkeypatch.setattr("rlgcomp.noise.out_of_core._AT_ONCE", 1 << 14)
-    monkeypatch.setattr("rlgcomp.noise.allan_deviation._MEANS_FOR_IDENTIFICATION", 1 << 12)
-    monkeypatch.setattr(sums, "_AT_ONCE", 1 << 14)
+    monkeypatch.setattr("rlgcomp.noise.out_of_core.SAMPLES_AT_ONCE", 1 << 14)
+    monkeypatch.setattr("rlgcomp.noise.allan_deviation.MEANS_FOR_IDENTIFICATION", 1 << 12)
+    monkeypatch.setattr(sums, "SAMPLES_AT_ONCE", 1 << 14)
     rows = 1_200_000
     path = written(rate_table(rows), tmp_path / "run.parquet")
     analyse_pieces(read_pieces(path, "gyro_z_deg_h", rows=4000), "gyro_z_deg_h", [1.0, 100.0])  # what is imported and compiled once

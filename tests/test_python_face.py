@@ -158,7 +158,7 @@ def test_results_are_tables_in_a_notebook(runs: list[rlg.Recording], fitted: rlg
         (deviation.noise(), ("<p>Noise from 10 to ", "<td>angle random walk</td>", "deg/sqrt(h)")),
         (evaluation, ("<p>Bias stability", "<th>noise floor</th>", "<td>cold</td>", "<li>cold was used for training")),
     ):
-        page = shown._repr_html_()
+        page = shown._repr_html_()  # the name that notebooks call
         for word in words:
             assert word in page
         assert page.count("<table") == 1

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Cluster
 
 from experiments import work as module
 from experiments.work import Work
 from rlgcomp.workers import DIED
+from tests.cluster import Cluster
 
 
 def drawn(seed: int, scale: float, log: str = "") -> dict[str, Any]:
@@ -115,7 +115,7 @@ def test_the_concealed_benchmark_on_a_cluster_whose_worker_is_killed(
 def kill_after(rows: int, processes: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Kill the first worker when so many rows have come."""
     come = []
-    finished = module._line
+    finished = module.line_of
 
     def line(row: dict[str, Any]) -> str:
         come.append(row)
@@ -123,7 +123,7 @@ def kill_after(rows: int, processes: list[Any], monkeypatch: pytest.MonkeyPatch)
             processes[1].send_signal(signal.SIGKILL)
         return finished(row)
 
-    monkeypatch.setattr(module, "_line", line)
+    monkeypatch.setattr(module, "line_of", line)
 
 
 @pytest.mark.slow

@@ -39,7 +39,7 @@ class Laboratory:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Bench:
+class Bench:
     """One unit in its chamber, run by run, the first of which are for training; and the simulator that it has."""
 
     seed: int
@@ -50,7 +50,7 @@ class _Bench:
     parts: list[baseline.Part]
 
     @classmethod
-    def of(cls, plan: Plan, laboratory: Laboratory | None) -> _Bench:
+    def of(cls, plan: Plan, laboratory: Laboratory | None) -> Bench:
         rng = stream(plan.seed, "runs")
         training, held_out = int(rng.integers(2, 7)), int(rng.integers(1, 4))
         unit = Unit.draw(stream(plan.seed, "unit"))
@@ -130,7 +130,7 @@ class _Made:
     gyro: list[Array]
 
     @classmethod
-    def of(cls, plan: Plan, bench: _Bench, effects: Sequence[Effect], noise: Noise) -> _Made:
+    def of(cls, plan: Plan, bench: Bench, effects: Sequence[Effect], noise: Noise) -> _Made:
         columns = bench.columns(bench.chambers)
         design = bench.means(columns)
         sizes, added = [], []
@@ -166,8 +166,8 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
     scale : Scale, optional
         Drawn unless given.
     """
-    bench = _Bench.of(plan, laboratory)
-    bench = dataclasses.replace(bench, parts=_identifiable(bench, stream(plan.seed, "lag")))
+    bench = Bench.of(plan, laboratory)
+    bench = dataclasses.replace(bench, parts=identifiable_parts(bench, stream(plan.seed, "lag")))
     effects = [bench.acting(name, number, plain=laboratory is None) for number, name in enumerate(plan.hidden)]
     if plan.kind == "unrecorded":
         (driver,) = effects[0].drivers
@@ -237,7 +237,7 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
 
 
 def _stated(
-    bench: _Bench, wrong: tuple[str, str, float] | None, time: float, rate_deg_h: float
+    bench: Bench, wrong: tuple[str, str, float] | None, time: float, rate_deg_h: float
 ) -> tuple[str, str, float, float] | None:
     if wrong is None:
         return None
@@ -251,7 +251,7 @@ def _effect(name: str, rng: np.random.Generator, training: Sequence[Chamber]) ->
     return {**CATALOGUED, **OUTSIDE}[name](rng, training)
 
 
-def _identifiable(bench: _Bench, rng: np.random.Generator) -> list[baseline.Part]:
+def identifiable_parts(bench: Bench, rng: np.random.Generator) -> list[baseline.Part]:
     """The simulator made so weak that the lag of a thermometer tells next to nothing: else a healthy gyro would have a rate."""
     lag_s = 25.0 * rng.uniform(0.5, 1.0)
     late = [

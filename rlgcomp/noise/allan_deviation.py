@@ -40,7 +40,7 @@ Whole = npt.NDArray[np.int64]
 Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
 FEWEST_SAMPLES: Final = 5
 _ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
-_MEANS_FOR_IDENTIFICATION: Final = 1 << 20  # they give the autocorrelation to a thousandth
+MEANS_FOR_IDENTIFICATION: Final = 1 << 20  # they give the autocorrelation to a thousandth
 _ROUNDING: Final = 1e-9  # of averaging times
 _PRINTED: Final = 12  # averaging times
 
@@ -365,7 +365,7 @@ def _counts(tau_s: npt.ArrayLike | None, period_s: float, longest: int, per_deca
 def _means(angle: Array, parts: Whole, m: int) -> tuple[Array, Whole]:
     """Means over consecutive m samples and the part of each, as many as identify the noise's exponent."""
     if len(parts) == 1:
-        means = np.diff(angle[: _MEANS_FOR_IDENTIFICATION * m + 1 : m]) / m
+        means = np.diff(angle[: MEANS_FOR_IDENTIFICATION * m + 1 : m]) / m
         return means, np.zeros(len(means), dtype=np.int64)
-    first, groups = starts_of_spans(parts, m, 1, _MEANS_FOR_IDENTIFICATION)
+    first, groups = starts_of_spans(parts, m, 1, MEANS_FOR_IDENTIFICATION)
     return (angle[first + m] - angle[first]) / m, groups

@@ -19,10 +19,10 @@ from rlgcomp.numerics.compiled import available, compiled, in_threads, threads
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
-_CELL: Final = 512  # samples
-_STRIDE: Final = 1 << 15  # samples of the shortest long averaging time; a whole number of cells, like _ROWS
-_ROWS: Final = 1 << 17  # consecutive samples a piece of work
-_LONG: Final = 1 << 23  # samples from which two threads are faster than one
+CELL: Final = 512  # samples
+STRIDE: Final = 1 << 15  # samples of the shortest long averaging time; a whole number of cells, like ROWS
+ROWS: Final = 1 << 17  # consecutive samples a piece of work
+LONG: Final = 1 << 23  # samples from which two threads are faster than one
 
 
 def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None) -> Array:
@@ -56,7 +56,7 @@ def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None
             "one column, and whole numbers from 1 to half its length"
         )
     taken = len(rate) - 2 * counts + 1
-    fits = bool(((2 * counts <= _STRIDE) | (counts % _STRIDE == 0)).all())
+    fits = bool(((2 * counts <= STRIDE) | (counts % STRIDE == 0)).all())
     if fits and len(rate) >= MANY and available():
         sums = _sums(rate, counts, threads() if workers is None else workers)
     else:
@@ -65,26 +65,26 @@ def overlapping_deviation(rate: Array, counts: Whole, workers: int | None = None
 
 
 def _sums(rate: Array, counts: Whole, workers: int) -> Array:
-    cells, apart = -(-(len(rate) + 1) // _CELL), _STRIDE // _CELL
+    cells, apart = -(-(len(rate) + 1) // CELL), STRIDE // CELL
     totals, starts = np.empty(cells), np.zeros(cells)
-    pieces = [(rate, k, k + apart, _CELL, totals) for k in range(0, cells, apart)]
-    in_threads(_totals, pieces, workers if len(rate) >= _LONG else 1)
+    pieces = [(rate, k, k + apart, CELL, totals) for k in range(0, cells, apart)]
+    in_threads(_totals, pieces, workers if len(rate) >= LONG else 1)
     mean = float(totals.sum()) / len(rate)
-    np.cumsum(totals[:-1] - mean * _CELL, out=starts[1:])
+    np.cumsum(totals[:-1] - mean * CELL, out=starts[1:])
 
-    short = counts < _STRIDE
-    blocks, column = range(0, len(rate), _ROWS), -(-cells // apart)  # a column's cells
+    short = counts < STRIDE
+    blocks, column = range(0, len(rate), ROWS), -(-cells // apart)  # a column's cells
     tiles = [
-        *((first // _CELL, 1, (_ROWS + _STRIDE) // _CELL, _ROWS, counts[short]) for first in blocks),
-        *((first, apart, column, column * _CELL, counts[~short] // apart) for first in range(apart if not short.all() else 0)),
+        *((first // CELL, 1, (ROWS + STRIDE) // CELL, ROWS, counts[short]) for first in blocks),
+        *((first, apart, column, column * CELL, counts[~short] // apart) for first in range(apart if not short.all() else 0)),
     ]
     sums = [np.zeros(len(tile[-1])) for tile in tiles]
-    buffers = [aligned(max(_ROWS + _STRIDE, column * _CELL)) for _ in range(workers)]
+    buffers = [aligned(max(ROWS + STRIDE, column * CELL)) for _ in range(workers)]
     fill, squares, begin = _fill.fast(), squares_2.fast(), np.array([0])
 
     def sum_up(first: int, step: int, many: int, taken: int, lags: Whole, total: Array) -> None:
         buffer = buffers.pop()
-        size = fill(rate, mean, starts, first, step, many, _CELL, buffer)
+        size = fill(rate, mean, starts, first, step, many, CELL, buffer)
         squares(buffer[:size], begin, np.array([size - 1]), lags, 0, taken, BLOCK, total)
         buffers.append(buffer)
 

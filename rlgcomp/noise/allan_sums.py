@@ -17,8 +17,8 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 MANY: Final = 300_000  # samples from which compiling pays
 BLOCK: Final = 2048  # samples: those of one averaging time stay in the first-level cache
-_AT_ONCE: Final = 1 << 20  # samples a NumPy operation
-_PIECE: Final = 1 << 17  # samples a piece of work; fixed, so that the sums do not depend on the number of threads
+SAMPLES_AT_ONCE: Final = 1 << 20  # samples a NumPy operation
+PIECE: Final = 1 << 17  # samples a piece of work; fixed, so that the sums do not depend on the number of threads
 
 
 def angle_of(rate: Array, workers: int | None = None) -> Array:
@@ -28,7 +28,7 @@ def angle_of(rate: Array, workers: int | None = None) -> Array:
     if len(rate) < MANY or not available():
         np.cumsum(rate - rate.mean(), out=angle[1:])
         return angle
-    firsts = list(range(0, len(rate), _PIECE))
+    firsts = list(range(0, len(rate), PIECE))
     lasts = [*firsts[1:], len(rate)]
     totals = np.empty((len(firsts), 1))
     in_threads(_total, [(rate, first, last, totals[k]) for k, (first, last) in enumerate(zip(firsts, lasts, strict=True))], workers)
@@ -66,13 +66,13 @@ def sums_of_squares(angle: Array, ends: Whole, counts: Whole, order: int, worker
     if len(angle) <= MANY or not available():
         part = np.repeat(np.arange(len(ends), dtype=np.int32), lengths) if len(ends) > 1 else None
         return np.array([_one_sum(angle, part, m, order) for m in counts.tolist()]), taken
-    starts = np.arange(0, len(angle), _PIECE)
+    starts = np.arange(0, len(angle), PIECE)
     sums = np.zeros((len(starts), len(counts)))
     begins = np.r_[0, ends[:-1]]
     loop = squares_2 if order == 2 else _squares_3
     in_threads(
         loop,
-        [(angle, begins, ends, counts, int(start), int(start) + _PIECE, BLOCK, sums[k]) for k, start in enumerate(starts)],
+        [(angle, begins, ends, counts, int(start), int(start) + PIECE, BLOCK, sums[k]) for k, start in enumerate(starts)],
         threads() if workers is None else workers,
     )
     return sums.sum(axis=0), taken
@@ -127,8 +127,8 @@ def aligned(values: int) -> Array:
 
 def _one_sum(angle: Array, part: npt.NDArray[np.int32] | None, m: int, order: int) -> float:
     return sum(
-        _sum_between(angle, part, m, order, first, min(first + _AT_ONCE, len(angle) - order * m))
-        for first in range(0, len(angle) - order * m, _AT_ONCE)
+        _sum_between(angle, part, m, order, first, min(first + SAMPLES_AT_ONCE, len(angle) - order * m))
+        for first in range(0, len(angle) - order * m, SAMPLES_AT_ONCE)
     )
 
 

@@ -26,7 +26,7 @@ from rlgcomp.recording.sampling import GAP_PERIODS
 from rlgcomp.report.messages import message
 
 Array = npt.NDArray[np.float64]
-_AT_ONCE: Final = 1 << 20  # samples
+SAMPLES_AT_ONCE: Final = 1 << 20  # samples
 
 
 def analyse_pieces(
@@ -67,8 +67,8 @@ def analyse_pieces(
         with path.open("wb") as file:
             record = _write_angle(pieces, gyro, file)
         angle = np.memmap(path, dtype=np.float64, mode="r+", shape=(record.samples + 1,))
-        for first in range(0, len(angle), _AT_ONCE):  # the mean is known only after the last piece
-            stop = min(first + _AT_ONCE, len(angle))
+        for first in range(0, len(angle), SAMPLES_AT_ONCE):  # the mean is known only after the last piece
+            stop = min(first + SAMPLES_AT_ONCE, len(angle))
             angle[first:stop] -= record.mean_above_reference_deg_h * np.arange(first, stop)
         measure = functools.partial(deviation_of_angle, np.asarray(angle), np.array(record.ends), record.period_s)
         deviation, fitted, coefficients = deviation_and_coefficients(measure, tau_s, estimator, confidence, per_decade)

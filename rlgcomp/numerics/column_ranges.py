@@ -16,8 +16,8 @@ import numpy.typing as npt
 from rlgcomp.numerics.compiled import in_threads
 
 Array = npt.NDArray[np.float64]
-_BLOCK: Final = 1 << 18  # values: 2 MiB; threads that call for less wait for each other
-_LONG: Final = 1 << 19  # values from which threads pay
+BLOCK: Final = 1 << 18  # values: 2 MiB; threads that call for less wait for each other
+LONG: Final = 1 << 19  # values from which threads pay
 _PROBES: Final = 64  # values of a stretch that are compared before it may count as equal throughout
 
 
@@ -42,7 +42,7 @@ def extents(columns: Sequence[Array]) -> list[Extent]:
     """Extent of each column; NaN for one without values."""
     found = np.full((len(columns), 2), np.nan)
     pieces = [(values, found[k]) for k, values in enumerate(columns) if len(values)]
-    in_threads(_extent, pieces, None if any(len(values) >= _LONG for values in columns) else 1)
+    in_threads(_extent, pieces, None if any(len(values) >= LONG for values in columns) else 1)
     return [Extent(float(least), float(greatest)) for least, greatest in found]
 
 
@@ -51,9 +51,9 @@ def step_extent(values: Array) -> Extent:
     if len(values) < 2:
         return Extent(np.nan, np.nan)
     ends = []
-    room = np.empty(min(_BLOCK, len(values) - 1))
-    for first in range(0, len(values) - 1, _BLOCK):
-        last = min(first + _BLOCK, len(values) - 1)
+    room = np.empty(min(BLOCK, len(values) - 1))
+    for first in range(0, len(values) - 1, BLOCK):
+        last = min(first + BLOCK, len(values) - 1)
         steps = np.subtract(values[first + 1 : last + 1], values[first:last], out=room[: last - first])
         ends.append((steps.min(), steps.max()))
     least, greatest = np.array(ends).T
@@ -78,5 +78,5 @@ def may_hold(values: Array, samples: int) -> bool:
 
 
 def _extent(values: Array, found: Array) -> None:
-    ends = np.array([(block.min(), block.max()) for block in (values[k : k + _BLOCK] for k in range(0, len(values), _BLOCK))])
+    ends = np.array([(block.min(), block.max()) for block in (values[k : k + BLOCK] for k in range(0, len(values), BLOCK))])
     found[:] = ends[:, 0].min(), ends[:, 1].max()

@@ -23,7 +23,7 @@ _RATE_ERROR: Final = 0.1  # standard deviation of a rate that its window may lea
 _QUIETER: Final = 0.9  # of second differences, from which read noise is estimated,
 _NORMAL: Final = 1.6449  # and the size below which so many of unit normal values are
 _BLOCK: Final = 512  # samples, at least, over which sums for slopes are carried on
-_MANY: Final = 20_000  # samples from which compiling pays: a recording is passed through a dozen filters
+MANY: Final = 20_000  # samples from which compiling pays: a recording is passed through a dozen filters
 
 
 def low_pass(state: float, values: Array, step_s: Array, time_constant_s: float) -> tuple[Array, float]:
@@ -51,7 +51,7 @@ def low_pass(state: float, values: Array, step_s: Array, time_constant_s: float)
         The last output.
     """
     output = np.empty(len(values))
-    if len(values) >= _MANY and available():
+    if len(values) >= MANY and available():
         return output, float(_low_pass(state, np.ascontiguousarray(values), step_s, time_constant_s, output))
     return output, float(_low_pass.plain(state, values.tolist(), step_s.tolist(), time_constant_s, output))
 
@@ -85,7 +85,7 @@ def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
     new = 1.0 + np.expm1(-ratio) / ratio
     old = -np.expm1(-ratio) - new
     output = np.r_[values[:1], old * values[:-1] + new * values[1:]]
-    if loaded() or (len(values) >= _MANY and available()):
+    if loaded() or (len(values) >= MANY and available()):
         _decay(keep, output)
     else:
         output[:] = _decay.plain(keep.tolist(), output.tolist())

@@ -20,9 +20,9 @@ MANY: Final = 100_000  # updates of an operator from which compiling pays
 _LOADED: Final = 10_000  # the same once Numba is there
 BOUC_WEN: Final = 10  # a step of Bouc–Wen in updates of a play operator
 _STEPS: Final = 256  # of one gyro, whose gains are found at once
-_TOGETHER: Final = 256  # gyros of one piece of work
-_PLAYS: Final = 512  # the same of play operators
-_LARGE: Final = 1 << 23  # bytes from which an array's pages are new
+BOUC_WEN_PIECE: Final = 256  # gyros of one piece of work
+PLAY_PIECE: Final = 512  # the same of play operators
+LARGE: Final = 1 << 23  # bytes from which an array's pages are new
 _PAGE: Final = 1 << 12  # bytes, the least that a page may have
 
 
@@ -74,7 +74,7 @@ def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int
         if u.ndim == 1:
             _sums_of_one(u, radii, weights, states, sums)
         else:
-            parts = [(a, b, np.ascontiguousarray(states[:, a:b])) for a, b in _pieces(u.shape[1], workers, _PLAYS)]
+            parts = [(a, b, np.ascontiguousarray(states[:, a:b])) for a, b in _pieces(u.shape[1], workers, PLAY_PIECE)]
             in_threads(_sums_of_many, [(u, radii, weights, start, a, b, sums) for a, b, start in parts], workers)
     return sums
 
@@ -84,7 +84,9 @@ def bouc_wen_fleet(u: Array, slope: float, saturation: float, shape: float, expo
     constants = bouc_wen_constants(slope, saturation, shape, exponent)
     output = _memory(u.shape, workers)
     if pays(BOUC_WEN * u.size):
-        in_threads(_bouc_wen_of_many, [(u, *constants, a, b, output) for a, b in _pieces(u.shape[1], workers, _TOGETHER)], workers)
+        in_threads(
+            _bouc_wen_of_many, [(u, *constants, a, b, output) for a, b in _pieces(u.shape[1], workers, BOUC_WEN_PIECE)], workers
+        )
         return output
     for g in range(u.shape[1]):
         bouc_wen.plain(0.0, float(u[0, g]), u[:, g].tolist(), *constants, output[:, g])
@@ -101,7 +103,7 @@ def bouc_wen_constants(slope: float, saturation: float, shape: float, exponent: 
 def _memory(shape: tuple[int, ...], workers: int | None) -> Array:
     """An array whose pages are there: threads that write to the same new page, each a part of every row, would both clear it."""
     array = np.empty(shape)
-    if array.nbytes >= _LARGE:
+    if array.nbytes >= LARGE:
         whole = array.reshape(-1)
         in_threads(_touch, [(part,) for part in np.array_split(whole, workers or threads())], workers)
     return array

@@ -21,7 +21,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording.formats import numbers
 
 SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
-_LARGE: Final = 1 << 23  # bytes from which a reader of numbers alone, which uses all cores, pays for its import
+LARGE: Final = 1 << 23  # bytes from which a reader of numbers alone, which uses all cores, pays for its import
 _HEAD: Final = 1 << 16  # bytes that show how a file is written
 _LINES: Final = 20  # of its first lines
 _TOP: Final = 60  # of its first lines, among which the one that names the columns is looked for
@@ -44,8 +44,8 @@ class Dialect:
 
 def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Table of a CSV file; its metadata stand in the .yaml beside it."""
-    if path.suffix != ".gz" and path.stat().st_size >= _LARGE:
-        table = _all_numbers(path)
+    if path.suffix != ".gz" and path.stat().st_size >= LARGE:
+        table = read_numbers(path)
         if table is not None:
             return table, {}
     try:
@@ -96,8 +96,8 @@ def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
     table.to_csv(path, index=False, float_format="%.17g", compression="gzip" if path.suffix == ".gz" else None)
 
 
-def _all_numbers(path: Path) -> pd.DataFrame | None:
-    """A file of a header and numbers alone, each number to the last bit; None where it holds anything else."""
+def read_numbers(path: Path) -> pd.DataFrame | None:
+    """Table of a file of a header and numbers alone, each number to the last bit; None where the file has anything else."""
     try:
         with path.open(encoding="utf-8") as stream:
             header = stream.readline().strip()

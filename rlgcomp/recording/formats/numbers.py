@@ -28,11 +28,11 @@ Array = npt.NDArray[np.float64]
 Words = npt.NDArray[np.uint64]
 Whole = npt.NDArray[np.int64]
 Flag = npt.NDArray[np.bool_]
-_LARGE: Final = 1 << 27  # bytes from which it pays to start Numba: at half of that a fresh process gains nothing
-_PIECE: Final = 1 << 19  # bytes: they stay in the second-level cache
-_LONGEST: Final = 1 << 16  # bytes within which a piece's last line must end
+LARGE: Final = 1 << 27  # bytes from which it pays to start Numba: at half of that a fresh process gains nothing
+PIECE: Final = 1 << 19  # bytes: they stay in the second-level cache
+LONGEST_LINE: Final = 1 << 16  # bytes within which a piece's last line must end
 _AHEAD: Final = 8  # bytes beyond a piece that the loop may look at
-_MOST_LEFTOVER: Final = 1 << 10  # numbers of a piece that may be left to Python
+MOST_LEFTOVER: Final = 1 << 10  # numbers of a piece that may be left to Python
 _LEAST, _MOST = -290, 280  # powers of ten that take no w beyond the normal doubles
 
 # An unsigned number and a signed one make a float in NumPy's arithmetic, so that all constants of the text are unsigned.
@@ -48,7 +48,7 @@ _HALF, _LOW_HALF = np.uint64(32), np.uint64(0xFFFFFFFF)
 
 def pays(size: int) -> bool:
     """Whether so many bytes are read sooner by this module, though Numba may have to start first."""
-    return available() and sys.byteorder == "little" and (size >= _LARGE or _fill.ready)
+    return available() and sys.byteorder == "little" and (size >= LARGE or _fill.ready)
 
 
 def read(path: Path, names: Sequence[str], separator: str) -> pd.DataFrame | None:
@@ -66,9 +66,9 @@ def _cuts(mapped: mmap.mmap) -> list[int]:
     """Where pieces begin, the first after the header, and where the last ends; nothing where a line is too long."""
     cuts = [mapped.find(b"\n") + 1]
     while cuts[-1] < len(mapped):
-        least = cuts[-1] + _PIECE
-        end = mapped.find(b"\n", least, least + _LONGEST) + 1
-        if not end and least + _LONGEST < len(mapped):
+        least = cuts[-1] + PIECE
+        end = mapped.find(b"\n", least, least + LONGEST_LINE) + 1
+        if not end and least + LONGEST_LINE < len(mapped):
             return []
         cuts.append(end or len(mapped))
     return cuts
@@ -100,7 +100,7 @@ def _read(text: Text, first: int, last: int, separator: np.uint64, columns: Arra
         lines += b"" if lines.endswith(b"\n") else b"\n"
         piece, stop = np.frombuffer(lines + bytes(_AHEAD), np.uint8), len(lines)
     eights = np.ndarray(stop + 1, "<u8", piece, strides=(1,))  # the eight bytes from each byte on, at no even address
-    leftover = np.empty((_MOST_LEFTOVER, 3), dtype=np.int64)
+    leftover = np.empty((MOST_LEFTOVER, 3), dtype=np.int64)
     count = _fill(piece, eights, stop, separator, columns, row, *_powers(), leftover)
     for start, end, place in leftover[: max(count, 0)].tolist():
         columns.reshape(-1)[place] = float(piece[start:end].tobytes())

@@ -26,13 +26,13 @@ def units_meant(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             median = float(np.nanmedian(values))
             if 180.0 < median < 400.0:
                 context.add("refused", message("recording.kelvin", column=column, median=median), column)
-        elif is_gyro(column) and not column.endswith("_pulses") and not _plainly_in_its_unit(table, column, context):
+        elif is_gyro(column) and not column.endswith("_pulses") and not plainly_in_its_unit(table, column, context):
             _gyro_unit(table, column, context)
     return table
 
 
-def _plainly_in_its_unit(table: pd.DataFrame, column: str, context: Context) -> bool:
-    """Whether bounds suffice to see that a gyro is noisy and slow enough, no table contradicting.
+def plainly_in_its_unit(table: pd.DataFrame, column: str, context: Context) -> bool:
+    """Whether bounds alone show a gyro column to be noisy and slow enough for its unit, with no encoder that contradicts.
 
     Squares of some steps sum up to no more than those of all, and no mean exceeds the greatest value.
     """
