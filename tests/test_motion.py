@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.recording import motion
+from rlgcomp.recording import motion, time_stamp_convention
 from rlgcomp.simulation.table_programme import TableProgramme
 
 PROGRAMME = TableProgramme.parse("rate 7 60, rate -25 90, rest 30, sweep -3 3 120, rate 170 40")
@@ -94,14 +94,14 @@ def test_the_gyro_says_which_reading_is_its_own() -> None:
     for own, means in ((over, "angle"), (centred, "middle"), (after, "after")):
         gyro = 1.0001 * own + 0.01
         run = recording("table_angle_deg", gyro=gyro)
-        reading = motion.reading_of(run, 3600.0 * gyro)
+        reading = time_stamp_convention.reading_of(run, 3600.0 * gyro)
         assert reading.means == means
-        told = reading.doubt_deg_s < 1e-6
-        assert np.mean(told) > 0.7
-        assert reading.rate_deg_s[1:-1][told[1:-1]] == pytest.approx(own[1:-1][told[1:-1]], abs=1e-5)
+        interpolated = reading.interpolation_error_deg_s < 1e-6
+        assert np.mean(interpolated) > 0.7
+        assert reading.rate_deg_s[1:-1][interpolated[1:-1]] == pytest.approx(own[1:-1][interpolated[1:-1]], abs=1e-5)
     run = recording(*BOTH, gyro=over)
     noisy = run.replace(table=run.table.assign(table_rate_deg_s=over + 0.01 * np.random.default_rng(0).standard_normal(len(over))))
-    assert motion.reference_rate_deg_s(noisy, 3600.0 * over)[1:] == pytest.approx(over[1:], abs=1e-9)
+    assert time_stamp_convention.reference_rate_deg_s(noisy, 3600.0 * over)[1:] == pytest.approx(over[1:], abs=1e-9)
 
 
 def test_a_rate_at_the_instant_tells_the_mean_over_each_sample() -> None:
@@ -110,15 +110,15 @@ def test_a_rate_at_the_instant_tells_the_mean_over_each_sample() -> None:
     mean = run.column("table_rate_deg_s")
     angle = PROGRAMME.angle_deg(np.r_[run.time_s - 1e-4, run.time_s + 1e-4]).reshape(2, -1)
     instant = run.replace(table=run.table.assign(table_rate_deg_s=(angle[1] - angle[0]) / 2e-4))
-    late, sd = motion.delay_in_samples(instant, instant.column("table_rate_deg_s"), 3600.0 * mean)
+    late, sd = time_stamp_convention.delay_in_samples(instant, instant.column("table_rate_deg_s"), 3600.0 * mean)
     assert late == pytest.approx(-0.5, abs=max(0.05, 3.0 * sd))
-    assert motion.reading_of(instant, 3600.0 * mean).means == "angle"
+    assert time_stamp_convention.reading_of(instant, 3600.0 * mean).means == "angle"
     alone = instant.replace(table=instant.table.drop(columns="table_angle_deg"))
-    reading = motion.reading_of(alone, 3600.0 * mean)
+    reading = time_stamp_convention.reading_of(alone, 3600.0 * mean)
     assert reading.means == "instant"
-    told = reading.doubt_deg_s < 1e-6
-    assert np.mean(told) > 0.8
-    assert reading.rate_deg_s[told] == pytest.approx(mean[told], abs=1e-6)
+    interpolated = reading.interpolation_error_deg_s < 1e-6
+    assert np.mean(interpolated) > 0.8
+    assert reading.rate_deg_s[interpolated] == pytest.approx(mean[interpolated], abs=1e-6)
 
 
 @pytest.mark.parametrize("late_s", [0.2, 0.42])
@@ -126,14 +126,14 @@ def test_an_encoder_that_is_late_by_another_part_of_a_sample_is_read_as_it_is(la
     run = recording("table_angle_deg")
     edges_s = np.r_[0.0, run.time_s]
     gyro = np.diff(PROGRAMME.angle_deg(np.minimum(edges_s + late_s, PROGRAMME.duration_s)))
-    assert motion.reading_of(run, 3600.0 * gyro).means == "angle"
+    assert time_stamp_convention.reading_of(run, 3600.0 * gyro).means == "angle"
 
 
 def test_the_recorded_rate_stays_where_nothing_is_clearly_better() -> None:
     """A gyro that its encoder lags behind is late against every reading: that is a finding, not a choice of column."""
     run = recording(*BOTH, step_s=0.1)
     late = run.column("table_rate_deg_s") + 0.005 * motion.acceleration_deg_s2(run)
-    assert np.array_equal(motion.reference_rate_deg_s(run, 3600.0 * late), run.column("table_rate_deg_s"))
+    assert np.array_equal(time_stamp_convention.reference_rate_deg_s(run, 3600.0 * late), run.column("table_rate_deg_s"))
 
 
 def test_rows_whose_rate_an_angle_does_not_tell() -> None:

@@ -30,12 +30,12 @@ import pandas as pd
 from scipy.stats import chi2
 from scipy.stats import t as student_t
 
+from rlgcomp.calibration.revolution_counts import CountsWithinRevolutions
 from rlgcomp.calibration.revolutions import (
     INNER,
     OUTER,
     SAME_RATE,
     TABLE,
-    CountsWithinRevolutions,
     constant_rate_segments,
     direction_pairs,
     group_means,

@@ -16,9 +16,9 @@ from rlgcomp.recording.motion import (
     identifiable_by_values,
     rate_deg_s,
     reference_angle_deg,
-    reference_rate_deg_s,
     sampling_candidates,
 )
+from rlgcomp.recording.time_stamp_convention import reference_rate_deg_s
 from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR
 
 LOWER: Final = 12  # orders tried one by one; higher ones only where the spectrum shows them

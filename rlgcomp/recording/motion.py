@@ -5,29 +5,27 @@ A row belongs to the sample that ends at its time: the rate is the mean over tha
 .. math:: W_k = (\theta_k - \theta_{k-1}) / (t_k - t_{k-1})
 
 exactly, whatever happens in between. Other recorders may mean the sample that begins there, or the instant;
-:func:`reading_of` determines which, by the gyro that turned with the table.
+:mod:`rlgcomp.recording.time_stamp_convention` determines which, by the gyro that turned with the table.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import GAP_PERIODS, Recording
-from rlgcomp.units import DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_DEG, SECONDS_PER_HOUR
+from rlgcomp.units import DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 RATE: Final = "table_rate_deg_s"
 ANGLES: Final = ("table_angle_deg", "angle_inner_deg")
-CLEARLY_BETTER: Final = 0.5  # of the residual: what another reading of the table's motion must bring to replace the first
 TAKEN: Final = ("before", "at", "after")
 _SAME_RAD: Final = 0.2
 _BENDS: Final = 6.0  # median bends of a rate from row to row: a table that begins or ends to speed up
@@ -38,17 +36,6 @@ _DIGITS: Final = 2.5  # that an encoder at rest may change by, of what it usuall
 _STRAYS: Final = 8.0  # of the root mean square step of an angle
 _SLOWEST: Final = 1e-3  # of the highest rate
 _SAME_RATE: Final = 1e-9  # of the highest: rounding
-_BETWEEN: Final = ("middle", "instant")  # readings that are interpolated
-_IN_TIME: Final = 0.05  # of a sample: a greater residual delay is no convention
-_NO_WORSE: Final = 1.1  # of the residual: a reading that is better by rows is no worse by means of many, and the other way round
-# Weights of the values around: halfway between two of them; and of their mean from one to the next. More of them, and fewer.
-_MIDDLES: Final = (
-    np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048.0,
-    np.array([3.0, -25.0, 150.0, 150.0, -25.0, 3.0]) / 256.0,
-)
-_MEANS: Final = (np.array([11.0, -93.0, 802.0, 802.0, -93.0, 11.0]) / 1440.0, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0)
-_WINDOWS: Final = 50  # in which readings of the motion are compared, of at most so many seconds each:
-_LONGEST_WINDOW_S: Final = 100.0
 
 
 def rate_column(recording: Recording) -> str:
@@ -82,7 +69,7 @@ def rate_deg_s(recording: Recording) -> Array:
         The recording has neither rate nor angle.
     """
     column = rate_column(recording)
-    return recording.column(column) if column == RATE else _steps_deg(recording) / _spans_s(recording)
+    return recording.column(column) if column == RATE else encoder_steps_deg(recording) / spans_s(recording)
 
 
 def rows_without_rate(recording: Recording) -> Flags:
@@ -101,16 +88,16 @@ def rows_without_rate(recording: Recording) -> Flags:
     InputError
         The recording has neither rate nor angle.
     """
-    found = np.zeros(len(recording), dtype=np.bool_)
+    undetermined = np.zeros(len(recording), dtype=np.bool_)
     if rate_column(recording) == RATE:
-        return found
+        return undetermined
     rate = rate_deg_s(recording)
     steps = np.abs(np.diff(rate))
     uneven = steps > max(_STANDS_OUT * float(np.median(steps)), _SAME_RATE * float(np.abs(rate).max()))
     after = recording.gaps + 1
-    found[after] = uneven[after - 1] | np.r_[uneven, False][after]
-    found[[0, 1, -1]] = True
-    return found
+    undetermined[after] = uneven[after - 1] | np.r_[uneven, False][after]
+    undetermined[[0, 1, -1]] = True
+    return undetermined
 
 
 def angle_deg(recording: Recording) -> Array:
@@ -126,14 +113,14 @@ def angle_deg(recording: Recording) -> Array:
     """
     column = angle_column(recording)
     if column == RATE:
-        steps = recording.column(RATE) * _spans_s(recording)
+        steps = recording.column(RATE) * spans_s(recording)
         if np.abs(steps).max() >= 0.5 * DEG_PER_TURN:
             raise InputError(
                 f"{recording.name} has no encoder, and the table turns up to {np.abs(steps).max():.4g} deg from row to row, too "
                 f"far to tell its angle; map an encoder with --map {ANGLES[0]}='NAME [deg]'"
             )
         return np.asarray(np.cumsum(steps) - steps[0])
-    steps = _steps_deg(recording)
+    steps = encoder_steps_deg(recording)
     return np.asarray(recording.column(column)[0] + np.cumsum(steps) - steps[0])
 
 
@@ -213,111 +200,6 @@ def _most_rad(recordings: Sequence[Recording], order: int) -> float:
     return order * RAD_PER_DEG * max(float(np.abs(rate_deg_s(run)).max()) * run.period_s for run in recordings)
 
 
-class Reading(NamedTuple):
-    """One way to read a table's motion.
-
-    Parameters
-    ----------
-    rate_deg_s : ndarray, shape (n,)
-        Mean over the gyro's own sample.
-    doubt_deg_s : ndarray, shape (n,)
-        How far two ways to interpolate it are apart; infinite where there is nothing to interpolate between.
-    means : {"rate", "angle", "middle", "after", "instant"}
-        What the recording holds: a mean rate, or an angle, of the sample that ends at a row; an angle read in the middle of that
-        sample, or at its beginning; the rate at the instant.
-    """
-
-    rate_deg_s: Array
-    doubt_deg_s: Array
-    means: str
-
-
-def reading_of(recording: Recording, gyro_deg_h: Array) -> Reading:
-    """Which reading of the table's motion the gyro's samples belong to.
-
-    The recorded rate, or else the encoder's over the sample that ends at a row, comes first. Another reading replaces it only where
-    the gyro, freed of a scale factor and a bias, follows it at least twice as closely, by rows or by means of many, and hardly less
-    closely by the other; one that is interpolated only where it has no residual delay.
-
-    Parameters
-    ----------
-    recording : Recording
-    gyro_deg_h : ndarray, shape (n,)
-
-    Raises
-    ------
-    InputError
-        The recording has neither rate nor angle.
-    """
-    best, *others = _readings(recording)
-    least = _residual_sds(recording, best.rate_deg_s, gyro_deg_h)
-    for reading in others:
-        residual = _residual_sds(recording, reading.rate_deg_s, gyro_deg_h)
-        better = np.any(residual < CLEARLY_BETTER * least) and np.all(residual <= _NO_WORSE * least)
-        if better and (
-            reading.means not in _BETWEEN or abs(delay_in_samples(recording, reading.rate_deg_s, gyro_deg_h)[0]) < _IN_TIME
-        ):
-            best, least = reading, residual
-    return best
-
-
-def delay_in_samples(recording: Recording, rate: Array, gyro_deg_h: Array) -> tuple[float, float]:
-    r"""Delay of a rate against the gyro in sample periods, and its standard deviation: the f of
-
-    .. math:: g_k = (1 + K) W_k + b + f \, \Delta t \, \dot W_k
-    """
-    inner = slice(2, -2)
-    change = recording.period_s * np.gradient(rate, recording.time_s)
-    design = SECONDS_PER_HOUR * np.column_stack([np.ones(len(rate)), rate, change])[inner]
-    scale = np.sqrt((design**2).mean(axis=0)).clip(1e-12)
-    beyond = gyro_deg_h[inner] - design[:, 1]
-    weights = np.linalg.lstsq(design / scale, beyond, rcond=None)[0]
-    residual = beyond - design / scale @ weights
-    variance = float(residual @ residual) / len(residual) * np.linalg.pinv((design / scale).T @ (design / scale))[2, 2]
-    return float(weights[2] / scale[2]), math.sqrt(variance) / float(scale[2])
-
-
-def _readings(recording: Recording) -> list[Reading]:
-    """The ways to read a table's motion, that of this package first."""
-    sure = np.zeros(len(recording))
-    rate = [recording.column(RATE)] if RATE in recording else []
-    found = [Reading(one, sure, "rate") for one in rate]
-    if any(column in recording for column in ANGLES):
-        over = _steps_deg(recording) / _spans_s(recording)
-        found += [
-            Reading(over, np.r_[math.inf, sure[1:]], "angle"),
-            Reading(*_interpolated(recording, over, _MIDDLES), "middle"),
-            Reading(np.r_[over[1:], over[-1]], sure, "after"),
-        ]
-    for instants in rate:
-        mean, doubt = _interpolated(recording, instants, _MEANS)
-        found.append(Reading(np.r_[instants[0], mean[:-1]], np.r_[math.inf, doubt[:-1]], "instant"))
-    return found
-
-
-def _interpolated(recording: Recording, values: Array, weights: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Values between each row and the next, by weights of both sides; and how far fewer weights move them or their neighbours."""
-    from scipy.ndimage import maximum_filter1d
-
-    many, few = (np.convolve(np.pad(values, (len(one) // 2 - 1, len(one) // 2), "edge"), one, "valid") for one in weights)
-    reach = len(weights[0]) // 2
-    at_gaps = np.zeros(len(values) + 1)
-    at_gaps[np.r_[0, recording.gaps + 1, len(values)]] = 1.0
-    near = maximum_filter1d(at_gaps, 2 * reach + 1)[:-1] > 0.0
-    return many, np.where(near, math.inf, maximum_filter1d(np.abs(many - few), 3))
-
-
-def reference_rate_deg_s(recording: Recording, gyro_deg_h: Array) -> Array:
-    """The rate that the gyro is to be compared with, in deg/s: see :func:`reading_of`.
-
-    Raises
-    ------
-    InputError
-        The recording has neither rate nor angle.
-    """
-    return reading_of(recording, gyro_deg_h).rate_deg_s
-
-
 def averaged_at_rest(recording: Recording, rate: Array) -> Array:
     r"""A table's rate, averaged over each segment at rest: what the encoder shows there is its own noise.
 
@@ -340,11 +222,11 @@ def averaged_at_rest(recording: Recording, rate: Array) -> Array:
 
     if len(rate) < _STILL:
         return rate
-    spans_s = _spans_s(recording)
-    angle = np.cumsum(rate * spans_s)
-    strayed = maximum_filter1d(angle, _STILL) - minimum_filter1d(angle, _STILL)
+    duration_s = spans_s(recording)
+    angle = np.cumsum(rate * duration_s)
+    range_deg = maximum_filter1d(angle, _STILL) - minimum_filter1d(angle, _STILL)
     size = np.sqrt(uniform_filter1d(rate**2, _STILL).clip(0.0))
-    still = (strayed <= _STRAYS * size * recording.period_s) & (size <= _SLOWEST * float(np.abs(rate).max()))
+    still = (range_deg <= _STRAYS * size * recording.period_s) & (size <= _SLOWEST * float(np.abs(rate).max()))
     still = maximum_filter1d(still, _STILL)
     edges = np.r_[0, np.flatnonzero(np.diff(still)) + 1, len(rate)]
     rests = [slice(start, stop) for start, stop in itertools.pairwise(edges) if still[start]]
@@ -352,11 +234,11 @@ def averaged_at_rest(recording: Recording, rate: Array) -> Array:
     midst = np.concatenate([np.zeros(0), *(each[_STILL // 2 + 1 : -(_STILL // 2 + 1)] for each in from_middle)])
     changes = midst[midst > _SAME_RATE * float(np.abs(rate).max())]
     a_digit = _DIGITS * float(np.median(changes)) if len(changes) else 0.0
-    found = rate.copy()
+    averaged = rate.copy()
     for rest, off in zip(rests, from_middle, strict=True):
-        calm = off <= max(_STANDS_OUT * float(np.median(off)), a_digit)
-        found[rest][calm] = np.average(rate[rest][calm], weights=spans_s[rest][calm])
-    return found
+        quiet = off <= max(_STANDS_OUT * float(np.median(off)), a_digit)
+        averaged[rest][quiet] = np.average(rate[rest][quiet], weights=duration_s[rest][quiet])
+    return averaged
 
 
 def earth_rate_deg_h(recording: Recording) -> float:
@@ -418,7 +300,7 @@ def _middle_deg(recording: Recording, taken: str) -> tuple[Array, Array]:
     return angle - 0.5 * turned, turned
 
 
-def _steps_deg(recording: Recording) -> Array:
+def encoder_steps_deg(recording: Recording) -> Array:
     """Angle turned in the sample before each row, from the encoder; the first row's by the rate, or else as the second's."""
     rate = recording.column(RATE) if RATE in recording else None
     column = _first(recording, ANGLES)
@@ -426,27 +308,7 @@ def _steps_deg(recording: Recording) -> Array:
     return np.r_[turned[0] if rate is None else rate[0] * recording.period_s, turned]
 
 
-def _spans_s(recording: Recording) -> Array:
+def spans_s(recording: Recording) -> Array:
+    """Time from the row before to each row, in s, shape (n,); the first row's as the second's."""
     spans = np.diff(recording.time_s)
     return np.r_[spans[0], spans]
-
-
-def _residual_sds(recording: Recording, rate: Array, gyro_deg_h: Array) -> Array:
-    """Standard deviations of the gyro's residual after a scale factor and a bias on a rate: of window means, and of rows."""
-    inner = slice(1, -1)  # how far the table turned before the first row, or after the last, is not known from its angle
-    since_s = (recording.time_s - recording.time_s[0])[inner]
-    rate, gyro_deg_h = rate[inner], gyro_deg_h[inner]
-    if len(rate) < _WINDOWS:
-        return np.full(2, math.inf)
-    window = np.floor(since_s / min(_LONGEST_WINDOW_S, since_s[-1] / _WINDOWS)).astype(np.int64)
-    starts = np.flatnonzero(np.diff(window, prepend=-1))
-    counts = np.diff(np.r_[starts, len(window)])
-    full = counts > 0.5 * counts.max()
-    means = [(np.add.reduceat(values, starts) / counts)[full] for values in (rate, gyro_deg_h)]
-    return np.array([_residual_sd(*means), _residual_sd(rate, gyro_deg_h)])
-
-
-def _residual_sd(rate: Array, gyro_deg_h: Array) -> float:
-    """Standard deviation of the gyro's residual after a scale factor and a bias."""
-    design = np.column_stack([np.ones(len(rate)), rate])
-    return float(np.std(gyro_deg_h - design @ np.linalg.lstsq(design, gyro_deg_h, rcond=None)[0]))

@@ -35,7 +35,7 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.numerics.robust import SD_OF_MAD, robust_sd, segments
-from rlgcomp.recording import TIME, Recording, is_gyro, motion
+from rlgcomp.recording import TIME, Recording, is_gyro, motion, time_stamp_convention
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
@@ -216,7 +216,7 @@ def count_errors(run: Recording, gyro: str | None) -> Outliers | None:
     if len(run) < _PASSAGE * _LEAST_PASSAGES or not any(column in run for column in (motion.RATE, *motion.ANGLES)):
         return None
     rate_deg_h = run.rate_deg_h(gyro)
-    turning_deg_s = motion.reference_rate_deg_s(run, rate_deg_h)
+    turning_deg_s = time_stamp_convention.reference_rate_deg_s(run, rate_deg_h)
     design = np.column_stack([np.ones(len(run)), turning_deg_s])
     residual = rate_deg_h - design @ np.linalg.lstsq(design, rate_deg_h, rcond=None)[0]
     deviation_deg_h = np.where(motion.rows_without_rate(run), 0.0, residual - median_filter(residual, _PASSAGE, mode="nearest"))

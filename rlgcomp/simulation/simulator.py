@@ -24,7 +24,8 @@ from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism
 from rlgcomp.recording import PREDICTED, Metadata, Recording
 from rlgcomp.recording.argument_checks import require_seed
-from rlgcomp.recording.motion import earth_rate_deg_h, rate_deg_s, reference_rate_deg_s
+from rlgcomp.recording.motion import earth_rate_deg_h, rate_deg_s
+from rlgcomp.recording.time_stamp_convention import reference_rate_deg_s
 from rlgcomp.simulation.monitors import Beams, Monitors
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import PRESETS, Programme, name_of
@@ -158,7 +159,7 @@ class Simulator:
         """Output of an ideal gyro: zero in a chamber; a turntable's rate, and the Earth's where the latitude is known.
 
         Where a recording's rate and angle allow several time-stamp conventions, the gyro itself decides between them
-        (:func:`rlgcomp.recording.motion.reference_rate_deg_s`).
+        (:func:`rlgcomp.recording.time_stamp_convention.reference_rate_deg_s`).
 
         Parameters
         ----------

@@ -1,9 +1,9 @@
 """How a recording tells its table's motion: a convention of whoever recorded it, and no physics of the gyro.
 
 A row of a recording belongs to the sample that ends at its time. Where the gyro shows that an angle was read in the middle of each
-sample, or a rate at the instant (:func:`rlgcomp.recording.motion.reading_of`), the mean rate over the sample is interpolated, or
-that of the
-encoder taken; rows of which the recording does not tell it, in which a table begins or ends to speed up, are left out.
+sample, or a rate at the instant (:func:`rlgcomp.recording.time_stamp_convention.reading_of`), the mean rate over the sample is
+interpolated, or that of the encoder taken; rows of which the recording does not tell it, in which a table begins or ends to speed
+up, are left out.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.diagnosis.result.phrases import listing
 from rlgcomp.numerics.robust import SD_OF_MAD
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import ANGLES, RATE, Reading, delay_in_samples, rate_column, rate_deg_s, reading_of
+from rlgcomp.recording.motion import ANGLES, RATE, rate_column, rate_deg_s
+from rlgcomp.recording.time_stamp_convention import Reading, delay_in_samples, reading_of
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -39,8 +40,8 @@ class Meant(NamedTuple):
     ----------
     run : Recording
     means : str
-        What its table's columns hold, as in :class:`rlgcomp.recording.motion.Reading`; empty where they are what this package
-        takes them for.
+        What its table's columns hold, as in :class:`rlgcomp.recording.time_stamp_convention.Reading`; empty where they are what
+        this package takes them for.
     late : Estimate
         By how much of a sample they are late.
     left_out : float
@@ -92,9 +93,9 @@ def conventions_of(runs: Sequence[Recording], meant: Sequence[Meant]) -> list[st
 
 def _told(reading: Reading, gyro_deg_h: Array) -> npt.NDArray[np.bool_]:
     """Rows of which a reading tells the mean rate as well as the gyro could."""
-    finite = np.isfinite(reading.doubt_deg_s)
+    finite = np.isfinite(reading.interpolation_error_deg_s)
     design = np.column_stack([np.ones(len(finite)), reading.rate_deg_s])[finite]
     left = gyro_deg_h[finite] - design @ np.linalg.lstsq(design, gyro_deg_h[finite], rcond=None)[0]
     noise = SD_OF_MAD * float(np.median(np.abs(left - np.median(left)))) / SECONDS_PER_HOUR
-    tolerated = max(_TELLS * noise, _STANDS_OUT * float(np.median(reading.doubt_deg_s[finite])))
-    return np.asarray(reading.doubt_deg_s <= tolerated)
+    tolerated = max(_TELLS * noise, _STANDS_OUT * float(np.median(reading.interpolation_error_deg_s[finite])))
+    return np.asarray(reading.interpolation_error_deg_s <= tolerated)

@@ -11,7 +11,8 @@ import numpy as np
 from rlgcomp.physics.lock_in.sampled import LOWEST_DEG_S, error_deg_h
 from rlgcomp.physics.mechanism import Array
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import averaged_at_rest, earth_rate_deg_h, reference_rate_deg_s
+from rlgcomp.recording.motion import averaged_at_rest, earth_rate_deg_h
+from rlgcomp.recording.time_stamp_convention import reference_rate_deg_s
 from rlgcomp.units import SECONDS_PER_HOUR
 
 RATIO: Final = 1.6  # between the lock-in rates that diagnosis tries
