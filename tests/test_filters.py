@@ -130,4 +130,22 @@ def test_window_of_a_rate_is_two_minutes_for_a_chamber_thermometer() -> None:
     time_s = np.arange(0.0, 43200.0)
     values = 20.0 * np.sin(2.0 * np.pi * time_s / 21600.0) + 0.02 * np.random.default_rng(6).standard_normal(len(time_s))
     assert rate_window_s(values, time_s) == 120.0
-    assert rate_window_s(np.full(500, 20.0), time_s[:500]) == 120.0
+    assert rate_window_s(np.full(3001, 20.0), time_s[:3001]) == 120.0
+    assert rate_window_s(np.full(501, 20.0), time_s[:501]) == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("lasts_s", [0.3, 40.0, 2400.0])
+def test_rate_of_a_short_run_is_as_good_as_that_of_a_long_one(lasts_s: float) -> None:
+    """A run of seconds, in which a window of two minutes would take a straight line through all of it."""
+    time_s = np.linspace(0.0, lasts_s, 5001)
+    phase = 2.0 * np.pi * 2.0 * time_s / lasts_s
+    values = 2.0 * np.sin(phase) + 0.002 * np.random.default_rng(5).standard_normal(len(time_s))
+    true = 60.0 * 2.0 * 2.0 * np.pi * 2.0 / lasts_s * np.cos(phase)
+    error = (rate_per_min(values, time_s) - true)[150:-150]
+    assert error.std() < 0.15 * true.std()
+
+
+def test_rate_is_the_same_of_a_run_in_another_unit_of_time() -> None:
+    time_s = np.arange(0.0, 3000.0)
+    values = 0.2 * np.round(5.0 * (20.0 * np.sin(time_s / 500.0) + 0.2 * np.random.default_rng(7).standard_normal(len(time_s))))
+    assert 1e-3 * rate_per_min(values, 1e-3 * time_s) == pytest.approx(rate_per_min(values, time_s), rel=1e-6, abs=1e-9)

@@ -163,6 +163,15 @@ def test_values_out_of_bounds_are_refused(mechanism: type[Mechanism]) -> None:
                 mechanism(**{parameter.name: value})
 
 
+@each_linear
+def test_amplitudes_are_bounded_for_no_gyro_up_to_1e5_deg_h(mechanism: type[Mechanism]) -> None:
+    """A driver may move by a thousandth of its unit, as in a short recording; Earth rate alone has a size of its own."""
+    for parameter in mechanism.parameters():
+        if parameter.role == "amplitude" and parameter.unit.startswith("deg/h") and mechanism.name != "earth_rate_leak":
+            assert parameter.high >= (1e8 if parameter.unit != "deg/h" else 1e5), parameter.name
+            mechanism.from_mapping({parameter.name: 1e5})
+
+
 @each
 def test_options_are_finite_and_whole_where_they_count(mechanism: type[Mechanism]) -> None:
     """A silently rounded number would not be the stated one."""

@@ -18,7 +18,8 @@ from rlgcomp.numerics.robust import SD_OF_MAD
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
-_RATE_WINDOWS_S: Final = (120.0, 1200.0)  # shortest and longest over which a slope is taken
+_RATE_WINDOWS_S: Final = (120.0, 1200.0)  # shortest and longest over which a slope is taken,
+_RATE_RUN_S: Final = 3000.0  # in a run of this length or longer; in a shorter one they are the same shares of it
 _RATE_ERROR: Final = 0.1  # standard deviation of a rate that its window may leave, of the rate's rms
 _QUIETER: Final = 0.9  # of second differences, from which read noise is estimated,
 _NORMAL: Final = 1.6449  # and the size below which so many of unit normal values are
@@ -172,6 +173,8 @@ def read_noise(values: Array) -> float:
 def rate_window_s(values: Array, time_s: Array) -> float:
     r"""The shortest window, from 2 to 20 minutes, whose slope is good to a tenth of the rate's rms.
 
+    A run of less than 50 minutes has a window from 4 to 40 % of its length: what changes within it is as much faster.
+
     .. math:: \sigma_r^2(T) = \frac{12\, \sigma^2 \tau}{T^3}
 
     with :math:`\sigma` the larger of the samples' noise, from their second differences, and :math:`q/\sqrt{12}` of the step q that
@@ -181,7 +184,8 @@ def rate_window_s(values: Array, time_s: Array) -> float:
     ----------
     values, time_s : ndarray, shape (n,)
     """
-    shortest_s, longest_s = _RATE_WINDOWS_S
+    share = min(1.0, float(time_s[-1] - time_s[0]) / _RATE_RUN_S) if len(time_s) > 1 else 1.0
+    shortest_s, longest_s = (share * window_s for window_s in _RATE_WINDOWS_S)
     if len(values) < 3:
         return shortest_s
     moves = np.abs(np.diff(values))

@@ -30,6 +30,7 @@ TEMPERATURE = "temperature"
 TABLE_RATE = "table_rate"
 TABLE_ANGLE = "table_angle"
 TURNING = frozenset((TABLE_RATE, TABLE_ANGLE, RATE, *ANGLES))  # columns of the table's motion
+_LARGEST = 1e15  # times its usual size, an amplitude by default
 FELT_RATE_DEG_S = "felt_rate_deg_s"  # added by the simulator for stage "lock_in": the total rate of the light
 
 
@@ -71,7 +72,11 @@ class Parameter:
 
 
 def amplitude(typical: float, unit: str, *, limit: float | None = None, positive: bool = False) -> Any:
-    """A parameter in which the output is linear, by default bounded at a million times its usual size, which admits MEMS gyros.
+    """A parameter in which the output is linear.
+
+    Its usual size is that of a ring laser gyro, which is stable to 0.001 deg/h. A recording may be of any gyro, up to 1e5 deg/h,
+    and its monitors may move a thousand times less than in a chamber: so the default bound, 1e15 times the usual size, only
+    refuses numbers whose powers would leave the range of a double.
 
     Parameters
     ----------
@@ -83,7 +88,7 @@ def amplitude(typical: float, unit: str, *, limit: float | None = None, positive
     positive : bool
         Whether it cannot be negative, such as a friction.
     """
-    bound = 1e6 * abs(typical) if limit is None else limit
+    bound = _LARGEST * abs(typical) if limit is None else limit
     low = 0.0 if positive else -bound
     return dataclasses.field(default=typical, metadata={"role": "amplitude", "unit": unit, "low": low, "high": bound})
 

@@ -55,14 +55,14 @@ class RotationHarmonics(Mechanism):
     scaling: str = setting("constant", choices=("constant", "rate"))
     reference_deg_s: float = setting(30.0, "deg/s", low=1e-3, high=1e5)
     taken: str = setting("before", choices=TAKEN)
-    cosine_1_deg_h: float = amplitude(0.005, "deg/h", limit=1e5)
-    sine_1_deg_h: float = amplitude(0.005, "deg/h", limit=1e5)
-    cosine_2_deg_h: float = amplitude(0.005, "deg/h", limit=1e5)
-    sine_2_deg_h: float = amplitude(0.005, "deg/h", limit=1e5)
-    cosine_3_deg_h: float = amplitude(0.005, "deg/h", limit=1e5)
-    sine_3_deg_h: float = amplitude(0.005, "deg/h", limit=1e5)
-    cosine_4_deg_h: float = amplitude(0.005, "deg/h", limit=1e5)
-    sine_4_deg_h: float = amplitude(0.005, "deg/h", limit=1e5)
+    cosine_1_deg_h: float = amplitude(0.005, "deg/h")
+    sine_1_deg_h: float = amplitude(0.005, "deg/h")
+    cosine_2_deg_h: float = amplitude(0.005, "deg/h")
+    sine_2_deg_h: float = amplitude(0.005, "deg/h")
+    cosine_3_deg_h: float = amplitude(0.005, "deg/h")
+    sine_3_deg_h: float = amplitude(0.005, "deg/h")
+    cosine_4_deg_h: float = amplitude(0.005, "deg/h")
+    sine_4_deg_h: float = amplitude(0.005, "deg/h")
 
     @property
     def orders(self) -> tuple[int, ...]:

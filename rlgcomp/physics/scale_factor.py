@@ -33,7 +33,7 @@ class ScaleFactor(Mechanism):
     constant = "bias_deg_h"
 
     k_ppm: float = amplitude(10.0, "ppm", limit=1e6)
-    bias_deg_h: float = amplitude(0.01, "deg/h", limit=1e5)
+    bias_deg_h: float = amplitude(0.01, "deg/h")
 
     def basis(self, recording: Recording) -> Array:
         rate = rate_deg_s(recording)

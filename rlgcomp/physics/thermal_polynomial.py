@@ -12,6 +12,7 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, 
 from rlgcomp.recording import Recording
 
 HIGHEST_DEGREE: Final = 5
+LARGEST: Final = 1e9  # of each coefficient: within a kelvin, beyond the range of any gyro
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,12 +35,12 @@ class ThermalPolynomial(Mechanism):
     constant = "c0_deg_h"
     constant_alone: ClassVar[Mapping[str, Any]] = {"degree": 0}
 
-    c0_deg_h: float = amplitude(0.0, "deg/h", limit=1e6)
-    c1_deg_h_K: float = amplitude(2e-4, "deg/h/K")
-    c2_deg_h_K2: float = amplitude(2e-6, "deg/h/K^2")
-    c3_deg_h_K3: float = amplitude(2e-8, "deg/h/K^3")
-    c4_deg_h_K4: float = amplitude(0.0, "deg/h/K^4", limit=1e-6)
-    c5_deg_h_K5: float = amplitude(0.0, "deg/h/K^5", limit=1e-8)
+    c0_deg_h: float = amplitude(0.0, "deg/h", limit=LARGEST)
+    c1_deg_h_K: float = amplitude(2e-4, "deg/h/K", limit=LARGEST)
+    c2_deg_h_K2: float = amplitude(2e-6, "deg/h/K^2", limit=LARGEST)
+    c3_deg_h_K3: float = amplitude(2e-8, "deg/h/K^3", limit=LARGEST)
+    c4_deg_h_K4: float = amplitude(0.0, "deg/h/K^4", limit=LARGEST)
+    c5_deg_h_K5: float = amplitude(0.0, "deg/h/K^5", limit=LARGEST)
     degree: int = setting(3, low=0, high=HIGHEST_DEGREE)
     reference_degC: float = setting(20.0, "degC")
 
