@@ -86,7 +86,7 @@ def test_its_description_is_complete(mechanism: type[Mechanism]) -> None:
         assert parameter.role in ("amplitude", "shape", "setting")
         assert parameter.low < parameter.high
         assert parameter.unit or parameter.role == "setting"
-        if not parameter.choices and not isinstance(parameter.typical, str):
+        if not parameter.choices and not isinstance(parameter.typical, str | tuple):
             assert parameter.low <= parameter.typical <= parameter.high
 
 
@@ -154,7 +154,7 @@ def test_its_mapping_and_back(mechanism: type[Mechanism]) -> None:
 def test_values_out_of_bounds_are_refused(mechanism: type[Mechanism]) -> None:
     for parameter in mechanism.parameters():
         wrong = ["nowhere"] if parameter.choices else [float("nan"), None, True]
-        if not parameter.choices and not isinstance(parameter.typical, str):
+        if not parameter.choices and not isinstance(parameter.typical, str | tuple):
             wrong.append("much")
         if np.isfinite(parameter.high) and not parameter.choices:
             wrong.append(parameter.high * 1.01 + 1.0)
@@ -175,7 +175,7 @@ def test_amplitudes_are_bounded_for_no_gyro_up_to_1e5_deg_h(mechanism: type[Mech
 @each
 def test_options_are_finite_and_whole_where_they_count(mechanism: type[Mechanism]) -> None:
     """A silently rounded number would not be the stated one."""
-    numbers = [p for p in mechanism.parameters() if p.role == "setting" and not isinstance(p.typical, str)]
+    numbers = [p for p in mechanism.parameters() if p.role == "setting" and not isinstance(p.typical, str | tuple)]
     for parameter in numbers:
         for value in (float("inf"), float("-inf"), float("nan"), *([max(parameter.typical, 2) + 0.5] if parameter.whole else [])):
             with pytest.raises(rlg.InputError, match=rf"{parameter.name} is {value}; it must be a (finite|whole) number"):

@@ -31,6 +31,7 @@ from rlgcomp.physics.scale_factor_asymmetry import ScaleFactorAsymmetry
 from rlgcomp.physics.scale_factor_nonlinearity import ScaleFactorNonlinearity
 from rlgcomp.physics.scale_factor_temperature import ScaleFactorTemperature
 from rlgcomp.physics.supply_voltage import SupplyVoltage
+from rlgcomp.physics.tabulated_law import TabulatedLaw
 from rlgcomp.physics.temperature_rate import TemperatureRate
 from rlgcomp.physics.thermal_gradient import ThermalGradient
 from rlgcomp.physics.thermal_hysteresis import ThermalHysteresis
@@ -60,6 +61,7 @@ CATALOGUE: Final[MappingProxyType[str, type[Mechanism]]] = MappingProxyType(
             PeriodicInterference,
             RandomTelegraph,
             EmpiricalLaw,
+            TabulatedLaw,
             ScaleFactor,
             ScaleFactorTemperature,
             ScaleFactorAsymmetry,

@@ -182,12 +182,22 @@ class Mechanism(abc.ABC):
                         f"{self.name}: {parameter.name} is {value!r}; it must be one of {', '.join(parameter.choices)}"
                     )
                 continue
+            if isinstance(parameter.typical, tuple):
+                object.__setattr__(self, parameter.name, self._table(parameter, value))
+                continue
             if isinstance(parameter.typical, str):
                 if not isinstance(value, str):
                     raise InputError(f"{self.name}: {parameter.name} is {value!r}; it must be a text, as {parameter.typical!r}")
                 continue
             if not parameter.allows(value):
                 raise InputError(f"{self.name}: {parameter.name} is {value!r}; it must be {parameter.allowed}")
+
+    def _table(self, parameter: Parameter, value: Any) -> tuple[float, ...]:
+        """A list of finite numbers, as a table has them."""
+        listed = tuple(value) if isinstance(value, list | tuple) else None
+        if listed is None or not all(isinstance(one, int | float) and math.isfinite(one) for one in listed):
+            raise InputError(f"{self.name}: {parameter.name} is {value!r}; it must be a list of finite numbers")
+        return tuple(float(one) for one in listed)
 
     # --- definition --------------------------------------------------------------------------------------------------------
 

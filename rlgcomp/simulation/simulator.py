@@ -40,6 +40,7 @@ Kind = Literal["chamber", "turntable"]
 TYPICAL_NOISE: Final = NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
 _SECTIONS: Final = ("kind", "mechanisms", "noise", "plant", "beams", "table", "unit")
 _USUAL_PROGRAMME: Final = {"chamber": "paper", "turntable": "rates"}
+_SEQUENCE: Final = "tag:yaml.org,2002:seq"
 _LINE_WIDTH: Final = 110  # of a simulator as text
 _GYRO_UNITS: Final = {"gyro_deg_h": "deg/h", "gyro_deg_s": "deg/s"}
 
@@ -51,7 +52,7 @@ class Simulator:
     Parameters
     ----------
     mechanisms : tuple of Mechanism
-        Their order does not matter. Each occurs once, but for empirical laws.
+        Their order does not matter. Each occurs once, but for empirical and tabulated laws.
     free : mapping of str to frozenset of str
         By mechanism, the parameters that are to be calibrated from data; the others are known.
     noise : NoiseModel, optional
@@ -338,7 +339,14 @@ class Simulator:
 
     def to_yaml(self, path: str | Path) -> None:
         """Write its file, whole or not at all."""
-        write_text(path, yaml.safe_dump(self.to_mapping(), sort_keys=False, allow_unicode=True))
+        write_text(path, yaml.dump(self.to_mapping(), Dumper=_TablesInLines, sort_keys=False, allow_unicode=True))
+
+
+class _TablesInLines(yaml.SafeDumper):
+    """Tables of numbers are written in lines, all else as usual."""
+
+
+_TablesInLines.add_representer(tuple, lambda dumper, table: dumper.represent_sequence(_SEQUENCE, table, flow_style=True))
 
 
 def _labels(mechanisms: Sequence[Mechanism]) -> list[str]:
@@ -399,11 +407,11 @@ def _made(form: Any, values: Mapping[str, Any] | None, section: str) -> Any:
 
 
 def _mechanism_text(mechanism: Mechanism, free: frozenset[str]) -> str:
-    idle = mechanism.idle_parameters()
+    idle, used = mechanism.idle_parameters(), mechanism.to_mapping()
     parameters = [
         f"{p.name} = {_value_text(getattr(mechanism, p.name))}{f' {p.unit}' * bool(p.unit)}{' (free)' * (p.name in free)}"
         for p in mechanism.parameters()
-        if p not in idle
+        if p not in idle and p.name in used
     ]
     return _wrapped(f"{mechanism.name}{': ' if parameters else ''}{', '.join(parameters)}")
 
@@ -417,6 +425,8 @@ def _noise_text(noise: NoiseModel | None) -> str:
 
 
 def _value_text(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"{len(value)} numbers"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,15 @@ class Estimate:
     def to_mapping(self) -> dict[str, object]:
         """`value`, `sd` and `unit`, as JSON has them."""
         return {"value": self.value, "sd": self.sd, "unit": self.unit}
+
+
+class Solution(NamedTuple):
+    """Numbers of the baseline, weights of all members, covariance of the weights, standard deviation of the white noise."""
+
+    numbers: Array
+    weights: Array
+    covariance: Array
+    white: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,8 +83,8 @@ class Fit:
         return np.zeros(len(self.data)) if seen is None else seen.half_step * seen.path
 
     @functools.cached_property
-    def _solution(self) -> tuple[Array, Array, Array, float]:
-        """Numbers of the baseline, weights, covariance of the weights, and the standard deviation of the white noise."""
+    def solution(self) -> Solution:
+        """The fitted numbers."""
         whitened = self._evidence.whitened
         output = whitened.project((self.data.output - self._path)[:, None])[:, 0]
         table = self._evidence.table(self.state.members)
@@ -89,12 +98,12 @@ class Fit:
         left = whitened.whiten((self.data.output - self._path - terms)[:, None])[:, 0]
         size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
         numbers = np.linalg.lstsq(design / size, left, rcond=1e-9)[0] / size
-        return numbers, weights, variance * inverse, math.sqrt(variance)
+        return Solution(numbers, weights, variance * inverse, math.sqrt(variance))
 
     @property
     def white(self) -> float:
         """Standard deviation of the white noise of a window mean."""
-        return self._solution[3]
+        return self.solution.white
 
     @property
     def noise_rms(self) -> float:
@@ -116,7 +125,7 @@ class Fit:
         spread = self.white * np.sqrt(np.diag(np.linalg.pinv((design / size).T @ (design / size), rcond=1e-12))) / size
         found: dict[str, dict[str, Estimate]] = {}
         mechanisms = {mechanism.name: mechanism for mechanism in self.baseline.simulator.mechanisms}
-        for (name, parameter, unit), value, sd in zip(self.baseline.names(), self._solution[0], spread, strict=True):
+        for (name, parameter, unit), value, sd in zip(self.baseline.names(), self.solution.numbers, spread, strict=True):
             at = getattr(mechanisms[name], parameter) if name and parameter in _shapes(mechanisms[name]) else None
             estimate = (
                 Estimate(float(value), float(sd), unit) if at is None else Estimate(at * (1.0 + value), abs(at) * float(sd), unit)
@@ -127,12 +136,12 @@ class Fit:
             (lead, scale), *_ = bases
             if isinstance(lead, Own) and lead.column is not None:
                 parameter = lead.mechanism.amplitude_parameters()[lead.column]
-                change, sd = (float(v) * scale for v in (self._solution[1][at], math.sqrt(self._solution[2][at, at])))
+                change, sd = (float(v) * scale for v in (self.solution.weights[at], math.sqrt(self.solution.covariance[at, at])))
                 value = getattr(lead.mechanism, parameter.name) + change
                 found.setdefault(lead.mechanism.name, {})[parameter.name] = Estimate(value, sd, parameter.unit)
             elif isinstance(lead, EachRun) and isinstance(lead.basis, Constant):
                 for j, run in enumerate(lead.runs):
-                    value, sd = self._solution[1][at + j] * scale, math.sqrt(self._solution[2][at + j, at + j]) * scale
+                    value, sd = self.solution.weights[at + j] * scale, math.sqrt(self.solution.covariance[at + j, at + j]) * scale
                     found.setdefault(member.form.region, {})[run] = Estimate(float(value), float(sd), "deg/h")
         return found
 
@@ -145,9 +154,8 @@ class Fit:
             for j, (basis, scale) in enumerate(bases):
                 if isinstance(basis, Moment):
                     start = next(float(run.binned.time_s[0]) for run in self.data.runs if run.name == basis.run)
-                    size = Estimate(
-                        float(self._solution[1][at + j] * scale), math.sqrt(self._solution[2][at + j, at + j]) * scale, "deg/h"
-                    )
+                    sd = math.sqrt(self.solution.covariance[at + j, at + j]) * scale
+                    size = Estimate(float(self.solution.weights[at + j] * scale), sd, "deg/h")
                     found.append({"run": basis.run, "at_s": start + basis.at_s, "size": size.to_mapping()})
         return found
 
@@ -156,16 +164,25 @@ class Fit:
     def term(self, k: int, run: Run) -> Array:
         """What the k-th member does in a run, shape (bins,)."""
         at = sum(self._width(j) for j in range(k))
-        weights = self._solution[1][at : at + self._width(k)]
+        weights = self.solution.weights[at : at + self._width(k)]
         table = np.hstack([scale * basis.columns(run) for basis, scale in self.parts[k][1]])
         return np.asarray(table @ weights)
+
+    def inside(self, k: int) -> slice:
+        """Places of the k-th member's weights among all."""
+        at = sum(self._width(j) for j in range(k))
+        return slice(at, at + self._width(k))
+
+    def weights(self, k: int) -> Array:
+        """Weights of the k-th member's bases, shape (m,)."""
+        return self.solution.weights[self.inside(k)]
 
     def _width(self, k: int) -> int:
         return sum(self.bank.columns(basis).shape[1] for basis, _ in self.parts[k][1])
 
     def predicted(self, run: Run) -> Array:
         """The output less what is stated, of a run on its bins, shape (bins,)."""
-        total = self.baseline.columns(run) @ self._solution[0]
+        total = self.baseline.columns(run) @ self.solution.numbers
         for k in range(len(self.parts)):
             total = total + self.term(k, run)
         return np.asarray(total)
@@ -196,8 +213,8 @@ class Fit:
         scale = bases[0][1] * lead.per_unit()
         if columns <= len(amplitudes):
             for j, parameter in enumerate(amplitudes[:columns]):
-                sd = math.sqrt(self._solution[2][at + j, at + j]) * scale
-                found[parameter.name] = Estimate(float(self._solution[1][at + j] * scale), sd, parameter.unit)
+                sd = math.sqrt(self.solution.covariance[at + j, at + j]) * scale
+                found[parameter.name] = Estimate(float(self.solution.weights[at + j] * scale), sd, parameter.unit)
         for name, value in lead.parameters().items():
             same = next((parameter for parameter in declared if parameter.name.startswith(name)), None)
             if same is not None and columns <= len(amplitudes):
@@ -231,8 +248,8 @@ class Fit:
         inside = slice(at, at + self._width(k))
         places = np.unique(np.argsort(u)[np.linspace(0, len(u) - 1, _PLACES).astype(np.intp)])
         places = places[np.argsort(u[places])]
-        spread = np.sqrt(np.einsum("ij,jk,ik->i", table[places], self._solution[2][inside, inside], table[places]))
-        mean = table[places] @ self._solution[1][inside]
+        spread = np.sqrt(np.einsum("ij,jk,ik->i", table[places], self.solution.covariance[inside, inside], table[places]))
+        mean = table[places] @ self.solution.weights[inside]
         return {"driver": u[places].tolist(), "value": mean.tolist(), "sd": spread.tolist()}
 
 

@@ -13,8 +13,8 @@ from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.bases import Basis, kernel, kernel_root
 from rlgcomp.diagnosis.engine.data import Run
 from rlgcomp.diagnosis.engine.drivers import Driver, lagged
-from rlgcomp.numerics.compiled import compiled
 from rlgcomp.numerics.hysteresis import play_paths
+from rlgcomp.numerics.relays import relay_states
 
 Array = npt.NDArray[np.float64]
 Start = Literal["rested", "below", "above"]
@@ -62,11 +62,15 @@ class Conduction(Basis):
     ratio: float
 
     def columns(self, run: Run) -> Array:
+        values, (times, weights) = self.driver.values(run), self.mixture()
+        late = [lagged(values, run.grid.bin_s, float(time)) for time in times]
+        return np.column_stack(late) @ weights - values[:, None]
+
+    def mixture(self) -> tuple[Array, Array]:
+        """Time constants, shape (k,), and weights of their lags, shape (k, 1)."""
         odd = 2.0 * np.arange(5) + 1.0
         weights = 4.0 / math.pi * (-1.0) ** np.arange(5) / odd if self.back else 8.0 / math.pi**2 / odd**2
-        values = self.driver.values(run)
-        late = [lagged(values, run.grid.bin_s, self.slowest_s / n**2) for n in odd]
-        return (np.column_stack(late) @ (weights / weights.sum()) - values)[:, None]
+        return np.asarray(self.slowest_s / odd**2), (weights / weights.sum())[:, None]
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         return tuple(dataclasses.replace(self, slowest_s=self.slowest_s * f) for f in (self.ratio**step, self.ratio**-step))
@@ -89,7 +93,11 @@ class Spectrum(Basis):
     def columns(self, run: Run) -> Array:
         values = self.driver.values(run)
         late = np.column_stack([lagged(values, run.grid.bin_s, tau) - values for tau in self.time_constants_s])
-        return np.asarray(late @ kernel_root(kernel(np.log(self.time_constants_s) / self.width)))
+        return np.asarray(late @ self.mixture()[1])
+
+    def mixture(self) -> tuple[Array, Array]:
+        """Time constants, shape (k,), and weights of their lags, shape (k, columns)."""
+        return np.array(self.time_constants_s, dtype=np.float64), kernel_root(kernel(np.log(self.time_constants_s) / self.width))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,6 +157,10 @@ class Plays(Basis):
         chosen = states[:, :-1].mean(axis=1) if self.spread else states[:, -1]
         return np.asarray((chosen - values)[:, None])
 
+    def radii(self) -> Array:
+        """Radii of its plays in units of the driver's range, spread exponentially, and last the one radius."""
+        return self._radii(self.radius)
+
     def _radii(self, radius: float) -> Array:
         """Radii spread exponentially about one, and that one."""
         return radius * np.r_[-np.log((np.arange(_SPREAD) + 0.5) / _SPREAD), 1.0]
@@ -187,9 +199,9 @@ class Preisach(Basis):
         key = ("plane", self.driver, self.levels)
         if key not in run.cache:
             run.cache[key] = relays(self.driver.values(run), up, down, "rested") - 0.5
-        return np.asarray(run.cache[key] @ self._densities())
+        return np.asarray(run.cache[key] @ self.densities())
 
-    def _densities(self) -> Array:
+    def densities(self) -> Array:
         """Weights of the relays, shape (relays, k)."""
         up, down = plane(self.levels)
         weights = np.exp(-(up - down) / self.radius)[:, None]
@@ -229,33 +241,6 @@ def plane(count: int, reach: float = PLANE) -> tuple[Array, Array]:
 
 
 def relays(values: Array, up: Array, down: Array, start: Start) -> Array:
-    """States of relays, 0 or 1, with the share of a bin in which a relay is on where it switches within; shape (bins, relays)."""
-    states = np.empty((len(values), len(up)))
+    """States of relays, 0 or 1, after a history before the run; shape (bins, relays)."""
     level = {"rested": 0.5 * (up + down), "below": up, "above": down}[start]
-    _relays(np.ascontiguousarray(values), up, down, (values[0] >= level).astype(np.float64), states)
-    return states
-
-
-@compiled()
-def _relays(values: Array, up: Array, down: Array, first: Array, states: Array) -> None:
-    """Fill the states; a switch between the middles of two bins is placed by a straight line between them."""
-    for j in range(len(up)):
-        on = first[j]
-        if values[0] >= up[j]:
-            on = 1.0
-        elif values[0] <= down[j]:
-            on = 0.0
-        states[0, j] = on
-        for k in range(1, len(values)):
-            change, level = 0.0, 0.0
-            if on < 0.5 and values[k] >= up[j]:
-                change, level = 1.0, up[j]
-            elif on > 0.5 and values[k] <= down[j]:
-                change, level = -1.0, down[j]
-            on += change
-            states[k, j] = on
-            if change != 0.0 and values[k] != values[k - 1]:
-                part = (level - values[k - 1]) / (values[k] - values[k - 1])
-                part = min(max(part, 0.0), 1.0)  # of the way between the two middles
-                states[k - 1, j] += change * max(0.5 - part, 0.0)
-                states[k, j] -= change * max(part - 0.5, 0.0)
+    return relay_states(values, up, down, (values[0] >= level).astype(np.float64))

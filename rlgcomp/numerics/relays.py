@@ -1,0 +1,58 @@
+"""Relays with two thresholds, as a Preisach model sums them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.numerics.compiled import compiled
+
+Array = npt.NDArray[np.float64]
+
+
+def relay_states(values: Array, up: Array, down: Array, first: Array) -> Array:
+    """States of relays, 0 or 1, each on from where the input has come up to `up` until it has gone down to `down`.
+
+    Where a relay switches between the middles of two bins, a straight line between them places the switch, and a state is the share
+    of a bin in which the relay is on.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Input at the middles of bins.
+    up, down : ndarray, shape (relays,)
+        Thresholds in the unit of the input.
+    first : ndarray, shape (relays,)
+        States before the first value, 0 or 1; the first value itself may switch a relay.
+
+    Returns
+    -------
+    ndarray, shape (n, relays)
+    """
+    states = np.empty((len(values), len(up)))
+    _fill(np.ascontiguousarray(values), up, down, first, states)
+    return states
+
+
+@compiled()
+def _fill(values: Array, up: Array, down: Array, first: Array, states: Array) -> None:
+    for j in range(len(up)):
+        on = first[j]
+        if values[0] >= up[j]:
+            on = 1.0
+        elif values[0] <= down[j]:
+            on = 0.0
+        states[0, j] = on
+        for k in range(1, len(values)):
+            change, level = 0.0, 0.0
+            if on < 0.5 and values[k] >= up[j]:
+                change, level = 1.0, up[j]
+            elif on > 0.5 and values[k] <= down[j]:
+                change, level = -1.0, down[j]
+            on += change
+            states[k, j] = on
+            if change != 0.0 and values[k] != values[k - 1]:
+                part = (level - values[k - 1]) / (values[k] - values[k - 1])
+                part = min(max(part, 0.0), 1.0)  # of the way between the two middles
+                states[k - 1, j] += change * max(0.5 - part, 0.0)
+                states[k, j] -= change * max(part - 0.5, 0.0)
