@@ -10,13 +10,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.bases import Power, Smooth
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
 from rlgcomp.diagnosis.engine.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.engine.drivers import Driver, Path, lagged
 from rlgcomp.diagnosis.engine.evidence import Bank, Evidence, Member
-from rlgcomp.diagnosis.engine.memories import Plays, Relays, relays
+from rlgcomp.diagnosis.engine.memories import Plays, Preisach, Relays, relays
 from rlgcomp.diagnosis.engine.noise import Noise, Whitened, relaxation
+from rlgcomp.diagnosis.engine.regions import Setting
+from rlgcomp.diagnosis.engine.screen import Layout, Screen
 from rlgcomp.diagnosis.engine.telegraph import two_state
 from rlgcomp.diagnosis.engine.terms import Form
 from rlgcomp.recording import Recording
@@ -195,6 +198,27 @@ def test_evidence_is_the_density_of_the_data(data: Data) -> None:
     )
     assert evidence.given(()).gain(form)[2] == pytest.approx(evidence.log_evidence(members))
     assert evidence.given(members).log_evidence == pytest.approx(evidence.log_evidence(members))
+
+
+def test_forms_together_have_the_evidence_that_each_has_alone(data: Data) -> None:
+    """Forms that share their departures, and others; beside a set and beside none; a wide basis is held in fewer columns."""
+    setting = Setting(data, Driver.of(data, "temperature_block_degC"))
+    path = Path(Driver.of(data, "supply_voltage_V"))
+    plays = [
+        Form("loop", "play", (Plays(path.driver, r, spread=False),), (Smooth(path, 0.5, 8),)) for r in (0.1, 0.2, 0.3, 0.4, 0.6)
+    ]
+    wide = Form("wide", "relays of smooth density", (Preisach(setting.temperature, 0.4, True, 0.3, 22),), (Smooth(path, 0.5, 8),))
+    forms = [*plays, wide, Form("line", "b = k u", (Power(path),))]
+    bank = Bank(data, np.ones((len(data), 1)))
+    bank.prepare(forms)
+    assert bank.reduced(wide.lead[0]).shape[1] < bank.columns(wide.lead[0]).shape[1]
+    evidence = Evidence(bank, Noise(flicker=0.35, walk=1.0), 0.0)
+    for members in ((), (Member(plays[2], 5.4),)):
+        given = evidence.given(members)
+        table = Screen(evidence, Layout(bank, forms)).gains(given)
+        for form, row in zip(forms, table, strict=True):
+            alone = [evidence.log_evidence((*members, Member(form, size))) for size in priors.SIZES]
+            assert row == pytest.approx(alone, abs=1e-3)
 
 
 def test_whitened_noise_is_white(data: Data) -> None:

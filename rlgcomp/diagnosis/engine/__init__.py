@@ -15,6 +15,7 @@ Rooms, each importing only from those before it:
     nuisances   steps of the bias, biases of runs, stated numbers that are wrong
     noise       hypotheses of the noise, whitening
     evidence    the evidence of a set of forms in closed form
+    screen      the evidence of many forms at once
     search      sets of regions, forms refined
     telegraph   a two-state process beside a set
     posterior   probabilities of sets and regions

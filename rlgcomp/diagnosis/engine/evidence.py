@@ -12,9 +12,9 @@ by the set, one eigenproblem G = U Λ Uᵀ gives every size s: log|M| grows by �
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -30,6 +30,8 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline has all of it
 _KEPT: Final = 150  # projected bases of one noise
+_WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
+_UNSEEN: Final = 1e-11  # of its variance, in a direction that no size brings above the noise
 LOG_SIZE: Final = -math.log(len(priors.SIZES))
 
 
@@ -58,6 +60,7 @@ class Bank:
         self.data, self.design = data, design
         self.white = Whitened(data, design, Noise())
         self._columns: dict[Basis, Array] = {}
+        self._reduced: dict[Basis, Array] = {}
         self._squares: dict[Basis, tuple[float, float]] = {}
         self._scaled: dict[Form, tuple[tuple[Basis, float], ...] | None] = {}
 
@@ -73,6 +76,12 @@ class Bank:
             self._scaled[form] = self._scale(form)
         return self._scaled[form]
 
+    def reduced(self, basis: Basis) -> Array:
+        """Window means of a basis less what the baseline absorbs under white noise, in fewer columns of the same covariance."""
+        if basis not in self._reduced:
+            self._reduced[basis] = _reduced(self.white.project(self.columns(basis)) * np.sqrt(self.data.white)[:, None])
+        return self._reduced[basis]
+
     def prepare(self, forms: Iterable[Form]) -> None:
         """Compute the squares of all bases of some forms at once."""
         bases = dict.fromkeys(basis for form in forms for basis in (*form.lead, *form.departures) if basis not in self._squares)
@@ -81,10 +90,12 @@ class Bank:
         tables = [self.columns(basis) for basis in bases]
         projected = self.white.project(np.hstack(tables))
         squares = np.sum(projected**2, axis=0) / len(self.data)
+        root = np.sqrt(self.data.white)[:, None]
         edges = np.r_[0, np.cumsum([table.shape[1] for table in tables])]
         for basis, table, a, b in zip(bases, tables, edges[:-1], edges[1:], strict=True):
             whole = float(np.sum(np.mean(table**2 / self.data.white[:, None], axis=0)))
             self._squares[basis] = float(squares[a:b].sum()), whole
+            self._reduced[basis] = _reduced(root * projected[:, a:b])
 
     def _scale(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         self.prepare([form])
@@ -117,12 +128,17 @@ class Evidence:
     def output(self) -> Array:
         return self.whitened.output
 
+    @functools.cached_property
+    def adjoint_output(self) -> Array:
+        """What has with columns of window means the products that the whitened data have with projected ones."""
+        return self.whitened.adjoint(self.output[:, None])[:, 0]
+
     def projected(self, basis: Basis) -> Array:
         """Columns of a basis, whitened and projected off the baseline."""
         if basis not in self._projected:
             if len(self._projected) >= _KEPT:
                 self._projected.clear()
-            self._projected[basis] = self.whitened.project(self.bank.columns(basis))
+            self._projected[basis] = self.whitened.project(self.bank.reduced(basis))
         return self._projected[basis]
 
     def block(self, member: Member) -> Array:
@@ -130,6 +146,12 @@ class Evidence:
         scaled = self.bank.scaled(member.form)
         assert scaled is not None  # noqa: S101  (only forms with a scale become members)
         return np.hstack([member.size * scale * self.projected(basis) for basis, scale in scaled])
+
+    def all_columns(self, members: Set) -> Array:
+        """Columns of a set as its bases have them, shape (n, r)."""
+        parts = [(m.size * scale, basis) for m in members for basis, scale in self.bank.scaled(m.form) or ()]
+        tables = [factor * self.whitened.project(self.bank.columns(basis)) for factor, basis in parts]
+        return np.hstack([np.empty((len(self.output), 0)), *tables])
 
     def table(self, members: Set) -> Array:
         """Columns of a set, shape (n, r)."""
@@ -170,6 +192,14 @@ class Conditional:
         """Posterior mean of the weights, shape (r,)."""
         return np.asarray(self._half.T @ self.weights_half)
 
+    @functools.cached_property
+    def _adjoint(self) -> Array:
+        return self.evidence.whitened.adjoint(self.table)
+
+    def cross(self, columns: Array) -> Array:
+        """L⁻¹ AᵀB with columns B of window means, shape (r, k)."""
+        return np.asarray(self._half @ (self._adjoint.T @ columns))
+
     def residual(self) -> Array:
         """Whitened data less the posterior mean of the set."""
         return np.asarray(self.evidence.output - self.table @ self.weights)
@@ -180,7 +210,7 @@ class Conditional:
         cross = self._half @ (self.table.T @ block)
         gram = block.T @ block - cross.T @ cross
         vector = block.T @ self.evidence.output - cross.T @ self.weights_half
-        return self._of_sizes(gram[None], vector[None])[0]
+        return self.of_sizes(gram[None], vector[None])[0]
 
     def gains_of_columns(self, columns: Array) -> Array:
         """Log evidence with each of some columns, shape (k,); each has a weight of unit variance."""
@@ -189,79 +219,33 @@ class Conditional:
         along = columns.T @ self.evidence.output - cross.T @ self.weights_half
         return np.asarray(self.of(self.log_det + np.log(values), np.maximum(self.square - along**2 / values, 1e-12 * self.square)))
 
-    def gains(self, screen: Screen, wanted: npt.NDArray[np.bool_] | None = None) -> Array:
-        """Log evidence with each form of a screen and of each size, shape (forms, sizes); -inf for forms that are not wanted."""
-        found = np.full((len(screen.forms), len(priors.SIZES)), -np.inf)
-        groups = screen.groups if wanted is None else [group.only(wanted) for group in screen.groups]
-        cross = self._half @ (self.table.T @ screen.columns)
-        reduced = screen.vector - cross.T @ self.weights_half
-        for group in groups:
-            if not len(group.forms):
-                continue
-            gram = group.gram
-            if len(cross):
-                part = np.moveaxis(cross[:, group.index] * group.scale, 0, 1)  # (forms, r, m)
-                gram = gram - np.matmul(np.swapaxes(part, 1, 2), part)
-            found[group.forms] = self._of_sizes(gram, reduced[group.index] * group.scale)
-        return found
+    def of_sizes(self, gram: Array, vector: Array) -> Array:
+        """Log evidence with further forms of each size, shape (forms, sizes).
 
-    def _of_sizes(self, gram: Array, vector: Array) -> Array:
+        Parameters
+        ----------
+        gram : ndarray, shape (forms, m, m)
+            Beside the set.
+        vector : ndarray, shape (forms, m)
+            Products with the data beside the set.
+        """
         values, vectors = np.linalg.eigh(gram)
         values = np.maximum(values, 0.0)
         along = np.einsum("fij,fi->fj", vectors, vector) ** 2
         squared = priors.SIZES**2
         grown = 1.0 + squared[:, None] * values[:, None, :]  # (forms, sizes, m)
         fallen = np.sum(squared[:, None] * along[:, None, :] / grown, axis=2)
-        square = np.maximum(self.square - fallen, 1e-12 * self.square)
-        return np.asarray(self.of(self.log_det + np.sum(np.log(grown), axis=2), square))
+        return self.of_changes(np.sum(np.log(grown), axis=2), fallen)
+
+    def of_changes(self, log_det: Array, fallen: Array) -> Array:
+        """Log evidence where a determinant has grown and the square has fallen by so much."""
+        return np.asarray(self.of(self.log_det + log_det, np.maximum(self.square - fallen, 1e-12 * self.square)))
 
 
-@dataclasses.dataclass(frozen=True)
-class _Group:
-    """Forms of equally many columns: places among the screen's columns, scales, Gram matrices."""
-
-    forms: IntArray
-    index: IntArray
-    scale: Array
-    gram: Array
-
-    def only(self, wanted: npt.NDArray[np.bool_]) -> _Group:
-        """The forms that are wanted."""
-        kept = wanted[self.forms]
-        return _Group(self.forms[kept], self.index[kept], self.scale[kept], self.gram[kept])
-
-
-class Screen:
-    """All forms of a search under one hypothesis of the noise: columns whitened once, a Gram matrix a form.
-
-    Parameters
-    ----------
-    evidence : Evidence
-    forms : sequence of Form
-        Each with a scale.
-    """
-
-    def __init__(self, evidence: Evidence, forms: Sequence[Form]) -> None:
-        bank = evidence.bank
-        self.evidence, self.forms = evidence, tuple(forms)
-        bases = dict.fromkeys(basis for form in forms for basis, _ in bank.scaled(form) or ())
-        tables = [bank.columns(basis) for basis in bases]
-        self.columns = evidence.whitened.project(np.hstack(tables))
-        edges = np.r_[0, np.cumsum([table.shape[1] for table in tables])]
-        place = {basis: np.arange(a, b) for basis, a, b in zip(bases, edges[:-1], edges[1:], strict=True)}
-        self.vector = self.columns.T @ evidence.output
-        by_width: dict[int, list[tuple[int, IntArray, Array]]] = defaultdict(list)
-        for k, form in enumerate(forms):
-            scaled = bank.scaled(form) or ()
-            index = np.concatenate([place[basis] for basis, _ in scaled])
-            scale = np.concatenate([np.full(len(place[basis]), size) for basis, size in scaled])
-            by_width[len(index)].append((k, index, scale))
-        self.groups = [self._group(found) for found in by_width.values()]
-
-    def _group(self, found: list[tuple[int, IntArray, Array]]) -> _Group:
-        numbers, index, scale = (np.array(part) for part in zip(*found, strict=True))
-        gram = np.empty((len(numbers), index.shape[1], index.shape[1]))
-        for k in range(len(numbers)):
-            block = self.columns[:, index[k]] * scale[k]
-            gram[k] = block.T @ block
-        return _Group(numbers, index, scale, gram)
+def _reduced(columns: Array) -> Array:
+    """Columns, or fewer of the same covariance: directions that no size could bring above the noise are left out."""
+    if columns.shape[1] < _WIDE:
+        return np.ascontiguousarray(columns)
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    used = values > _UNSEEN * max(float(values.sum()), 1e-300)
+    return np.ascontiguousarray(columns @ vectors[:, used])

@@ -87,7 +87,7 @@ class Fit:
         """The fitted numbers."""
         whitened = self._evidence.whitened
         output = whitened.project((self.data.output - self._path)[:, None])[:, 0]
-        table = self._evidence.table(self.state.members)
+        table = self._evidence.all_columns(self.state.members)
         inverse = np.linalg.inv(np.eye(table.shape[1]) + table.T @ table)
         weights = inverse @ (table.T @ output)
         square = float(output @ output - output @ table @ weights)

@@ -118,21 +118,17 @@ class Whitened:
     """
 
     def __init__(self, data: Data, design: Array, noise: Noise) -> None:
-        from scipy.linalg import cholesky
-
         length = max(len(run.full) for run in data.runs)
         self.noise = noise
         self._slices = data.slices
         self._factors = [
-            cholesky(noise.covariance(run.windows, run.white, length), lower=True, check_finite=False)
-            if noise != Noise()
-            else np.sqrt(run.white)
+            _inverse_root(noise.covariance(run.windows, run.white, length)) if noise != Noise() else 1.0 / np.sqrt(run.white)
             for run in data.runs
         ]
         white = self.whiten(design)
         size = np.linalg.norm(white, axis=0)
-        self._basis, triangle = np.linalg.qr(white / size)
-        log_det = sum(np.sum(np.log(np.diag(f) if f.ndim == 2 else f)) for f in self._factors)
+        self.basis, triangle = np.linalg.qr(white / size)
+        log_det = -sum(np.sum(np.log(np.diag(f) if f.ndim == 2 else f)) for f in self._factors)
         log_det += np.sum(np.log(np.abs(np.diag(triangle)))) + np.sum(np.log(size))
         self.log_normaliser = -float(log_det)
         self.freedom = len(data) - design.shape[1]
@@ -141,17 +137,29 @@ class Whitened:
 
     def project(self, columns: Array) -> Array:
         """Columns of window means, whitened, less what the baseline absorbs."""
-        white = self.whiten(columns)
-        return np.asarray(white - self._basis @ (self._basis.T @ white))
+        return self._off(self.whiten(columns))
 
     def whiten(self, columns: Array) -> Array:
         """Columns of window means, whitened."""
-        from scipy.linalg import solve_triangular
+        found = np.empty(columns.shape)
+        for rows, factor in zip(self._slices, self._factors, strict=True):
+            found[rows] = columns[rows] * factor[:, None] if factor.ndim == 1 else factor @ columns[rows]
+        return found
 
-        parts = [
-            columns[rows] / factor[:, None]
-            if factor.ndim == 1
-            else solve_triangular(factor, columns[rows], lower=True, check_finite=False)
-            for rows, factor in zip(self._slices, self._factors, strict=True)
-        ]
-        return np.concatenate(parts)
+    def adjoint(self, table: Array) -> Array:
+        """A table that has with columns of window means the products that whitened tables have with projected columns."""
+        left, found = self._off(table), np.empty(table.shape)
+        for rows, factor in zip(self._slices, self._factors, strict=True):
+            found[rows] = left[rows] * factor[:, None] if factor.ndim == 1 else factor.T @ left[rows]
+        return found
+
+    def _off(self, white: Array) -> Array:
+        return np.asarray(white - self.basis @ (self.basis.T @ white))
+
+
+def _inverse_root(covariance: Array) -> Array:
+    """The inverse of the lower Cholesky factor."""
+    from scipy.linalg import cholesky, solve_triangular
+
+    root = cholesky(covariance, lower=True, check_finite=False)
+    return np.asarray(solve_triangular(root, np.eye(len(root)), lower=True, check_finite=False))

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
-from rlgcomp.diagnosis.engine.evidence import LOG_SIZE, Bank, Conditional, Evidence, Member, Screen, Set
+from rlgcomp.diagnosis.engine.evidence import LOG_SIZE, Bank, Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.engine.noise import Noise, hypotheses, neighbours
+from rlgcomp.diagnosis.engine.screen import Layout, Screen, gains
 from rlgcomp.diagnosis.engine.telegraph import Telegraph, telegraph
 from rlgcomp.diagnosis.engine.terms import Form, Region
 
@@ -20,6 +21,7 @@ Array = npt.NDArray[np.float64]
 Latent = Literal["", "wander", "telegraph"]
 Key = tuple[frozenset[str], Latent]
 _WHITE: Final = Noise()
+_MANY_FORMS: Final = 4  # of a law whose Gram matrices are made by themselves
 _BEAM: Final = 4  # states that are expanded at each size
 _FIRST: Final = 6  # and of one member: what shows only beside another is found from there
 _WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expanded
@@ -86,12 +88,19 @@ class Search:
         self.regions = {region.key: self._possible(region) for region in regions}
         self.forms = tuple(form for region in self.regions.values() for form in region.forms)
         self._region_of = np.array([form.region for form in self.forms])
+        self.layout = Layout(bank, self.forms, [self._section(form.region) for form in self.forms])
         noises, log_prior = hypotheses()
         self.noise_log_prior = dict(zip(noises, log_prior.tolist(), strict=True))
         self._evidences: dict[Noise, Evidence] = {}
         self._screens: dict[Noise, Screen] = {}
         self.visited: dict[Key, State] = {}
         self._grown: set[tuple[frozenset[str], str]] = set()
+
+    def _section(self, key: str) -> str:
+        """Of the layout: laws of which there are many forms by themselves, other laws together, and what is not a law together."""
+        region = self.regions[key]
+        law = region.mechanism is None and not region.nuisance
+        return "" if not law else key if len(region.forms) > _MANY_FORMS else "law"
 
     def _possible(self, region: Region) -> Region:
         forms = tuple(form for form in region.forms if self.bank.scaled(form) is not None)
@@ -106,7 +115,7 @@ class Search:
     def screen(self, noise: Noise) -> Screen:
         """All forms under a noise."""
         if noise not in self._screens:
-            self._screens[noise] = Screen(self.evidence(noise), self.forms)
+            self._screens[noise] = Screen(self.evidence(noise), self.layout)
         return self._screens[noise]
 
     def log_prior(self, members: Set) -> float:
@@ -240,15 +249,15 @@ class Search:
         for noise in self.core(state):
             given = self.evidence(noise).given(state.members)
             offset = log_prior + self.noise_log_prior[noise] + LOG_SIZE
-            gains = given.gains(self.screen(noise), wanted) + shares[:, None] + offset
+            of_forms = self.screen(noise).gains(given, wanted) + shares[:, None] + offset
             for key in set(self.regions) - taken:
                 region = self.regions[key]
                 if region.propose is not None:
-                    forms = self._proposed(region, given)
-                    table = np.array([given.gain(form) + form.log_share + offset for form in forms]) if forms else np.empty((0, 0))
+                    forms, table = gains(given, region.propose(given.residual()))
+                    table = table + np.array([form.log_share for form in forms])[:, None] + offset
                 else:
                     forms = region.forms
-                    table = gains[self._region_of == key]
+                    table = of_forms[self._region_of == key]
                 if not table.size:
                     continue
                 table = table + region.log_odds
@@ -262,11 +271,6 @@ class Search:
             volume = _log_sum(sums[key]) - log_point
             children.append(State((*state.members, Member(form, strength)), likeliest, log_point, volume + state.log_volume))
         return children
-
-    def _proposed(self, region: Region, given: Conditional) -> tuple[Form, ...]:
-        assert region.propose is not None  # noqa: S101
-        forms = region.propose(given.residual())
-        return tuple(form for form in forms if self.bank.scaled(form) is not None)
 
     # --- one state -------------------------------------------------------------------------------------------------------------
 
@@ -306,9 +310,18 @@ class Search:
 
     def _best(self, given: Conditional, form: Form) -> tuple[float, Member]:
         """Log evidence and share of a form at its likeliest size."""
-        gains = given.gain(form) + form.log_share
-        j = int(np.argmax(gains))
-        return float(gains[j]), Member(form, float(priors.SIZES[j]))
+        of_sizes = given.gain(form) + form.log_share
+        j = int(np.argmax(of_sizes))
+        return float(of_sizes[j]), Member(form, float(priors.SIZES[j]))
+
+    def _likeliest(self, given: Conditional, forms: Iterable[Form]) -> tuple[float, Member] | None:
+        """The same of the likeliest of some forms; None where none of them has a scale."""
+        possible, table = gains(given, forms)
+        if not possible:
+            return None
+        table = table + np.array([form.log_share for form in possible])[:, None]
+        i, j = np.unravel_index(int(np.argmax(table)), table.shape)
+        return float(table[i, j]), Member(possible[i], float(priors.SIZES[j]))
 
     def _best_of_region(
         self, region: Region, given: Conditional, noise: Noise, wanted: npt.NDArray[np.bool_] | None = None
@@ -320,7 +333,7 @@ class Search:
         if not inside.any():
             return None
         places = np.flatnonzero(inside)
-        table = given.gains(self.screen(noise), inside)[inside] + np.array([self.forms[k].log_share for k in places])[:, None]
+        table = self.screen(noise).gains(given, inside)[inside] + np.array([self.forms[k].log_share for k in places])[:, None]
         i, j = np.unravel_index(int(np.argmax(table)), table.shape)
         return float(table[i, j]), Member(self.forms[places[i]], float(priors.SIZES[j]))
 
@@ -345,8 +358,7 @@ class Search:
             if first is not None:
                 value, member = self._polished(*first, given)
                 while True:
-                    further = [self._best(given, form) for form in self._promising(grow(member.form), (*others, member), _WHITE)]
-                    more = max(further, key=lambda one: one[0], default=(value, member))
+                    more = self._likeliest(given, self._promising(grow(member.form), (*others, member), _WHITE)) or (value, member)
                     if more[0] <= value + _WORTH_MORE:
                         break
                     value, member = self._polished(*more, given, last=True)
@@ -367,9 +379,8 @@ class Search:
         if not shown:
             return []
         columns = np.hstack([self.evidence(noise).block(Member(further[k], own.size)) for k in shown])
-        gains = self.evidence(noise).given(members).gains_of_columns(columns)
-        ordered = [listed[shown[k]] for k in np.argsort(gains)[::-1][:_PROMISING]]
-        return [form for form in ordered if self.bank.scaled(form) is not None]
+        found = self.evidence(noise).given(members).gains_of_columns(columns)
+        return [listed[shown[k]] for k in np.argsort(found)[::-1][:_PROMISING]]
 
     def _polished(self, value: float, member: Member, given: Conditional, last: bool = False) -> tuple[float, Member]:
         """A form moved by ever smaller steps; while it grows coarsely and its last leading basis alone."""
@@ -378,8 +389,7 @@ class Search:
             forms = member.form.nearby(step)
             if last:
                 forms = tuple(form for form in forms if form.lead[:-1] == member.form.lead[:-1])
-            moves = [form for form in forms if self.bank.scaled(form) is not None]
-            found = max((self._best(given, form) for form in moves), key=lambda one: one[0], default=(value, member))
+            found = self._likeliest(given, forms) or (value, member)
             if found[0] > value + _WORTH:
                 value, member = found
             else:
@@ -394,7 +404,7 @@ class Search:
         values = [*point.tolist()]
         mask = self._region_of == own.form.region
         if mask.any():
-            table = given.gains(self.screen(noise), mask)[mask]
+            table = self.screen(noise).gains(given, mask)[mask]
             table += np.array([form.log_share for form in self.regions[own.form.region].forms])[:, None]
             values += [
                 v for form, row in zip(self.regions[own.form.region].forms, table, strict=True) if form != own.form for v in row
