@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from rlgcomp.recording import Recording as Recording
     from rlgcomp.recording.formats import read as read
     from rlgcomp.recording.formats import write as write
+    from rlgcomp.recording.tables import recording as recording
     from rlgcomp.simulation.programme import Programme as Programme
     from rlgcomp.simulation.random_units import simulated_unit as simulated_unit
     from rlgcomp.simulation.simulator import Simulator as Simulator
@@ -124,6 +125,7 @@ _HOMES = {
     "load": "compensation.compensator",
     "overlapping_deviation": "noise.allan_octaves",
     "read": "recording.formats",
+    "recording": "recording",
     "simulated_unit": "simulation.random_units",
     "write": "recording.formats",
 }
@@ -133,7 +135,8 @@ __all__ = sorted(_HOMES)  # noqa: PLE0605
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'rlgcomp' has no attribute {name!r}; it has {', '.join(__all__)}")
-    value = getattr(importlib.import_module(f"rlgcomp.{_HOMES[name]}"), name)
+    home = importlib.import_module(f"rlgcomp.{_HOMES[name]}")
+    value = home if name == _HOMES[name] else getattr(home, name)  # the room `recording` is itself called
     globals()[name] = value
     return value
 

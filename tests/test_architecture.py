@@ -46,7 +46,7 @@ PUBLIC_NAMES = (  # what scripts of users rely on
     "Evaluation", "FeatureRecipe", "FixedSizeLSSVM", "InputError", "KernelBaselines", "LSSVMRegressor", "Mechanism",
     "Metadata", "NoiseCoefficients", "NoiseModel", "Programme", "Recording", "SequenceRegressor", "Simulator", "Triad",
     "TriadErrors", "adapt", "allan_deviation", "analyse_noise", "angle_random_walk", "calibrate_scale_factor",
-    "calibrate_turntable", "diagnose", "evaluate", "fit_coefficients", "load", "overlapping_deviation", "read",
+    "calibrate_turntable", "diagnose", "evaluate", "fit_coefficients", "load", "overlapping_deviation", "read", "recording",
     "simulated_unit", "write",
 )  # fmt: skip
 ROOMS_OF_DIAGNOSIS = ["result", "noise", "question", "naming", "fitting", "laws", "detection", "proof", "simulators", "programmes"]

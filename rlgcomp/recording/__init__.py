@@ -2,12 +2,17 @@
 
 A recording is frozen and valid: its time increases, nothing in it is missing or infinite, and it holds a gyro. Simulated and
 measured recordings differ only in `truth`. Files are read and repaired by :mod:`rlgcomp.recording.formats` and
-:mod:`rlgcomp.recording.repair`.
+:mod:`rlgcomp.recording.repair`, tables in memory by calling this room: `rlgcomp.recording(table, columns={...})`, which is
+:func:`rlgcomp.recording.tables.recording`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import importlib
+import sys
+import types
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -140,12 +145,15 @@ class Recording:
             There is no such column.
         """
         if name not in self:
-            raise InputError(f"{self.name} has no column {name!r}; it has {', '.join(self.columns)}")
+            raise InputError(f"{self.name} has no column {name!r}; it has {', '.join(map(str, self.columns))}")
         if name not in self._arrays:
             values = self._table[name].to_numpy(dtype=np.float64)
             values.flags.writeable = False
             self._arrays[name] = values
         return self._arrays[name]
+
+    __getitem__ = column  # run["temperature_block_degC"]
+    __iter__ = None  # a recording is no sequence of columns
 
     # --- time ----------------------------------------------------------------------------------------------------------
 
@@ -330,3 +338,29 @@ def _set_fields(
 
 def _rebuild(table: pd.DataFrame, metadata: Metadata, name: str, truth: Any, findings: Any) -> Recording:
     return Recording(table, metadata, name=name, truth=truth, findings=findings)
+
+
+class _Room(types.ModuleType):
+    """This module, which can be called: `rlgcomp.recording(table)`."""
+
+    def __call__(
+        self,
+        data: Any,
+        *,
+        columns: Mapping[str, str] | None = None,
+        drop: Sequence[str] = (),
+        metadata: Mapping[str, Any] | None = None,
+        names: Sequence[str] | None = None,
+        period_s: float | None = None,
+        name: str = "recording",
+        computed: bool = False,
+    ) -> Recording:
+        """A recording of a table in memory; see :func:`rlgcomp.recording.tables.recording`."""
+        tables = importlib.import_module("rlgcomp.recording.tables")  # it stands above the data type
+        made: Recording = tables.recording(
+            data, columns=columns, drop=drop, metadata=metadata, names=names, period_s=period_s, name=name, computed=computed
+        )
+        return made
+
+
+sys.modules[__name__].__class__ = _Room

@@ -10,6 +10,7 @@ import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
+from rlgcomp.recording.tables import is_table, recording
 
 _ROUNDED: Final = 1e-3  # of a sample period, and of a gyro's range: files of one run differ by less
 _OF_NOISE: Final = 1e-2  # of fifth differences of a gyro, in which a table's rate is gone and the noise remains, ten times as large
@@ -17,29 +18,51 @@ _FEWEST: Final = 10  # common rows
 
 
 def require_recordings(argument: Iterable[Recording], name: str) -> list[Recording]:
-    """A list of recordings, from any iterable of them.
+    """A list of recordings, from any iterable of recordings and tables.
 
     Parameters
     ----------
-    argument : iterable of Recording
+    argument : iterable of Recording or table
+        Tables as :func:`rlgcomp.recording` takes them, under the contract's names.
     name : str
         What the argument is called.
 
     Raises
     ------
     InputError
-        It is a single recording, or something in it is none.
+        It is a single recording or table, something in it is neither, or a table is no valid recording.
     """
     if isinstance(argument, Recording):
         raise InputError(f"{name} is one recording, {argument.name}; it must be a list of recordings: give [{name}]")
-    found = list(argument) if isinstance(argument, Iterable) else [argument]
-    for one in found:
-        if not isinstance(one, Recording):
-            raise InputError(
-                f"{name} holds {_described(one)}, which is no Recording; give a list of what rlgcomp.read(path) or "
-                "Simulator.simulate() returns"
-            )
-    return found
+    if is_table(argument):
+        raise InputError(f"{name} is one table, a {type(argument).__name__}; it must be a list of recordings: give [{name}]")
+    if not isinstance(argument, Iterable):
+        return [require_recording(argument, name)]
+    return [require_recording(one, f"{name}[{k}]") for k, one in enumerate(argument)]
+
+
+def require_recording(argument: Any, name: str) -> Recording:
+    """A recording, made of a table where it is one.
+
+    Parameters
+    ----------
+    argument : Recording or table
+    name : str
+        What the argument is called.
+
+    Raises
+    ------
+    InputError
+        It is neither, or the table is no valid recording.
+    """
+    if isinstance(argument, Recording):
+        return argument
+    if is_table(argument):
+        return recording(argument, name=name)
+    raise InputError(
+        f"{name} is {_described(argument)}, which is no Recording; give what rlgcomp.read(path), rlgcomp.recording(table) or "
+        "Simulator.simulate() returns"
+    )
 
 
 def share_rows(one: Recording, other: Recording) -> bool:

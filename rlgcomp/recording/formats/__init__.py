@@ -75,19 +75,59 @@ def read(
     mapping = column_mapping(sidecar_values, path) | dict(columns or {})
     period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
     stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
-    merged = Metadata.from_mapping(stated)
-    require_droppable(drop, table.columns, path)
+    return recording_of(
+        table, stated, name=path.name, stem=_stem(path), columns=mapping, drop=drop, period_s=period_s, computed=computed
+    )
+
+
+def recording_of(
+    table: pd.DataFrame,
+    metadata: Mapping[str, Any],
+    *,
+    name: str,
+    stem: str,
+    columns: Mapping[str, str],
+    drop: Sequence[str] = (),
+    period_s: Any = None,
+    computed: bool = False,
+) -> Recording:
+    """A table under its own names, from a file or from memory, as a repaired recording.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+    metadata : mapping
+    name : str
+        What messages call the table.
+    stem : str
+        Name of the recording.
+    columns : mapping of str to str
+        Contract name to the table's own name, with its unit where that differs.
+    drop : sequence of str
+        Columns to leave out.
+    period_s : float, optional
+        Sample period of a table without time stamps.
+    computed : bool
+        The gyro was simulated.
+
+    Raises
+    ------
+    InputError
+        The table cannot be mapped or repaired; the message lists all findings.
+    """
+    merged = Metadata.from_mapping(metadata)
+    require_droppable(drop, table.columns, name)
     table = table.drop(columns=list(drop))
-    table, vouched = apply_mapping(table, mapping, name=path.name)
+    table, vouched = apply_mapping(table, columns, name=name)
     if period_s is not None:
-        table = _with_time(table, period_s, path.name)
-    if "kind" not in stated and any(column in table for column in TABLE_COLUMNS):
+        table = _with_time(table, period_s, name)
+    if "kind" not in metadata and any(column in table for column in TABLE_COLUMNS):
         merged = dataclasses.replace(merged, kind="turntable")
-    table, findings = repair(table, merged, name=path.name, vouched=vouched, computed=computed)
+    table, findings = repair(table, merged, name=name, vouched=vouched, computed=computed)
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
     truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
     rest = table.drop(columns=truths)
-    return Recording.repaired(rest, merged, name=_stem(path), truth=truth if truths else None, findings=findings)
+    return Recording.repaired(rest, merged, name=stem, truth=truth if truths else None, findings=findings)
 
 
 def column_names(path: str | Path) -> list[str]:
