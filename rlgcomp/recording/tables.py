@@ -64,8 +64,8 @@ def recording(
     --------
     >>> import numpy as np
     >>> import rlgcomp as rlg
-    >>> noise = np.random.default_rng(1).normal(size=600)
-    >>> run = rlg.recording({"t": np.arange(600.0), "Gyro Z": 1e-5 * noise}, columns={"time_s": "t", "gyro_deg_s": "Gyro Z [rad/s]"})
+    >>> own = {"t": np.arange(600.0), "Gyro Z": 1e-5 * np.random.default_rng(1).normal(size=600)}
+    >>> run = rlg.recording(own, columns={"time_s": "t", "gyro_deg_s": "Gyro Z [rad/s]"})
     >>> run.columns
     ('time_s', 'gyro_deg_s')
     """
@@ -165,7 +165,7 @@ def _of_structured_array(data: Any, name: str) -> pd.DataFrame | None:
 
 def _of_array(data: np.ndarray, names: Sequence[str] | None, name: str) -> pd.DataFrame:
     if names is None:
-        raise InputError(f"{name}: a plain array has no column names; give names=['time_s', 'gyro_deg_h', ...], one for each column")
+        raise InputError(f"{name}: a plain array has no column names; give names=['time_s', 'gyro_deg_h', ...], one a column")
     if data.ndim != 2 or data.shape[1] != len(names):
         expected = f"(n, {len(names)})"
         raise InputError(f"{name}: the array has the shape {data.shape}; with these {len(names)} names it must be {expected}")
