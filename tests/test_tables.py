@@ -180,7 +180,7 @@ def test_a_recording_is_frozen() -> None:
 
 def test_a_recording_is_no_sequence_of_columns() -> None:
     run = rlg.recording({"time_s": TIME, "gyro_deg_h": RATE})
-    with pytest.raises(TypeError):
-        iter(run)
+    with pytest.raises(rlg.InputError, match="no column 0"):
+        list(run)
     with pytest.raises(rlg.InputError, match="no column 'x'; it has time_s, gyro_deg_h"):
         _ = run["x"]

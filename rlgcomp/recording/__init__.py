@@ -153,7 +153,6 @@ class Recording:
         return self._arrays[name]
 
     __getitem__ = column  # run["temperature_block_degC"]
-    __iter__ = None  # a recording is no sequence of columns
 
     # --- time ----------------------------------------------------------------------------------------------------------
 
