@@ -17,7 +17,7 @@ _OF_NOISE: Final = 1e-2  # of fifth differences of a gyro, in which a table's ra
 _FEWEST: Final = 10  # common rows
 
 
-def require_recordings(argument: Iterable[Recording], name: str) -> list[Recording]:
+def require_recordings(argument: Any, name: str) -> list[Recording]:
     """A list of recordings, from any iterable of recordings and tables.
 
     Parameters
