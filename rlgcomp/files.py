@@ -10,15 +10,15 @@ import json
 import math
 import os
 import re
-import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from rlgcomp.errors import InputError
+from rlgcomp.scratch import publish, publish_all, scratch_folder
 
 _EXPONENT: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]\d+$")  # as 6e-06, which YAML 1.1 takes for text
 _MOST_DIGITS: Final = 300  # of a whole number that a float can hold
@@ -26,30 +26,35 @@ _TOLD: Final = 5  # names in a message
 
 
 @contextlib.contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
-    """Yield a scratch path beside `path`, which replaces `path` only if the block ends without an exception.
+def whole_file(path: str | Path, *, overwrite: bool = False, written: Callable[[Path], bool] | None = None) -> Iterator[Path]:
+    """Yield a scratch path of the same name, which replaces `path` only if the block ends without an exception.
+
+    What else the block writes into the scratch path's folder is published with it: all of these files, or none.
+
+    Parameters
+    ----------
+    path : path
+    overwrite, written
+        As :func:`require_replaceable`.
 
     Raises
     ------
     InputError
-        The folder does not exist, cannot be written to, or `path` is a folder.
+        The folder does not exist, cannot be written to, `path` is a folder, or may not be replaced.
     """
     path = Path(path)
     require_writable(path)
-    try:
-        if path.is_dir():
-            raise InputError(f"{path} is a folder; give the name of a file to write")
-        handle, scratch_name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}; give another place") from None
-    os.close(handle)
-    scratch = Path(scratch_name)
-    try:
+    require_replaceable(path, overwrite=overwrite, written=written)
+    with contextlib.ExitStack() as stack:
+        try:
+            folder = stack.enter_context(scratch_folder(path.parent))
+            scratch = folder / path.name
+            scratch.touch()
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error.strerror or error}; give another place") from None
         yield scratch
-        scratch.chmod(0o666 & ~_umask())
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+        require_replaceable(path, overwrite=overwrite, written=written)  # the work may have taken hours
+        publish_all(folder)
 
 
 @contextlib.contextmanager
@@ -73,26 +78,18 @@ def whole_folder(path: str | Path, *, writes: Sequence[str]) -> Iterator[Path]:
     require_folder(path, writes=writes)
     place = Path(path).resolve()  # what a link points to is replaced, not the link
     missing = [parent for parent in place.parents if not parent.exists()]
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
-    except OSError as error:
-        _remove_empty(missing)
-        raise InputError(f"cannot write {path}: {error.strerror or error}; give another place") from None
-    try:
-        yield scratch
-        scratch.chmod(0o777 & ~_umask())
+    with contextlib.ExitStack() as stack:
+        stack.callback(_remove_empty, missing)
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            made = stack.enter_context(scratch_folder(place.parent)) / place.name
+            made.mkdir()
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error.strerror or error}; give another place") from None
+        yield made
         if place.exists():
-            _require_still(path, writes, scratch)
-            retired = Path(tempfile.mkdtemp(prefix=f".{place.name}.old.", dir=place.parent))
-            os.replace(place, retired)
-            os.replace(scratch, place)
-            shutil.rmtree(retired)
-        else:
-            os.replace(scratch, place)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-        _remove_empty(missing)
+            _require_still(path, writes, made)
+        publish(made)
 
 
 def _require_still(path: str | Path, writes: Sequence[str], made: Path) -> None:
@@ -101,14 +98,14 @@ def _require_still(path: str | Path, writes: Sequence[str], made: Path) -> None:
     try:
         require_folder(path, writes=writes)
     except InputError as error:
-        kept = Path(tempfile.mkdtemp(prefix=f"{Path(path).resolve().name}.", dir=made.parent))
+        kept = Path(tempfile.mkdtemp(prefix=f"{Path(path).resolve().name}.", dir=made.parent.parent))
         os.replace(made, kept)
         raise InputError(f"{error}; what was made lies in {kept}") from None
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write UTF-8 text, whole or not at all."""
-    with whole_file(path) as scratch:
+    """Write UTF-8 text, whole or not at all, over whatever file has the name."""
+    with whole_file(path, overwrite=True) as scratch:
         scratch.write_text(text, encoding="utf-8")
 
 
@@ -169,8 +166,20 @@ def _whole_number(text: str) -> int | float:
 
 
 def write_json(path: str | Path, value: Any) -> None:
-    """Write JSON, whole or not at all."""
+    """Write JSON, whole or not at all, over whatever file has the name."""
     write_text(path, to_json(value) + "\n")
+
+
+def write_result(path: str | Path, value: Mapping[str, Any], *, overwrite: bool = False) -> None:
+    """Write a JSON result whose `schema` begins with rlgcomp, over another such file alone.
+
+    Raises
+    ------
+    InputError
+        As :func:`whole_file`.
+    """
+    with whole_file(path, overwrite=overwrite, written=is_result) as scratch:
+        scratch.write_text(to_json(value) + "\n", encoding="utf-8")
 
 
 def sha256(path: str | Path) -> str:
@@ -209,6 +218,44 @@ def require_writable(path: str | Path) -> None:
     if not parent.is_dir():
         raise InputError(f"cannot write {path}: the folder {parent} does not exist; create it first")
     _require_access(parent, path)
+
+
+def require_replaceable(path: str | Path, *, overwrite: bool, written: Callable[[Path], bool] | None = None) -> None:
+    """Raise where a file of this name is there and may not be replaced.
+
+    Parameters
+    ----------
+    path : path
+    overwrite : bool
+        Whether a file that this package did not write may be replaced. A folder, a device or a pipe never is.
+    written : callable, optional
+        Whether this package wrote the file of a path; without it, it wrote none.
+
+    Raises
+    ------
+    InputError
+        It may not.
+    """
+    path = Path(path)
+    try:
+        exists, is_file = path.exists() or path.is_symlink(), path.is_file()
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}; give another place") from None
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give the name of a file to write")
+    if exists and not is_file:
+        raise InputError(f"{path} is no plain file, so it is left untouched; give another name")
+    if exists and not overwrite and not (written is not None and written(path)):
+        raise InputError(f"{path} exists and rlgcomp did not write it, so it is left untouched; give another name, or --overwrite")
+
+
+def is_result(path: Path) -> bool:
+    """Whether a file is a JSON result of this package: its `schema` begins with rlgcomp."""
+    try:
+        content = from_json(path.read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and str(content.get("schema")).startswith("rlgcomp.")
 
 
 def require_folder(path: str | Path, *, writes: Sequence[str]) -> None:
@@ -290,9 +337,3 @@ def _remove_empty(folders: Iterable[Path]) -> None:
     for folder in folders:
         with contextlib.suppress(OSError):
             folder.rmdir()
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

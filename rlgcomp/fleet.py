@@ -262,21 +262,26 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
 def _attempt(task: Task, out: Path, unit: Unit) -> Outcome:
     """Do one unit's task; every exception becomes a failed outcome."""
     began = time.perf_counter()
+    place = out / unit.name
     try:
-        place = out / unit.name
         require_apart(place, *unit.files)
         with whole_folder(place, writes=_written(task, place)) as folder, _named(unit.name):
             result = dict(task(unit, folder))
             note = {
                 "made_from": _fingerprint(task, unit),
                 "task": _name_of(task),
-                "files": sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()),
+                "files": {
+                    path.relative_to(folder).as_posix(): sha256(path) for path in sorted(folder.rglob("*")) if path.is_file()
+                },
                 "seconds": time.perf_counter() - began,
                 "result": result,
             }
             write_text(folder / NOTE, to_json(note) + "\n")
     except InputError as error:
         return Outcome(unit.name, "failed", time.perf_counter() - began, message=str(error))
+    except OSError as error:
+        reason = f"cannot use {error.filename or place}: {error.strerror or error}"
+        return Outcome(unit.name, "failed", time.perf_counter() - began, message=reason)
     except Exception as error:  # noqa: BLE001  one unit's fault must not take the fleet with it
         return Outcome(unit.name, "failed", time.perf_counter() - began, message=f"{type(error).__name__}: {error}")
     return Outcome(unit.name, "done", time.perf_counter() - began, result)
@@ -300,14 +305,18 @@ def _named(unit: str) -> Iterator[None]:
 
 
 def _earlier_outcome(task: Task, unit: Unit, out: Path) -> Outcome | None:
-    """The outcome of an earlier run that was made from the same."""
+    """The outcome of an earlier run that was made from the same inputs and whose files are as it wrote them."""
     try:
         note = json.loads((out / unit.name / NOTE).read_text(encoding="utf-8"))
-        if note["made_from"] == _fingerprint(task, unit):
+        if note["made_from"] == _fingerprint(task, unit) and _undamaged(out / unit.name, note["files"]):
             return Outcome(unit.name, "kept", float(note["seconds"]), note["result"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
     return None
+
+
+def _undamaged(folder: Path, digests: Mapping[str, str]) -> bool:
+    return all(sha256(folder / name) == digest for name, digest in digests.items())
 
 
 def _written(task: Task, place: Path) -> tuple[str, ...]:
@@ -315,7 +324,7 @@ def _written(task: Task, place: Path) -> tuple[str, ...]:
     try:
         note = json.loads((place / NOTE).read_text(encoding="utf-8"))
         files = tuple(map(glob.escape, note["files"])) if note["task"] == _name_of(task) else ()
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         files = ()
     return (NOTE, *files)
 

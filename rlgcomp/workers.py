@@ -16,6 +16,7 @@ import joblib
 from threadpoolctl import threadpool_limits
 
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.worker_processes import end_with
 
 RETRIES: Final = 2  # times that a piece is tried again after its worker died
 DIED: Final = "its worker process died each time: killed, or out of memory; give it more"
@@ -90,11 +91,12 @@ def _on_this_machine(work: Callable[[T], R], pieces: Sequence[T], died: Callable
 
 
 def _pool(work: Callable[[T], R], pieces: dict[int, T], n_jobs: int) -> Iterator[tuple[int, R]]:
-    numbered = [joblib.delayed(_numbered)(k, work, piece) for k, piece in pieces.items()]
+    numbered = [joblib.delayed(_numbered)(os.getpid(), k, work, piece) for k, piece in pieces.items()]
     yield from joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", batch_size=1)(numbered)
 
 
-def _numbered(k: int, work: Callable[[T], R], piece: T) -> tuple[int, R]:
+def _numbered(parent: int, k: int, work: Callable[[T], R], piece: T) -> tuple[int, R]:
+    end_with(parent)
     return k, _by_itself(work, piece)
 
 

@@ -21,6 +21,7 @@ PACKAGE = Path(rlgcomp.__file__).parent
 ROWS = [
     ["errors"],
     ["units"],
+    ["scratch"],
     ["files"],
     ["report.messages", "report.notebook"],
     ["numerics"],

@@ -159,6 +159,21 @@ def test_a_unit_that_kills_its_process_each_time_fails_alone(tmp_path: Path) -> 
     assert "process died" in outcomes[1].message
 
 
+def writes_one(unit: Unit, folder: Path) -> dict[str, object]:
+    (folder / "value").write_text(unit.name)
+    return {}
+
+
+def test_a_unit_whose_files_are_damaged_is_done_again(tmp_path: Path) -> None:
+    fleet = [Unit(f"gyro-{k}", ()) for k in range(2)]
+    run_fleet(writes_one, fleet, tmp_path / "out")
+    (tmp_path / "out" / "gyro-0" / "value").write_text("gyro-9")
+    assert [one.state for one in run_fleet(writes_one, fleet, tmp_path / "out")] == ["done", "kept"]
+    assert (tmp_path / "out" / "gyro-0" / "value").read_text() == "gyro-0"
+    (tmp_path / "out" / "gyro-1" / "value").unlink()
+    assert [one.state for one in run_fleet(writes_one, fleet, tmp_path / "out")] == ["kept", "done"]
+
+
 def slow(unit: Unit, folder: Path) -> dict[str, object]:
     time.sleep(0.5)
     (folder / "value").write_text(repr(np.random.default_rng(int(unit.name[-1])).normal(size=50).tolist()))

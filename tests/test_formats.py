@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.io
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -246,11 +247,49 @@ def test_a_folder_in_the_sidecars_place_is_refused_before_the_recording(recordin
 
 
 @pytest.mark.parametrize("earlier", ["", "unit: S/N 3\npulse_arcsec: 1.5\nnotes: {mechanisms: a word}\n"])
-def test_an_earlier_sidecar_is_written_over(recording: rlg.Recording, tmp_path: Path, earlier: str) -> None:
+def test_a_sidecar_that_was_not_written_here_is_written_over_only_where_that_is_wanted(
+    recording: rlg.Recording, tmp_path: Path, earlier: str
+) -> None:
     (tmp_path / "gyro.yaml").write_text(earlier)
+    with pytest.raises(rlg.InputError, match="did not write it"):
+        rlg.write(recording, tmp_path / "gyro.csv")
+    assert (tmp_path / "gyro.yaml").read_text() == earlier
+    rlg.write(recording, tmp_path / "gyro.csv", overwrite=True)
     for _ in range(2):
         rlg.write(recording, tmp_path / "gyro.csv")
         assert rlg.read(tmp_path / "gyro.csv").metadata == recording.metadata
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".parquet", ".h5", ".mat"])
+def test_a_raw_recording_is_not_replaced_and_an_own_one_is(recording: rlg.Recording, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"gyro{suffix}"
+    table = recording.table
+    if suffix == ".parquet":
+        table.to_parquet(path)
+    elif suffix == ".h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            for column in table.columns:
+                file[column] = table[column].to_numpy()
+    elif suffix == ".mat":
+        scipy.io.savemat(path, {column: table[column].to_numpy() for column in table.columns})
+    else:
+        table.to_csv(path, index=False)
+    raw = path.read_bytes()
+    with pytest.raises(rlg.InputError, match="rlgcomp did not write it, so it is left untouched"):
+        rlg.write(recording, path)
+    assert path.read_bytes() == raw
+    rlg.write(recording, path, overwrite=True)
+    rlg.write(recording, path)
+    assert rlg.read(path).metadata == recording.metadata
+
+
+def test_a_csv_file_that_was_changed_by_hand_is_not_replaced(recording: rlg.Recording, tmp_path: Path) -> None:
+    rlg.write(recording, tmp_path / "gyro.csv")
+    with (tmp_path / "gyro.csv").open("a") as stream:
+        stream.write("# looked at on Monday\n")
+    with pytest.raises(rlg.InputError, match="did not write it"):
+        rlg.write(recording, tmp_path / "gyro.csv")
 
 
 def test_a_mapping_under_another_key_is_refused(recording: rlg.Recording, tmp_path: Path) -> None:
@@ -334,7 +373,7 @@ def test_writing_is_whole_or_not_at_all(recording: rlg.Recording, tmp_path: Path
     path.write_text("older")
     monkeypatch.setattr("pyarrow.parquet.write_table", lambda *args, **kwargs: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(OSError, match="disk full"):
-        rlg.write(recording, path)
+        rlg.write(recording, path, overwrite=True)
     assert [item.name for item in tmp_path.iterdir()] == ["run.parquet"]
     assert path.read_text() == "older"
 

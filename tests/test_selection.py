@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import GridSearchCV, GroupKFold
@@ -108,3 +110,32 @@ def test_a_model_without_parameters_is_scored_all_the_same(data: tuple[np.ndarra
 
 def test_public_name() -> None:
     assert rlg.LSSVMRegressor is MODELS["lssvm"].estimator
+
+
+def _shorter(line: str) -> str:
+    entry = json.loads(line)
+    return json.dumps(entry | {"rmse": entry["rmse"][:-1]})
+
+
+def _better(line: str) -> str:
+    entry = json.loads(line)
+    return json.dumps(entry | {"rmse": [0.0 for _ in entry["rmse"]]})
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [_shorter, _better, lambda line: line.replace('"piece": ', '"piece": 99'), lambda line: "[1, 2]", lambda line: "\udcff"],
+    ids=["short", "altered", "no such batch", "a list", "no UTF-8"],
+)
+def test_damaged_lines_of_a_journal_are_computed_again(
+    data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path, damage: Callable[[str], str]
+) -> None:
+    journal = tmp_path / "journal.jsonl"
+    expected = choose(data, journal=journal)
+    lines = journal.read_text().splitlines()
+    lines[1:3] = map(damage, lines[1:3])
+    journal.write_bytes("\n".join(lines).encode(errors="surrogateescape"))
+    seen: list[int] = []
+    selection = choose(data, journal=journal, progress=lambda done, total: seen.append(done))
+    assert seen[0] == len(lines) - 3
+    pd.testing.assert_frame_equal(selection.table, expected.table)

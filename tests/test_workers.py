@@ -5,6 +5,9 @@ from __future__ import annotations
 import functools
 import os
 import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -54,3 +57,28 @@ def test_a_piece_has_one_thread(jobs: int) -> None:
 def test_a_worker_that_is_killed_takes_no_other_piece_with_it(always: bool, expected: list[int], tmp_path: Path) -> None:
     work = functools.partial(kills, marks=str(tmp_path), always=always)
     assert sorted(spread(work, range(3), died=lambda piece: -piece, n_jobs=2)) == expected
+
+
+LEAVES_ITS_WORKERS = """
+import os, time
+from rlgcomp.workers import spread
+def work(piece):
+    open(piece, "w").write(str(os.getpid()))
+    time.sleep(60)
+list(spread(work, {pieces!r}, died=str, n_jobs=2))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_the_process_that_started_them(tmp_path: Path, number: int) -> None:
+    pieces = [str(tmp_path / name) for name in "ab"]
+    parent = subprocess.Popen([sys.executable, "-c", LEAVES_ITS_WORKERS.format(pieces=pieces)])
+    until = time.monotonic() + 60.0
+    while not all(Path(piece).exists() and Path(piece).read_text() for piece in pieces) and time.monotonic() < until:
+        time.sleep(0.05)
+    workers = [int(Path(piece).read_text()) for piece in pieces]
+    parent.send_signal(number)
+    parent.wait(60)
+    while any(Path(f"/proc/{worker}").exists() for worker in workers) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not [worker for worker in workers if Path(f"/proc/{worker}").exists()]

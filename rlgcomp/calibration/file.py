@@ -21,7 +21,7 @@ from rlgcomp import units
 from rlgcomp.calibration.triad.estimate import TriadCalibration
 from rlgcomp.calibration.triad.run import AXES
 from rlgcomp.errors import InputError
-from rlgcomp.files import from_json, sha256, write_json
+from rlgcomp.files import from_json, sha256, write_result
 from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.report.messages import Message
@@ -225,10 +225,23 @@ def triad_content(
     }
 
 
-def write_calibration(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write a calibration file, whole or not at all."""
+def write_calibration(path: str | Path, content: Mapping[str, Any], *, overwrite: bool = False) -> None:
+    """Write a calibration file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    content : mapping
+    overwrite : bool
+        Whether a file that is no result of this package is replaced.
+
+    Raises
+    ------
+    InputError
+        The content is no calibration, or the file may not be replaced.
+    """
     Calibration.from_mapping(content)
-    write_json(path, dict(content))
+    write_result(path, content, overwrite=overwrite)
 
 
 def _number(value: Any, name: str, low: float, high: float) -> float:

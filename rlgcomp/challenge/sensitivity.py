@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -28,6 +29,7 @@ from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
+from rlgcomp.numerics.worker_processes import end_with
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.plugins import LoadedFirst
@@ -246,7 +248,7 @@ def sensitivity(
         remarks.append(message("challenge.equal_trials", made=len(plans), planned=len(strengths) * draws, mechanism=mechanism))
     files = LoadedFirst.of(catalogue.values())
     work = (
-        joblib.delayed(_trial)(files, simulator, runs, made, strength, gyro, catalogue)
+        joblib.delayed(_trial)(os.getpid(), files, simulator, runs, made, strength, gyro, catalogue)
         for made, strength in zip(plans, sizes, strict=True)
     )
     trials = tuple(_counted(joblib.Parallel(n_jobs=jobs, return_as="generator")(work), 1 + len(plans), progress))
@@ -322,6 +324,7 @@ def _checked(
 
 
 def _trial(
+    parent: int,
     files: LoadedFirst,
     simulator: Simulator,
     runs: Sequence[Recording],
@@ -330,6 +333,7 @@ def _trial(
     gyro: str | None,
     catalogue: Mapping[str, type[Mechanism]],
 ) -> Trial:
+    end_with(parent)
     del files  # a worker loads them on receiving this
     mechanism, number = made
     errors = contributions(mechanism, runs, number)

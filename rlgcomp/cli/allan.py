@@ -17,12 +17,12 @@ from rlgcomp.cli.base import (
     PulseArcsec,
     command,
     interval_of,
-    notify,
     progress,
     read_runs,
     require_folder,
 )
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.ending import notify
+from rlgcomp.cli.show import show_json, show_table, show_text
 
 FILES: Final = ("allan.csv", "coefficients.json", "allan.png")
 
@@ -163,16 +163,16 @@ def _show(analysis: Any) -> None:
     show_table(
         f"{analysis.gyro}: {analysis.deviation.estimator} estimator, mean {analysis.mean_deg_h:.6g} deg/h", table.to_dict("records")
     )
-    typer.echo()
+    show_text()
     rows = [
         {"coefficient": name, "value ± standard error": coefficient_text(value, sd)}
         for name, value, sd in analysis.coefficients.to_frame().itertuples(index=False)
     ]
     show_table("Five noises", rows)
-    typer.echo()
+    show_text()
     for finding in analysis.findings:
-        typer.echo(f"- {finding}")
-    typer.echo()
+        show_text(f"- {finding}")
+    show_text()
 
 
 def _write(out: Path, analyses: list[Any], title: str) -> None:

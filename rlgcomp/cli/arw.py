@@ -7,8 +7,9 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, notify, progress, read_runs, require_folder
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder
+from rlgcomp.cli.ending import notify
+from rlgcomp.cli.show import show_json, show_table, show_text
 from rlgcomp.errors import InputError
 
 FILES: Final = ("arw.json", "arw.csv", "*_deg_s_orders.csv", "*_deg_s_allan.csv", "*_deg_s_*.svg")
@@ -53,14 +54,14 @@ def arw(
         show_json(result.to_mapping())
         return
     show_table("Angle random walk N, 10⁻⁵ deg/√h, ± one standard deviation", [_row(one) for one in result.gyros])
-    typer.echo()
+    show_text()
     show_table("Other coefficients, from the five-term fit of the Allan deviation", [_coefficients(one) for one in result.gyros])
-    typer.echo()
+    show_text()
     if result.delay is not None:
         delay = result.delay
-        typer.echo(f"- The encoder lags by {1e3 * delay.delay_s:.4f} ± {1e3 * delay.sd_s:.4f} ms ({delay.source}).")
+        show_text(f"- The encoder lags by {1e3 * delay.delay_s:.4f} ± {1e3 * delay.sd_s:.4f} ms ({delay.source}).")
     for remark in result.remarks:
-        typer.echo(f"- {remark}")
+        show_text(f"- {remark}")
 
 
 def _row(one: Any) -> dict[str, Any]:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import functools
 import logging
 import math
-import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +15,7 @@ import typer
 from typer.core import TyperCommand
 
 from rlgcomp import __version__
+from rlgcomp.cli.ending import ending, notify
 from rlgcomp.errors import InputError
 
 app = typer.Typer(
@@ -28,8 +27,6 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-BAD_INPUT, INTERNAL_FAULT, INTERRUPTED = 2, 1, 130
-_OF_THE_DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS)
 
 Runs = Annotated[
     list[str],
@@ -54,6 +51,7 @@ MechanismFiles = Annotated[
 OnlyOwn = Annotated[
     bool, typer.Option("--only-mechanisms", help="Try those of --mechanisms alone, none of the catalogue: for what is no gyro.")
 ]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output file even if rlgcomp did not write it.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
 
@@ -81,32 +79,9 @@ def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[...
         @functools.wraps(function)
         def run(*args: Any, **kwargs: Any) -> None:
             _log_to_stderr()
-            try:
+            with ending():
                 _require_numbers(kwargs)
                 function(*args, **kwargs)
-            except InputError as error:
-                notify(f"error: {error}")
-                raise typer.Exit(BAD_INPUT) from None
-            except BrokenPipeError:
-                with contextlib.suppress(OSError):
-                    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-                raise typer.Exit(0) from None
-            except KeyboardInterrupt:
-                notify("stopped; nothing half-written was left behind")
-                raise typer.Exit(INTERRUPTED) from None
-            except (typer.Exit, typer.BadParameter):
-                raise
-            except Exception as error:
-                if os.environ.get("RLGCOMP_DEBUG"):
-                    raise
-                if isinstance(error, OSError) and error.errno in _OF_THE_DISK:
-                    where = f" {error.filename}" if error.filename else ""
-                    notify(f"error: cannot write{where}: {error.strerror}; make room or give another folder; no file is incomplete")
-                    raise typer.Exit(BAD_INPUT) from None
-                notify(
-                    f"internal fault: {type(error).__name__}: {error}\nPlease report it; RLGCOMP_DEBUG=1 shows where it happened."
-                )
-                raise typer.Exit(INTERNAL_FAULT) from None
 
         app.command(name, cls=_with_list_options(several) if several else None)(run)
         return run
@@ -242,8 +217,16 @@ def require_folder(out: Path, writes: Sequence[str], *read: str | Path | Sequenc
             require_apart(out, text, text.rpartition("@")[0], text.rpartition(":")[0])
 
 
-def require_recording(out: Path, *read: str | Path | Sequence[str | Path] | None) -> None:
+def require_recording(out: Path, *read: str | Path | Sequence[str | Path] | None, overwrite: bool = False) -> None:
     """Raise unless a command can write a recording of this name; called before the work.
+
+    Parameters
+    ----------
+    out : Path
+    *read : str, path, sequence of them, or None
+        Inputs of the command.
+    overwrite : bool
+        Whether a file that rlgcomp did not write may be replaced.
 
     Raises
     ------
@@ -252,7 +235,7 @@ def require_recording(out: Path, *read: str | Path | Sequence[str | Path] | None
     """
     from rlgcomp.recording.formats import require_recordable, written_beside
 
-    require_recordable(out)
+    require_recordable(out, overwrite=overwrite)
     for file in written_beside(out):
         require_unread(file, *read)
 
@@ -271,11 +254,6 @@ def require_unread(out: Path, *read: str | Path | Sequence[str | Path] | None) -
         for file in [inputs] if isinstance(inputs, str | Path) else inputs or []:
             if same_file(out, file) or same_file(out, interval_of(str(file))[0]):
                 raise InputError(f"{out} would be overwritten, and it is read: {file}; give another name with --out")
-
-
-def notify(text: str) -> None:
-    """Print a message for people on standard error."""
-    typer.echo(text, err=True)
 
 
 @contextlib.contextmanager

@@ -12,16 +12,17 @@ from rlgcomp.cli.base import (
     AsJson,
     Drop,
     Map,
+    Overwrite,
     PulseArcsec,
     Runs,
     command,
-    notify,
     progress,
     read_runs,
     require_folder,
     require_unread,
 )
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.ending import notify
+from rlgcomp.cli.show import show_json, show_table, show_text
 
 
 @command("calibrate")
@@ -41,6 +42,7 @@ def calibrate(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Bias, scale factors and misalignments of a triad from runs on a two-axis table (three steps, or any others).
@@ -52,12 +54,13 @@ def calibrate(
     """
     from rlgcomp.calibration.file import write_calibration
     from rlgcomp.calibration.triad.calibrate import calibrate_turntable
-    from rlgcomp.files import require_writable, whole_folder
+    from rlgcomp.files import is_result, require_replaceable, require_writable, whole_folder
     from rlgcomp.report.calibration import write_calibration_report
     from rlgcomp.units import value_and_sd
 
     require_unread(out, runs)
     require_writable(out)
+    require_replaceable(out, overwrite=overwrite, written=is_result)
     writes = ["curves.csv", "report.html"]
     if report is not None:
         if out.resolve().parent == report.resolve():
@@ -75,7 +78,7 @@ def calibrate(
     if report is not None:
         with whole_folder(report, writes=writes) as folder:
             write_calibration_report(folder, calibration)
-    write_calibration(out, calibration.content)
+    write_calibration(out, calibration.content, overwrite=overwrite)
     if as_json:
         show_json(calibration.content)
         return
@@ -116,5 +119,5 @@ def calibrate(
         ],
     )
     for remark in calibration.remarks:
-        typer.echo(f"- {remark.text}")
+        show_text(f"- {remark.text}")
     notify(f"{out}: written; give it to train, evaluate and compensate with --calibration {out}")

@@ -17,17 +17,18 @@ from rlgcomp.cli.base import (
     Gyro,
     Jobs,
     Map,
+    Overwrite,
     PeriodS,
     PulseArcsec,
     Runs,
     calibrated_name,
     command,
-    notify,
     progress,
     read_runs,
     require_folder,
     require_recording,
 )
+from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
 
 if TYPE_CHECKING:
@@ -275,6 +276,7 @@ def compensate(
     pulse_arcsec: PulseArcsec = None,
     period_s: PeriodS = None,
     calibration: CalibrationFile = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """A corrected recording: the gyro less its estimated bias, and how far that may be off.
@@ -311,7 +313,7 @@ def compensate(
             show_json(summary.to_mapping())
         notify(summary.message.text)
         raise typer.Exit(summary.exit_code)
-    require_recording(out, run, calibration)
+    require_recording(out, run, calibration, overwrite=overwrite)
     compensator = load(model)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])
@@ -319,7 +321,7 @@ def compensate(
     for remark in remarks:
         notify(remark.text)
     corrected = compensator.correct(recording)
-    write(corrected, out)
+    write(corrected, out, overwrite=overwrite)
     outside = float(corrected.column("compensation_out_of_range").mean())
     if as_json:
         show_json(

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, MechanismFiles, command, notify, progress, require_folder
+from rlgcomp.cli.base import AsJson, MechanismFiles, command, progress, require_folder
+from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Jobs, command, notify, progress, require_folder
-from rlgcomp.cli.show import show_evaluation, show_json, show_table
+from rlgcomp.cli.base import AsJson, Jobs, command, progress, require_folder
+from rlgcomp.cli.ending import notify
+from rlgcomp.cli.show import show_evaluation, show_json, show_table, show_text
 
 if TYPE_CHECKING:
     from rlgcomp.diagnosis.result import Diagnosis
@@ -85,7 +86,7 @@ def demo(
         show_json(evaluation.to_mapping() | {"concealed": concealed, "diagnosis": diagnosis.to_mapping()})
         return
     show_evaluation(evaluation)
-    typer.echo(f"\nConcealed from the simulator: {concealed}. {diagnosis.sentence}\n")
+    show_text(f"\nConcealed from the simulator: {concealed}. {diagnosis.sentence}\n")
     show_table("Findings", _findings(diagnosis))
     notify(
         f"\n{out}/\n"

@@ -24,12 +24,12 @@ from rlgcomp.cli.base import (
     candidates_of,
     command,
     interval_of,
-    notify,
     progress,
     read_runs,
     require_folder,
 )
-from rlgcomp.cli.show import show_json
+from rlgcomp.cli.ending import notify
+from rlgcomp.cli.show import show_json, show_text
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -160,7 +160,7 @@ def diagnose(
     if as_json:
         show_json(diagnosis.to_mapping())
         return
-    typer.echo(str(diagnosis))
+    show_text(str(diagnosis))
     notify(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
 
 

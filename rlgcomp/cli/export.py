@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, notify, read_runs, require_folder
+from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, require_folder
+from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_remarks, show_table
 
 

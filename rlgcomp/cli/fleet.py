@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Jobs, command, notify, progress
+from rlgcomp.cli.base import AsJson, Jobs, command, progress
+from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rlgcomp.cli.base import AsJson, MechanismFiles, command
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.show import show_json, show_table, show_text
 from rlgcomp.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,9 +43,9 @@ def mechanisms(
     else:
         (form,) = chosen
         about = _headline(form)
-        typer.echo(f"{form.name} ({form.kind}){': ' if about else ''}{about}\n\n  {form.equation}\n\n  {form.reference}\n")
+        show_text(f"{form.name} ({form.kind}){': ' if about else ''}{about}\n\n  {form.equation}\n\n  {form.reference}\n")
         if form.drivers:
-            typer.echo(f"It reads {', '.join(form.drivers)}.\n")
+            show_text(f"It reads {', '.join(form.drivers)}.\n")
         if form.parameters():
             show_table("Parameters", [_row(parameter) for parameter in form.parameters()])
         for parameter in form.parameters():

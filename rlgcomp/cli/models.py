@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import BAD_INPUT, AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, notify, read_runs
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs
+from rlgcomp.cli.ending import BAD_INPUT, notify
+from rlgcomp.cli.show import show_json, show_table, show_text
 
 
 @command("models", several=["--on"])
@@ -57,7 +58,7 @@ def models(
             rows = registry.to_mapping()["comparison"]
             show_table("Compared on the runs", [{key: row[key] for key in row if key != "trained_on"} for row in rows])
         for remark in registry.remarks:
-            typer.echo(f"- {remark.text}")
+            show_text(f"- {remark.text}")
     for entry in registry.refused:
         notify(f"{entry.name}: {entry.problem or '; '.join(entry.code)}")
     if registry.refused:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import typer
-
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, notify, read_runs
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, read_runs
+from rlgcomp.cli.ending import notify
+from rlgcomp.cli.show import show_json, show_table, show_text
 
 
 @command("inspect")
@@ -26,11 +25,11 @@ def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: Pu
         return
     for summary in summaries:
         unit = f", unit {summary['unit']}" if summary["unit"] else ""
-        typer.echo(
+        show_text(
             f"{summary['name']}: {summary['kind']}{unit}, {summary['rows']} rows every {summary['period_s']:.6g} s, "
             f"{summary['hours']:.2f} h, {summary['gaps']} gaps\n"
         )
         for title, key in (("Gyros", "gyros"), ("Columns", "columns"), ("Thermal legs", "legs")):
             if summary[key]:
                 show_table(title, summary[key])
-                typer.echo()
+                show_text()

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, PulseArcsec, Runs, command, notify, read_runs, require_unread
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, Overwrite, PulseArcsec, Runs, command, read_runs, require_unread
+from rlgcomp.cli.ending import notify
+from rlgcomp.cli.show import show_json, show_table, show_text
 
 if TYPE_CHECKING:
     from rlgcomp.calibration.scale_factor_calibration import ScaleFactorCalibration
@@ -39,6 +40,7 @@ def scale_factor(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Scale factor of a rate-biased gyro, corrected for its mounting angle.
@@ -50,11 +52,12 @@ def scale_factor(
     Example: `rlgcomp scale-factor turning.parquet position*.parquet --out scale-factor.json`
     """
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
-    from rlgcomp.files import require_writable, write_json
+    from rlgcomp.files import is_result, require_replaceable, require_writable, write_result
 
     if out is not None:
         require_unread(out, runs)
         require_writable(out)
+        require_replaceable(out, overwrite=overwrite, written=is_result)
     errors = _stated(stated or [])
     calibration = calibrate_scale_factor(
         read_runs(runs, mapping, drop, pulse_arcsec, history=False),
@@ -66,7 +69,7 @@ def scale_factor(
         errors=errors,
     )
     if out is not None:
-        write_json(out, calibration.to_mapping())
+        write_result(out, calibration.to_mapping(), overwrite=overwrite)
     if as_json:
         show_json(calibration.to_mapping())
         return
@@ -122,11 +125,11 @@ def _show(calibration: ScaleFactorCalibration) -> None:
                 for row in frame.itertuples()
             ],
         )
-        typer.echo(f"- {calibration.rates.repeatability}")
+        show_text(f"- {calibration.rates.repeatability}")
     if calibration.lock_in is not None:
         fit = calibration.lock_in
         sd = "" if math.isnan(fit.lock_in_sd_deg_s) else f" ± {fit.lock_in_sd_deg_s:.1g}"
-        typer.echo(f"- lock-in {fit.lock_in_deg_s:.5f}{sd} deg/s; {fit.assessment}")
+        show_text(f"- lock-in {fit.lock_in_deg_s:.5f}{sd} deg/s; {fit.assessment}")
     if calibration.mounting is not None and calibration.budget is not None:
         mounting, budget = calibration.mounting, calibration.budget
         show_table(
@@ -151,8 +154,8 @@ def _show(calibration: ScaleFactorCalibration) -> None:
             ],
         )
         sd = "" if math.isnan(calibration.relative_sd) else f", relative standard error {calibration.relative_sd:.2g}"
-        typer.echo(
+        show_text(
             f"K = {calibration.scale_arcsec:.9f} arcsec/pulse{sd}; {budget.scale_per_arcsec:.2g} of it for an arcsec of theta"
         )
     for remark in calibration.remarks:
-        typer.echo(f"- {remark.text}")
+        show_text(f"- {remark.text}")

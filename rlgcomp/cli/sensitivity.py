@@ -19,12 +19,12 @@ from rlgcomp.cli.base import (
     Runs,
     candidates_of,
     command,
-    notify,
     progress,
     read_runs,
     require_folder,
 )
-from rlgcomp.cli.show import show_json, show_table
+from rlgcomp.cli.ending import notify
+from rlgcomp.cli.show import show_json, show_table, show_text
 from rlgcomp.cli.simulation import SimulatorFile
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def sensitivity(
             for row in result.to_frame().to_dict("records")
         ],
     )
-    typer.echo(f"{result.meaning}\n")
+    show_text(f"{result.meaning}\n")
     lines = []
     for criterion, curve in (("detected", result.detection), ("named or in its class", result.naming)):
         for share, size, interval in (("50 %", curve.s50, curve.s50_interval), ("90 %", curve.s90, curve.s90_interval)):
@@ -128,7 +128,7 @@ def sensitivity(
             )
     show_table("Smallest effect found", lines)
     for remark in result.remarks:
-        typer.echo(f"- {remark.text}")
+        show_text(f"- {remark.text}")
 
 
 def _two_digits(number: float) -> float:

@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from rlgcomp.cli.ending import printable
+
 if TYPE_CHECKING:
     from rlgcomp.report.messages import Message
+
+
+def show_text(text: str = "") -> None:
+    """Print a line for people on standard output."""
+    typer.echo(printable(text))
 
 
 def show_json(value: Any) -> None:
     """Print a result for machines on standard output; messages in it as code, data and text."""
     from rlgcomp.files import to_json
 
-    typer.echo(to_json(_plain(value)))
+    text = to_json(_plain(value))
+    try:
+        text.encode(sys.stdout.encoding or "ascii")
+    except UnicodeError:  # a terminal of another encoding: escapes of JSON instead
+        text = json.dumps(json.loads(text), indent=2)
+    typer.echo(text)
 
 
 def show_remarks(remarks: Iterable[Message | str]) -> None:
     """Print remarks as a list on standard output."""
     for remark in remarks:
-        typer.echo(f"- {remark}")
+        show_text(f"- {remark}")
 
 
 def _plain(value: Any) -> Any:
@@ -43,10 +56,10 @@ def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     from rich.table import Table
     from rich.text import Text  # a str would be searched for markup, as which names in brackets would pass
 
-    table = Table(title=Text(title, style="bold"), title_justify="left", header_style="bold", box=None, pad_edge=False)
+    table = Table(title=Text(printable(title), style="bold"), title_justify="left", header_style="bold", box=None, pad_edge=False)
     columns = list(rows[0]) if rows else []
     for column in columns:
-        table.add_column(Text(column), justify="left" if isinstance(rows[0][column], str) else "right", overflow="fold")
+        table.add_column(Text(printable(column)), justify="left" if isinstance(rows[0][column], str) else "right", overflow="fold")
     for row in rows:
         table.add_row(*(Text(_cell(row[column])) for column in columns))
     console = Console(width=None if sys.stdout.isatty() else 160)
@@ -82,4 +95,4 @@ def _cell(value: Any) -> str:
             if abs(value) >= 1e-4
             else f"{value:.3g}"
         )
-    return str(value)
+    return printable(str(value))

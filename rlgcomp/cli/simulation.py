@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, PulseArcsec, command, notify, read_runs, require_recording
+from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, Overwrite, PulseArcsec, command, read_runs, require_recording
+from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
     step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
     mechanisms: MechanismFiles = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Make a recording, with each mechanism's contribution kept as truth (columns truth_...).
@@ -48,10 +50,10 @@ def simulate(
     from rlgcomp.recording.formats import write
     from rlgcomp.simulation.simulator import Simulator
 
-    require_recording(out, simulator, mechanisms)
+    require_recording(out, simulator, mechanisms, overwrite=overwrite)
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
     recording = made.simulate(profile, seed=seed, step_s=step_s, name=out.stem)
-    write(recording, out)
+    write(recording, out, overwrite=overwrite)
     remarks = _extrapolations(made, recording)
     truth = recording.truth
     if as_json:
@@ -83,6 +85,7 @@ def predict(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """The gyro that a simulator expects, given a recording's own monitors: the same rows, without noise.
@@ -96,12 +99,12 @@ def predict(
     from rlgcomp.recording.outliers import without_monitor_outliers
     from rlgcomp.simulation.simulator import Simulator
 
-    require_recording(out, simulator, mechanisms, run)
+    require_recording(out, simulator, mechanisms, run, overwrite=overwrite)
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
     recording, remarks = without_monitor_outliers(recording, made.driver_columns(recording))
     predicted = made.predict(recording)
-    write(predicted, out)
+    write(predicted, out, overwrite=overwrite)
     for remark in remarks:
         logger.warning("%s", remark)
     extrapolations = _extrapolations(made, recording)

@@ -92,7 +92,9 @@ def write(path: str | Path, artefact: Artefact, card: str) -> None:
     with whole_folder(path, writes=FILES) as folder:
         (folder / "arrays").mkdir()
         for name, values in artefact.arrays.items():
-            np.save(folder / "arrays" / f"{name}.npy", np.ascontiguousarray(values, dtype="<f8"), allow_pickle=False)
+            content = io.BytesIO()  # on a full disk NumPy counts bytes instead of naming the disk
+            np.save(content, np.ascontiguousarray(values, dtype="<f8"), allow_pickle=False)
+            (folder / "arrays" / f"{name}.npy").write_bytes(content.getbuffer())
         (folder / MANIFEST).write_text(to_json(manifest) + "\n", encoding="utf-8")
         artefact.selection.to_csv(folder / SELECTION, index=False)
         (folder / CARD).write_text(card, encoding="utf-8")

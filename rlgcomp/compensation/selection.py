@@ -1,7 +1,7 @@
 """Selection of a model's parameters by leaving runs out: in parallel, with progress, and resumable after a kill.
 
-The scores of each batch of candidates are appended to a journal, one JSON line; a second run with the same data and grid resumes
-from it. The journal begins with a fingerprint of data, folds and grid, so that a stale one is ignored.
+The scores of each batch of candidates are appended to a journal, one JSON line with its checksum; a second run with the same data
+and grid resumes from it. The journal begins with a fingerprint of data, folds and grid, so that a stale one is ignored.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import functools
 import hashlib
 import json
 import logging
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
@@ -24,8 +25,10 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from rlgcomp.compensation.models.specification import Candidates, Labels, ModelSpecification
-from rlgcomp.files import to_json
+from rlgcomp.errors import InputError
+from rlgcomp.files import from_json, to_json
 from rlgcomp.numerics.compiled import blas_threads
+from rlgcomp.numerics.worker_processes import end_with
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
@@ -106,7 +109,7 @@ def select(
         (only,) = specification.rmse(model, [{}], X, y, groups).tolist()
         return Selection({}, only, pd.DataFrame({"rmse": [only], "chosen": [True]}))
     fingerprint = _fingerprint(specification, model, batches, X, y, groups) if journal is not None else ""
-    scores = _read_journal(journal, fingerprint)
+    scores = _read_journal(journal, fingerprint, [len(batch) for batch in batches])
     if scores and journal is not None:
         logger.info("resuming: %d of %d batches of the search are in %s", len(scores), len(batches), journal)
     # the least smooth, which take the longest, are first, so that no worker ends late with one of them
@@ -118,7 +121,7 @@ def select(
         work = [functools.partial(_score, k, specification, model, batches[k], X, y, groups) for k in waiting]
         for k, score in in_parallel(work, max(1, min(joblib.effective_n_jobs(n_jobs), len(waiting)))):
             scores[k] = score
-            append({"piece": k, "rmse": score})
+            append(k, score)
             if progress:
                 progress(len(scores), len(batches))
     rows = [{**candidate, "rmse": rmse} for k in range(len(batches)) for candidate, rmse in zip(batches[k], scores[k], strict=True)]
@@ -146,10 +149,11 @@ def _in_threads(work: Sequence[Work], workers: int) -> Iterator[Scored]:
 
 def _in_processes(work: Sequence[Work], workers: int) -> Iterator[Scored]:
     pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", prefer="processes")
-    yield from pool(joblib.delayed(_one_thread)(piece) for piece in work)
+    yield from pool(joblib.delayed(_one_thread)(os.getpid(), piece) for piece in work)
 
 
-def _one_thread(piece: Work) -> Scored:
+def _one_thread(parent: int, piece: Work) -> Scored:
+    end_with(parent)
     with threadpool_limits(1):
         return piece()
 
@@ -163,35 +167,48 @@ def _fingerprint(
     return digest.hexdigest()
 
 
-def _read_journal(journal: Path | None, fingerprint: str) -> dict[int, list[float]]:
+def _read_journal(journal: Path | None, fingerprint: str, sizes: Sequence[int]) -> dict[int, list[float]]:
+    """Scores of the batches, of so many candidates each, whose lines are whole: their checksums are checked."""
     if journal is None or not journal.exists():
         return {}
-    scores = {}
-    lines = journal.read_text(encoding="utf-8").splitlines()
-    with contextlib.suppress(ValueError, KeyError, TypeError):  # a last line cut short by a kill is done again
-        if not lines or json.loads(lines[0])["fingerprint"] != fingerprint:
+    if not journal.is_file():
+        raise InputError(f"{journal}, which would hold the finished part of the search, is no file; move it away")
+    scores: dict[int, list[float]] = {}
+    lines = journal.read_bytes().splitlines()
+    with contextlib.suppress(ValueError, KeyError, TypeError):  # a line that a kill or a fault of the disk damaged is done again
+        if not lines or from_json(lines[0])["fingerprint"] != fingerprint:
             return {}
-        for line in lines[1:]:
-            entry = json.loads(line)
-            scores[int(entry["piece"])] = [float(value) for value in entry["rmse"]]
+    for line in lines[1:]:
+        with contextlib.suppress(ValueError, KeyError, TypeError):
+            entry = from_json(line)
+            k, rmse = entry["piece"], entry["rmse"]
+            if entry["sha256"] == _line_digest(fingerprint, k, rmse) and 0 <= k < len(sizes) and len(rmse) == sizes[k]:
+                scores[k] = rmse
     return scores
+
+
+def _line_digest(fingerprint: str, k: int, rmse: Sequence[float]) -> str:
+    return hashlib.sha256(f"{fingerprint} {k} {[float(value) for value in rmse]!r}".encode()).hexdigest()
 
 
 @contextlib.contextmanager
 def _appending(
     journal: Path | None, fingerprint: str, scores: dict[int, list[float]]
-) -> Iterator[Callable[[dict[str, Any]], None]]:
+) -> Iterator[Callable[[int, list[float]], None]]:
     """Rewrite the journal with the known scores, and yield a function that appends to it."""
     if journal is None:
-        yield lambda entry: None
+        yield lambda k, rmse: None
         return
     with journal.open("w", encoding="utf-8") as stream:
 
-        def append(entry: dict[str, Any]) -> None:
+        def write(entry: dict[str, Any]) -> None:
             stream.write(to_json(entry, indent=None) + "\n")
             stream.flush()
 
-        append({"fingerprint": fingerprint})
+        def append(k: int, rmse: list[float]) -> None:
+            write({"piece": k, "rmse": rmse, "sha256": _line_digest(fingerprint, k, rmse)})
+
+        write({"fingerprint": fingerprint})
         for k, rmse in scores.items():
-            append({"piece": k, "rmse": rmse})
+            append(k, rmse)
         yield append

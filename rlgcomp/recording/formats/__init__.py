@@ -1,7 +1,8 @@
 """Reading and writing recordings. One file here = one file format; to add one, write it and name it in `FORMATS`.
 
-A format is a module with three names: `SUFFIXES`, the endings it answers to; `load(path) -> (table, metadata mapping)`; and
-`save(path, table, metadata mapping)`. What all formats share stands in this file: column mapping, repair, truth, whole writing.
+A format is a module with four names: `SUFFIXES`, the endings it answers to; `load(path) -> (table, metadata mapping)`;
+`save(path, table, metadata mapping)`; and `is_written(path)`, whether `save` wrote the file. What all formats share stands in this
+file: column mapping, repair, truth, whole writing.
 """
 
 from __future__ import annotations
@@ -18,14 +19,17 @@ import pandas as pd
 import yaml
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import from_yaml, require_writable, whole_file, write_text
+from rlgcomp.files import from_yaml, require_replaceable, require_writable, sha256, whole_file, write_text
 from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.recording.formats import csv, hdf5, matlab, parquet
 from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable
 from rlgcomp.recording.repair import repair
+from rlgcomp.scratch import recover
 from rlgcomp.units import column_unit
 
 FORMATS: Final[tuple[ModuleType, ...]] = (parquet, csv, hdf5, matlab)
+_WRITTEN: Final = "# written by rlgcomp beside"  # first line of a .yaml that :func:`write` wrote, with the digest of its CSV file
+_LONGEST_NAME: Final = 4096  # bytes of that line
 TRUTH_PREFIX: Final = "truth_"
 TRUTH_SUFFIX: Final = "_deg_h"
 TABLE_COLUMNS: Final = ("table_rate_deg_s", "table_angle_deg")  # what has one was recorded on a turntable, unless it says otherwise
@@ -145,8 +149,16 @@ def column_names(path: str | Path) -> list[str]:
     return csv.header(path) if form is csv else [str(name) for name in form.load(path)[0].columns]
 
 
-def write(recording: Recording, path: str | Path) -> None:
+def write(recording: Recording, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a recording, whole or not at all; the ending of `path` chooses the format.
+
+    Parameters
+    ----------
+    recording : Recording
+    path : path
+        Another recording that this package wrote is replaced.
+    overwrite : bool
+        Whether a file that this package did not write is replaced as well.
 
     Raises
     ------
@@ -154,31 +166,52 @@ def write(recording: Recording, path: str | Path) -> None:
         As :func:`require_recordable`.
     """
     path = Path(path)
-    require_recordable(path)
+    require_recordable(path, overwrite=overwrite)
     form = _format_of(path)
     table = recording.table
     if recording.truth is not None:
         truth = recording.truth.rename(columns=lambda mechanism: f"{TRUTH_PREFIX}{mechanism}{TRUTH_SUFFIX}")
         table = pd.concat([table, truth], axis=1)
     metadata = recording.metadata.to_mapping()
-    with whole_file(path) as scratch:
+    with whole_file(path, overwrite=overwrite, written=is_written) as scratch:
         form.save(scratch, table, metadata)
-    if form is csv:
-        write_sidecar(path, metadata)
+        if form is csv:
+            sidecar(scratch).write_text(_sidecar_text(path, metadata, sha256(scratch)), encoding="utf-8")
 
 
-def require_recordable(path: Path) -> None:
+def is_written(path: Path) -> bool:
+    """Whether this package wrote a recording's file, and a CSV file was not changed since."""
+    form = _format_of(path)
+    if form is not csv:
+        return bool(form.is_written(path))
+    try:
+        with sidecar(path).open(encoding="utf-8") as stream:
+            first = stream.readline(_LONGEST_NAME).rstrip("\n")
+        return first.startswith(_WRITTEN) and first.endswith(sha256(path))
+    except (OSError, UnicodeError):
+        return False
+
+
+def require_recordable(path: Path, *, overwrite: bool = False) -> None:
     """Raise unless a recording of this name could be written: for use before the work.
+
+    Parameters
+    ----------
+    path : Path
+    overwrite : bool
+        As of :func:`write`.
 
     Raises
     ------
     InputError
-        The ending is unknown, the place cannot be written to, or the .yaml beside it is something else.
+        The ending is unknown, the place cannot be written to, or the file or the .yaml beside it exists and this package did not
+        write it.
     """
     form = _format_of(path)
     require_writable(path)
+    require_replaceable(path, overwrite=overwrite, written=is_written)
     if form is csv:
-        require_sidecar(path)
+        require_sidecar(path, overwrite=overwrite)
 
 
 def written_beside(path: Path) -> tuple[Path, ...]:
@@ -186,30 +219,41 @@ def written_beside(path: Path) -> tuple[Path, ...]:
     return (path, sidecar(path)) if _format_of(path) is csv else (path,)
 
 
-def require_sidecar(path: Path) -> None:
-    """Raise where the .yaml beside a recording that is to be written holds what :func:`write_sidecar` never wrote.
+def require_sidecar(path: Path, *, overwrite: bool = False) -> None:
+    """Raise where the .yaml beside a recording that is to be written is not one that this package wrote.
 
     Raises
     ------
     InputError
-        It does; it may be a simulator's file.
+        It is something else; it may be a simulator's file.
     """
     file = sidecar(path)
     try:
         foreign = sorted(read_sidecar(path).keys() - {field.name for field in dataclasses.fields(Metadata)})
         unreadable = file.exists() and not file.is_file()
-    except (InputError, OSError):
-        foreign, unreadable = [], True
+        written = not file.exists() or overwrite or file.read_text(encoding="utf-8").startswith(_WRITTEN)
+    except (InputError, OSError, UnicodeError):
+        foreign, unreadable, written = [], True, False
     if foreign or unreadable:
         holds = f" that was written here: it holds {', '.join(foreign)}" if foreign else ""
         raise InputError(
             f"{file}, which would hold the metadata of {path.name}, exists and is no recording's metadata{holds}; give another name"
         )
+    if not written:
+        raise InputError(
+            f"{file}, which would hold the metadata of {path.name}, exists and rlgcomp did not write it, so it is left untouched; "
+            "give another name, or --overwrite"
+        )
 
 
 def write_sidecar(path: Path, metadata: Mapping[str, Any]) -> None:
-    """Write the .yaml beside a recording."""
-    write_text(sidecar(path), yaml.safe_dump(dict(metadata), sort_keys=False, allow_unicode=True))
+    """Write the .yaml beside a recording that grows."""
+    write_text(sidecar(path), _sidecar_text(path, metadata, "of a file that grows"))
+
+
+def _sidecar_text(path: Path, metadata: Mapping[str, Any], digest: str) -> str:
+    stated = yaml.safe_dump(dict(metadata), sort_keys=False, allow_unicode=True)
+    return f"{_WRITTEN} {path.name}, SHA-256 {digest}\n{stated}"
 
 
 def column_mapping(sidecar_values: dict[str, Any], path: Path) -> dict[str, str]:
@@ -260,6 +304,8 @@ def _format_of(path: Path) -> ModuleType:
 def _readable(path: Path) -> ModuleType:
     """The format of a file that is there and holds something."""
     form = _format_of(path)
+    if form is csv:
+        recover(path.absolute().parent, reading=path.name)
     if not path.exists():
         raise InputError(f"{path} does not exist")
     if path.is_dir():

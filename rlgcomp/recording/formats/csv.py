@@ -90,6 +90,12 @@ def _pandas(path: Path, **named: Any) -> Any:
     )
 
 
+def is_written(path: Path) -> bool:
+    """Never: a CSV file does not say who wrote it; the .yaml beside it does."""
+    del path
+    return False
+
+
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
     """Write the table with 17 significant digits, so that reading gives the same bits back."""
     del metadata  # the caller writes it beside

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,14 +41,27 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     return table[sorted(table.columns, key=lambda column: order.index(column) if column in order else len(order))], metadata
 
 
-def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
-    """Write one compressed dataset a column."""
+def is_written(path: Path) -> bool:
+    """Whether :func:`save` wrote a file."""
     import h5py
 
-    with h5py.File(path, "w") as file:
+    try:
+        with h5py.File(path, "r") as file:
+            return _ATTRIBUTE in file.attrs
+    except Exception:  # noqa: BLE001  a damaged file can make the reader fail in any way
+        return False
+
+
+def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
+    """Write one compressed dataset a column, first to memory: on a full disk the library ends the process instead of failing."""
+    import h5py
+
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
         file.attrs[_ATTRIBUTE] = to_json({**metadata, _COLUMNS: list(table.columns)}, indent=None)
         for column in table.columns:
             file.create_dataset(column, data=table[column].to_numpy(dtype=np.float64), compression="gzip", compression_opts=4)
+    path.write_bytes(content.getbuffer())
 
 
 def _plain(value: Any) -> Any:

@@ -47,6 +47,16 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     return hdf5.commonest_length(columns, path), metadata
 
 
+def is_written(path: Path) -> bool:
+    """Whether :func:`save` wrote a file."""
+    from scipy.io import whosmat
+
+    try:
+        return any(name == _METADATA for name, _, _ in whosmat(path))
+    except Exception:  # noqa: BLE001  a damaged file can make the reader fail in any way
+        return False
+
+
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
     """Write one variable a column.
 

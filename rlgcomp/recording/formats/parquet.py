@@ -66,6 +66,16 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
         raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
 
 
+def is_written(path: Path) -> bool:
+    """Whether :func:`save` wrote a file."""
+    from pyarrow import parquet
+
+    try:
+        return _KEY in (parquet.read_schema(path).metadata or {})
+    except Exception:  # noqa: BLE001  a damaged file can make the reader fail in any way
+        return False
+
+
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
     """Write table and metadata."""
     import pyarrow

@@ -1,0 +1,24 @@
+"""Worker processes that end with the process that started them, also where that one was killed."""
+
+from __future__ import annotations
+
+import functools
+import os
+import threading
+import time
+from typing import Final
+
+_POLL_S: Final = 0.5
+
+
+@functools.cache
+def end_with(parent: int) -> None:
+    """End this process within a second after its parent, whose number is `parent`, has ended; nothing in the parent itself."""
+    if os.getpid() != parent:
+        threading.Thread(target=_watch, args=(parent,), daemon=True, name="end_with_parent").start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:  # another process adopts an orphan
+        time.sleep(_POLL_S)
+    os._exit(1)

@@ -1,0 +1,156 @@
+"""Outputs take their names at once, and what a killed process left is finished or removed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from rlgcomp import scratch
+from rlgcomp.errors import InputError
+from rlgcomp.files import whole_file, whole_folder, write_result
+from rlgcomp.scratch import PREFIX, recover
+
+
+def names(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+STOPS = """
+import os, sys, time
+from pathlib import Path
+from rlgcomp.files import whole_file, whole_folder
+place = Path(sys.argv[1])
+with whole_folder(place / "out", writes=("mine",)) as folder, whole_file(place / "run.csv", overwrite=True) as file:
+    (folder / "mine").write_text("new")
+    file.write_text("new")
+    print(flush=True)
+    time.sleep(60)
+"""
+KILLED_BETWEEN = """
+import os, sys
+from pathlib import Path
+from rlgcomp import scratch
+from rlgcomp.files import whole_file, whole_folder
+place, last = Path(sys.argv[1]), int(sys.argv[2])
+scratch._exchange = lambda one, other: False
+calls, replace = [], os.replace
+def counted(one, other):
+    calls.append(one)
+    if len(calls) > last:
+        os.kill(os.getpid(), 9)
+    replace(one, other)
+os.replace = counted
+if sys.argv[3] == "folder":
+    with whole_folder(place / "out", writes=("mine",)) as folder:
+        (folder / "mine").write_text("new")
+else:
+    with whole_file(place / "run.csv", overwrite=True) as file:
+        file.write_text("new")
+        file.with_suffix(".yaml").write_text("new")
+"""
+
+
+def test_scratch_of_a_killed_process_is_removed_by_the_next_and_that_of_a_living_one_is_not(tmp_path: Path) -> None:
+    for number in (signal.SIGKILL, None):
+        process = subprocess.Popen([sys.executable, "-c", STOPS, str(tmp_path)], stdout=subprocess.PIPE)
+        assert process.stdout is not None
+        process.stdout.readline()
+        left = {path.name for path in tmp_path.iterdir()}
+        assert all(name.startswith(PREFIX) for name in left)
+        assert len(left) == 2
+        if number is not None:
+            process.send_signal(number)
+            process.wait()
+            assert {path.name for path in tmp_path.iterdir()} == left
+        with whole_file(tmp_path / "other") as file:
+            file.write_text("1")
+        (tmp_path / "other").unlink()
+        if number is None:
+            assert {path.name for path in tmp_path.iterdir()} == left
+            process.kill()
+        process.stdout.close()
+        process.wait()
+        recover(tmp_path)
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("last", range(5))
+@pytest.mark.parametrize("kind", ["folder", "files"])
+def test_a_kill_between_two_renames_leaves_the_old_or_the_new_whole(tmp_path: Path, kind: str, last: int) -> None:
+    (tmp_path / "out").mkdir()
+    for name in ("out/mine", "run.csv", "run.yaml"):
+        (tmp_path / name).write_text("old")
+    subprocess.run([sys.executable, "-c", KILLED_BETWEEN, str(tmp_path), str(last), kind], check=False)
+    recover(tmp_path, reading="run.csv")
+    wanted = "new" if last > 0 else "old"
+    ours = ["out/mine"] if kind == "folder" else ["run.csv", "run.yaml"]
+    assert [(tmp_path / name).read_text() for name in ours] == [wanted] * len(ours)
+    recover(tmp_path)
+    assert names(tmp_path) == {"out/mine", "run.csv", "run.yaml"}
+    assert [(tmp_path / name).read_text() for name in ours] == [wanted] * len(ours)
+
+
+def test_a_folder_is_exchanged_in_one_step_where_the_system_can(tmp_path: Path) -> None:
+    for name in "ab":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "is").write_text(name)
+    if not scratch._exchange(tmp_path / "a", tmp_path / "b"):
+        pytest.skip("this disk or system exchanges no names")
+    assert [(tmp_path / name / "is").read_text() for name in "ab"] == ["b", "a"]
+
+
+def test_a_reader_waits_for_a_living_process_that_publishes(tmp_path: Path) -> None:
+    publishing = tmp_path / f"{scratch.PUBLISHED}x"
+    publishing.mkdir()
+    (publishing / "run.csv").write_text("new")
+    lock = scratch._lock(publishing)
+    assert lock is not None
+    began = time.monotonic()
+    scratch._LONGEST_WAIT_S, before = 0.2, scratch._LONGEST_WAIT_S
+    try:
+        recover(tmp_path, reading="run.csv")
+    finally:
+        scratch._LONGEST_WAIT_S = before
+    assert 0.2 <= time.monotonic() - began < 5.0
+    assert not (tmp_path / "run.csv").exists()
+    os.close(lock)
+    recover(tmp_path, reading="run.csv")
+    assert (tmp_path / "run.csv").read_text() == "new"
+
+
+def test_a_result_replaces_another_result_alone(tmp_path: Path) -> None:
+    write_result(tmp_path / "a.json", {"schema": "rlgcomp.x/1"})
+    write_result(tmp_path / "a.json", {"schema": "rlgcomp.x/1", "more": 1})
+    for text in ("{}", '{"schema": "other"}', "no json", "[1]"):
+        (tmp_path / "a.json").write_text(text)
+        with pytest.raises(InputError, match="rlgcomp did not write it"):
+            write_result(tmp_path / "a.json", {"schema": "rlgcomp.x/1"})
+        assert (tmp_path / "a.json").read_text() == text
+    write_result(tmp_path / "a.json", {"schema": "rlgcomp.x/1"}, overwrite=True)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="no plain file"):
+        write_result(tmp_path / "pipe", {"schema": "rlgcomp.x/1"}, overwrite=True)
+
+
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with whole_folder(tmp_path / "out", writes=("mine",)) as folder:
+        (folder / "mine").write_text("old")
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    def work() -> None:
+        with whole_folder(tmp_path / "out", writes=("mine",)) as folder:
+            (folder / "mine").write_text("new")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        work()
+    assert names(tmp_path) == {"out/mine"}
+    assert (tmp_path / "out" / "mine").read_text() == "old"
