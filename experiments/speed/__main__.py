@@ -10,7 +10,8 @@ import typer
 
 from experiments.speed import chosen, growth, measure
 from experiments.speed.machine import machine
-from rlgcomp.cli.base import BAD_INPUT, AsJson, notify, progress
+from rlgcomp.cli.base import AsJson, progress
+from rlgcomp.cli.ending import BAD_INPUT, notify
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.errors import InputError
 from rlgcomp.files import require_writable, write_json
