@@ -21,5 +21,11 @@ Rooms, each importing only from those before it:
     posterior   probabilities of sets and regions
     fit         weights, predictions
     decide      what is stated: every threshold
+    simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term
+    findings    members with their parameters and their functions as tables
+    scores      runs before and after
+    record      the data of a diagnosis; remarks, text, pictures and page read it
+    result      the diagnosis as scripts use it
+    prepare     runs without outliers; a user's own simulation
     diagnose    one diagnosis from beginning to end
 """

@@ -51,13 +51,17 @@ class Baseline:
         return tuple((k, p) for k, p in enumerate(mechanism.amplitude_parameters()) if p.name not in names)
 
     def names(self) -> tuple[tuple[str, str, str], ...]:
-        """Mechanism, parameter and unit of each column that :meth:`columns` gives."""
-        found = [("", CONSTANT, "deg/h")]
+        """Mechanism, parameter and unit of each column that :meth:`columns` gives; a constant where no mechanism has one."""
+        found = [] if self._has_constant() else [("", CONSTANT, "deg/h")]
         for mechanism in self.simulator.mechanisms:
             found += [(mechanism.name, p.name, p.unit) for p in self.free(mechanism, "amplitude")]
             if mechanism.name in self.amplitudes:
                 found += [(mechanism.name, p.name, p.unit) for p in self.free(mechanism, "shape")]
         return tuple(found)
+
+    def _has_constant(self) -> bool:
+        """Whether a mechanism has the constant bias among its free amplitudes."""
+        return any(p.name == one.constant for one in self.simulator.mechanisms for p in self.free(one, "amplitude"))
 
     def stated(self, binned: Recording) -> Array:
         """What the simulator states for certain of a recording of bin means, shape (bins,)."""
@@ -71,7 +75,7 @@ class Baseline:
 
     def columns(self, run: Run) -> Array:
         """Free columns on the bins of a run, shape (bins, p): a constant, amplitudes, and derivatives by shapes."""
-        found = [np.ones((run.bins, 1))]
+        found = [np.empty((run.bins, 0)) if self._has_constant() else np.ones((run.bins, 1))]
         for mechanism in self.simulator.mechanisms:
             table = self._table(mechanism, run)
             used = [p.name for p in mechanism.amplitude_parameters()]
@@ -92,7 +96,7 @@ class Baseline:
     def linearised(self, data: Data) -> Self:
         """The same with amplitudes by least squares, at which derivatives by shapes are taken."""
         weights = np.linalg.lstsq(data.means(self.columns), data.output, rcond=1e-12)[0]
-        amplitudes, at = {}, 1
+        amplitudes, at = {}, 0 if self._has_constant() else 1
         for mechanism in self.simulator.mechanisms:
             names = {p.name for p in self.free(mechanism, "amplitude")}
             values = [float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()]

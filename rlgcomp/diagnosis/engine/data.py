@@ -144,9 +144,17 @@ class Run:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Data:
-    """The training runs together: n window means."""
+    """The training runs together: n window means.
+
+    Parameters
+    ----------
+    runs : tuple of Run
+    other : tuple of str
+        Recorded columns that drive nothing: the output, a user's simulation of it.
+    """
 
     runs: tuple[Run, ...]
+    other: tuple[str, ...] = ()
 
     @functools.cached_property
     def output(self) -> Array:
@@ -178,6 +186,6 @@ class Data:
     def columns(self) -> tuple[str, ...]:
         """Recorded columns that all runs have and that vary, the outputs and the time left out."""
         first = self.runs[0].binned
-        shared = [c for c in first.columns if c != TIME and c not in first.gyro_columns]
+        shared = [c for c in first.columns if c != TIME and c not in first.gyro_columns and c not in self.other]
         shared = [c for c in shared if all(c in run.binned for run in self.runs)]
         return tuple(c for c in shared if np.ptp(np.concatenate([run.column(c) for run in self.runs])) > 0.0)

@@ -3,259 +3,248 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+import math
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.baseline import Baseline
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
-from rlgcomp.diagnosis.engine.decide import Decision, Named, decided
+from rlgcomp.diagnosis.engine.decide import Decision, decided
 from rlgcomp.diagnosis.engine.drivers import Driver
 from rlgcomp.diagnosis.engine.evidence import Bank
-from rlgcomp.diagnosis.engine.fit import Estimate, Fit
+from rlgcomp.diagnosis.engine.fit import Fit
 from rlgcomp.diagnosis.engine.noise import Noise
 from rlgcomp.diagnosis.engine.nuisances import nuisances
 from rlgcomp.diagnosis.engine.posterior import Posterior
+from rlgcomp.diagnosis.engine.prepare import SIMULATED, AnySimulator, Prepared
+from rlgcomp.diagnosis.engine.record import Request
 from rlgcomp.diagnosis.engine.regions import Setting, laws, named, own_bases
+from rlgcomp.diagnosis.engine.result import Diagnosis
 from rlgcomp.diagnosis.engine.search import State
-from rlgcomp.numerics.bootstrap import drawn_squares
+from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording
-from rlgcomp.recording.argument_checks import require_recordings
-from rlgcomp.simulation.simulator import Simulator
+from rlgcomp.recording.argument_checks import require_recordings, require_seed
+from rlgcomp.units import column_unit
 
 Array = npt.NDArray[np.float64]
-SCHEMA: Final = "rlgcomp.diagnosis/1"
-_BLOCKS: Final = 8  # of a run, of the bootstrap
-_ALTERNATIVES: Final = 5
-_LEAST_ALTERNATIVE: Final = 1e-3
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Augmented:
-    """The simulator with what was found, as a predictor of recordings."""
-
-    fit: Fit
-    grid: Grid
-
-    def predict(self, recording: Recording) -> Recording:
-        """The gyro that is expected, given a recording's own monitors: the same rows, column `gyro_deg_h`."""
-        table = recording.table.drop(columns=list(recording.gyro_columns))
-        table.insert(1, "gyro_deg_h", self.fit.rate_deg_h(recording, self.grid))
-        return recording.replace(table=table, truth=None, findings=())
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What is missing, how probable it is, and what it leaves of training and test runs.
-
-    Parameters
-    ----------
-    decision : Decision
-    posterior : Posterior
-    before, after : Fit
-        The simulator calibrated, and with what was found.
-    test : tuple of Run
-        Runs that decide nothing.
-    catalogue : mapping of str to type of Mechanism
-    """
-
-    decision: Decision
-    posterior: Posterior
-    before: Fit
-    after: Fit
-    test: tuple[Run, ...]
-    catalogue: Mapping[str, type[Mechanism]]
-
-    @property
-    def verdict(self) -> str:
-        return self.decision.verdict
-
-    @functools.cached_property
-    def calibrated(self) -> Augmented:
-        return Augmented(self.before, self.before.data.runs[0].grid)
-
-    @functools.cached_property
-    def augmented(self) -> Augmented:
-        return Augmented(self.after, self.after.data.runs[0].grid)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Content of `diagnosis.json`."""
-        decision, posterior = self.decision, self.posterior
-        findings = [self._finding(one) for one in decision.named if one.mechanism is not None]
-        laws_found = [posterior.regions[member.form.region] for member in self.after.state.members]
-        equations = [
-            member.form.equation
-            for member, region in zip(self.after.state.members, laws_found, strict=True)
-            if region.mechanism is None and not region.nuisance
-        ]
-        ordered = sorted(posterior.probabilities.items(), key=lambda item: item[1], reverse=True)
-        alternatives = [
-            {"mechanisms": sorted(_names(regions, latent)), "probability": p}
-            for (regions, latent), p in ordered[1 : 1 + _ALTERNATIVES]
-            if p > _LEAST_ALTERNATIVE
-        ]
-        return {
-            "schema": SCHEMA,
-            "verdict": decision.verdict,
-            "mismatch": {"p_value": min(posterior.null, 1.0), "where": self._places()},
-            "findings": findings,
-            "alternatives": alternatives,
-            "unexplained": {
-                "p_value": min(posterior.null, 1.0),
-                "drivers": list(decision.drivers),
-                "memory": decision.memory,
-                "equation": "; ".join(equations) or None,
-            },
-            "fit": {"train": self.scores(self.after.data.runs), "test": self.scores(self.test) if self.test else None},
-            "probability": posterior.probabilities[posterior.best.key],
-            "nothing_missing": min(posterior.null, 1.0),
-            "steps": self.after.steps,
-            "baseline": _plain(self.before),
-            "baseline_with_findings": _plain(self.after),
-            "next_experiment": None,
-            "remarks": [],
-        }
-
-    def _finding(self, one: Named) -> dict[str, Any]:
-        form: dict[str, Any] = {"mechanism": one.mechanism, "probability": one.probability}
-        members = [member.form.region for member in self.after.state.members]
-        seen = self.after.state.telegraph
-        if one.region in members:
-            k = members.index(one.region)
-            assert one.mechanism is not None  # noqa: S101
-            estimates = self.after.parameters(k, self.catalogue.get(one.mechanism))
-            contribution = self.after.data.means(functools.partial(self.after.term, k))
-            equation, drivers = self.after.state.members[k].form.equation, list(self.posterior.regions[one.region].drivers)
-            function, rms = self.after.function(k), float(np.std(contribution))
-        else:
-            assert seen is not None  # noqa: S101
-            window_s = self.after.data.runs[0].grid.window_s
-            error = seen.sigma / np.sqrt(len(self.after.data))
-            estimates = {
-                "half_step_deg_h": Estimate(seen.half_step, float(error), "deg/h"),
-                "dwell_s": Estimate(seen.dwell * window_s, float(seen.dwell * window_s / np.sqrt(seen.jumps)), "s"),
-            }
-            equation, drivers, function, rms = "b = half_step_deg_h * (+1 or -1)", [], {}, seen.half_step
-        return form | {
-            "parameters": {name: estimate.to_mapping() for name, estimate in estimates.items()},
-            "equation": equation,
-            "function": function,
-            "drivers": drivers,
-            "rms": {"value": rms, "unit": "deg/h"},
-            "indistinguishable_from": list(one.indistinguishable_from),
-        }
-
-    def _places(self) -> list[dict[str, Any]]:
-        """Share of the mismatch by run."""
-        if self.decision.verdict == "none":
-            return []
-        before = [self.before.residual(run) for run in self.after.data.runs]
-        total = sum(float(left @ left) for left in before)
-        places = []
-        for run, left in zip(self.after.data.runs, before, strict=True):
-            places.append(
-                {
-                    "run": run.name,
-                    "channel": run.binned.gyro_columns[0],
-                    "start_s": float(run.binned.time_s[0]),
-                    "end_s": float(run.binned.time_s[-1]),
-                    "regime": None,
-                    "frequency_hz": None,
-                    "angle_harmonic": None,
-                    "share": float(left @ left) / total,
-                    "p_value": min(self.posterior.null, 1.0),
-                }
-            )
-        return places
-
-    def scores(self, runs: Sequence[Run]) -> dict[str, Any]:
-        """Root mean squares of runs before and after, and the improvement with its interval."""
-        pairs = [(self.before.residual(run), self.after.residual(run)) for run in runs]
-        before, after = (float(np.sqrt(np.mean(np.concatenate(left) ** 2))) for left in zip(*pairs, strict=True))
-        rng = np.random.default_rng(0)
-        drawn = [drawn_squares(pair, block=max(1, len(pair[0]) // _BLOCKS), rng=rng)[0] for pair in pairs]
-        ratios = np.sqrt(sum(b[1] for b in drawn) / sum(b[0] for b in drawn))
-        low, high = np.quantile(1.0 - ratios, [0.025, 0.975])
-        return {
-            "baseline_rms": before,
-            "augmented_rms": after,
-            "noise_floor_rms": self.after.noise_rms,
-            "unit": "deg/h",
-            "averaging_s": self.after.data.runs[0].grid.window_s,
-            "improvement": 1.0 - after / before,
-            "improvement_ci95": [float(low), float(high)],
-            "per_run": [
-                {"run": run.name, "baseline_rms": _rms(pair[0]), "augmented_rms": _rms(pair[1])}
-                for run, pair in zip(runs, pairs, strict=True)
-            ],
-        }
 
 
 def diagnose(
-    simulator: Simulator,
-    train: Sequence[Recording],
+    simulator: AnySimulator | None = None,
+    train: Sequence[Recording] = (),
     test: Sequence[Recording] = (),
     *,
+    confirm: Sequence[Recording] = (),
+    simulated: Sequence[Recording] | None = None,
     mechanisms: Mapping[str, type[Mechanism]] = CATALOGUE,
+    without: Sequence[str] = (),
+    only: Sequence[str] = (),
     gyro: str | None = None,
+    output: str | None = None,
+    unit: str | None = None,
+    window_s: float | None = None,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> Diagnosis:
     """Diagnose what physics a simulator of chamber runs is missing.
 
     Parameters
     ----------
-    simulator : Simulator
-        Of kind "chamber".
+    simulator : Simulator, UserSimulator or callable, optional
+        Of kind "chamber", its free numbers are calibrated; or the user's own: anything with `predict_deg_h(recording)`, or a
+        function of a recording.
     train : sequence of Recording
         Runs that name and fit.
     test : sequence of Recording
-        Runs that decide nothing.
+        Runs that decide nothing and prove.
+    confirm : sequence of Recording
+        Runs that take part in the choice of the set, and not in the fit.
+    simulated : sequence of Recording, optional
+        Instead of a simulator, its output: one recording a run, those of `train` first, then `confirm`, then `test`.
     mechanisms : mapping of str to type of Mechanism
-        Candidates.
+        Candidates by name.
+    without : sequence of str
+        Candidates to leave out.
+    only : sequence of str
+        The only candidates, beside laws without a name.
     gyro : str, optional
         Gyro column, where there are several.
+    output : str, optional
+        Another column than a gyro's whose simulation is at fault; the simulator's numbers are in its unit.
+    unit : str, optional
+        Unit of the output, by default that of its column's name; "deg/h" of a gyro.
+    window_s : float, optional
+        Averaging time; by default such that the longest run has 400 windows.
+    seed : int
+        Kept in the provenance.
+    progress : callable, optional
+        Is given the fraction done.
 
     Raises
     ------
     InputError
-        No training run is given, or a run lacks a monitor of the simulator.
+        No training run is given, or one is a test run as well; a run lacks a monitor of the simulator; a name of a candidate is
+        unknown; the output is no column.
     """
-    train, test = require_recordings(train, "train"), require_recordings(test, "test") if test else ()
-    stated = Baseline(simulator)
-    grid = Grid.of(train)
+    train, test = require_recordings(train, "train"), require_recordings(test, "test") if test else []
+    confirm, seed = require_recordings(confirm, "confirm") if confirm else [], require_seed(seed)
+    tell = progress or (lambda fraction: None)
+    candidates = _candidates(mechanisms, without, only)
+    runs = Prepared.of(simulator, simulated, train, confirm, test, gyro=gyro, output=output)
+    require_computable(candidates, [*runs.train, *runs.confirm, *runs.test])
+    request = _request(runs, candidates, gyro, output, unit)
+    request = dataclasses.replace(request, without=tuple(without), only=tuple(only), seed=seed)
+    tell(0.05)
+    engine = _Engine(runs, candidates, request, gyro, output, window_s)
+    chosen = engine.posterior([*runs.train, *runs.confirm])
+    tell(0.9)
+    found = engine.fitted(chosen)
+    tell(1.0)
+    return found
 
-    def output(binned: Recording) -> Array:
-        return np.asarray(binned.rate_deg_h(gyro) - stated.stated(binned))
 
-    data = Data(tuple(Run.of(recording, grid, output) for recording in train))
-    setting = Setting(data, Driver.of(data, train[0].temperature_column))
-    present = [mechanism.name for mechanism in simulator.mechanisms]
-    baseline = Baseline.calibrated(simulator, data)
-    baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
-    bank = Bank(data, baseline.design(data))
-    known = list(named(setting, mechanisms, present))
-    posterior = Posterior.of(bank, [*known, *laws(setting, known), *nuisances(data, baseline)])
-    decision = decided(posterior)
-    null = State((), Noise(), 0.0)
-    null = next((state for state in posterior.states if state.key == null.key), null)
+@dataclasses.dataclass(frozen=True)
+class _Engine:
+    """The steps of a diagnosis with what they share."""
+
+    runs: Prepared
+    candidates: Mapping[str, type[Mechanism]]
+    request: Request
+    gyro: str | None
+    column: str | None
+    window_s: float | None
+
+    @property
+    def grid(self) -> Grid:
+        return _grid(self.runs.train, self.window_s)
+
+    def output(self, binned: Recording) -> Array:
+        """Bin means of the output less what the simulator states."""
+        values = binned.rate_deg_h(self.gyro) if self.column is None else binned.column(self.column)
+        values = values - Baseline(self.runs.base).stated(binned)
+        return np.asarray(values - binned.column(SIMULATED) if self.runs.own else values)
+
+    def data(self, recordings: Sequence[Recording]) -> Data:
+        """Recordings on the grid of the training runs."""
+        other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
+        return Data(tuple(Run.of(recording, self.grid, self.output) for recording in recordings), other)
+
+    def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline]:
+        """The posterior of all sets, and the simulator with its free shapes calibrated."""
+        data, simulator = self.data(recordings), self.runs.base
+        setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
+        present = [mechanism.name for mechanism in simulator.mechanisms]
+        baseline = Baseline.calibrated(simulator, data)
+        baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
+        bank = Bank(data, baseline.design(data))
+        known = list(named(setting, self.candidates, present))
+        regions = [*known, *laws(setting, known), *nuisances(data, baseline)]
+        return Posterior.of(bank, regions), baseline
+
+    def fitted(self, chosen: tuple[Posterior, Baseline]) -> Diagnosis:
+        """The decision, fitted to the training runs alone."""
+        posterior, baseline = chosen
+        decision = decided(posterior)
+        data = self.data(self.runs.train)
+        baseline = baseline.linearised(data)
+        bank = Bank(data, baseline.design(data))
+        before, after = (self._in_training(state, bank) for state in (_null(posterior), _best(posterior, decision)))
+        return Diagnosis(
+            decision,
+            posterior,
+            Fit(data, baseline, bank, before),
+            Fit(data, baseline, bank, after),
+            self.data(self.runs.confirm).runs,
+            self.data(self.runs.test).runs,
+            self.candidates,
+            self.request,
+            self.runs.messages,
+        )
+
+    def _in_training(self, state: State, bank: Bank) -> State:
+        """A state of all runs that choose, as one of the training runs."""
+        members = tuple(member for member in state.members if bank.scaled(member.form) is not None)
+        seen = state.telegraph
+        if seen is not None:
+            seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
+        return dataclasses.replace(state, members=members, telegraph=seen)
+
+
+def _null(posterior: Posterior) -> State:
+    """The likeliest state with nothing missing and nothing beside it."""
+    key = State((), Noise(), 0.0).key
+    return next((state for state in posterior.states if state.key == key), State((), Noise(), 0.0))
+
+
+def _best(posterior: Posterior, decision: Decision) -> State:
+    """The likeliest state; where nothing is named, the likeliest without an effect."""
     best = posterior.best
     if decision.verdict == "none" and (posterior.effects(best.key) or best.key[1]):
-        best = next((state for state in posterior.states if not posterior.effects(state.key) and not state.key[1]), null)
-    runs = tuple(Run.of(recording, grid, output) for recording in test)
-    return Diagnosis(decision, posterior, Fit(data, baseline, bank, null), Fit(data, baseline, bank, best), runs, mechanisms)
+        return next(
+            (state for state in posterior.states if not posterior.effects(state.key) and not state.key[1]), _null(posterior)
+        )
+    return best
 
 
-def _names(regions: frozenset[str], latent: str) -> list[str]:
-    return [*regions, *({"telegraph": ["random_telegraph"], "wander": ["unrecorded"]}.get(latent, []))]
+def _grid(train: Sequence[Recording], window_s: float | None) -> Grid:
+    if window_s is None:
+        return Grid.of(train)
+    if not 0.0 < window_s < math.inf:
+        raise InputError(f"the averaging time is {window_s:g} s; it must be positive and finite")
+    period = max(recording.period_s for recording in train)
+    samples = max(1, round(window_s / period))
+    in_bin = max(1, samples // priors.BINS)
+    return Grid(in_bin * period, math.ceil(samples / in_bin))
 
 
-def _plain(fit: Fit) -> dict[str, dict[str, dict[str, object]]]:
-    return {name: {key: one.to_mapping() for key, one in numbers.items()} for name, numbers in fit.numbers.items()}
+def _thermometer(data: Data, recording: Recording) -> str:
+    """The column that the catalogue means by temperature; where there is none, the first that varies."""
+    try:
+        return recording.temperature_column
+    except InputError:
+        if not data.columns:
+            raise InputError(f"{recording.name} has no column beside the output that varies; give one that may drive it") from None
+        return data.columns[0]
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _candidates(
+    mechanisms: Mapping[str, type[Mechanism]], without: Sequence[str], only: Sequence[str]
+) -> dict[str, type[Mechanism]]:
+    """Candidates by name, some left out or some alone.
+
+    Raises
+    ------
+    InputError
+        A name is not among them.
+    """
+    unknown = [name for name in (*without, *only) if name not in mechanisms]
+    if unknown:
+        raise InputError(f"{', '.join(map(repr, unknown))} is no candidate; candidates are {', '.join(mechanisms)}")
+    chosen = {name: mechanism for name, mechanism in mechanisms.items() if name in only} if only else dict(mechanisms)
+    return {name: mechanism for name, mechanism in chosen.items() if name not in without}
+
+
+def _request(
+    runs: Prepared, candidates: Mapping[str, type[Mechanism]], gyro: str | None, output: str | None, unit: str | None
+) -> Request:
+    """What was asked for, and which candidates the runs cannot show."""
+    first = runs.train[0]
+    if output is None:
+        channel, unit = first.gyro_column(gyro), unit or "deg/h"
+    else:
+        lacking = [run.name for run in (*runs.train, *runs.confirm, *runs.test) if output not in run]
+        if lacking:
+            raise InputError(f"output is {output!r}, which {lacking[0]} lacks; it has {', '.join(first.columns)}")
+        channel, unit = output, unit or column_unit(output) or output.rpartition("_")[2]
+    kind = runs.base.kind
+    present = [mechanism.name for mechanism in runs.base.mechanisms]
+    tried = [one for name, one in candidates.items() if one.is_candidate(kind) and name not in present]
+    not_tried = tuple(one.name for one in tried if not all(one().readable_in(run) for run in runs.train))
+    own = runs.own
+    return Request("your simulator" if own else "the simulator", unit, channel, not_tried=not_tried, own_simulator=own)

@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.engine.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.engine.memories import STARTS, Conduction, Lag, Plays, Preisach, Relays, Spectrum, Undecided, plane
 from rlgcomp.diagnosis.engine.terms import Family, Form, Region, forms_of
 from rlgcomp.diagnosis.engine.times import Modulated, Since, SmoothSince, Wave
+from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 
 _DENSITIES: Final = ((0.15, 0.3), (0.15, 0.6), (0.4, 0.3), (0.4, 0.6), (1.5, 0.6))  # radius and smoothness
@@ -384,11 +385,13 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
 def _of_monitors(setting: Setting, name: str, mechanism: type[Mechanism]) -> Region:
     columns = mechanism.drivers
     one = len(columns) == 1 and len([p for p in mechanism.parameters() if p.role == "amplitude"]) == 1
+    one = one and CATALOGUE.get(name) is mechanism  # a mechanism of the user's may be of any form
     if one or name in _PAIRS:
         path = Path(Driver.of(setting.data, *columns, combination=_PAIRS.get(name, "column")))
         return Region(name, name, _NAMED, forms_of(name, _monitor(path, setting.data)), columns)
     leads: list[tuple[Basis, ...]] = [(Own(point),) for point in mechanism.grid([run.binned for run in setting.data.runs])]
-    return Region(name, name, _NAMED, forms_of(name, [Family(mechanism.equation, leads)]), columns)
+    smooth = tuple(Power(Path(Driver.of(setting.data, column))) for column in columns)
+    return Region(name, name, _NAMED, forms_of(name, [Family(mechanism.equation, leads, smooth)]), columns)
 
 
 def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:

@@ -182,7 +182,7 @@ class _Written:
         best: tuple[float, Mechanism, float] | None = None
         for point in _settings(self.catalogue[name]):
             mechanism = _checked(point, values)
-            if mechanism is None or any(p.name not in values for p in mechanism.amplitude_parameters()):
+            if mechanism is None or not _used(mechanism) <= set(values):
                 continue
             off = wanted - self._means(mechanism)
             size = float(np.std(off))
@@ -352,6 +352,11 @@ def _settings(mechanism: type[Mechanism]) -> Iterable[Mechanism]:
             yield mechanism(**dict(zip((name for name, _ in choices), values, strict=True)))
         except InputError:
             continue
+
+
+def _used(mechanism: Mechanism) -> set[str]:
+    """Parameters in use that are numbers to be found."""
+    return {p.name for p in (*mechanism.amplitude_parameters(), *mechanism.shape_parameters())}
 
 
 def _checked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism | None:

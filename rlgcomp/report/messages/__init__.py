@@ -13,11 +13,21 @@ from typing import Any, Final
 
 import numpy as np
 
-from rlgcomp.report.messages import calibration, challenge, compensation, evaluation, export, noise, recording, simulation
+from rlgcomp.report.messages import (
+    calibration,
+    challenge,
+    compensation,
+    diagnosis,
+    evaluation,
+    export,
+    noise,
+    recording,
+    simulation,
+)
 
 Text = str | Callable[..., str]
 
-ROOMS: Final = (recording, noise, simulation, calibration, compensation, evaluation, export, challenge)
+ROOMS: Final = (recording, noise, simulation, calibration, compensation, evaluation, diagnosis, export, challenge)
 CATALOGUE: Final[dict[str, Text]] = {code: text for room in ROOMS for code, text in room.TEXTS.items()}
 
 

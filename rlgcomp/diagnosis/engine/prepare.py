@@ -1,0 +1,108 @@
+"""Runs and simulator as the engine takes them: without outliers, and with a user's own simulation as a column."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Self
+
+from rlgcomp.diagnosis.question.held_out import require_held_out
+from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator
+from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+from rlgcomp.recording.outliers import without_outliers
+from rlgcomp.recording.stuck_channels import frozen_messages, interpolated_holds
+from rlgcomp.report.messages import Message
+from rlgcomp.simulation.simulator import Simulator
+
+SIMULATED: Final = "simulated_output"  # the column of a user's own simulation, in deg/h
+AnySimulator = Simulator | UserSimulator | Callable[[Recording], Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """What is compared.
+
+    Parameters
+    ----------
+    train, confirm, test : tuple of Recording
+    base : Simulator
+        Whose free numbers are calibrated; empty where the user's own predicts.
+    own : bool
+        Whether runs have a column :data:`SIMULATED`.
+    messages : tuple of Message
+        What was done to the runs.
+    """
+
+    train: tuple[Recording, ...]
+    confirm: tuple[Recording, ...]
+    test: tuple[Recording, ...]
+    base: Simulator
+    own: bool
+    messages: tuple[Message, ...]
+
+    @classmethod
+    def of(
+        cls,
+        simulator: AnySimulator | None,
+        simulated: Sequence[Recording] | None,
+        train: Sequence[Recording],
+        confirm: Sequence[Recording],
+        test: Sequence[Recording],
+        *,
+        gyro: str | None,
+        output: str | None,
+    ) -> Self:
+        """What is compared; arguments as of :func:`rlgcomp.diagnosis.engine.diagnose.diagnose`.
+
+        Raises
+        ------
+        InputError
+            There is no training run, or a run is given twice; no simulator, or two; it is of another kind than the runs.
+        """
+        if not train:
+            raise InputError("no training runs; give at least one with --train")
+        require_held_out([*train, *confirm], test)
+        runs, messages = [*train, *confirm, *test], []
+        if output is None:
+            runs, found = without_outliers(runs, gyro)
+            messages += found
+        straight = [interpolated_holds(run) for run in runs]
+        messages += [one for run in runs for one in frozen_messages(run)]
+        messages += [told for _, told in straight if told is not None]
+        runs = [run for run, _ in straight]
+        base, runs, own = _with_simulation(simulator, simulated, runs, gyro)
+        edges = len(train), len(train) + len(confirm)
+        first, second, third = (tuple(part) for part in (runs[: edges[0]], runs[edges[0] : edges[1]], runs[edges[1] :]))
+        return cls(first, second, third, base, own, tuple(messages))
+
+
+def _with_simulation(
+    simulator: AnySimulator | None, simulated: Sequence[Recording] | None, runs: Sequence[Recording], gyro: str | None
+) -> tuple[Simulator, list[Recording], bool]:
+    """The simulator whose numbers are free, and the runs, with a user's own simulation as a column where there is one."""
+    if simulator is not None and simulated is not None:
+        raise InputError("a simulator and simulated runs were given; give one of them")
+    if isinstance(simulator, Simulator):
+        kinds = {run.metadata.kind for run in runs}
+        if ("turntable" in kinds) != (simulator.kind == "turntable"):
+            raise InputError(
+                f"the simulator is of kind {simulator.kind!r}, the recordings of kind {', '.join(sorted(kinds))}; give a simulator "
+                "of their kind, or correct 'kind' in the recordings' metadata"
+            )
+        return simulator, list(runs), False
+    base = Simulator(unit=runs[0].metadata.unit or "recorded")
+    if simulated is not None:
+        aligned = SimulatedRuns.of(runs, simulated, gyro=gyro)
+        predicted: UserSimulator = aligned
+        runs = aligned.runs
+    elif simulator is None:
+        raise InputError("no simulator; give one with --simulator, or its output with --simulated")
+    else:
+        predicted = simulator if isinstance(simulator, UserSimulator) else PythonSimulator(simulator, _name_of(simulator))
+    told = [run.replace(table=run.table.assign(**{SIMULATED: predicted.predict_deg_h(run)})) for run in runs]
+    return base, told, True
+
+
+def _name_of(function: Callable[[Recording], Any]) -> str:
+    return str(getattr(function, "__name__", type(function).__name__))

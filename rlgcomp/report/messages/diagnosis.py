@@ -1,0 +1,202 @@
+"""Messages of diagnosis: the verdict, what it gains, and remarks. Units are data, because outputs differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+from rlgcomp.report.messages.wording import (
+    estimate_text,
+    interval_text,
+    listing,
+    p_text,
+    percent_text,
+    probability_text,
+    rms_text,
+    time_text,
+)
+
+MEMORIES: Final = {
+    "static": "by its value at the moment",
+    "dynamic": "late, or by its rate of change",
+    "rate-independent": "by the path it took, as hysteresis does",
+    "none": "by no driver",
+}
+
+
+def _cause(cause: Mapping[str, Any]) -> str:
+    instead = cause["instead"]
+    either = f" or, in its place, {listing(list(instead), 'or')}" if instead else ""
+    return f"{cause['mechanism']}{either} (probability {probability_text(cause['probability'])})"
+
+
+def _causes(simulator: str, causes: Sequence[Mapping[str, Any]]) -> str:
+    return f"{simulator[:1].upper()}{simulator[1:]} lacks {listing([_cause(one) for one in causes])}."
+
+
+def _law(simulator: str, causes: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]]) -> str:
+    lacks = f"{simulator[:1].upper()}{simulator[1:]} lacks "
+    named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
+    told = [
+        f"a law of {listing(list(one['drivers']))} ({one['memory']}, probability {probability_text(one['probability'])})"
+        for one in laws
+    ]
+    return f"{lacks}{named}{listing(told)}; no mechanism of the catalogue has this form."
+
+
+def _wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: float) -> str:
+    named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
+    return (
+        f"{simulator[:1].upper()}{simulator[1:]} lacks {named}a slow error that follows no law of one or two recorded columns "
+        f"(probability {probability_text(probability)})."
+    )
+
+
+def _gain(
+    before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], averaging_s: float
+) -> str:
+    return (
+        f"On the test runs, which decided nothing, its error falls by {percent_text(improvement)} (95 % interval "
+        f"{interval_text(interval)}), from {rms_text(before, floor)} to {rms_text(after, floor)} {unit} (rms of "
+        f"{time_text(averaging_s)} means; noise {rms_text(floor, floor)})."
+    )
+
+
+def _no_gain(
+    before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], averaging_s: float
+) -> str:
+    del averaging_s
+    return (
+        f"On the test runs no gain is proven: {rms_text(before, floor)} to {rms_text(after, floor)} {unit} "
+        f"({percent_text(improvement)}, 95 % interval {interval_text(interval)})."
+    )
+
+
+def _loss(
+    before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], averaging_s: float
+) -> str:
+    del averaging_s
+    return (
+        f"On the test runs the error grows: {rms_text(before, floor)} to {rms_text(after, floor)} {unit} "
+        f"({percent_text(improvement)}, 95 % interval {interval_text(interval)}). Do not use the augmented simulator as it is."
+    )
+
+
+def _step(run: str, at_s: float, size: float, sd: float, unit: str) -> str:
+    return f"The bias of {run} steps by {estimate_text(size, sd, unit)} at {time_text(at_s)}; no law can be learnt of one event."
+
+
+def _run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
+    told = [f"{run} {estimate_text(value, sds[run], unit)}" for run, value in biases.items()]
+    return f"Each run has a bias of its own: {listing(told)}."
+
+
+def _wrong_number(mechanism: str, parameter: str, stated: float, found: float, sd: float, unit: str) -> str:
+    return (
+        f"The stated {parameter} of {mechanism} does not fit: {stated:.6g} is stated, {estimate_text(found, sd, unit)} found. If "
+        "the stated value is exact, an effect of this form is missing."
+    )
+
+
+def _alike(mechanism: str, others: Sequence[str], probabilities: Sequence[float]) -> str:
+    told = [f"{name} ({probability_text(p, 2)})" for name, p in zip(others, probabilities, strict=True)]
+    return f"These runs cannot tell {mechanism} from {listing(told, 'or')}."
+
+
+def _other_form(mechanism: str, equation: str) -> str:
+    return f"The form found for {mechanism} is not the catalogue's equation: {equation}; the function is given as a table."
+
+
+def _cancelling(one: str, other: str, correlation: float, ratio: float) -> str:
+    return (
+        f"{one} and {other} nearly cancel in these runs (correlation {correlation:.3f}; each is {ratio:.1f} times as large as both "
+        "together): their sum is known, their single numbers are not."
+    )
+
+
+def _extrapolated(run: str, column: str, recorded: Sequence[float], learnt: Sequence[float], unit: str) -> str:
+    return (
+        f"{run} goes beyond the training runs in {column}: {recorded[0]:.4g} to {recorded[1]:.4g} {unit}, trained on "
+        f"{learnt[0]:.4g} to {learnt[1]:.4g} {unit}; there the function found is extrapolated."
+    )
+
+
+def _noise(stated: float, found: float) -> str:
+    return (
+        f"The angle random walk that these runs show is {found:.2g} deg/√h, {found / stated:.2g} times the {stated:.2g} deg/√h "
+        "that the simulator states."
+    )
+
+
+def _not_tried(mechanisms: Sequence[str]) -> str:
+    return f"Not tried, because the runs lack a column that they read: {listing(list(mechanisms))}."
+
+
+def _left_out(mechanisms: Sequence[str]) -> str:
+    return f"Left out of the candidates as requested: {listing(list(mechanisms))}."
+
+
+def _only(mechanisms: Sequence[str]) -> str:
+    return f"Only these candidates were tried, beside laws without a name: {listing(list(mechanisms))}."
+
+
+def _confirmed(runs: Sequence[str]) -> str:
+    return f"{listing(list(runs))} took part in the choice of the set and not in the fit: given with --confirm, no proof."
+
+
+def _not_in_file(parts: Sequence[str]) -> str:
+    return (
+        f"augmented.yaml predicts other runs and holds nothing that belongs to single runs (histories, steps, phases): parts of "
+        f"{listing(list(parts))} are not in it."
+    )
+
+
+def _possible_null(probability: float) -> str:
+    return f"With probability {probability_text(probability, 2)} nothing is missing."
+
+
+def _nothing(simulator: str, probability: float, p_value: float) -> str:
+    return (
+        f"{simulator[:1].upper()}{simulator[1:]} lacks nothing that the training runs show (probability that nothing is missing "
+        f"{probability_text(probability, 2)}; {p_text(p_value)})."
+    )
+
+
+def _unidentified(mechanism: str, parameters: Sequence[str]) -> str:
+    return f"These runs do not determine {listing(list(parameters))} of {mechanism}: the error exceeds the value."
+
+
+TEXTS: Final[dict[str, str | Callable[..., str]]] = {
+    "diagnosis.nothing_missing": _nothing,
+    "diagnosis.causes": _causes,
+    "diagnosis.law": _law,
+    "diagnosis.wander": _wander,
+    "diagnosis.gain": _gain,
+    "diagnosis.no_gain": _no_gain,
+    "diagnosis.loss": _loss,
+    "diagnosis.no_test_runs": "No run was given with --test, so nothing is proven: the numbers are those of the training runs.",
+    "diagnosis.worse_in_training": (
+        "The training runs' error is {after:.3g} {unit} with the findings and {before:.3g} {unit} without: the set is doubtful."
+    ),
+    "diagnosis.null_possible": _possible_null,
+    "diagnosis.set_uncertain": ("The set named has the probability {probability:.2f}; the next, {other}, {of_other:.2f}."),
+    "diagnosis.indistinguishable": _alike,
+    "diagnosis.wrong_number": _wrong_number,
+    "diagnosis.bias_step": _step,
+    "diagnosis.run_biases": _run_biases,
+    "diagnosis.cancelling": _cancelling,
+    "diagnosis.unidentified": _unidentified,
+    "diagnosis.other_form": _other_form,
+    "diagnosis.extrapolated": _extrapolated,
+    "diagnosis.not_in_file": _not_in_file,
+    "diagnosis.beside_own_simulator": ("augmented.yaml holds the findings alone: add its prediction to that of {simulator}."),
+    "diagnosis.file_differs": (
+        "augmented.yaml predicts the training runs otherwise than the fit, by {error:.2g} times the noise of a {averaging_s:.3g} s "
+        "mean."
+    ),
+    "diagnosis.noise_not_as_stated": _noise,
+    "diagnosis.not_tried": _not_tried,
+    "diagnosis.left_out": _left_out,
+    "diagnosis.only": _only,
+    "diagnosis.confirmed": _confirmed,
+}

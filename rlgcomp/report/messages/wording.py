@@ -1,0 +1,114 @@
+"""Numbers and lists as messages, tables and pages print them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from rlgcomp.units import SECONDS_PER_HOUR
+
+SMALL: Final = 1e-6  # probability below which only that is printed
+LEAST_P: Final = 1e-12
+_SMALLEST, _LARGEST = -3, 5  # powers of ten that numbers are printed without
+_EPOCH_S: Final = 3e8  # a larger time counts from 1970
+_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def listing(items: Sequence[str], joined: str = "and") -> str:
+    """Items in a sentence.
+
+    >>> listing(["a", "b", "c"], "or")
+    'a, b or c'
+    """
+    return f" {joined} ".join(part for part in (", ".join(items[:-1]), *items[-1:]) if part)
+
+
+def probability_text(probability: float, digits: int = 3) -> str:
+    """A probability, never printed as 0 or 1.
+
+    >>> probability_text(0.99999), probability_text(0.5, 2), probability_text(0.0)
+    ('> 0.999', '0.50', '< 0.001')
+    """
+    least = 10.0**-digits
+    if least <= probability <= 1.0 - least:
+        return f"{probability:.{digits}f}"
+    return f"< {least:g}" if probability < 0.5 else f"> {1.0 - least:g}"
+
+
+def p_text(p_value: float) -> str:
+    """A p-value.
+
+    >>> p_text(0.017), p_text(1.7e-8), p_text(0.0)
+    ('p = 0.017', 'p = 1.7·10⁻⁸', 'p < 10⁻¹²')
+    """
+    if p_value < LEAST_P:
+        return f"p < 10{str(round(math.log10(LEAST_P))).translate(_RAISED)}"
+    if p_value >= 1e-4:
+        return f"p = {p_value:.2g}"
+    mantissa, power = f"{p_value:.1e}".split("e")
+    return f"p = {mantissa}·10{str(int(power)).translate(_RAISED)}"
+
+
+def percent_text(share: float, digits: int = 0) -> str:
+    """A share in percent, zero without a sign.
+
+    >>> percent_text(0.613), percent_text(-0.0002, 1)
+    ('61 %', '0.0 %')
+    """
+    return f"{round(100.0 * share, digits) + 0.0:.{digits}f} %"
+
+
+def interval_text(interval: Sequence[float], digits: int = 0) -> str:
+    """A 95 % interval of a relative improvement.
+
+    >>> interval_text((0.513, 0.687))
+    '51 to 69 %'
+    """
+    low, high = (percent_text(end, digits) for end in interval)
+    return f"{low.removesuffix(' %')} to {high}"
+
+
+def rms_text(value: float, noise_floor: float) -> str:
+    """A root mean square with as many decimals as give the noise floor three digits.
+
+    >>> rms_text(0.004731, 0.00183), rms_text(45.11856, 0.0334)
+    ('0.00473', '45.1186')
+    """
+    usable = math.isfinite(noise_floor) and noise_floor > 0.0
+    decimals = 2 - math.floor(math.log10(noise_floor)) if usable else 5
+    return f"{value:.{max(0, decimals)}f}" if decimals <= 8 else f"{value:.3g}"
+
+
+def estimate_text(value: float, sd: float, unit: str) -> str:
+    """A number with its standard deviation to two digits of the latter, both with one power of ten.
+
+    >>> estimate_text(0.0123456, 0.00056, "deg/h/K"), estimate_text(-8.51e-7, 1.23e-7, "V"), estimate_text(3.0, 0.0, "1")
+    ('0.01235 ± 0.00056 deg/h/K', '(-8.5 ± 1.2)·10⁻⁷ V', '3')
+    """
+    unit = "" if unit == "1" else unit
+    if not (math.isfinite(sd) and sd > 0.0):
+        return f"{value:.6g} {unit}".rstrip()
+    of_sd = math.floor(math.log10(sd))
+    power = max(of_sd, math.floor(math.log10(abs(value)))) if value else of_sd
+    power = power if power < _SMALLEST or power > _LARGEST else 0
+    digits = max(0, 1 - of_sd + power)
+    number, error = (f"{part * 10.0**-power:.{digits}f}" for part in (value, sd))
+    if not power:
+        return f"{number} ± {error} {unit}".rstrip()
+    return f"({number} ± {error})·10{str(power).translate(_RAISED)} {unit}".rstrip()
+
+
+def time_text(time_s: float) -> str:
+    """A moment or a length of time in s, min or h; a clock's time where it counts from 1970.
+
+    >>> time_text(12.3456), time_text(600.0), time_text(45000.0), time_text(0.0)
+    ('12.3 s', '10 min', '12.5 h', '0 s')
+    """
+    if abs(time_s) >= _EPOCH_S:
+        import datetime
+
+        return f"{datetime.datetime.fromtimestamp(time_s, datetime.UTC):%Y-%m-%d %H:%M:%S} UTC"
+    if abs(time_s) < 300.0:
+        return f"{time_s:.3g} s"
+    return f"{time_s / 60.0:.3g} min" if abs(time_s) < 2.0 * SECONDS_PER_HOUR else f"{time_s / SECONDS_PER_HOUR:.3g} h"
