@@ -14,6 +14,13 @@ MODELS = {
     "rate_random_walk": rlg.NoiseModel(rate_random_walk_deg_h_sqrt_h=0.005),
     "quantization": rlg.NoiseModel(quantization_arcsec=0.3),
 }
+# IEEE Std 647, annex C, in its own units: (deg/h)² at averaging times in hours
+STANDARD = {
+    "angle_random_walk": lambda tau_h: 0.0003**2 / tau_h,
+    "bias_instability": lambda tau_h: 2.0 * np.log(2.0) / np.pi * 0.002**2 * np.ones_like(tau_h),
+    "rate_random_walk": lambda tau_h: 0.005**2 * tau_h / 3.0,
+    "quantization": lambda tau_h: 3.0 * (0.3 / 3600.0) ** 2 / tau_h**2,
+}
 EVERYTHING = rlg.NoiseModel(0.0003, 0.0002, 0.0001, 0.005, 0.01)
 
 
@@ -26,7 +33,8 @@ def test_allan_deviation_is_that_of_the_standard(name: str) -> None:
         rate = MODELS[name].simulate(20_000, 1.0, seed)[name]
         variances.append(rlg.allan_deviation(rate, np.arange(20_000.0), taus).deviation_deg_h ** 2)
     found, spread = np.mean(variances, axis=0), np.std(variances, axis=0, ddof=1) / np.sqrt(24)
-    expected = MODELS[name].allan_variance(taus)
+    expected = STANDARD[name](taus / 3600.0)
+    assert MODELS[name].allan_variance(taus) == pytest.approx(expected, rel=1e-12)
     tolerance = 4 * spread + (0.04 if name == "bias_instability" else 0.002) * expected  # flicker is only asymptotic
     assert (np.abs(found - expected) < tolerance).all()
 
