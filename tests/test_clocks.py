@@ -85,7 +85,13 @@ def test_a_clock_that_is_right_is_left_alone(slope: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["temperature_rate", "thermal_lag", "thermal_hysteresis", "mode_hop", "magnetic_field", "readout_incoherence"]
+    "name",
+    [
+        *("temperature_rate", "thermal_lag", "thermal_hysteresis", "magnetic_field"),
+        *(
+            pytest.param(name, marks=pytest.mark.slow) for name in ("mode_hop", "readout_incoherence")
+        ),  # less like a late bias than these
+    ],
 )
 def test_physics_is_no_clock(name: str) -> None:
     posed, simulated = asked(late((0.0, 0.0), CATALOGUE[name]()))

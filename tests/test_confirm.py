@@ -146,7 +146,7 @@ def test_a_drift_that_held_out_runs_go_on_with_is_ageing() -> None:
     assert "ageing" not in [cause.name for cause in steps.causes]
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_offsets_from_run_to_run_that_are_ageing_are_no_law(seed: int) -> None:
     """What runs with a bias each explain is no evidence for a law either, which is sought where they have one."""
     days = (0.0, 3.0, 9.0, 20.0, 30.0)

@@ -32,7 +32,7 @@ def by_the_clock(recordings: list[rlg.Recording], pause_s: float, begun_s: float
     return found
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_a_healthy_gyro_that_was_switched_on_again_is_healthy(seed: int) -> None:
     found = diagnose(SIMULATOR, switched_on_again(runs(seed=seed, hours=8.0)), window_s=100.0, black_box=False)
     assert found.verdict == "none"

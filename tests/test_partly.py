@@ -59,7 +59,9 @@ def minutes(seed: int, of_warm_up: float = 0.0, of_hop: float = 0.0) -> rlg.Reco
     return rlg.Recording(run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + warm + hop), run.metadata, name=f"run{seed}")
 
 
-@pytest.mark.parametrize(("name", "sizes"), [("warm_up", (0.012, 0.0)), ("mode_hop", (0.0, 0.006))])
+@pytest.mark.parametrize(
+    ("name", "sizes"), [("warm_up", (0.012, 0.0)), pytest.param("mode_hop", (0.0, 0.006), marks=pytest.mark.slow)]
+)
 def test_a_cold_start_or_a_step_in_one_run_of_three_is_told_as_such(name: str, sizes: tuple[float, float]) -> None:
     found = diagnose(SIMULATOR, [minutes(11, *sizes), minutes(12), minutes(13)], [minutes(14)], window_s=100.0, black_box=False)
     assert found.verdict == "unknown"

@@ -31,7 +31,7 @@ def positions(step_deg: float, seed: int, harmonic_deg_h: float = 0.0) -> rlg.Re
     return rlg.Recording(pd.DataFrame(table), rlg.Metadata(kind="turntable"), name=f"steps-{step_deg:g}-{seed}")
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)])
 def test_rounding_where_the_table_moves_is_no_harmonic(seed: int) -> None:
     train = [positions(30.0, seed), positions(-45.0, seed + 10)]
     found = diagnose(SIMULATOR, train, [positions(70.0, seed + 20)], black_box=False)

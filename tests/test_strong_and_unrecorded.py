@@ -62,14 +62,17 @@ def test_the_noise_does_not_hold_the_wander_twice() -> None:
     assert found.train.noise_floor_rms < 1.5 * found.train.augmented_rms
 
 
-@pytest.mark.parametrize("seed", [0, 2, 3])
+@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)])
 def test_a_gyro_whose_flicker_stands_far_above_its_white_noise_is_healthy(seed: int) -> None:
     found = rlg.diagnose(DRIFTING, walking(NoiseShape(3.5, 1.0), seed=seed, hours=12.0), window_s=100.0, black_box=False)
     assert found.verdict == "none"
     assert found.p_value > 0.05
 
 
-@pytest.mark.parametrize(("walk", "seed"), [(3.3, 0), (3.3, 2), (5.0, 1), (6.0, 3)])
+@pytest.mark.parametrize(
+    ("walk", "seed"),
+    [(3.3, 0), pytest.param(3.3, 2, marks=pytest.mark.slow), pytest.param(5.0, 1, marks=pytest.mark.slow), (6.0, 3)],
+)
 def test_a_gyro_that_walks_far_by_itself_is_healthy(walk: float, seed: int) -> None:
     """So many times its white noise in the time of a mean: it had passed for ageing, or for something unrecorded."""
     found = rlg.diagnose(DRIFTING, walking(NoiseShape(0.0, walk), seed=seed, hours=12.0), window_s=100.0, black_box=False)

@@ -97,9 +97,15 @@ def locking(*more: dict[str, dict[str, float]]) -> list[rlg.Recording]:
     return [gyro.simulate("rates", seed=seed, name=f"run{seed}") for seed in range(3)]
 
 
-@pytest.mark.parametrize("asymmetry_ppm", [0.0, 3.0])
 @pytest.mark.parametrize(
-    "said", [{"lock_in_deg_s": 0.02}, {"lock_in_deg_s": {"value": 0.05, "free": True}}, {"lock_in_deg_s": 0.012}]
+    ("said", "asymmetry_ppm"),
+    [
+        ({"lock_in_deg_s": 0.02}, 0.0),
+        ({"lock_in_deg_s": 0.012}, 0.0),
+        ({"lock_in_deg_s": {"value": 0.05, "free": True}}, 3.0),
+        *(pytest.param({"lock_in_deg_s": rate}, 3.0, marks=pytest.mark.slow) for rate in (0.02, 0.012)),
+        pytest.param({"lock_in_deg_s": {"value": 0.05, "free": True}}, 0.0, marks=pytest.mark.slow),
+    ],
 )
 def test_a_simulator_with_lock_in_is_told_what_the_light_feels(said: dict[str, object], asymmetry_ppm: float) -> None:
     """At rest the light feels the bias alone: what locks there is no missing physics, whatever lock-in rate is stated."""
@@ -299,7 +305,7 @@ def test_causes_that_explain_windows_within_and_spoil_their_means_are_given_up()
     assert found.train.augmented_rms <= 1.05 * found.train.baseline_rms
 
 
-@pytest.mark.parametrize("seed", [1, 5])
+@pytest.mark.parametrize("seed", [1, pytest.param(5, marks=pytest.mark.slow)])
 def test_a_scale_factor_that_wanders_with_what_is_not_recorded_has_no_false_name(seed: int) -> None:
     rng = np.random.default_rng(seed)
     recordings = []
