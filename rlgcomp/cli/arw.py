@@ -9,7 +9,7 @@ import typer
 
 from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder
 from rlgcomp.cli.ending import notify
-from rlgcomp.cli.show import show_json, show_table, show_text
+from rlgcomp.cli.show import show_json, show_remarks, show_table, show_text
 from rlgcomp.errors import InputError
 
 FILES: Final = ("arw.json", "arw.csv", "*_deg_s_orders.csv", "*_deg_s_allan.csv", "*_deg_s_*.svg")
@@ -60,8 +60,7 @@ def arw(
     if result.delay is not None:
         delay = result.delay
         show_text(f"- The encoder lags by {1e3 * delay.delay_s:.4f} ± {1e3 * delay.sd_s:.4f} ms ({delay.source}).")
-    for remark in result.remarks:
-        show_text(f"- {remark}")
+    show_remarks(result.remarks)
 
 
 def _row(one: Any) -> dict[str, Any]:

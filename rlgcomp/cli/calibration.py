@@ -22,7 +22,7 @@ from rlgcomp.cli.base import (
     require_unread,
 )
 from rlgcomp.cli.ending import notify
-from rlgcomp.cli.show import show_json, show_table, show_text
+from rlgcomp.cli.show import show_json, show_remarks, show_table
 
 
 @command("calibrate")
@@ -118,6 +118,5 @@ def calibrate(
             for run, names, number in calibration.observability.itertuples(index=False, name=None)
         ],
     )
-    for remark in calibration.remarks:
-        show_text(f"- {remark.text}")
+    show_remarks(calibration.remarks)
     notify(f"{out}: written; give it to train, evaluate and compensate with --calibration {out}")

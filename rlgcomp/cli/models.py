@@ -9,7 +9,7 @@ import typer
 
 from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs
 from rlgcomp.cli.ending import BAD_INPUT, notify
-from rlgcomp.cli.show import show_json, show_table, show_text
+from rlgcomp.cli.show import show_json, show_remarks, show_table
 
 
 @command("models", several=["--on"])
@@ -57,8 +57,7 @@ def models(
         if not registry.comparison.empty:
             rows = registry.to_mapping()["comparison"]
             show_table("Compared on the runs", [{key: row[key] for key in row if key != "trained_on"} for row in rows])
-        for remark in registry.remarks:
-            show_text(f"- {remark.text}")
+        show_remarks(registry.remarks)
     for entry in registry.refused:
         notify(f"{entry.name}: {entry.problem or '; '.join(entry.code)}")
     if registry.refused:

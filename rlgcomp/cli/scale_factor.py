@@ -10,7 +10,7 @@ import typer
 
 from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, Overwrite, PulseArcsec, Runs, command, read_runs, require_unread
 from rlgcomp.cli.ending import notify
-from rlgcomp.cli.show import show_json, show_table, show_text
+from rlgcomp.cli.show import show_json, show_remarks, show_table, show_text
 
 if TYPE_CHECKING:
     from rlgcomp.calibration.scale_factor_calibration import ScaleFactorCalibration
@@ -157,5 +157,4 @@ def _show(calibration: ScaleFactorCalibration) -> None:
         show_text(
             f"K = {calibration.scale_arcsec:.9f} arcsec/pulse{sd}; {budget.scale_per_arcsec:.2g} of it for an arcsec of theta"
         )
-    for remark in calibration.remarks:
-        show_text(f"- {remark.text}")
+    show_remarks(calibration.remarks)

@@ -24,7 +24,7 @@ from rlgcomp.cli.base import (
     require_folder,
 )
 from rlgcomp.cli.ending import notify
-from rlgcomp.cli.show import show_json, show_table, show_text
+from rlgcomp.cli.show import show_json, show_remarks, show_table, show_text
 from rlgcomp.cli.simulation import SimulatorFile
 
 if TYPE_CHECKING:
@@ -127,8 +127,7 @@ def sensitivity(
                 }
             )
     show_table("Smallest effect found", lines)
-    for remark in result.remarks:
-        show_text(f"- {remark.text}")
+    show_remarks(result.remarks)
 
 
 def _two_digits(number: float) -> float:

@@ -58,7 +58,18 @@ class Bounds:
 
 
 def bounds_of(stream: Stream, compensator: Compensator, expansion: Expansion, precision: Precision) -> Bounds:
-    """What is allowed in each sample of a stream."""
+    """What is allowed in each sample of a stream.
+
+    Parameters
+    ----------
+    stream : Stream
+        Samples to compare, and what Python computes for them.
+    compensator : Compensator
+    expansion : Expansion
+        The exported form of its model.
+    precision : {"double", "float"}
+        Arithmetic of the exported code.
+    """
     unit = _UNIT if precision == "float" else _EPSILON
     entering = magnitudes(stream, compensator)
     spans = np.where(expansion.high > expansion.low, expansion.high - expansion.low, 1.0)

@@ -85,7 +85,17 @@ class FeatureCode:
 
 
 def feature_code(pipeline: FeatureRecipe, prefix: str, precision: Precision, number: Callable[[float], str]) -> FeatureCode:
-    """C lines of a whole pipeline; identifiers begin with `prefix`."""
+    """C lines of a whole pipeline; identifiers begin with `prefix`.
+
+    Parameters
+    ----------
+    pipeline : FeatureRecipe
+    prefix : str
+        Of every identifier.
+    precision : {"double", "float"}
+    number : callable
+        Makes the C literal of a float.
+    """
     code = FeatureCode(pipeline.columns, prefix, precision, number)
     for feature in pipeline.features:
         code.add(feature)

@@ -105,7 +105,15 @@ class Design:
 
 
 def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int:
-    """Bytes of the constant tables with so many centres, the last block filled up."""
+    """Bytes of the constant tables with so many centres, the last block filled up.
+
+    Parameters
+    ----------
+    expansion : Expansion
+    centres : int
+        Number of centres, which may be less than the expansion's own.
+    precision : {"double", "float"}
+    """
     d, lanes = expansion.features, LANES[precision]
     numbers = 7 * d + -(-centres // lanes) * lanes * (d + 1)
     if expansion.form == "wide":
@@ -144,6 +152,16 @@ def series_terms(expansion: Expansion, precision: Precision) -> int:
 
 def render(design: Design, golden: Stream, bounds: Bounds, quiet_rows: int) -> dict[str, str]:
     """File names and their text.
+
+    Parameters
+    ----------
+    design : Design
+    golden : Stream
+        The golden recording.
+    bounds : Bounds
+        Allowed deviation of each of its samples.
+    quiet_rows : int
+        Rows of it, from the second on, before the first disturbance.
 
     Raises
     ------

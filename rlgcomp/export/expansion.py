@@ -204,6 +204,14 @@ def expansion_of(compensator: Compensator) -> Expansion:
 def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.0) -> Expansion:
     """The expansion of a fitted estimator behind a scaling.
 
+    Parameters
+    ----------
+    model : estimator
+        Fitted, of this package.
+    scaling : Scaling
+    reference_deg_h : float
+        Part of the bias, in deg/h, that stays in the gyro.
+
     Raises
     ------
     InputError

@@ -51,7 +51,16 @@ class Stream:
 
 
 def stream_of(recording: Recording, compensator: Compensator, expansion: Expansion, *, full: bool) -> Stream:
-    """A recording and what Python answers: the compensator itself for the `full` model, its expansion for a reduced one."""
+    """A recording and what Python answers: the compensator itself for the `full` model, its expansion for a reduced one.
+
+    Parameters
+    ----------
+    recording : Recording
+    compensator : Compensator
+    expansion : Expansion
+    full : bool
+        Whether the expansion is the whole model, not a reduced one.
+    """
     X = compensator.pipeline_.transform(recording).to_numpy()
     monitors = recording.table[list(compensator.pipeline_.columns)].to_numpy()
     bias = compensator.predict_rows(X) if full else expansion.bias_deg_h(X)
@@ -65,6 +74,13 @@ def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool)
     A sample that tells nothing; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
     a little beyond the training range, samples that tell nothing or come at a wrong time, an ordinary stretch, and inputs far
     out. What tells nothing is not finite, or holds readouts that are both 0. Each sample goes through the pipeline's own `step`.
+
+    Parameters
+    ----------
+    compensator : Compensator
+    expansion : Expansion
+    full : bool
+        Whether the expansion is the whole model, not a reduced one.
     """
     time_s, monitors = _episodes(compensator)
     pipeline = compensator.pipeline_

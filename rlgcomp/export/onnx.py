@@ -134,6 +134,15 @@ def graph(compensator: Compensator, expansion: Expansion, precision: str, metada
 
     Input `features`, shape (batch, features); outputs `bias_deg_h`, `out_of_range` and `half_width_deg_h`, each of shape (batch,).
 
+    Parameters
+    ----------
+    compensator : Compensator
+    expansion : Expansion
+        The exported form of its model.
+    precision : {"double", "float"}
+    metadata : mapping of str to object
+        Written as text into the properties of the model.
+
     Raises
     ------
     InputError

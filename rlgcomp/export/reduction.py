@@ -55,6 +55,13 @@ def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple
     Without a budget that is the whole model. A budget alone takes the largest model within it; `smallest` takes the smallest that
     is within 1 % of the best that the budget leaves.
 
+    Parameters
+    ----------
+    compensator : Compensator
+    whole : Expansion
+        Of its whole model.
+    options : Options
+
     Raises
     ------
     InputError
@@ -161,6 +168,14 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     Every training run is left out in turn and the model fitted again on the rest with the parameters it has; a single run is
     divided into five blocks. `runs` are scored as well and do not influence the choice of a size: those not trained on, and
     separately those trained on.
+
+    Parameters
+    ----------
+    compensator : Compensator
+    runs : sequence of Recording
+        Scored as well.
+    sizes : sequence of int
+        Numbers of centres to score beside the usual ones.
 
     Returns
     -------

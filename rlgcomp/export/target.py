@@ -108,6 +108,15 @@ def export(model: str | Path, out: str | Path, to: str = "c", options: Options |
 def written(model: str | Path, to: str, name: str | None = None) -> tuple[str, ...]:
     """Names of all files that an export writes, as :func:`rlgcomp.files.whole_folder` takes them.
 
+    Parameters
+    ----------
+    model : path
+        The artefact.
+    to : str
+        Name of the target.
+    name : str, optional
+        Prefix of files and identifiers; by default made from the name of the artefact.
+
     Raises
     ------
     InputError

@@ -89,6 +89,14 @@ class ToolchainError(Exception):
 def build(toolchain: Toolchain, sources: Sequence[Path], folder: Path) -> list[str]:
     """Compile and link into a folder; the command that runs the result.
 
+    Parameters
+    ----------
+    toolchain : Toolchain
+    sources : sequence of Path
+        C files.
+    folder : Path
+        Where the program is put.
+
     Raises
     ------
     ToolchainError
@@ -111,6 +119,16 @@ def build(toolchain: Toolchain, sources: Sequence[Path], folder: Path) -> list[s
 
 def check(toolchain: Toolchain, command: Sequence[str], stream: Stream, bounds: Bounds) -> Check:
     """Stream samples through the self-test program and compare every one: status, bias and half width.
+
+    Parameters
+    ----------
+    toolchain : Toolchain
+    command : sequence of str
+        As :func:`build` returned it.
+    stream : Stream
+        Samples, and what Python computes for them.
+    bounds : Bounds
+        Allowed deviation of each sample.
 
     Raises
     ------
@@ -157,7 +175,16 @@ def time_ns(command: Sequence[str]) -> float:
 
 
 def sizes(toolchain: Toolchain, source: Path, folder: Path) -> dict[str, int] | None:
-    """Bytes of flash (code and tables) and of stack (all frames added up) of the module alone; None where `size` is missing."""
+    """Bytes of flash (code and tables) and of stack (all frames added up) of the module alone; None where `size` is missing.
+
+    Parameters
+    ----------
+    toolchain : Toolchain
+    source : Path
+        The C file of the module.
+    folder : Path
+        Where the object file is put.
+    """
     size = "arm-none-eabi-size" if toolchain.board else "size"
     if shutil.which(size) is None:
         return None

@@ -43,7 +43,17 @@ def design_matrix(m: Whole, order: int) -> Array:
 
 
 def covariance_products(m: Whole, parts: Whole, order: int) -> Array:
-    """Covariance of the variances as a quadratic form in the A_j, shape (m, m, 5, 5)."""
+    """Covariance of the variances as a quadratic form in the A_j, shape (m, m, 5, 5).
+
+    Parameters
+    ----------
+    m : ndarray of int, shape (m,)
+        Averaging times in samples.
+    parts : ndarray of int, shape (parts,)
+        Numbers of samples between gaps.
+    order : int
+        2 for Allan, 3 for Hadamard.
+    """
     lengths, copies = np.unique(parts, return_counts=True)
     products = np.zeros((len(m), len(m), len(POWERS), len(POWERS)))
     for i, m1 in enumerate(m.tolist()):

@@ -165,6 +165,23 @@ def _total(rate: Array, first: int, last: int, out: Array) -> None:
 
 @compiled(reassociate=True)
 def squares_2(angle: Array, begins: Whole, ends: Whole, counts: Whole, low: int, high: int, block: int, sums: Array) -> None:
+    """Add the sums of squared second differences of the angle at each averaging time, block by block.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n + 1,)
+        The integrated rate.
+    begins, ends : ndarray of int, shape (parts,)
+        Where each part without a gap begins and ends, in samples.
+    counts : ndarray of int, shape (m,)
+        Averaging times in samples, rising.
+    low, high : int
+        Rows at which the differences may begin: from `low`, before `high`.
+    block : int
+        Rows at a time, so that what is read stays in the processor's cache.
+    sums : ndarray, shape (m,)
+        The sums so far, which are added to.
+    """
     for p in range(len(ends)):
         first = max(low, begins[p])
         while first < min(high, ends[p]):

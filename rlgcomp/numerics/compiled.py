@@ -154,7 +154,16 @@ def threads() -> int:
 
 
 def in_threads(function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], workers: int | None = None) -> None:
-    """Call a compiled loop, or one of NumPy's on long arrays, once a piece, in threads: neither holds the interpreter's lock."""
+    """Call a compiled loop, or one of NumPy's on long arrays, once a piece, in threads: neither holds the interpreter's lock.
+
+    Parameters
+    ----------
+    function : callable
+    pieces : sequence of tuple
+        Arguments of each call.
+    workers : int, optional
+        Threads; by default the cores that this process has.
+    """
     workers = min(threads() if workers is None else workers, len(pieces))
     if workers <= 1 or (isinstance(function, Compiled) and not available()):
         for piece in pieces:

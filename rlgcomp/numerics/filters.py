@@ -105,6 +105,13 @@ def running_mean(values: Array, time_s: Array, window_s: float) -> Array:
     """Mean over the samples of a centred window of that width; at the ends, over those that are there.
 
     It looks ahead, so it serves physics and diagnosis, not features.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    time_s : ndarray, shape (n,)
+    window_s : float
+        Width of the window.
     """
     half = round(0.5 * window_s / float(np.median(np.diff(time_s))))
     if half < 1:
@@ -134,7 +141,16 @@ def rate_per_min(values: Array, time_s: Array, window_s: float | None = None) ->
 
 
 def ahead(values: Array, time_s: Array, lead_s: float) -> Array:
-    """What a sensor will read that follows its quantity by a lag of the first order: the quantity itself."""
+    """What a sensor will read that follows its quantity by a lag of the first order: the quantity itself.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Readings of the sensor.
+    time_s : ndarray, shape (n,)
+    lead_s : float
+        Time constant of the sensor.
+    """
     return values + lead_s / SECONDS_PER_MINUTE * rate_per_min(values, time_s) if lead_s else values
 
 

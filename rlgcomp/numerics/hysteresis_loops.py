@@ -80,7 +80,23 @@ def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int
 
 
 def bouc_wen_fleet(u: Array, slope: float, saturation: float, shape: float, exponent: float, workers: int | None = None) -> Array:
-    """Bouc–Wen's z of many gyros from rest, shape (n, gyros), for inputs of that shape; see `hysteresis.BoucWen`."""
+    """Bouc–Wen's z of many gyros from rest, shape (n, gyros), for inputs of that shape; see `hysteresis.BoucWen`.
+
+    Parameters
+    ----------
+    u : ndarray, shape (n, gyros)
+        Inputs.
+    slope : float
+        A: dz/du at z = 0.
+    saturation : float
+        The bound of abs(z).
+    shape : float
+        Share of beta in beta + gamma.
+    exponent : float
+        n.
+    workers : int, optional
+        Threads; by default the cores that this process has.
+    """
     constants = bouc_wen_constants(slope, saturation, shape, exponent)
     output = _memory(u.shape, workers)
     if pays(BOUC_WEN * u.size):
@@ -94,7 +110,19 @@ def bouc_wen_fleet(u: Array, slope: float, saturation: float, shape: float, expo
 
 
 def bouc_wen_constants(slope: float, saturation: float, shape: float, exponent: float) -> tuple[float, float, float, float, float]:
-    """What the loops take: A, gamma + beta, gamma - beta, n, and the longest substep in u."""
+    """What the loops take: A, gamma + beta, gamma - beta, n, and the longest substep in u.
+
+    Parameters
+    ----------
+    slope : float
+        A: dz/du at z = 0.
+    saturation : float
+        The bound of abs(z).
+    shape : float
+        Share of beta in beta + gamma.
+    exponent : float
+        n.
+    """
     strength = slope / saturation**exponent
     beta, gamma = shape * strength, (1.0 - shape) * strength
     return slope, gamma + beta, gamma - beta, exponent, 0.02 * saturation / slope
@@ -121,7 +149,19 @@ def _pieces(gyros: int, workers: int | None, most: int) -> list[tuple[int, int]]
 
 @compiled()
 def play_states(u: Array, radii: Array, start: Array, states: Array) -> None:
-    """States after each input, into `states` of shape (n, operators); u has that shape, or (n, 1)."""
+    """States after each input, into `states` of shape (n, operators); u has that shape, or (n, 1).
+
+    Parameters
+    ----------
+    u : ndarray, shape (n, operators) or (n, 1)
+        Inputs, each operator's own or one for all.
+    radii : ndarray, shape (operators,)
+        In the input's unit.
+    start : ndarray, shape (operators,)
+        States before the first input.
+    states : ndarray, shape (n, operators)
+        Receives the states.
+    """
     shared = u.shape[1] == 1
     for k in range(len(u)):
         before = start if k == 0 else states[k - 1]
@@ -265,7 +305,19 @@ def _moved(z: float, move: float, slope: float, along: float, against: float, n:
 def bouc_wen(
     z: float, before: float, u: Array, slope: float, along: float, against: float, n: float, longest: float, output: Array
 ) -> tuple[float, float]:
-    """z after each input, into `output`, and the last (z, u)."""
+    """z after each input, into `output`, and the last (z, u).
+
+    Parameters
+    ----------
+    z, before : float
+        State and input before the first of `u`.
+    u : ndarray, shape (n,)
+        Inputs.
+    slope, along, against, n, longest : float
+        As :func:`bouc_wen_constants` returns them.
+    output : ndarray, shape (n,)
+        Receives z.
+    """
     for k in range(len(u)):
         z = _moved(z, u[k] - before, slope, along, against, n, longest)
         before = u[k]
@@ -277,7 +329,19 @@ def bouc_wen(
 def bouc_wen_linear(
     z: float, before: float, u: Array, slope: float, along: float, against: float, longest: float, output: Array
 ) -> tuple[float, float]:
-    """The same with n = 1. What a step multiplies z by, and adds, is found for many steps at once, before z goes through them."""
+    """As :func:`bouc_wen` with n = 1; factor and increment of each step are computed for many steps at once, before z passes them.
+
+    Parameters
+    ----------
+    z, before : float
+        State and input before the first of `u`.
+    u : ndarray, shape (n,)
+        Inputs.
+    slope, along, against, longest : float
+        As :func:`bouc_wen_constants` returns them.
+    output : ndarray, shape (n,)
+        Receives z.
+    """
     steepest = 2.0 * max(abs(along), abs(against))
     moves, gain_up, gain_down, drive_up, drive_down = np.empty((5, _STEPS))
     for first in range(0, len(u), _STEPS):
@@ -313,7 +377,17 @@ def bouc_wen_linear(
 
 @compiled()
 def relaxed(z: float, keep: Array, toward: Array, output: Array) -> None:
-    """What keeps a share of itself at each step, and gains what draws it."""
+    """States of a first-order recurrence, :math:`z_k = a_k z_{k-1} + b_k`.
+
+    Parameters
+    ----------
+    z : float
+        State before the first step.
+    keep, toward : ndarray, shape (n,)
+        a and b.
+    output : ndarray, shape (n,)
+        Receives the states.
+    """
     for k in range(len(keep)):
         z = keep[k] * z + toward[k]
         output[k] = z

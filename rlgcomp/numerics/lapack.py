@@ -94,6 +94,15 @@ def tridiagonal(matrix: Array, *, overwrite: bool = False) -> tuple[Array, Array
 def tridiagonal_solutions(diagonal: Array, off_diagonal: Array, right: Array) -> tuple[Array, Array, Array]:
     """Solutions of T x = right, shape (k, n), for a positive definite T; D and the off-diagonal of L of T = L D L^T.
 
+    Parameters
+    ----------
+    diagonal : ndarray, shape (n,)
+        Of T.
+    off_diagonal : ndarray, shape (n - 1,)
+        Of T.
+    right : ndarray, shape (k, n)
+        Right-hand sides.
+
     Raises
     ------
     numpy.linalg.LinAlgError
@@ -115,6 +124,12 @@ def shifted_solutions(matrix: Array, right: Array, shifts: Array) -> Array:
     """Solutions of (matrix + shift I) x = right for every shift, shape (r, shifts): reduced to tridiagonal form once.
 
     The matrix is symmetric, positive definite with each shift.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (r, r)
+    right : ndarray, shape (r,)
+    shifts : ndarray, shape (shifts,)
 
     Raises
     ------

@@ -228,7 +228,15 @@ def named(column: str, less: str = "") -> str:
 
 
 def reading(recording: Recording, column: str, less: str = "") -> Array:
-    """A quantity: a column, or the difference of two, smoothed against read noise."""
+    """A quantity: a column, or the difference of two, smoothed against read noise.
+
+    Parameters
+    ----------
+    recording : Recording
+    column : str
+    less : str
+        Column to subtract; empty for none.
+    """
     values = smoothed(recording, column)
     return values - smoothed(recording, less) if less else values
 

@@ -91,7 +91,18 @@ class Recording:
     def repaired(
         cls, table: pd.DataFrame, metadata: Metadata, *, name: str, truth: pd.DataFrame | None, findings: tuple[Finding, ...]
     ) -> Self:
-        """A recording of a table as `rlgcomp.recording.repair.repair` returns it: what that has proved is not checked again."""
+        """A recording of a table as `rlgcomp.recording.repair.repair` returns it, without checking it again.
+
+        Parameters
+        ----------
+        table : pandas.DataFrame
+        metadata : Metadata
+        name : str
+        truth : pandas.DataFrame, optional
+            Contributions of a simulated recording, row by row.
+        findings : tuple of Finding
+            What was repaired or noted.
+        """
         recording = cls.__new__(cls)
         _set_fields(recording, table, metadata, name, truth, findings)
         return recording
@@ -264,6 +275,13 @@ class Recording:
 
         With `keep_history` the rows before stay as lead-in, so that filters and hysteresis enter the interval in the state that
         the gyro was in.
+
+        Parameters
+        ----------
+        start_s, stop_s : float
+        keep_history : bool
+        name : str, optional
+            By default this recording's.
         """
         time_s = self.time_s
         first = time_s[0] if keep_history else start_s

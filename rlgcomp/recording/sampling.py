@@ -88,6 +88,16 @@ class FullWindows:
     def of(cls, time_s: Array, window_s: float, period_s: float, *, name: str) -> Self:
         """Consecutive windows, the first of which begins with the first sample.
 
+        Parameters
+        ----------
+        time_s : ndarray, shape (n,)
+        window_s : float
+            Length of a window.
+        period_s : float
+            Sample period.
+        name : str
+            Of the run, for messages.
+
         Raises
         ------
         InputError

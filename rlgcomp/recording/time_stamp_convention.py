@@ -85,6 +85,13 @@ def delay_in_samples(recording: Recording, rate: Array, gyro_deg_h: Array) -> tu
     r"""Delay of a rate against the gyro in sample periods, and its standard deviation: the f of
 
     .. math:: g_k = (1 + K) W_k + b + f \, \Delta t \, \dot W_k
+
+    Parameters
+    ----------
+    recording : Recording
+    rate : ndarray, shape (n,)
+        Of the table, in deg/s.
+    gyro_deg_h : ndarray, shape (n,)
     """
     inner = slice(2, -2)
     change = recording.period_s * np.gradient(rate, recording.time_s)

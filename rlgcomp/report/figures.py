@@ -99,7 +99,15 @@ def loop(trace: Trace) -> str:
 
 
 def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> str:
-    """Allan deviation before and after, with the noise floor."""
+    """Allan deviation before and after, with the noise floor; an SVG.
+
+    Parameters
+    ----------
+    traces : sequence of Trace
+    floor_deg_h : float
+        Noise floor of means over `averaging_s`.
+    averaging_s : float
+    """
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.7), layout="constrained")
         axes = figure.subplots()

@@ -133,7 +133,17 @@ def pulse_of_deg(recording: Recording) -> float:
 
 
 def mean_error_deg_h(rate: Array, lock_in_deg_s: float, pulse_deg_s: Array) -> Array:
-    """Mean of the error over each sample, since a sweep passes zero within a sample or two; `pulse_deg_s`: one pulse per sample."""
+    """Mean of the error over each sample, in deg/h, shape (n,): a sweep passes zero within a sample or two.
+
+    Parameters
+    ----------
+    rate : ndarray, shape (n,)
+        Of the light, in deg/s.
+    lock_in_deg_s : float
+        The lock-in threshold.
+    pulse_deg_s : ndarray, shape (n,)
+        Rate of one pulse a sample.
+    """
     run, mean = _change_within(rate), error_deg_h(rate, lock_in_deg_s)
     fast = np.abs(run) > _RUNNING * np.maximum(np.abs(rate), LOWEST_DEG_S)
     zone = (lock_in_deg_s**4 + (_HASTE * run[fast] * pulse_deg_s[fast]) ** 2) ** 0.25

@@ -66,7 +66,15 @@ def header(path: Path) -> list[str]:
 
 
 def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
-    """Some columns of a CSV file, so many rows at a time."""
+    """Some columns of a CSV file, so many rows at a time.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str
+    rows : int
+        At a time.
+    """
     try:
         with _pandas(path, usecols=list(columns), chunksize=rows) as reader:
             for table in reader:
@@ -97,7 +105,16 @@ def is_written(path: Path) -> bool:
 
 
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
-    """Write the table with 17 significant digits, so that reading gives the same bits back."""
+    """Write the table with 17 significant digits, so that reading gives the same bits back.
+
+    Parameters
+    ----------
+    path : Path
+        With the ending .gz the file is compressed.
+    table : pandas.DataFrame
+    metadata : dict
+        Not written; a CSV file has a yaml file for it.
+    """
     del metadata  # the caller writes it beside
     table.to_csv(path, index=False, float_format="%.17g", compression="gzip" if path.suffix == ".gz" else None)
 

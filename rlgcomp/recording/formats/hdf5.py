@@ -53,7 +53,15 @@ def is_written(path: Path) -> bool:
 
 
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
-    """Write one compressed dataset a column, first to memory: on a full disk the library ends the process instead of failing."""
+    """Write one compressed dataset a column, first to memory: on a full disk the library ends the process instead of failing.
+
+    Parameters
+    ----------
+    path : Path
+    table : pandas.DataFrame
+    metadata : dict
+        Written as an attribute.
+    """
     import h5py
 
     content = io.BytesIO()

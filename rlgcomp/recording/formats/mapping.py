@@ -80,6 +80,15 @@ def parse_mapping(items: list[str]) -> dict[str, str]:
 def require_droppable(drop: Collection[str], columns: Collection[str], path: str | Path) -> None:
     """Refuse to leave out what a file does not have.
 
+    Parameters
+    ----------
+    drop : collection of str
+        Columns to leave out.
+    columns : collection of str
+        Columns of the file.
+    path : path
+        Named in the message.
+
     Raises
     ------
     InputError
@@ -111,6 +120,15 @@ def has_column(columns: Collection[str], source: str) -> bool:
 
 def find_column(columns: Collection[str], source: str, name: str) -> tuple[str, str | None]:
     """Which of a file's columns a source means, and the unit that it states.
+
+    Parameters
+    ----------
+    columns : collection of str
+        Columns of the file.
+    source : str
+        A column's name, which may end in a unit in brackets.
+    name : str
+        Of the file, for the message.
 
     Raises
     ------

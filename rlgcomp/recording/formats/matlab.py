@@ -60,6 +60,13 @@ def is_written(path: Path) -> bool:
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
     """Write one variable a column.
 
+    Parameters
+    ----------
+    path : Path
+    table : pandas.DataFrame
+    metadata : dict
+        Written as a variable of text.
+
     Raises
     ------
     InputError

@@ -52,7 +52,16 @@ def pays(size: int) -> bool:
 
 
 def read(path: Path, names: Sequence[str], separator: str) -> pd.DataFrame | None:
-    """Table of a file of several columns; None where it is more than a line of these names, plain numbers and empty cells."""
+    """Table of a file of several columns; None where it is more than a line of these names, plain numbers and empty cells.
+
+    Parameters
+    ----------
+    path : Path
+    names : sequence of str
+        Columns, as the first line must state them.
+    separator : str
+        One character.
+    """
     with path.open("rb") as stream:
         mapped = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     cuts = _cuts(mapped)

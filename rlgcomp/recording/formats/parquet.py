@@ -55,7 +55,15 @@ def shape(path: Path) -> tuple[int, int]:
 
 
 def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
-    """Some columns of a Parquet file, so many rows at a time."""
+    """Some columns of a Parquet file, so many rows at a time.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str
+    rows : int
+        At a time.
+    """
     from pyarrow import parquet
 
     try:
@@ -77,7 +85,15 @@ def is_written(path: Path) -> bool:
 
 
 def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
-    """Write table and metadata."""
+    """Write table and metadata.
+
+    Parameters
+    ----------
+    path : Path
+    table : pandas.DataFrame
+    metadata : dict
+        Written into the schema.
+    """
     import pyarrow
     from pyarrow import parquet
 

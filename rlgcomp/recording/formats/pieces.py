@@ -32,7 +32,16 @@ def too_large(path: Path) -> bool:
 
 
 def gyros_of(path: Path, columns: Mapping[str, str] | None = None, drop: Sequence[str] = ()) -> tuple[str, ...]:
-    """Gyro columns of a file, under the names that a mapping gives them, less those that are dropped."""
+    """Gyro columns of a file, under the names that a mapping gives them, less those that are dropped.
+
+    Parameters
+    ----------
+    path : Path
+    columns : mapping of str to str, optional
+        Source of each column, as the option --map states it.
+    drop : sequence of str
+        Columns to leave out.
+    """
     names, _ = _opened(path, drop)
     mapping = column_mapping(read_sidecar(path), path) | dict(columns or {})
     mapped = {find_column(names, source, path.name)[0] for source in mapping.values()}

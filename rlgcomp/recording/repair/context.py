@@ -66,6 +66,15 @@ class Context:
         column: str | None = None,
         row: int | np.integer | None = None,
     ) -> None:
+        """Record a finding.
+
+        Parameters
+        ----------
+        severity : {"repaired", "noted", "refused"}
+        message : Message
+        column : str, optional
+        row : int, optional
+        """
         self.findings.append(Finding(severity, message, column, None if row is None else int(row)))
 
     @property

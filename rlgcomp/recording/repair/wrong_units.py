@@ -35,6 +35,13 @@ def plainly_in_its_unit(table: pd.DataFrame, column: str, context: Context) -> b
     """Whether bounds alone show a gyro column to be noisy and slow enough for its unit, with no encoder that contradicts.
 
     Squares of some steps sum up to no more than those of all, and no mean exceeds the greatest value.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+    column : str
+        Of a gyro, in deg/h or deg/s.
+    context : Context
     """
     if "table_rate_deg_s" in table:
         return False
