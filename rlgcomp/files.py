@@ -22,7 +22,7 @@ from rlgcomp.scratch import publish, publish_all, scratch_folder
 
 _EXPONENT: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]\d+$")  # as 6e-06, which YAML 1.1 takes for text
 _MOST_DIGITS: Final = 300  # of a whole number that a float can hold
-_TOLD: Final = 5  # names in a message
+_MOST_NAMED: Final = 5  # names in a message
 
 
 @contextlib.contextmanager
@@ -68,7 +68,7 @@ def whole_folder(path: str | Path, *, writes: Sequence[str]) -> Iterator[Path]:
     path : path
     writes : sequence of str
         Names of all files that are written there, as patterns of :mod:`fnmatch`, `folder/name` for those further in. The first is
-        that of a file which is always written: it tells that an earlier run made the folder.
+        that of a file which is always written: it shows that an earlier run made the folder.
 
     Raises
     ------
@@ -98,9 +98,9 @@ def _require_still(path: str | Path, writes: Sequence[str], made: Path) -> None:
     try:
         require_folder(path, writes=writes)
     except InputError as error:
-        kept = Path(tempfile.mkdtemp(prefix=f"{Path(path).resolve().name}.", dir=made.parent.parent))
-        os.replace(made, kept)
-        raise InputError(f"{error}; what was made lies in {kept}") from None
+        saved = Path(tempfile.mkdtemp(prefix=f"{Path(path).resolve().name}.", dir=made.parent.parent))
+        os.replace(made, saved)
+        raise InputError(f"{error}; what was made lies in {saved}") from None
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -275,9 +275,9 @@ def require_folder(path: str | Path, *, writes: Sequence[str]) -> None:
     if not replaceable:
         raise InputError(f"{path} exists and holds no {writes[0]}, so it is left untouched; give another name, or remove it first")
     if standing == place and (foreign := _foreign(place, [tuple(name.split("/")) for name in writes])):
-        more = f" and {len(foreign) - _TOLD} more" if len(foreign) > _TOLD else ""
+        more = f" and {len(foreign) - _MOST_NAMED} more" if len(foreign) > _MOST_NAMED else ""
         raise InputError(
-            f"{path} holds {', '.join(foreign[:_TOLD])}{more}, which an earlier run did not write and which would be lost; "
+            f"{path} holds {', '.join(foreign[:_MOST_NAMED])}{more}, which an earlier run did not write and which would be lost; "
             "give another name, or move what is to be kept"
         )
     if standing == place and Path.cwd().is_relative_to(place):
@@ -312,7 +312,7 @@ def same_file(one: str | Path, other: str | Path) -> bool:
 
 def _foreign(folder: Path, writes: Sequence[tuple[str, ...]]) -> list[str]:
     """What stands in a folder and has none of these names, each given as its parts; a folder none of whose files has one is one."""
-    found: list[str] = []
+    foreign: list[str] = []
     try:
         there = sorted(folder.iterdir())
     except OSError as error:
@@ -321,10 +321,10 @@ def _foreign(folder: Path, writes: Sequence[tuple[str, ...]]) -> list[str]:
         parts = [name for name in writes if fnmatch.fnmatchcase(path.name, name[0])]
         further_in = [name[1:] for name in parts if len(name) > 1]
         if path.is_dir() and not path.is_symlink() and further_in:
-            found += [f"{path.name}/{name}" for name in _foreign(path, further_in)]
+            foreign += [f"{path.name}/{name}" for name in _foreign(path, further_in)]
         elif path.is_dir() or len(parts) == len(further_in):
-            found.append(path.name)
-    return found
+            foreign.append(path.name)
+    return foreign
 
 
 def _require_access(folder: Path, path: str | Path) -> None:

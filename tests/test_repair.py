@@ -196,7 +196,7 @@ def test_a_gyro_in_another_unit_is_refused(factor: float, unit: str) -> None:
 
 def test_a_stated_unit_is_not_checked() -> None:
     quiet = table().assign(gyro_deg_h=lambda frame: frame["gyro_deg_h"] / 3600.0)
-    _, findings = repair(quiet, rlg.Metadata(), name="file", vouched=frozenset({"gyro_deg_h"}))
+    _, findings = repair(quiet, rlg.Metadata(), name="file", stated_units=frozenset({"gyro_deg_h"}))
     assert findings == ()
 
 
@@ -307,11 +307,11 @@ def test_a_dead_gyro_is_refused() -> None:
     assert refused(table().assign(gyro_deg_h=0.0))["dead_channel"].message.data == {"value": 0.0}
 
 
-def test_a_frozen_thermometer_is_found_by_the_other() -> None:
+def test_a_stuck_thermometer_is_found_by_the_other() -> None:
     frame = table()
     frame.loc[0:899, "temperature_shell_degC"] = 20.0
     result, found = repaired(frame)
-    assert found["frozen_thermometer"].message.data == {"duration_s": 899.0}
+    assert found["stuck_thermometer"].message.data == {"duration_s": 899.0}
     assert len(result) == 1100
 
 
@@ -321,7 +321,7 @@ def test_what_freezes_without_noise_is_found_by_its_line_on_the_other() -> None:
     frame.loc[0:899, "temperature_shell_degC"] = 20.0
     frame.loc[[100, 1200], "temperature_block_degC"] = np.nan
     frame.loc[1300:1310, "temperature_shell_degC"] = np.nan
-    assert repaired(frame)[1]["frozen_thermometer"].message.data == {"duration_s": 899.0}
+    assert repaired(frame)[1]["stuck_thermometer"].message.data == {"duration_s": 899.0}
 
 
 def test_set_points_kept_rooms_and_thermometers_of_few_digits_may_stand_still() -> None:
@@ -335,7 +335,7 @@ def test_set_points_kept_rooms_and_thermometers_of_few_digits_may_stand_still() 
         np.full(2000, 21.5),
     ):
         result, found = repaired(table().assign(temperature_room_degC=values))
-        assert not {"frozen_monitor", "frozen_thermometer"} & set(found)
+        assert not {"stuck_monitor", "stuck_thermometer"} & set(found)
         assert len(result) == 2000
     frame = table()
     frame["temperature_block_degC"] = 0.5 * np.round(2.0 * (20.0 + 0.04 * frame["temperature_block_degC"]))
@@ -351,8 +351,8 @@ def test_a_monitor_that_freezes_is_noted_with_its_segments() -> None:
     voltage[300:950], voltage[1200:] = 5.0012, 4.9987
     result, found = repaired(table().assign(supply_voltage_V=voltage))
     assert len(result) == 2000
-    assert place(found["frozen_monitor"]) == ("noted", "supply_voltage_V", 300)
-    assert found["frozen_monitor"].message.data["segments"] == [
+    assert place(found["stuck_monitor"]) == ("noted", "supply_voltage_V", 300)
+    assert found["stuck_monitor"].message.data["segments"] == [
         {"value": 5.0012, "start_s": 300.0, "end_s": 949.0},
         {"value": 4.9987, "start_s": 1200.0, "end_s": 1999.0},
     ]
@@ -371,9 +371,9 @@ def test_what_is_read_seldom_coarsely_or_set_is_not_frozen() -> None:
         np.minimum(20.0 + 0.01 * rows, 30.0),
         alternating,
     ):
-        assert "frozen_monitor" not in repaired(table().assign(supply_voltage_V=values))[1]
+        assert "stuck_monitor" not in repaired(table().assign(supply_voltage_V=values))[1]
     resting = np.where(rows < 900, 0.0, voltage)
-    assert "frozen_monitor" not in repaired(table().assign(table_rate_deg_s=resting), kind="turntable")[1]
+    assert "stuck_monitor" not in repaired(table().assign(table_rate_deg_s=resting), kind="turntable")[1]
 
 
 def test_encoder_wrap_is_undone() -> None:

@@ -10,7 +10,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.recording import Metadata, Recording
-from rlgcomp.recording.stuck_channels import frozen_messages, interpolated_holds, readings
+from rlgcomp.recording.stuck_channels import interpolated_holds, readings, stuck_messages
 from rlgcomp.report.inspection import summarise
 from rlgcomp.simulation.simulator import Simulator
 
@@ -136,15 +136,15 @@ def frozen(recording: rlg.Recording, column: str, rows: slice) -> rlg.Recording:
     return recording.replace(table=recording.table.assign(**{column: values}))
 
 
-def test_windows_in_which_a_monitor_is_frozen_are_left_out() -> None:
+def test_windows_in_which_a_monitor_is_stuck_are_left_out() -> None:
     sound = _noisy()
     stuck = frozen(sound, "supply_voltage_V", slice(1050, 2000))
     assert Windows.of(sound, 100.0).kept.all()
     assert np.flatnonzero(~Windows.of(stuck, 100.0).kept).tolist() == list(range(10, 20))
     assert Windows.of(stuck, 100.0).fine_unfrozen.time_s[45:55] == pytest.approx(np.r_[909.5:1000:20, 2009.5:2100:20])
-    assert frozen_messages(sound) == []
-    (message,) = frozen_messages(stuck)
-    assert (message.code, message.data["column"]) == ("recording.frozen_monitor", "supply_voltage_V")
+    assert stuck_messages(sound) == []
+    (message,) = stuck_messages(stuck)
+    assert (message.code, message.data["column"]) == ("recording.stuck_monitor", "supply_voltage_V")
     (segment,) = message.data["segments"]
     assert segment == {"value": stuck.column("supply_voltage_V")[1050], "start_s": 1050.0, "end_s": 1999.0}
     with pytest.raises(rlg.InputError, match=r"no monitor is frozen; .* or --drop supply_voltage_V"):
@@ -161,6 +161,6 @@ def test_a_monitor_that_freezes_spoils_no_estimate() -> None:
     (estimate,) = cause.parameters.values()
     assert estimate.value == pytest.approx(0.4, abs=3.0 * estimate.sd)
     assert estimate.sd < 0.05
-    assert [remark for remark in found.remarks if "supply_voltage_V is frozen" in remark] == [
-        message.text for one in stuck for message in frozen_messages(one)
+    assert [remark for remark in found.remarks if "supply_voltage_V is stuck" in remark] == [
+        message.text for one in stuck for message in stuck_messages(one)
     ]

@@ -343,7 +343,7 @@ def test_a_simulators_output_may_stand_still(tmp_path: Path) -> None:
     run = quiet.simulate("sweep -5 5 1500, rest 300")
     predicted = quiet.predict(run)
     rlg.write(predicted.replace(metadata=run.metadata), tmp_path / "as_recorded.parquet")
-    assert len(rlg.read(tmp_path / "as_recorded.parquet", computed=True)) == len(run)
+    assert len(rlg.read(tmp_path / "as_recorded.parquet", simulated=True)) == len(run)
     assert len(rlg.read(tmp_path / "as_recorded.parquet")) < len(run)
     rlg.write(predicted, tmp_path / "predicted.parquet")
     assert len(rlg.read(tmp_path / "predicted.parquet")) == len(run)

@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 FOLDER: Final = "RLGCOMP_LSSVMLAB"
 _SCRIPT: Final = """
 warning('off', 'all');
-load('given.mat');
+load('input.mat');
 addpath(toolbox);
 wall = tic; used = cputime;
 squares = sum(X.^2, 2);
@@ -36,7 +36,7 @@ model.gamcsa = gam;
 model.kernel_parscsa = sig2;
 cost = crossvalidatelssvm(model, Y, folds, squares, 'mse', 'mean');
 wall_s = toc(wall); cpu_s = cputime - used;
-save('-v6', 'found.mat', 'cost', 'wall_s', 'cpu_s');
+save('-v6', 'result.mat', 'cost', 'wall_s', 'cpu_s');
 """
 
 
@@ -54,11 +54,11 @@ def lssvmlab(X: Array, y: Array, sigma: Array, c: Array, folds: int) -> Timed:
     if not (toolbox / "crossvalidatelssvm.m").exists():
         raise ImportError(f"{FOLDER} names no folder of LS-SVMlab 1.8")
     widths, weights = (grid.ravel() for grid in np.meshgrid(sigma, c))
-    given = {"X": X, "Y": y[:, None], "sig2": widths**2, "gam": weights, "folds": float(folds), "toolbox": str(toolbox.absolute())}
+    inputs = {"X": X, "Y": y[:, None], "sig2": widths**2, "gam": weights, "folds": float(folds), "toolbox": str(toolbox.absolute())}
     with tempfile.TemporaryDirectory() as folder:
-        io.savemat(Path(folder) / "given.mat", given)
+        io.savemat(Path(folder) / "input.mat", inputs)
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         command = ["octave-cli", "--quiet", "--norc", "--eval", _SCRIPT]
         subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)  # noqa: S603
-        found = io.loadmat(Path(folder) / "found.mat")
-    return Timed(float(np.sqrt(found["cost"].min())), found["wall_s"].item(), found["cpu_s"].item())
+        result = io.loadmat(Path(folder) / "result.mat")
+    return Timed(float(np.sqrt(result["cost"].min())), result["wall_s"].item(), result["cpu_s"].item())

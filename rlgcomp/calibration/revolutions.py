@@ -149,7 +149,7 @@ def constant_rate_segments(revolutions: pd.DataFrame, length: int | None = None)
         longest = int(segments["turns"].max())
         segments = segments[segments["turns"] == length].reset_index(drop=True)
         if segments.empty:
-            raise InputError(f"no stretch of {length} revolutions at one rate; the longest has {longest}")
+            raise InputError(f"no segment of {length} revolutions at one rate; the longest has {longest}")
     return segments
 
 

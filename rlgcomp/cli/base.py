@@ -99,7 +99,7 @@ def read_runs(
     gyro: str | None = None,
     period_s: float | None = None,
     history: bool = True,
-    computed: bool = False,
+    simulated: bool = False,
     also: Sequence[str] = (),
 ) -> list[Any]:
     """Read recordings, cut intervals out and calibrate them; findings are printed on standard error.
@@ -122,7 +122,7 @@ def read_runs(
         Sample period of a file without time stamps.
     history : bool
         Whether samples before an interval stay as its lead-in. Turntable calibrations do not use them.
-    computed : bool
+    simulated : bool
         Whether a simulator computed the files: their columns may be constant and free of noise.
     also : sequence of str
         Further files of the command, in which a mapped column may be.
@@ -154,7 +154,7 @@ def read_runs(
                 drop=list(drop or []),
                 metadata={"pulse_arcsec": pulse_arcsec},
                 period_s=period_s,
-                computed=computed,
+                simulated=simulated,
             )
             for finding in recording.findings:
                 notify(f"{recording.name}: {finding}")

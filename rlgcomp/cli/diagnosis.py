@@ -135,7 +135,7 @@ def diagnose(
         runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or ()))
         own = None
         if simulated:
-            own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, computed=True, also=specs))
+            own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs))
         with progress("diagnosing", 100) as advance:
             diagnosis = diagnose_runs(
                 chosen,

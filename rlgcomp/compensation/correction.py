@@ -118,7 +118,7 @@ class Correction(NamedTuple):
 def corrected_table(
     table: pd.DataFrame, column: str, rate_deg_h: Array, predicted: pd.DataFrame, *, reference_deg_h: float = 0.0
 ) -> pd.DataFrame:
-    """A table with the predicted bias subtracted from its gyro, and the columns that tell what was subtracted.
+    """A table with the predicted bias subtracted from its gyro, and the columns that state what was subtracted.
 
     Parameters
     ----------

@@ -199,10 +199,10 @@ def require_csv(source: str) -> Path:
     return path
 
 
-def agrees(written: str, computed: str) -> bool:
+def agrees(written: str, recomputed: str) -> bool:
     """Whether a line written by an earlier run holds the numbers computed again."""
     try:
-        old, new = (np.array([float(part) for part in line.split(",")]) for line in (written, computed))
+        old, new = (np.array([float(part) for part in line.split(",")]) for line in (written, recomputed))
     except ValueError:
         return False
     return old.shape == new.shape and bool((np.abs(old - new) <= AGREEMENT * np.maximum(np.abs(new), ROUNDING)).all())

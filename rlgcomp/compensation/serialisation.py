@@ -210,8 +210,8 @@ def _check_shapes(arrays: Mapping[str, Array], features: int, runs: int) -> None
         raise InputError(f"the training rows do not belong to the {runs} runs that the manifest names")
 
 
-def _require_golden(computed: Array, expected: Array) -> None:
-    error = float(np.abs(computed - expected).max()) if computed.shape == expected.shape else np.inf
+def _require_golden(predicted: Array, expected: Array) -> None:
+    error = float(np.abs(predicted - expected).max()) if predicted.shape == expected.shape else np.inf
     if not error <= GOLDEN_TOLERANCE * max(1.0, float(np.abs(expected).max())):
         raise InputError(f"the golden vectors do not come out again: off by up to {error:.2g} deg/h")
 

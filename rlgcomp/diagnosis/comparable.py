@@ -19,7 +19,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 from rlgcomp.recording.outliers import without_outliers
-from rlgcomp.recording.stuck_channels import frozen_messages, interpolated_holds
+from rlgcomp.recording.stuck_channels import interpolated_holds, stuck_messages
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
@@ -96,7 +96,7 @@ def _undisturbed(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Reco
     """Runs without knocks and spikes, monitors not held between readings, and what to say of these and of monitors that freeze."""
     calm, remarks = without_outliers(runs, gyro)
     straight = [interpolated_holds(run) for run in calm]
-    frozen = (one for run in calm for one in frozen_messages(run))
+    frozen = (one for run in calm for one in stuck_messages(run))
     return [run for run, _ in straight], [
         one.text for one in (*remarks, *frozen, *(held for _, held in straight if held is not None))
     ]

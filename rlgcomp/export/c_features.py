@@ -108,14 +108,14 @@ def identifiers(columns: Sequence[str]) -> list[str]:
     >>> identifiers(["temperature_block_degC", "light (V)", "light [V]"])
     ['temperature_block_degC', 'light__V_', 'light__V__2']
     """
-    found: list[str] = []
+    names: list[str] = []
     for column in columns:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", column)[:60]
         count = 1
-        while (name := plain if count == 1 else f"{plain}_{count}") in found or name in {"MONITORS", "INPUTS", "CENTRES", "OK"}:
+        while (name := plain if count == 1 else f"{plain}_{count}") in names or name in {"MONITORS", "INPUTS", "CENTRES", "OK"}:
             count += 1
-        found.append(name)
-    return found
+        names.append(name)
+    return names
 
 
 def _not_negative(value: object, column: str) -> float:

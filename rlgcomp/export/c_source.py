@@ -296,11 +296,11 @@ def _horner(series: Sequence[float], name: str, number: Callable[[float], str]) 
 def _gyro(name: str, column: str) -> dict[str, Any]:
     """Declaration of the function that corrects a gyro's output, and its rate in deg/h before."""
     pulses = column.endswith("_pulses")
-    given = "double gyro, double pulse_arcsec, double period_s" if pulses else "double gyro"
+    arguments = "double gyro, double pulse_arcsec, double period_s" if pulses else "double gyro"
     return {
         "pulses": pulses,
         "gyro_unit": column_unit(column),
-        "correct": f"double {name}_correct_deg_h({given}, const {name}_result *result)",
+        "correct": f"double {name}_correct_deg_h({arguments}, const {name}_result *result)",
         # arcseconds a second are degrees an hour
         "rate_deg_h": "gyro * (pulse_arcsec / period_s)" if pulses else "gyro * 3600.0" if column.endswith("_deg_s") else "gyro",
     }

@@ -54,7 +54,7 @@ class Expansion:
     low, high : ndarray, shape (features,)
         Beyond these a sample is flagged.
     least, most : ndarray, shape (features,)
-        Where inputs are held.
+        Where inputs are clipped.
     offset, scale : ndarray, shape (features,)
         Clipped inputs to x.
     y_mean_deg_h, y_scale_deg_h, reference_deg_h : float

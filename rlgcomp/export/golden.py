@@ -34,7 +34,7 @@ class Stream:
         The model's inputs; NaN where a sample was refused.
     bias_deg_h, half_width_deg_h : ndarray, shape (n,)
     status : ndarray, shape (n,)
-        `OK`, `OUT_OF_RANGE`, `INVALID`, or `EITHER` of the first two where an input is too near the limit to tell.
+        `OK`, `OUT_OF_RANGE`, `INVALID`, or `EITHER` of the first two where an input is too near the limit to decide.
     """
 
     name: str
@@ -71,9 +71,9 @@ def stream_of(recording: Recording, compensator: Compensator, expansion: Expansi
 def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool) -> tuple[Stream, int]:
     """The golden recording, made from the artefact alone, and how many of its rows from the second on are undisturbed.
 
-    A sample that tells nothing; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
-    a little beyond the training range, samples that tell nothing or come at a wrong time, an ordinary stretch, and inputs far
-    out. What tells nothing is not finite, or holds readouts that are both 0. Each sample goes through the pipeline's own `step`.
+    An invalid sample; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
+    a little beyond the training range, samples that are invalid or come at a wrong time, an ordinary segment, and inputs far
+    out. An invalid sample is not finite, or its readouts are both 0. Each sample goes through the pipeline's own `step`.
 
     Parameters
     ----------

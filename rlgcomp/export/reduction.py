@@ -188,14 +188,14 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     centres = len(whole.expansion.weights)
     fewest = 0 if whole.expansion.form == "wide" else 1
     grid = np.unique(np.r_[fewest, np.round(np.geomspace(1, max(centres, 2), 28)).astype(int), np.asarray(sizes, dtype=int)])
-    kept = [int(m) for m in grid if fewest <= m < centres and m <= whole.most]
-    curve = pd.DataFrame({"centres": [*kept, centres]})
+    sizes_tried = [int(m) for m in grid if fewest <= m < centres and m <= whole.most]
+    curve = pd.DataFrame({"centres": [*sizes_tried, centres]})
     judges = {"left_out": list(_left_out(compensator))}
     for run in runs:
         own = window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro)
         judges.setdefault("trained_on" if trained_on(compensator, own) else "unseen", []).append((whole, [own]))
     for name, folds in judges.items():
-        stability = [_pooled([(reduction.with_centres(m), parts) for reduction, parts in folds]) for m in kept]
+        stability = [_pooled([(reduction.with_centres(m), parts) for reduction, parts in folds]) for m in sizes_tried]
         stability.append(_pooled([(reduction.expansion, parts) for reduction, parts in folds]))
         curve[f"{name}_deg_h"] = stability
         curve[f"{name}_loss"] = np.array(stability) / stability[-1] - 1.0

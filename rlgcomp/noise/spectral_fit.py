@@ -241,7 +241,7 @@ def fit_widest(density: Periodogram, *, leave_out: npt.NDArray[np.bool_]) -> Spe
     Coarse pulses beat with the rotation and put moving humps above some tenths of a hertz, table servos above some hertz; where the
     shape does not fit (p below 0.01), the upper end of the band is halved. Where no band fits, the narrowest is returned.
 
-    Rounding to pulses is only nearly white noise of the angle, and a test of the shape does not detect departures that bias N by
+    Rounding to pulses is only nearly white noise of the angle, and a test of the shape does not detect deviations that bias N by
     more than its error. So the band also ends where white noise of the angle exceeds that of the rate.
     """
     highest_hz = float(density.frequency_hz[-1])

@@ -18,7 +18,7 @@ from rlgcomp.numerics.compiled import in_threads
 Array = npt.NDArray[np.float64]
 BLOCK: Final = 1 << 18  # values: 2 MiB; threads that call for less wait for each other
 LONG: Final = 1 << 19  # values from which threads pay
-_PROBES: Final = 64  # values of a stretch that are compared before it may count as equal throughout
+_PROBES: Final = 64  # values of a run of equal ones that are compared before it may count as equal throughout
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Extent:
 
 def extents(columns: Sequence[Array]) -> list[Extent]:
     """Extent of each column; NaN for one without values."""
-    found = np.full((len(columns), 2), np.nan)
-    pieces = [(values, found[k]) for k, values in enumerate(columns) if len(values)]
+    limits = np.full((len(columns), 2), np.nan)
+    pieces = [(values, limits[k]) for k, values in enumerate(columns) if len(values)]
     in_threads(_extent, pieces, None if any(len(values) >= LONG for values in columns) else 1)
-    return [Extent(float(least), float(greatest)) for least, greatest in found]
+    return [Extent(float(least), float(greatest)) for least, greatest in limits]
 
 
 def step_extent(values: Array) -> Extent:
@@ -77,6 +77,6 @@ def may_hold(values: Array, samples: int) -> bool:
     return bool(len(starts))
 
 
-def _extent(values: Array, found: Array) -> None:
+def _extent(values: Array, limits: Array) -> None:
     ends = np.array([(block.min(), block.max()) for block in (values[k : k + BLOCK] for k in range(0, len(values), BLOCK))])
-    found[:] = ends[:, 0].min(), ends[:, 1].max()
+    limits[:] = ends[:, 0].min(), ends[:, 1].max()

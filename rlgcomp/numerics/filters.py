@@ -155,7 +155,7 @@ def ahead(values: Array, time_s: Array, lead_s: float) -> Array:
 
 
 def _blocks(samples: int, window: int) -> list[int]:
-    """Edges of blocks no longer than what sums over a window can be told from: cumulative sums of t² grow with the cube of it."""
+    """Edges of blocks so short that cumulative sums keep the precision of sums over a window; those of t² grow with the cube."""
     return [*range(0, samples, max(window, _BLOCK)), samples]
 
 

@@ -3,7 +3,7 @@ r"""Hysteresis operators with explicit state: play (Prandtl–Ishlinskii), Preis
 Each has `init(u) -> state`, `step(state, u) -> state` and `run(state, u) -> (outputs, state)`; `run` is the scan of `step`, bit for
 bit. All are rate independent: they answer to the path of the input, not to its speed.
 
-What an operator remembers of the time before its first input is told by `swept`: 0 where swings died away about that input (virgin,
+The memory of the time before the first input is set by `swept`: 0 where swings died away about that input (virgin,
 demagnetised), 1 where the input came up to it from far below, -1 where it came down from far above.
 
 References
@@ -32,7 +32,7 @@ Array = npt.NDArray[np.float64]
 STARTS: Final = {"rested": 0.0, "from_below": 1.0, "from_above": -1.0}  # what `swept` is called
 BEGUN: Final = {
     start: "" if start == "rested" else f"; T had come {start.replace('_', ' far ')}" for start in STARTS
-}  # said of each
+}  # each in words
 _NODES: Final = 48  # of a quadrature
 _TOGETHER: Final = 5  # radii from which one array a sample is faster than one number a sample and radius
 

@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 MANY: Final = 100_000  # updates of an operator from which compiling pays
 _LOADED: Final = 10_000  # the same once Numba is there
 BOUC_WEN: Final = 10  # a step of Bouc–Wen in updates of a play operator
-_STEPS: Final = 256  # of one gyro, whose gains are found at once
+_STEPS: Final = 256  # of one gyro, whose gains are computed at once
 BOUC_WEN_PIECE: Final = 256  # gyros of one piece of work
 PLAY_PIECE: Final = 512  # the same of play operators
 LARGE: Final = 1 << 23  # bytes from which an array's pages are new
@@ -237,9 +237,9 @@ def _sums_of_many(u: Array, radii: Array, weights: Array, states: Array, first: 
                 state[g] = p
                 state_[g] = p_
         for step in range(4):
-            found, total = sums[k + step, first:last], room[4 + step]
+            outputs, total = sums[k + step, first:last], room[4 + step]
             for g in range(last - first):
-                found[g] = total[g]
+                outputs[g] = total[g]
     for k in range(whole, len(u)):
         for g in range(last - first):
             total = shift

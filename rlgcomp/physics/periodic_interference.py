@@ -57,17 +57,17 @@ class PeriodicInterference(Mechanism):
         lowest = _CYCLES * _OVERSAMPLING
         frequency_hz = step_hz * np.arange(lowest, max(lowest + 1, int(highest_hz / step_hz)), dtype=np.float64)
         waves = [_spectrum(t, values, step_hz, frequency_hz) for t, values in zip(time_s, residuals, strict=True)]
-        found = []
+        candidates = []
         for phase, power in (("start", np.abs(np.sum(waves, axis=0)) ** 2), ("random", np.sum(np.abs(waves) ** 2, axis=0))):
             for _ in range(_PEAKS):
                 k = int(np.argmax(power))
-                found += [
+                candidates += [
                     cls(frequency_hz=float(np.clip(frequency_hz[k] + shift * step_hz, 1e-5, 0.5)), phase=phase)
                     for shift in (-0.5, 0.0, 0.5)
                 ]
                 near = slice(max(0, k - _APART * _OVERSAMPLING), k + _APART * _OVERSAMPLING + 1)
                 power[near] = 0.0
-        return tuple(found), 2.0 * len(frequency_hz)
+        return tuple(candidates), 2.0 * len(frequency_hz)
 
     @classmethod
     def at_line(cls, frequency_hz: float, resolution_hz: float) -> tuple[Self, ...]:

@@ -141,30 +141,30 @@ def _plain_orders(recordings: Sequence[Recording], points: Sequence[RotationHarm
     points : sequence of RotationHarmonics
         One order each, equal otherwise.
     """
-    left, angles, weights = [], [], []
+    residuals, angles, weights = [], [], []
     for run in recordings:
         if len(run.gyro_columns) != 1 or (run.gyro_columns[0].endswith("_pulses") and run.metadata.pulse_arcsec is None):
             return []
         gyro = run.rate_deg_h()
         rate = reference_rate_deg_s(run, gyro)
-        left.append(_freed(gyro - SECONDS_PER_HOUR * rate, np.column_stack([np.ones(len(rate)), rate])))
+        residuals.append(_freed(gyro - SECONDS_PER_HOUR * rate, np.column_stack([np.ones(len(rate)), rate])))
         angles.append(reference_angle_deg(run, points[0].taken))
         weights.append(rate / points[0].reference_deg_s if points[0].scaling == "rate" else np.ones(len(rate)))
     place = np.floor(np.concatenate(angles) * (_BINS / DEG_PER_TURN)).astype(np.int64) % _BINS
     weight = np.concatenate(weights)
     orders = np.array([point.order_1 for point in points])
-    found: list[int] = []
-    while len(found) < MOST:
-        values = np.concatenate(left)
+    significant: list[int] = []
+    while len(significant) < MOST:
+        values = np.concatenate(residuals)
         spectrum = np.fft.rfft(np.bincount(place, weight * values, _BINS))[orders]
         power = 2.0 * np.abs(spectrum) ** 2 / max(float(weight @ weight) * float(np.var(values)), 1e-300)
-        power[np.isin(orders, found)] = 0.0
+        power[np.isin(orders, significant)] = 0.0
         strongest = int(np.argmax(power))
         if power[strongest] < _PLAIN:
             break
-        found.append(int(orders[strongest]))
-        left = [_freed(part, points[strongest].basis(run)) for part, run in zip(left, recordings, strict=True)]
-    return found
+        significant.append(int(orders[strongest]))
+        residuals = [_freed(part, points[strongest].basis(run)) for part, run in zip(residuals, recordings, strict=True)]
+    return significant
 
 
 def _freed(values: Array, design: Array) -> Array:

@@ -59,20 +59,20 @@ def user_catalogue(
     extended = dict(catalogue)
     for path in paths:
         module = load_python(path)
-        found = [
+        defined = [
             member
             for member in vars(module).values()
             if inspect.isclass(member) and issubclass(member, Mechanism) and member.__module__ == module.__name__
         ]
-        if not found:
+        if not defined:
             raise InputError(f"{path} defines no mechanism: no class derived from rlgcomp.Mechanism; {_EXAMPLE}")
-        for mechanism in found:
+        for mechanism in defined:
             faults = _faults(mechanism)
             if faults:
                 listed = "\n".join(f"  - {fault}" for fault in faults)
                 raise InputError(f"{path}: {mechanism.__name__} is not a valid mechanism; {_EXAMPLE}:\n{listed}")
             if mechanism.name in extended:
-                by = "the catalogue" if mechanism.name in catalogue else "another mechanism that was given"
+                by = "the catalogue" if mechanism.name in catalogue else "another mechanism of these files"
                 raise InputError(f"{path}: the name {mechanism.name!r} is taken by {by}; give {mechanism.__name__} another")
             extended[mechanism.name] = mechanism
     return MappingProxyType(extended)

@@ -57,8 +57,8 @@ def problems_of(table: pd.DataFrame, truth: pd.DataFrame | None) -> list[str]:
     numeric = [column for column in table.columns if pd.api.types.is_numeric_dtype(table[column])]
     problems += [f"{column} is not numeric ({table[column].dtype})" for column in table.columns if column not in numeric]
     values = [table[column].to_numpy(dtype=np.float64, na_value=np.nan) for column in numeric]
-    found = zip(numeric, extents(values), strict=True)
-    problems += [f"{column} has missing or infinite values" for column, extent in found if not extent.within(_LARGEST)]
+    named = zip(numeric, extents(values), strict=True)
+    problems += [f"{column} has missing or infinite values" for column, extent in named if not extent.within(_LARGEST)]
     if not problems and not step_extent(table[TIME].to_numpy(dtype=np.float64)).least > 0.0:
         problems.append(f"{TIME} does not increase")
     if truth is not None and len(truth) != len(table):

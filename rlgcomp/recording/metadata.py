@@ -95,7 +95,7 @@ def _plain(value: Any) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """One thing found in a recording.
+    """One observation on a recording.
 
     Parameters
     ----------

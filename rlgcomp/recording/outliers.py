@@ -87,7 +87,7 @@ class Outliers:
     deviation_deg_h: Array | None = None
 
     def message(self, treatment: str, run: str | None = None) -> Message:
-        """What was found, and what is done about it.
+        """The outliers, and what is done about them.
 
         Parameters
         ----------
@@ -123,14 +123,14 @@ def without_gyro_outliers(run: Recording, gyro: str | None) -> tuple[Recording, 
 
 def monitor_outliers(run: Recording) -> tuple[Outliers, ...]:
     """Single outliers of the monitors of a chamber or static run, one entry a column that has any."""
-    found: list[Outliers] = []
+    outliers: list[Outliers] = []
     for column in run.columns if run.metadata.kind != "turntable" else ():
         if column == TIME or is_gyro(column):
             continue
         rows = _single_outliers(run.column(column))
         if 0 < rows.sum() <= _MONITOR_SHARE * len(rows):
-            found.append(Outliers(column, rows, float(run.time_s[rows][0])))
-    return tuple(found)
+            outliers.append(Outliers(column, rows, float(run.time_s[rows][0])))
+    return tuple(outliers)
 
 
 def without_monitor_outliers(run: Recording, columns: Sequence[str] | None = None) -> tuple[Recording, tuple[Message, ...]]:

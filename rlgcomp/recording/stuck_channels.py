@@ -1,4 +1,4 @@
-"""Monitors that stand still: frozen for a while, or sampled by a slower logger and held between its readings."""
+"""Monitors that stand still: stuck for a while, or sampled by a slower logger with a zero-order hold between its readings."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-FROZEN_S: Final = 600.0
-FROZEN_WHILE_OTHERS_MOVE_K: Final = 2.0
-FEWEST_SAMPLES: Final = 100  # of a frozen segment, and of the rest of the monitor
+STUCK_S: Final = 600.0
+STUCK_WHILE_OTHERS_MOVE_K: Final = 2.0
+FEWEST_SAMPLES: Final = 100  # of a stuck segment, and of the rest of the monitor
 # Share of the other samples that lie above both neighbours or below both. Noise in the last digit gives more, two values that
-# alternate by chance just as many; set points, slow courses with few digits and held readings give next to none.
+# alternate by chance just as many; set points, slow courses with few digits and sample and hold give next to none.
 _ALIVE: Final = 0.25
-# Of a frozen thermometer without noise: deviation from its line on another thermometer, over the rms of the rest.
+# Of a stuck thermometer without noise: deviation from its line on another thermometer, over the rms of the rest.
 _ASTRAY: Final = 5.0
 _MOTION: Final = (*ENCODERS, "table_rate_deg_s")  # a table may rest
 
-# Readings that are held:
+# Sample and hold:
 _SHORTEST_ROWS: Final = 5
 _SHORTEST_S: Final = 10.0
 _LONGEST_S: Final = 1800.0  # what changes more rarely is set, as the programme of a table or a chamber is
@@ -40,11 +40,11 @@ def monitors(columns: Iterable[object]) -> list[str]:
     return [name for name in map(str, columns) if name not in (TIME, *_MOTION) and not (is_gyro(name) or is_compensation(name))]
 
 
-# --- frozen ----------------------------------------------------------------------------------------------------------------
+# --- stuck -----------------------------------------------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True)
-class FrozenSegment:
+class StuckSegment:
     """Rows on which a monitor keeps exactly one value, though its last digit is alive on the others."""
 
     column: str
@@ -55,45 +55,45 @@ class FrozenSegment:
     end_s: float
 
 
-def frozen_segments(table: pd.DataFrame) -> list[FrozenSegment]:
-    """Where monitors are frozen, column by column: for ten minutes and a hundred samples, or longer."""
+def stuck_segments(table: pd.DataFrame) -> list[StuckSegment]:
+    """Where monitors are stuck, column by column: for ten minutes and a hundred samples, or longer."""
     time_s = table[TIME].to_numpy()
-    fewest = max(FEWEST_SAMPLES, 1 + int(FROZEN_S / step_extent(time_s).greatest)) if len(time_s) > 1 else FEWEST_SAMPLES
-    found = []
+    fewest = max(FEWEST_SAMPLES, 1 + int(STUCK_S / step_extent(time_s).greatest)) if len(time_s) > 1 else FEWEST_SAMPLES
+    segments = []
     for column in monitors(table.columns):
         values = table[column].to_numpy()
         if len(values) < 2 * fewest or not may_hold(values, fewest):
             continue
         starts, stops = _repeats(values)
-        long = (stops - starts >= FEWEST_SAMPLES) & (time_s[stops - 1] - time_s[starts] >= FROZEN_S)
+        long = (stops - starts >= FEWEST_SAMPLES) & (time_s[stops - 1] - time_s[starts] >= STUCK_S)
         spans = list(zip(starts[long].tolist(), stops[long].tolist(), strict=True))
         if spans and _alive(values[~_covered(spans, len(values))]):
-            found += [FrozenSegment(column, a, b, float(values[a]), float(time_s[a]), float(time_s[b - 1])) for a, b in spans]
-    return found
+            segments += [StuckSegment(column, a, b, float(values[a]), float(time_s[a]), float(time_s[b - 1])) for a, b in spans]
+    return segments
 
 
-def by_column(frozen: Sequence[FrozenSegment]) -> dict[str, list[FrozenSegment]]:
-    """Frozen segments of each column."""
-    columns: dict[str, list[FrozenSegment]] = {}
-    for segment in frozen:
+def by_column(stuck: Sequence[StuckSegment]) -> dict[str, list[StuckSegment]]:
+    """Stuck segments of each column."""
+    columns: dict[str, list[StuckSegment]] = {}
+    for segment in stuck:
         columns.setdefault(segment.column, []).append(segment)
     return columns
 
 
-def frozen_messages(run: Recording) -> list[Message]:
-    """One message a frozen monitor: windows leave its segments out."""
+def stuck_messages(run: Recording) -> list[Message]:
+    """One message a stuck monitor: windows leave its segments out."""
     return [
-        message("recording.frozen_monitor", run=run.name, column=column, segments=segments_of(segments))
-        for column, segments in by_column(frozen_segments(run.table)).items()
+        message("recording.stuck_monitor", run=run.name, column=column, segments=segments_of(segments))
+        for column, segments in by_column(stuck_segments(run.table)).items()
     ]
 
 
-def segments_of(frozen: Sequence[FrozenSegment]) -> list[dict[str, float]]:
-    """Frozen segments as data of a message."""
-    return [{"value": one.value, "start_s": one.start_s, "end_s": one.end_s} for one in frozen]
+def segments_of(stuck: Sequence[StuckSegment]) -> list[dict[str, float]]:
+    """Stuck segments as data of a message."""
+    return [{"value": one.value, "start_s": one.start_s, "end_s": one.end_s} for one in stuck]
 
 
-def frozen_thermometer_segments(table: pd.DataFrame, longest_step_s: float) -> list[FrozenSegment]:
+def stuck_thermometer_segments(table: pd.DataFrame, longest_step_s: float) -> list[StuckSegment]:
     """Where a thermometer keeps one value while another moves, if it has noise on the other rows or follows that other there.
 
     Set points, rooms of constant temperature and thermometers of few digits may stand still.
@@ -107,26 +107,26 @@ def frozen_thermometer_segments(table: pd.DataFrame, longest_step_s: float) -> l
     thermometers = [str(column) for column in table.columns if str(column).endswith("_degC")]
     if len(thermometers) < 2:
         return []
-    found = []
+    segments = []
     time_s = table[TIME].to_numpy()
-    fewest = 1 + int(FROZEN_S / longest_step_s)
+    fewest = 1 + int(STUCK_S / longest_step_s)
     for column in (name for name in thermometers if may_hold(table[name].to_numpy(), fewest)):
         values = table[column].to_numpy()
         starts, stops = _repeats(values)
-        long = time_s[stops - 1] - time_s[starts] >= FROZEN_S
+        long = time_s[stops - 1] - time_s[starts] >= STUCK_S
         spans = list(zip(starts[long].tolist(), stops[long].tolist(), strict=True))
         rest = ~_covered(spans, len(table))
         alive = bool(spans) and _alive(values[rest])
         for start, stop in spans:
             others = table[[other for other in thermometers if other != column]]
             moved = others.iloc[start:stop].max() - others.iloc[start:stop].min()
-            if moved.max() <= FROZEN_WHILE_OTHERS_MOVE_K:
+            if moved.max() <= STUCK_WHILE_OTHERS_MOVE_K:
                 continue
             if alive or _astray(values, others[moved.idxmax()].to_numpy(), slice(start, stop), rest):
-                found.append(
-                    FrozenSegment(column, start, stop, float(values[start]), float(time_s[start]), float(time_s[stop - 1]))
+                segments.append(
+                    StuckSegment(column, start, stop, float(values[start]), float(time_s[start]), float(time_s[stop - 1]))
                 )
-    return found
+    return segments
 
 
 def _alive(values: Array) -> bool:
@@ -164,7 +164,7 @@ def _repeats(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
 
 class Readings(NamedTuple):
-    """Readings of a held monitor as corners of a polygon.
+    """Readings of a monitor with sample and hold, as corners of a polygon.
 
     Parameters
     ----------
@@ -179,32 +179,32 @@ class Readings(NamedTuple):
     interval_s: float
 
 
-def held_readings(run: Recording) -> dict[str, Readings]:
-    """Readings of each monitor that is held between them."""
-    found = ((column, readings(run.time_s, run.column(column), run.period_s)) for column in monitors(run.columns))
-    return {column: each for column, each in found if each is not None}
+def sample_and_hold_readings(run: Recording) -> dict[str, Readings]:
+    """Readings of each monitor with sample and hold."""
+    tried = ((column, readings(run.time_s, run.column(column), run.period_s)) for column in monitors(run.columns))
+    return {column: each for column, each in tried if each is not None}
 
 
-def held_message(held: Mapping[str, Readings], run: str | None = None) -> Message:
-    """Of held monitors: how many there are, and how often they are read; with `run`, also that they are interpolated."""
-    intervals_s = [each.interval_s for each in held.values()]
-    return message("recording.sample_and_hold", columns=list(held), interval_s=float(np.median(intervals_s)), run=run)
+def sample_and_hold_message(monitors_read: Mapping[str, Readings], run: str | None = None) -> Message:
+    """The monitors with sample and hold, and how often they are read; with `run`, also that they are interpolated."""
+    intervals_s = [each.interval_s for each in monitors_read.values()]
+    return message("recording.sample_and_hold", columns=list(monitors_read), interval_s=float(np.median(intervals_s)), run=run)
 
 
 def interpolated_holds(run: Recording) -> tuple[Recording, Message | None]:
-    """A run whose held monitors go straight from reading to reading; the run itself where none is held.
+    """A run whose monitors with sample and hold are interpolated between readings; the run itself where there are none.
 
     A reading that is held for P lags by P/2 and changes all at once: its rate is zero, and then anything.
     """
-    held = held_readings(run)
-    if not held:
+    monitors_read = sample_and_hold_readings(run)
+    if not monitors_read:
         return run, None
-    straight = {column: np.interp(run.time_s, each.at_s, each.values) for column, each in held.items()}
-    return run.replace(table=run.table.assign(**straight)), held_message(held, run.name)
+    straight = {column: np.interp(run.time_s, each.at_s, each.values) for column, each in monitors_read.items()}
+    return run.replace(table=run.table.assign(**straight)), sample_and_hold_message(monitors_read, run.name)
 
 
 def readings(time_s: Array, values: Array, period_s: float) -> Readings | None:
-    """Readings of a monitor that is held between them; None where it is not.
+    """Readings of a monitor with sample and hold; None where it has none.
 
     Changes come at whole numbers of an interval, to within a sample; where a reading repeats the last there is none. The first
     reading may lie before the beginning of the run.

@@ -49,7 +49,7 @@ def output(one: AngleRandomWalk) -> str:
     """1 s means over the run, mean removed, before and after; the trend; and one minute of both."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
-        (top, zoom), (bottom, zoomed) = figure.subplots(2, 2, sharey="row", gridspec_kw={"width_ratios": [2.6, 1.0]})
+        (top, minute_before), (bottom, minute_after) = figure.subplots(2, 2, sharey="row", gridspec_kw={"width_ratios": [2.6, 1.0]})
         table = one.means
         hours = (table["time_s"] - table["time_s"].iloc[0]) / SECONDS_PER_HOUR
         trend = table["trend_deg_h"] - table["trend_deg_h"].mean()
@@ -58,13 +58,13 @@ def output(one: AngleRandomWalk) -> str:
         bottom.plot(hours, table["after_deg_h"], color=RESIDUAL, lw=0.3, rasterized=True, label="1 s means")
         minute = table.iloc[:SHOWN_MEANS_S]
         seconds = minute["time_s"] - minute["time_s"].iloc[0]
-        zoom.plot(seconds, (table["before_deg_h"] + trend).iloc[:SHOWN_MEANS_S], "-o", color=RAW, ms=2, lw=0.9)
-        zoomed.plot(seconds, minute["after_deg_h"], "-o", color=RESIDUAL, ms=2, lw=0.9)
+        minute_before.plot(seconds, (table["before_deg_h"] + trend).iloc[:SHOWN_MEANS_S], "-o", color=RAW, ms=2, lw=0.9)
+        minute_after.plot(seconds, minute["after_deg_h"], "-o", color=RESIDUAL, ms=2, lw=0.9)
         top.set_title(f"Before, {_name(one)}")
         bottom.set_title("After harmonics and trend")
-        zoom.set_title("first minute")
+        minute_before.set_title("first minute")
         bottom.set_xlabel("time in h")
-        zoomed.set_xlabel("time in s")
+        minute_after.set_xlabel("time in s")
         for axes in (top, bottom):
             axes.set_ylabel("deg/h")
         top.legend(loc="upper left", frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")

@@ -13,7 +13,7 @@ from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.numerics.hysteresis import Play
 from rlgcomp.recording import DEFAULT_AVERAGING_S, Finding, Recording
 from rlgcomp.recording.outliers import gyro_outliers, monitor_outliers
-from rlgcomp.recording.stuck_channels import held_message, held_readings
+from rlgcomp.recording.stuck_channels import sample_and_hold_message, sample_and_hold_readings
 from rlgcomp.units import SECONDS_PER_HOUR
 
 TURN: Final = 0.1  # of the span of temperature: smaller reversals are no turning points
@@ -49,7 +49,8 @@ def summarise(recording: Recording) -> dict[str, Any]:
         ],
         "legs": legs(recording),
         "findings": [
-            finding.to_mapping() for finding in (*recording.findings, *outlier_findings(recording), *held_findings(recording))
+            finding.to_mapping()
+            for finding in (*recording.findings, *outlier_findings(recording), *sample_and_hold_findings(recording))
         ],
     }
 
@@ -60,14 +61,14 @@ def outlier_findings(recording: Recording) -> list[Finding]:
     for column in recording.gyro_columns:
         with contextlib.suppress(InputError):  # pulses of unknown size
             outliers.append(gyro_outliers(recording, column))
-    found = [each for each in (*outliers, *monitor_outliers(recording)) if each is not None]
-    return [Finding("noted", each.message("inspected"), each.column, int(np.argmax(each.rows))) for each in found]
+    outliers_of_all = [each for each in (*outliers, *monitor_outliers(recording)) if each is not None]
+    return [Finding("noted", each.message("inspected"), each.column, int(np.argmax(each.rows))) for each in outliers_of_all]
 
 
-def held_findings(recording: Recording) -> list[Finding]:
+def sample_and_hold_findings(recording: Recording) -> list[Finding]:
     """Monitors that a slower logger reads, in one finding."""
-    held = held_readings(recording)
-    return [Finding("noted", held_message(held))] if held else []
+    monitors_read = sample_and_hold_readings(recording)
+    return [Finding("noted", sample_and_hold_message(monitors_read))] if monitors_read else []
 
 
 def legs(recording: Recording) -> list[dict[str, Any]]:
@@ -98,15 +99,15 @@ def legs(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _gyro(recording: Recording, column: str) -> dict[str, Any]:
-    found: dict[str, Any] = {"gyro": column}
+    values: dict[str, Any] = {"gyro": column}
     try:
         rate = recording.rate_deg_h(column)
         curve = allan_deviation(rate, recording.time_s)
     except InputError as error:
-        return {**found, "note": str(error)}
+        return {**values, "note": str(error)}
     white = curve.white_noise_deg_h(DEFAULT_AVERAGING_S)
     return {
-        **found,
+        **values,
         "mean, deg/h": float(rate.mean()),
         "std, deg/h": float(rate.std()),
         f"white noise of {DEFAULT_AVERAGING_S:g} s means, deg/h": white,

@@ -16,7 +16,7 @@ enum { INPUTS = SIMULATED_UNIT_1_INPUTS, LANES = 8, BLOCKS = 102 };
 static const real LOW[INPUTS] = { -40.85590921350921, -19.176379406269607, -0.9294913770819141, -4.942325954501438, -14.240176817040695, -33.97874835966984, -5.390000000000002, -10.670000000000003, -20.9, 0.971305700475852, -0.01759234970649587 };
 static const real HIGH[INPUTS] = { 65.89946616370715, 19.212574666732603, 1.00213378992496, 4.5591174216839985, 12.804468866338823, 28.820228547028375, 5.390000000000002, 10.670000000000003, 20.900000000000002, 1.0159546040646836, 0.03916200701626897 };
 static const real PER_SPAN[INPUTS] = { 0.009367209814649008, 0.026049159820774322, 0.5176987839465447, 0.10524716723633962, 0.036975895772765006, 0.015923826298726514, 0.09276437847866416, 0.04686035613870664, 0.023923444976076555, 22.396966546119998, 17.619792695119884 };
-/* Where inputs are held. */
+/* Where inputs are clipped. */
 static const real LEAST[INPUTS] = { -147.61128459072557, -57.565333479271814, -2.8611165440887882, -14.443769330686875, -41.28482250042021, -96.77772526636805, -16.17000000000001, -32.01000000000001, -62.699999999999996, 0.9266567968870203, -0.07434670642926071 };
 static const real MOST[INPUTS] = { 172.65484154092348, 57.60152873973482, 2.9337589569318343, 14.060560797869435, 39.84911454971834, 91.6192054537266, 16.17000000000001, 32.01000000000001, 62.7, 1.0606035076535152, 0.09591636373903381 };
 /* Scaling: (input - OFFSET) * PER_SCALE. */
@@ -1466,7 +1466,7 @@ static const real WEIGHTS[BLOCKS][LANES] = {
 /* Infinity and NaN less themselves are NaN. */
 #define IS_FINITE(value) ((value) - (value) == 0)
 
-/* exp(t) for -1e5 <= t <= 16, to which inputs that are held confine it: 2^k times the series of exp on |r| <= ln(2) / 2, and 0 where
+/* exp(t) for -1e5 <= t <= 16, to which clipped inputs confine it: 2^k times the series of exp on |r| <= ln(2) / 2, and 0 where
  * 2^k would be below the smallest normal number. Relative error below 4e-16. Nothing in it depends on a comparison of real
  * numbers, so that compilers work on several centres side by side. */
 static inline real exponential(real t)
@@ -1527,18 +1527,18 @@ static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
     int k, place = 0;
 
     for (j = 0; j < INPUTS; ++j) {
-        real held = inputs[j];
+        real clipped = inputs[j];
 
-        if (held < LOW[j]) {
+        if (clipped < LOW[j]) {
             *flagged = 1;
-            *outside += (LOW[j] - held) * PER_SPAN[j];
-        } else if (held > HIGH[j]) {
+            *outside += (LOW[j] - clipped) * PER_SPAN[j];
+        } else if (clipped > HIGH[j]) {
             *flagged = 1;
-            *outside += (held - HIGH[j]) * PER_SPAN[j];
+            *outside += (clipped - HIGH[j]) * PER_SPAN[j];
         }
-        held = held < LEAST[j] ? LEAST[j] : held;
-        held = held > MOST[j] ? MOST[j] : held;
-        x[j] = (held - OFFSET[j]) * PER_SCALE[j];
+        clipped = clipped < LEAST[j] ? LEAST[j] : clipped;
+        clipped = clipped > MOST[j] ? MOST[j] : clipped;
+        x[j] = (clipped - OFFSET[j]) * PER_SCALE[j];
     }
     for (j = 0; j < INPUTS; ++j) {
         real row = LINEAR[j];
@@ -1603,6 +1603,7 @@ double simulated_unit_1_correct_deg_h(double gyro, const simulated_unit_1_result
 
 int simulated_unit_1_step(simulated_unit_1_state *state, double time_s, const simulated_unit_1_real monitors[SIMULATED_UNIT_1_MONITORS], simulated_unit_1_result *result)
 {
+    simulated_unit_1_state next = *state; /* kept once the sample is known to be valid */
     real inputs[INPUTS];
     real step_s;
     real outside = 0;
@@ -1614,29 +1615,29 @@ int simulated_unit_1_step(simulated_unit_1_state *state, double time_s, const si
     if (!valid) {
         return answer(state, SIMULATED_UNIT_1_INVALID, result);
     }
-    if (!state->started) {
-        state->started = 1;
-        state->time_s = time_s;
-        state->memory[0] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
-        state->memory[1] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
-        state->memory[2] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
-        state->memory[3] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
-        state->memory[4] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
-        state->memory[5] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
-        state->memory[6] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
+    if (!next.started) {
+        next.started = 1;
+        next.time_s = time_s;
+        next.memory[0] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
+        next.memory[1] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
+        next.memory[2] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
+        next.memory[3] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
+        next.memory[4] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
+        next.memory[5] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
+        next.memory[6] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
     }
-    step_s = (real)(time_s - state->time_s);
-    state->time_s = time_s;
+    step_s = (real)(time_s - next.time_s);
+    next.time_s = time_s;
 
     inputs[0] = monitors[SIMULATED_UNIT_1_temperature_block_degC];
     inputs[1] = monitors[SIMULATED_UNIT_1_temperature_block_degC] - monitors[SIMULATED_UNIT_1_temperature_shell_degC];
-    inputs[2] = -1.0 * behind(&state->memory[0], monitors[SIMULATED_UNIT_1_temperature_block_degC], step_s, 60.0);
-    inputs[3] = behind(&state->memory[1], monitors[SIMULATED_UNIT_1_temperature_block_degC], step_s, 300.0);
-    inputs[4] = behind(&state->memory[2], monitors[SIMULATED_UNIT_1_temperature_block_degC], step_s, 900.0);
-    inputs[5] = behind(&state->memory[3], monitors[SIMULATED_UNIT_1_temperature_block_degC], step_s, 2700.0);
-    inputs[6] = left_behind(&state->memory[4], monitors[SIMULATED_UNIT_1_temperature_block_degC], 4.9);
-    inputs[7] = left_behind(&state->memory[5], monitors[SIMULATED_UNIT_1_temperature_block_degC], 9.7);
-    inputs[8] = left_behind(&state->memory[6], monitors[SIMULATED_UNIT_1_temperature_block_degC], 19.0);
+    inputs[2] = -1.0 * behind(&next.memory[0], monitors[SIMULATED_UNIT_1_temperature_block_degC], step_s, 60.0);
+    inputs[3] = behind(&next.memory[1], monitors[SIMULATED_UNIT_1_temperature_block_degC], step_s, 300.0);
+    inputs[4] = behind(&next.memory[2], monitors[SIMULATED_UNIT_1_temperature_block_degC], step_s, 900.0);
+    inputs[5] = behind(&next.memory[3], monitors[SIMULATED_UNIT_1_temperature_block_degC], step_s, 2700.0);
+    inputs[6] = left_behind(&next.memory[4], monitors[SIMULATED_UNIT_1_temperature_block_degC], 4.9);
+    inputs[7] = left_behind(&next.memory[5], monitors[SIMULATED_UNIT_1_temperature_block_degC], 9.7);
+    inputs[8] = left_behind(&next.memory[6], monitors[SIMULATED_UNIT_1_temperature_block_degC], 19.0);
     inputs[9] = monitors[SIMULATED_UNIT_1_light_intensity_V];
     inputs[10] = (monitors[SIMULATED_UNIT_1_readout_a_V] - monitors[SIMULATED_UNIT_1_readout_b_V]) / (monitors[SIMULATED_UNIT_1_readout_a_V] + monitors[SIMULATED_UNIT_1_readout_b_V]);
 
@@ -1645,7 +1646,8 @@ int simulated_unit_1_step(simulated_unit_1_state *state, double time_s, const si
             return answer(state, SIMULATED_UNIT_1_INVALID, result);
         }
     }
-    state->bias_deg_h = bias_of(inputs, &outside, &flagged);
-    state->half_width_deg_h = 0.003388662269963707 + 0.06052438169890921 * outside;
+    next.bias_deg_h = bias_of(inputs, &outside, &flagged);
+    next.half_width_deg_h = 0.003388662269963707 + 0.06052438169890921 * outside;
+    *state = next;
     return answer(state, flagged ? SIMULATED_UNIT_1_OUT_OF_RANGE : SIMULATED_UNIT_1_OK, result);
 }

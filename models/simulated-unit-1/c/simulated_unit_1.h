@@ -1,6 +1,6 @@
 /* Bias compensation of a ring laser gyro. Written by rlgcomp 0.1.0; do not edit.
  *
- * model       simulated_unit_1, SHA-256 97e22ead9cb0ceef049e553ab18e8856ff3b5d61f0bf01278a88ab6b3d9c9099
+ * model       simulated_unit_1, SHA-256 bd68352286155eb26f2c524a086a188fbc4c5044810af756dd3f47dd3f840bc8
  * kind        LSSVMRegressor(c = 100000.0, degree = 3, kernel = gaussian, offset = 1.0, robust = False, sigma = 212.2639865827456, slope = 0.01), as Gaussian kernel with its first three orders summed beforehand
  * gyro        gyro_deg_h; unit simulated-1
  * trained on  816 means over 100 s from 2 runs
@@ -12,10 +12,13 @@
  * there is no other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate, or let
  * simulated_unit_1_correct_deg_h do it.
  *
- * SIMULATED_UNIT_1_OUT_OF_RANGE: an input is beyond its training range; further out it is held where the model still answers, so the output
+ * SIMULATED_UNIT_1_OUT_OF_RANGE: an input is beyond its training range; further out it is clipped to where the model still answers, so the output
  * stays bounded.
- * SIMULATED_UNIT_1_INVALID: the sample is not finite or not later than the one before. It changes nothing, and the result repeats the last
- * valid one; before any, the training mean with a half width of 0.0605 deg/h, the bias's span in training.
+ * SIMULATED_UNIT_1_INVALID: the sample is not finite, gives no finite input (readouts whose sum is 0, numbers too large), or is not later
+ * than the one before. It changes nothing, and the result repeats the last valid one; before any, the training mean with a half width of
+ * 0.0605 deg/h, the bias's span in training.
+ * Whatever else is finite is believed: filters and hysteresis follow a monitor's single wild sample too, and take as long to forget
+ * it as they remember. Keep such samples from simulated_unit_1_step where the converter shows them.
  */
 #ifndef SIMULATED_UNIT_1_H
 #define SIMULATED_UNIT_1_H
@@ -26,7 +29,7 @@ extern "C" {
 
 typedef double simulated_unit_1_real;
 
-#define SIMULATED_UNIT_1_MODEL_SHA256 "97e22ead9cb0ceef049e553ab18e8856ff3b5d61f0bf01278a88ab6b3d9c9099"
+#define SIMULATED_UNIT_1_MODEL_SHA256 "bd68352286155eb26f2c524a086a188fbc4c5044810af756dd3f47dd3f840bc8"
 
 /* Monitors, in the order in which simulated_unit_1_step takes them. */
 enum {

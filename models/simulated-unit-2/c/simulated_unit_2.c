@@ -14,7 +14,7 @@ enum { INPUTS = SIMULATED_UNIT_2_INPUTS };
 static const real LOW[INPUTS] = { -40.85590921350921, -19.176379406269607, -0.9294913770819141, -4.942325954501438, -14.240176817040695, -33.97874835966984, -5.390000000000002, -10.670000000000003, -20.9, 0.9860943851647213, -0.01379032769250977 };
 static const real HIGH[INPUTS] = { 65.89946616370715, 19.212574666732603, 1.00213378992496, 4.5591174216839985, 12.804468866338823, 28.820228547028375, 5.390000000000002, 10.670000000000003, 20.900000000000002, 1.057954204826908, 0.05578560972396244 };
 static const real PER_SPAN[INPUTS] = { 0.009367209814649008, 0.026049159820774322, 0.5176987839465447, 0.10524716723633962, 0.036975895772765006, 0.015923826298726514, 0.09276437847866416, 0.04686035613870664, 0.023923444976076555, 13.915982599191095, 14.372785148608699 };
-/* Where inputs are held. */
+/* Where inputs are clipped. */
 static const real LEAST[INPUTS] = { -40.85590921350921, -19.176379406269607, -0.9294913770819141, -4.942325954501438, -14.240176817040695, -33.97874835966984, -5.390000000000002, -10.670000000000003, -20.9, 0.9860943851647213, -0.01379032769250977 };
 static const real MOST[INPUTS] = { 65.89946616370715, 19.212574666732603, 1.00213378992496, 4.5591174216839985, 12.804468866338823, 28.820228547028375, 5.390000000000002, 10.670000000000003, 20.900000000000002, 1.057954204826908, 0.05578560972396244 };
 /* Scaling: (input - OFFSET) * PER_SCALE. */
@@ -39,18 +39,18 @@ static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
     int j;
 
     for (j = 0; j < INPUTS; ++j) {
-        real held = inputs[j];
+        real clipped = inputs[j];
 
-        if (held < LOW[j]) {
+        if (clipped < LOW[j]) {
             *flagged = 1;
-            *outside += (LOW[j] - held) * PER_SPAN[j];
-        } else if (held > HIGH[j]) {
+            *outside += (LOW[j] - clipped) * PER_SPAN[j];
+        } else if (clipped > HIGH[j]) {
             *flagged = 1;
-            *outside += (held - HIGH[j]) * PER_SPAN[j];
+            *outside += (clipped - HIGH[j]) * PER_SPAN[j];
         }
-        held = held < LEAST[j] ? LEAST[j] : held;
-        held = held > MOST[j] ? MOST[j] : held;
-        x[j] = (held - OFFSET[j]) * PER_SCALE[j];
+        clipped = clipped < LEAST[j] ? LEAST[j] : clipped;
+        clipped = clipped > MOST[j] ? MOST[j] : clipped;
+        x[j] = (clipped - OFFSET[j]) * PER_SCALE[j];
     }
     v = 0.9904454856625317;
     for (j = 0; j < INPUTS; ++j) {
@@ -107,6 +107,7 @@ double simulated_unit_2_correct_deg_h(double gyro, const simulated_unit_2_result
 
 int simulated_unit_2_step(simulated_unit_2_state *state, double time_s, const simulated_unit_2_real monitors[SIMULATED_UNIT_2_MONITORS], simulated_unit_2_result *result)
 {
+    simulated_unit_2_state next = *state; /* kept once the sample is known to be valid */
     real inputs[INPUTS];
     real step_s;
     real outside = 0;
@@ -118,29 +119,29 @@ int simulated_unit_2_step(simulated_unit_2_state *state, double time_s, const si
     if (!valid) {
         return answer(state, SIMULATED_UNIT_2_INVALID, result);
     }
-    if (!state->started) {
-        state->started = 1;
-        state->time_s = time_s;
-        state->memory[0] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
-        state->memory[1] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
-        state->memory[2] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
-        state->memory[3] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
-        state->memory[4] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
-        state->memory[5] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
-        state->memory[6] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
+    if (!next.started) {
+        next.started = 1;
+        next.time_s = time_s;
+        next.memory[0] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
+        next.memory[1] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
+        next.memory[2] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
+        next.memory[3] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
+        next.memory[4] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
+        next.memory[5] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
+        next.memory[6] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
     }
-    step_s = (real)(time_s - state->time_s);
-    state->time_s = time_s;
+    step_s = (real)(time_s - next.time_s);
+    next.time_s = time_s;
 
     inputs[0] = monitors[SIMULATED_UNIT_2_temperature_block_degC];
     inputs[1] = monitors[SIMULATED_UNIT_2_temperature_block_degC] - monitors[SIMULATED_UNIT_2_temperature_shell_degC];
-    inputs[2] = -1.0 * behind(&state->memory[0], monitors[SIMULATED_UNIT_2_temperature_block_degC], step_s, 60.0);
-    inputs[3] = behind(&state->memory[1], monitors[SIMULATED_UNIT_2_temperature_block_degC], step_s, 300.0);
-    inputs[4] = behind(&state->memory[2], monitors[SIMULATED_UNIT_2_temperature_block_degC], step_s, 900.0);
-    inputs[5] = behind(&state->memory[3], monitors[SIMULATED_UNIT_2_temperature_block_degC], step_s, 2700.0);
-    inputs[6] = left_behind(&state->memory[4], monitors[SIMULATED_UNIT_2_temperature_block_degC], 4.9);
-    inputs[7] = left_behind(&state->memory[5], monitors[SIMULATED_UNIT_2_temperature_block_degC], 9.7);
-    inputs[8] = left_behind(&state->memory[6], monitors[SIMULATED_UNIT_2_temperature_block_degC], 19.0);
+    inputs[2] = -1.0 * behind(&next.memory[0], monitors[SIMULATED_UNIT_2_temperature_block_degC], step_s, 60.0);
+    inputs[3] = behind(&next.memory[1], monitors[SIMULATED_UNIT_2_temperature_block_degC], step_s, 300.0);
+    inputs[4] = behind(&next.memory[2], monitors[SIMULATED_UNIT_2_temperature_block_degC], step_s, 900.0);
+    inputs[5] = behind(&next.memory[3], monitors[SIMULATED_UNIT_2_temperature_block_degC], step_s, 2700.0);
+    inputs[6] = left_behind(&next.memory[4], monitors[SIMULATED_UNIT_2_temperature_block_degC], 4.9);
+    inputs[7] = left_behind(&next.memory[5], monitors[SIMULATED_UNIT_2_temperature_block_degC], 9.7);
+    inputs[8] = left_behind(&next.memory[6], monitors[SIMULATED_UNIT_2_temperature_block_degC], 19.0);
     inputs[9] = monitors[SIMULATED_UNIT_2_light_intensity_V];
     inputs[10] = (monitors[SIMULATED_UNIT_2_readout_a_V] - monitors[SIMULATED_UNIT_2_readout_b_V]) / (monitors[SIMULATED_UNIT_2_readout_a_V] + monitors[SIMULATED_UNIT_2_readout_b_V]);
 
@@ -149,7 +150,8 @@ int simulated_unit_2_step(simulated_unit_2_state *state, double time_s, const si
             return answer(state, SIMULATED_UNIT_2_INVALID, result);
         }
     }
-    state->bias_deg_h = bias_of(inputs, &outside, &flagged);
-    state->half_width_deg_h = 0.0032696952056032037 + 0.0753086562379164 * outside;
+    next.bias_deg_h = bias_of(inputs, &outside, &flagged);
+    next.half_width_deg_h = 0.0032696952056032037 + 0.0753086562379164 * outside;
+    *state = next;
     return answer(state, flagged ? SIMULATED_UNIT_2_OUT_OF_RANGE : SIMULATED_UNIT_2_OK, result);
 }

@@ -1,6 +1,6 @@
 /* Bias compensation of a ring laser gyro. Written by rlgcomp 0.1.0; do not edit.
  *
- * model       simulated_unit_2, SHA-256 bc01a494dcc7c9cf69340807962df0856b0d27b9cebc9d9d3edcbe7d5261030a
+ * model       simulated_unit_2, SHA-256 726eb27202b5d57b5b9256995aef642e5088143df878d66653af4fd5d67a538c
  * kind        CubicLeastSquares(degree = 3, linear = [1, 2, 3, 4, 5, 6, 7, 8]), as polynomial
  * gyro        gyro_deg_h; unit simulated-2
  * trained on  1176 means over 100 s from 3 runs
@@ -12,10 +12,13 @@
  * there is no other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate, or let
  * simulated_unit_2_correct_deg_h do it.
  *
- * SIMULATED_UNIT_2_OUT_OF_RANGE: an input is beyond its training range; further out it is held where the model still answers, so the output
+ * SIMULATED_UNIT_2_OUT_OF_RANGE: an input is beyond its training range; further out it is clipped to where the model still answers, so the output
  * stays bounded.
- * SIMULATED_UNIT_2_INVALID: the sample is not finite or not later than the one before. It changes nothing, and the result repeats the last
- * valid one; before any, the training mean with a half width of 0.0753 deg/h, the bias's span in training.
+ * SIMULATED_UNIT_2_INVALID: the sample is not finite, gives no finite input (readouts whose sum is 0, numbers too large), or is not later
+ * than the one before. It changes nothing, and the result repeats the last valid one; before any, the training mean with a half width of
+ * 0.0753 deg/h, the bias's span in training.
+ * Whatever else is finite is believed: filters and hysteresis follow a monitor's single wild sample too, and take as long to forget
+ * it as they remember. Keep such samples from simulated_unit_2_step where the converter shows them.
  */
 #ifndef SIMULATED_UNIT_2_H
 #define SIMULATED_UNIT_2_H
@@ -26,7 +29,7 @@ extern "C" {
 
 typedef double simulated_unit_2_real;
 
-#define SIMULATED_UNIT_2_MODEL_SHA256 "bc01a494dcc7c9cf69340807962df0856b0d27b9cebc9d9d3edcbe7d5261030a"
+#define SIMULATED_UNIT_2_MODEL_SHA256 "726eb27202b5d57b5b9256995aef642e5088143df878d66653af4fd5d67a538c"
 
 /* Monitors, in the order in which simulated_unit_2_step takes them. */
 enum {

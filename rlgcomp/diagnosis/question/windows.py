@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.question import averages
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, LEAST_COVERAGE, Recording
 from rlgcomp.recording.motion import rate_deg_s
-from rlgcomp.recording.stuck_channels import by_column, frozen_segments
+from rlgcomp.recording.stuck_channels import by_column, stuck_segments
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -126,7 +126,7 @@ class Windows:
             of_full[-1] += 1  # alone, so that its window's other rows may count
         counts = np.unique(of_full[of_full >= 0], return_counts=True)[1]
         kept = counts >= LEAST_COVERAGE * window_s / run.period_s
-        stretches = frozen_segments(run.table)
+        stretches = stuck_segments(run.table)
         frozen = np.unique(np.concatenate([of_full[out], *(of_full[one.start : one.stop] for one in stretches)]))
         kept &= ~np.isin(np.unique(of_full[of_full >= 0]), frozen)
         if kept.sum() < FEWEST_WINDOWS:

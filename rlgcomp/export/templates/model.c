@@ -21,7 +21,7 @@ enum { INPUTS = {{ P }}_INPUTS{% if blocks %}, LANES = {{ lanes }}, BLOCKS = {{ 
 static const real LOW[INPUTS] = { {{ listed(e.low) }} };
 static const real HIGH[INPUTS] = { {{ listed(e.high) }} };
 static const real PER_SPAN[INPUTS] = { {{ listed(1.0 / spans) }} };
-/* Where inputs are held. */
+/* Where inputs are clipped. */
 static const real LEAST[INPUTS] = { {{ listed(e.least) }} };
 static const real MOST[INPUTS] = { {{ listed(e.most) }} };
 /* Scaling: (input - OFFSET) * PER_SCALE. */
@@ -66,7 +66,7 @@ static const real WEIGHTS[BLOCKS][LANES] = {
 #define IS_FINITE(value) ((value) - (value) == 0)
 {% if form in ("gaussian", "wide", "matern", "sigmoid") %}
 
-/* exp(t) for -1e5 <= t <= 16, to which inputs that are held confine it: 2^k times the series of exp on |r| <= ln(2) / 2, and 0 where
+/* exp(t) for -1e5 <= t <= 16, to which clipped inputs confine it: 2^k times the series of exp on |r| <= ln(2) / 2, and 0 where
  * 2^k would be below the smallest normal number. Relative error below {{ exp.error }}. Nothing in it depends on a comparison of real
  * numbers, so that compilers work on several centres side by side. */
 static inline real exponential(real t)
@@ -218,18 +218,18 @@ static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
 {% endif %}
 
     for (j = 0; j < INPUTS; ++j) {
-        real held = inputs[j];
+        real clipped = inputs[j];
 
-        if (held < LOW[j]) {
+        if (clipped < LOW[j]) {
             *flagged = 1;
-            *outside += (LOW[j] - held) * PER_SPAN[j];
-        } else if (held > HIGH[j]) {
+            *outside += (LOW[j] - clipped) * PER_SPAN[j];
+        } else if (clipped > HIGH[j]) {
             *flagged = 1;
-            *outside += (held - HIGH[j]) * PER_SPAN[j];
+            *outside += (clipped - HIGH[j]) * PER_SPAN[j];
         }
-        held = held < LEAST[j] ? LEAST[j] : held;
-        held = held > MOST[j] ? MOST[j] : held;
-        x[j] = (held - OFFSET[j]) * PER_SCALE[j];
+        clipped = clipped < LEAST[j] ? LEAST[j] : clipped;
+        clipped = clipped > MOST[j] ? MOST[j] : clipped;
+        x[j] = (clipped - OFFSET[j]) * PER_SCALE[j];
     }
 {% if form == "polynomial" %}
     v = {{ e.constant|number }};

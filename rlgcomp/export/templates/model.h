@@ -15,13 +15,13 @@
  * there is no other memory and nothing is allocated. Subtract correction_deg_h from the gyro's rate, or let
  * {{ p }}_correct_deg_h do it.
  *
- * {{ P }}_OUT_OF_RANGE: an input is beyond its training range; further out it is held where the model still answers, so the output
+ * {{ P }}_OUT_OF_RANGE: an input is beyond its training range; further out it is clipped to where the model still answers, so the output
  * stays bounded.
  * {{ P }}_INVALID: the sample is not finite, gives no finite input ({{ "readouts whose sum is 0, " if dark else "" }}numbers too large), or is not later
  * than the one before. It changes nothing, and the result repeats the last valid one; before any, the training mean with a half width of
  * {{ "%.3g"|format(interval.per_span_deg_h) }} deg/h, the bias's span in training.
  * Whatever else is finite is believed: filters and hysteresis follow a monitor's single wild sample too, and take as long to forget
- * it as they remember. Keep such samples from {{ p }}_step where the converter can tell them.
+ * it as they remember. Keep such samples from {{ p }}_step where the converter shows them.
  */
 #ifndef {{ P }}_H
 #define {{ P }}_H

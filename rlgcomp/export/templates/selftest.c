@@ -14,7 +14,7 @@
 enum { ROWS = {{ golden|length }}, BIAS = 1 + {{ P }}_MONITORS, WIDTH = BIAS + 1, ALLOWED = BIAS + 2, WIDTH_ALLOWED = BIAS + 3, STATUS = BIAS + 4 };
 
 /* time_s, monitors; bias and half width, the differences allowed in both, in deg/h; status, of which -1 stands for OK or
- * OUT_OF_RANGE, too near to tell. */
+ * OUT_OF_RANGE, too near to decide. */
 static const double GOLDEN[ROWS][STATUS + 1] = {
 {% for values in golden %}
     { {{ values|join(", ") }} },

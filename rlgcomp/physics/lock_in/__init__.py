@@ -95,10 +95,10 @@ class LockIn(Mechanism):
             return ()
         tried = [(offset, Search(*shown[:2], offset)) for offset in (0.0, *shown.offsets_deg_h)]
         rates = np.geomspace(LOWEST_DEG_S, min(0.9 * top, 10.0), _FEW)
-        found = [(search.misfit(best), best, offset, search) for offset, search in tried for best in (search.best(rates),)]
-        left, best, offset, search = min(found, key=lambda one: one[0])
+        fits = [(search.misfit(best), best, offset, search) for offset, search in tried for best in (search.best(rates),)]
+        misfit, best, offset, search = min(fits, key=lambda one: one[0])
         factor, sizes = search.share(best)
-        plain = RATIO**-2 <= factor <= RATIO**2 and sizes > _STANDS_OUT * math.sqrt(left / max(search.square, 1e-300))
+        plain = RATIO**-2 <= factor <= RATIO**2 and sizes > _STANDS_OUT * math.sqrt(misfit / max(search.square, 1e-300))
         return (cls(lock_in_deg_s=min(best, 10.0), acts_on="total" if offset else "table", offset_deg_h=offset),) if plain else ()
 
     def canonical(self) -> Self:

@@ -104,19 +104,19 @@ class Search:
     @property
     def separable(self) -> bool:
         """Whether the rates separate lock-in from other laws of the rate together."""
-        whole, left = error_deg_h(self._felt, LOWEST_DEG_S), self._column(LOWEST_DEG_S)
-        return float(np.linalg.norm(left)) > _SEPARABLE * float(np.linalg.norm(whole))
+        shape, residual = error_deg_h(self._felt, LOWEST_DEG_S), self._column(LOWEST_DEG_S)
+        return float(np.linalg.norm(residual)) > _SEPARABLE * float(np.linalg.norm(shape))
 
     def best(self, rates: Sequence[float] | Array) -> float:
         """The lock-in rate of least misfit, near one of these."""
         from scipy.optimize import minimize_scalar
 
-        def left(logarithm: float) -> float:
+        def misfit(logarithm: float) -> float:
             return self.misfit(math.exp(logarithm))
 
-        nearest, step = float(min(np.log(rates), key=left)), math.log(RATIO)
-        found = minimize_scalar(left, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7})
-        return math.exp(found.x)
+        nearest, step = float(min(np.log(rates), key=misfit)), math.log(RATIO)
+        minimum = minimize_scalar(misfit, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7})
+        return math.exp(minimum.x)
 
     @property
     def square(self) -> float:

@@ -42,7 +42,7 @@ def read(
     drop: Sequence[str] = (),
     metadata: Mapping[str, Any] | None = None,
     period_s: float | None = None,
-    computed: bool = False,
+    simulated: bool = False,
 ) -> Recording:
     """Read a recording and repair it where that needs no guessing.
 
@@ -59,7 +59,7 @@ def read(
         Values that go before those of the file.
     period_s : float, optional
         Sample period of a file without time stamps, whose rows are taken to follow each other without gaps. The .yaml may give it.
-    computed : bool
+    simulated : bool
         The file is a simulator's output: its gyro may stand still and need have no noise.
 
     Returns
@@ -80,7 +80,7 @@ def read(
     period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
     stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
     return recording_of(
-        table, stated, name=path.name, stem=_stem(path), columns=mapping, drop=drop, period_s=period_s, computed=computed
+        table, stated, name=path.name, stem=_stem(path), columns=mapping, drop=drop, period_s=period_s, simulated=simulated
     )
 
 
@@ -93,7 +93,7 @@ def recording_of(
     columns: Mapping[str, str],
     drop: Sequence[str] = (),
     period_s: Any = None,
-    computed: bool = False,
+    simulated: bool = False,
 ) -> Recording:
     """A table under its own names, from a file or from memory, as a repaired recording.
 
@@ -111,7 +111,7 @@ def recording_of(
         Columns to leave out.
     period_s : float, optional
         Sample period of a table without time stamps.
-    computed : bool
+    simulated : bool
         The gyro was simulated.
 
     Raises
@@ -122,12 +122,12 @@ def recording_of(
     merged = Metadata.from_mapping(metadata)
     require_droppable(drop, table.columns, name)
     table = table.drop(columns=list(drop))
-    table, vouched = apply_mapping(table, columns, name=name)
+    table, stated_units = apply_mapping(table, columns, name=name)
     if period_s is not None:
         table = _with_time(table, period_s, name)
     if "kind" not in metadata and any(column in table for column in TABLE_COLUMNS):
         merged = dataclasses.replace(merged, kind="turntable")
-    table, findings = repair(table, merged, name=name, vouched=vouched, computed=computed)
+    table, findings = repair(table, merged, name=name, stated_units=stated_units, simulated=simulated)
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
     truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
     rest = table.drop(columns=truths)

@@ -177,11 +177,11 @@ def _header_of(lines: Sequence[str]) -> int:
 
 def _parser_message(error: Exception) -> str:
     """The message of a parser in plain words."""
-    found = _RAGGED.search(str(error))
-    if found is None:
+    ragged = _RAGGED.search(str(error))
+    if ragged is None:
         return str(error).splitlines()[0]
     return (
-        f"line {found[2]} has {found[3]} entries where the lines before it have {found[1]}; give every line as many as the line "
+        f"line {ragged[2]} has {ragged[3]} entries where the lines before it have {ragged[1]}; give every line as many as the line "
         "that names the columns, and begin lines that are no data with #"
     )
 

@@ -29,7 +29,7 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
     -------
     table : pandas.DataFrame
         The mapped columns under their targets; the others as they were.
-    vouched : frozenset of str
+    stated_units : frozenset of str
         Targets whose unit was stated.
 
     Raises
@@ -37,7 +37,7 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
     InputError
         A source is not in the file, or its unit cannot become the target's.
     """
-    vouched = set()
+    stated_units = set()
     names: dict[str, list[str]] = {}
     converted: dict[str, pd.Series] = {}
     for target, source in mapping.items():
@@ -45,7 +45,7 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
         wanted = units.column_unit(target)
         values = table[column]
         if unit is not None and wanted is not None:
-            vouched.add(target)
+            stated_units.add(target)
             numbers = pd.to_numeric(values, errors="coerce")
             values = pd.Series(units.convert(numbers.to_numpy(dtype=float), unit, wanted), index=table.index)
         names.setdefault(column, []).append(target)
@@ -57,7 +57,7 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
         )
     columns = [target for column in table.columns for target in names.get(str(column), [column])]
     mapped = {column: converted[column] if column in converted else table[column] for column in columns}
-    return pd.DataFrame(mapped, copy=False), frozenset(vouched)
+    return pd.DataFrame(mapped, copy=False), frozenset(stated_units)
 
 
 def parse_mapping(items: list[str]) -> dict[str, str]:

@@ -130,10 +130,10 @@ def _powers() -> tuple[Array, Words, Array]:
 
 @compiled()
 def _count(text: Text, lines: Whole) -> None:
-    found = 0
+    total = 0
     for k in range(len(text)):
-        found += text[k] == _LINE_END
-    lines[0] = found
+        total += text[k] == _LINE_END
+    lines[0] = total
 
 
 @compiled()

@@ -48,10 +48,10 @@ def shape(path: Path) -> tuple[int, int]:
     from pyarrow import parquet
 
     try:
-        found = parquet.read_metadata(path)
+        footer = parquet.read_metadata(path)
     except Exception:  # noqa: BLE001  a damaged file can make the reader fail in any way; reading it says how
         return 0, 0
-    return int(found.num_rows), int(found.num_columns)
+    return int(footer.num_rows), int(footer.num_columns)
 
 
 def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:

@@ -91,10 +91,10 @@ def read_pieces(
     needed = {target: mapping[target] for target in wanted if target in mapping}
     first, last_s = 0, -np.inf
     for table in _joined(_tables(path, list(dict.fromkeys(wanted.values())), rows), rows):
-        mapped, vouched = apply_mapping(table, needed, name=path.name)
+        mapped, stated_units = apply_mapping(table, needed, name=path.name)
         if period_s is not None:
             mapped = mapped.assign(**{TIME: period_s * np.arange(first, first + len(table))})
-        whole, findings = repair(mapped, merged, name=f"{path.name}, rows from {first}", vouched=vouched)
+        whole, findings = repair(mapped, merged, name=f"{path.name}, rows from {first}", stated_units=stated_units)
         piece = Recording.repaired(whole, merged, name=path.name, truth=None, findings=findings)
         if not piece.time_s[0] > last_s:
             raise InputError(f"{path.name}: at row {first} time goes from {last_s:.9g} s to {piece.time_s[0]:.9g} s; sort the file")

@@ -18,10 +18,10 @@ from rlgcomp.recording.repair.channels import (
     clipped_gyros,
     constant_columns,
     encoder_wrap,
-    frozen_monitors,
-    frozen_thermometers,
     running_sums,
     stuck_gyros,
+    stuck_monitors,
+    stuck_thermometers,
 )
 from rlgcomp.recording.repair.clock import sampling, time_order, time_unit
 from rlgcomp.recording.repair.context import Context
@@ -46,8 +46,8 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     running_sums,
     stuck_gyros,
     clipped_gyros,
-    frozen_thermometers,
-    frozen_monitors,
+    stuck_thermometers,
+    stuck_monitors,
     missing_values,
     encoder_wrap,
     sampling,
@@ -77,7 +77,7 @@ class UnusableRecordingError(InputError):
 
 
 def repair(
-    table: pd.DataFrame, metadata: Metadata, *, name: str, vouched: frozenset[str] = frozenset(), computed: bool = False
+    table: pd.DataFrame, metadata: Metadata, *, name: str, stated_units: frozenset[str] = frozenset(), simulated: bool = False
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """Repair a table so that it makes a valid recording.
 
@@ -88,9 +88,9 @@ def repair(
     metadata : Metadata
     name : str
         What messages call the file.
-    vouched : frozenset of str
+    stated_units : frozenset of str
         Columns whose unit the user stated; it is not checked.
-    computed : bool
+    simulated : bool
         The gyro was simulated, as the notes of a prediction show by themselves: neither a constant value nor a lack of noise is a
         fault.
 
@@ -104,7 +104,7 @@ def repair(
     UnusableRecordingError
         A fault cannot be repaired without guessing; the error lists every finding with its place and what to do.
     """
-    context = Context(metadata, vouched, computed or PREDICTED in metadata.notes)
+    context = Context(metadata, stated_units, simulated or PREDICTED in metadata.notes)
     for check in CHECKS:
         table = check(table, context)
         if len(table) < FEWEST_ROWS and not context.refused:

@@ -1,4 +1,4 @@
-"""Checks of channels: stuck, saturated and frozen ones, running sums of pulses, encoders that begin again at zero."""
+"""Checks of channels: stuck and saturated ones, running sums of pulses, encoders that begin again at zero."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pandas as pd
 from rlgcomp.numerics.column_ranges import may_hold
 from rlgcomp.recording import ENCODERS, TIME, is_compensation, is_gyro
 from rlgcomp.recording.repair.context import Array, Context, Mask
-from rlgcomp.recording.stuck_channels import by_column, frozen_segments, frozen_thermometer_segments, segments_of
+from rlgcomp.recording.stuck_channels import by_column, segments_of, stuck_segments, stuck_thermometer_segments
 from rlgcomp.report.messages import message
 from rlgcomp.units import DEG_PER_TURN, RAD_PER_DEG
 
@@ -26,7 +26,7 @@ FOLLOWS: Final = 0.9  # of the variance
 
 def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     spoilt = np.zeros(len(table), dtype=np.bool_)
-    for column in (str(column) for column in table.columns if is_gyro(str(column)) and not context.computed):
+    for column in (str(column) for column in table.columns if is_gyro(str(column)) and not context.simulated):
         values = table[column].to_numpy()
         extent = context.extents(table)[column]
         if extent.least == extent.greatest or (extent.missing and np.nanmin(values) == np.nanmax(values)):
@@ -42,8 +42,8 @@ def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             continue
         at_rail = np.isin(values[first], (np.nanmin(values), np.nanmax(values)))
         samples = int(stuck.sum())
-        found = message("recording.stuck_gyro", value=values[first], samples=samples, saturated=bool(at_rail))
-        context.add("repaired", found, column, first)
+        finding = message("recording.stuck_gyro", value=values[first], samples=samples, saturated=bool(at_rail))
+        context.add("repaired", finding, column, first)
         spoilt |= stuck
     return table[~spoilt] if spoilt.any() else table
 
@@ -84,7 +84,7 @@ def _runs(values: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
 
 def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     """Gyros that touch the end of their range again and again: its last value is far more frequent than any near it."""
-    if context.metadata.kind != "chamber" or context.computed:
+    if context.metadata.kind != "chamber" or context.simulated:
         return table
     for column in (str(column) for column in table.columns if is_gyro(str(column))):
         values = table[column].to_numpy()
@@ -98,8 +98,8 @@ def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             nearest = np.partition(np.abs(values[inside] - rail), min(count, int(inside.sum()) - 1))[:count]
             if count <= MORE_OFTEN * np.unique(nearest, return_counts=True)[1].max() or _within_a_step(values):
                 continue
-            found = message("recording.saturated_gyro", value=rail, samples=count, rows=len(values))
-            context.add("refused", found, column, int(np.argmax(values == rail)))
+            finding = message("recording.saturated_gyro", value=rail, samples=count, rows=len(values))
+            context.add("refused", finding, column, int(np.argmax(values == rail)))
     return table
 
 
@@ -108,19 +108,19 @@ def _within_a_step(values: npt.NDArray[np.float64]) -> bool:
     return bool(np.std(values) < np.diff(np.unique(values)).min())
 
 
-def frozen_monitors(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    frozen = [] if context.computed else frozen_segments(table)
-    for column, segments in by_column(frozen).items():
-        found = message("recording.frozen_monitor", column=column, segments=segments_of(segments))
-        context.add("noted", found, column, segments[0].start)
+def stuck_monitors(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    stuck = [] if context.simulated else stuck_segments(table)
+    for column, segments in by_column(stuck).items():
+        finding = message("recording.stuck_monitor", column=column, segments=segments_of(segments))
+        context.add("noted", finding, column, segments[0].start)
     return table
 
 
-def frozen_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+def stuck_thermometers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     spoilt = np.zeros(len(table), dtype=np.bool_)
-    for segment in frozen_thermometer_segments(table, context.steps(table).greatest):
-        found = message("recording.frozen_thermometer", duration_s=segment.end_s - segment.start_s)
-        context.add("repaired", found, segment.column, segment.start)
+    for segment in stuck_thermometer_segments(table, context.steps(table).greatest):
+        finding = message("recording.stuck_thermometer", duration_s=segment.end_s - segment.start_s)
+        context.add("repaired", finding, segment.column, segment.start)
         spoilt[segment.start : segment.stop] = True
     return table[~spoilt] if spoilt.any() else table
 
@@ -156,7 +156,7 @@ def running_sums(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     turning = bool(encoders) or context.metadata.kind == "turntable" or "table_rate_deg_s" in table
     for column in (str(name) for name in table.columns if is_gyro(str(name)) and str(name).endswith("_pulses")):
         values = table[column].to_numpy()
-        if context.computed or context.extents(table)[column].missing or len(values) < FEWEST_PULSES:
+        if context.simulated or context.extents(table)[column].missing or len(values) < FEWEST_PULSES:
             continue
         steps = np.diff(values)
         if _follows_its_steps(values, steps, table[encoders]) if encoders else not turning and _runs_one_way(values, steps):

@@ -70,7 +70,7 @@ def _longest_increasing(values: Array) -> Mask:
 
 def time_unit(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     first = float(table[TIME].iloc[0])
-    if first > 1e11 and TIME not in context.vouched:
+    if first > 1e11 and TIME not in context.stated_units:
         unit = "ms" if first < 1e14 else "us"
         context.add("refused", message("recording.time_since_1970", first=first, unit=unit), TIME, 0)
     return table

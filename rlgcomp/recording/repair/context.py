@@ -25,17 +25,17 @@ class Context:
     Parameters
     ----------
     metadata : Metadata
-    vouched : frozenset of str
+    stated_units : frozenset of str
         Columns whose unit the user stated.
-    computed : bool
+    simulated : bool
         The gyro was simulated: it may stand still and need have no noise.
     findings : list of Finding
-        What the checks have found so far.
+        Findings of the checks so far.
     """
 
     metadata: Metadata
-    vouched: frozenset[str] = frozenset()
-    computed: bool = False
+    stated_units: frozenset[str] = frozenset()
+    simulated: bool = False
     findings: list[Finding] = dataclasses.field(default_factory=list)
     _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
     _steps: tuple[Array, Extent] | None = None

@@ -65,8 +65,8 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if any((np.abs(numeric[name]) > LARGEST_VALUE).any() for name in suspect):
         absurd = (result.abs() > LARGEST_VALUE).to_numpy()
         row = int(np.flatnonzero(absurd.any(axis=1))[0])
-        found = message("recording.absurd_values", values=int(absurd.sum()), largest=LARGEST_VALUE)
-        context.add("repaired", found, result.columns[absurd[row]][0], row)
+        finding = message("recording.absurd_values", values=int(absurd.sum()), largest=LARGEST_VALUE)
+        context.add("repaired", finding, result.columns[absurd[row]][0], row)
         result = result.mask(absurd)
     return result
 

@@ -20,7 +20,7 @@ _SOME: Final = 1 << 16  # samples whose noise stands for that of the whole recor
 def units_meant(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     for column, extent in context.extents(table).items():
         values = table[column].to_numpy()
-        if column in context.vouched or (extent.missing and np.isnan(values).all()):
+        if column in context.stated_units or (extent.missing and np.isnan(values).all()):
             continue
         if column.endswith("_degC") and not extent.greatest <= 180.0:
             median = float(np.nanmedian(values))
@@ -50,18 +50,18 @@ def plainly_in_its_unit(table: pd.DataFrame, column: str, context: Context) -> b
     sample_sd_deg_h = float(np.sqrt(np.dot(steps, steps) / (2.0 * len(table))))
     noisy = sample_sd_deg_h * float(np.sqrt(context.steps(table).least)) / 60.0 >= QUIETEST_DEG_SQRT_H
     slow = context.extents(table)[column].within(LARGEST_STATIC_RATE_DEG_H / scale)
-    return (noisy or context.computed) and (slow or context.metadata.kind == "turntable")
+    return (noisy or context.simulated) and (slow or context.metadata.kind == "turntable")
 
 
 def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
     unit = units.column_unit(column) or "deg/h"
     rate_deg_h = units.convert(table[column].to_numpy(), unit, "deg/h")
     period_s = float(np.median(np.diff(table[TIME].to_numpy())))
-    noise = None if context.computed else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
+    noise = None if context.simulated else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
     if noise is not None and noise < QUIETEST_DEG_SQRT_H:
         likely = _quiet_enough(noise, unit)
-        found = message("recording.noise_below_any_gyro", column=column, noise_deg_sqrt_h=noise, unit=unit, likely_units=likely)
-        context.add("refused", found, column)
+        finding = message("recording.noise_below_any_gyro", column=column, noise_deg_sqrt_h=noise, unit=unit, likely_units=likely)
+        context.add("refused", finding, column)
         return
     if "table_rate_deg_s" in table and (table["table_rate_deg_s"].std() or 0.0) > 0.0:
         table_rate_deg_h = table["table_rate_deg_s"].to_numpy() * units.SECONDS_PER_HOUR
@@ -69,8 +69,8 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
         for other in ("rad/s", "deg/s", "deg/h", "arcsec/s"):
             expected = float(units.convert(1.0, unit, "deg/h")) / float(units.convert(1.0, other, "deg/h"))
             if other != unit and abs(abs(slope) / expected - 1.0) < 0.05 and abs(expected - 1.0) > 0.1:
-                found = message("recording.unit_contradicts_table", column=column, slope=slope, unit=unit, likely_unit=other)
-                context.add("refused", found, column)
+                finding = message("recording.unit_contradicts_table", column=column, slope=slope, unit=unit, likely_unit=other)
+                context.add("refused", finding, column)
                 return
     mean = float(np.nanmean(rate_deg_h))
     if context.metadata.kind != "turntable" and abs(mean) > LARGEST_STATIC_RATE_DEG_H:
@@ -80,8 +80,8 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
 def _quiet_enough(noise_deg_sqrt_h: float, unit: str) -> list[str]:
     """Units in which such noise would be a gyro's, the likeliest first."""
     ratios = {other: float(units.convert(1.0, other, unit)) for other in ("deg/s", "rad/s", "arcsec/s", "deg/h")}
-    found = [other for other, ratio in ratios.items() if ratio > 1.0 and noise_deg_sqrt_h * ratio >= QUIETEST_DEG_SQRT_H]
-    return found or ["rad/s"]
+    quieter = [other for other, ratio in ratios.items() if ratio > 1.0 and noise_deg_sqrt_h * ratio >= QUIETEST_DEG_SQRT_H]
+    return quieter or ["rad/s"]
 
 
 def _white_noise_deg_sqrt_h(rate_deg_h: Array, period_s: float) -> float | None:

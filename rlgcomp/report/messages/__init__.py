@@ -1,9 +1,8 @@
 """Messages: what a result has to say beside its numbers, as a code, its data and a text made from them.
 
-A remark or a finding is made where it is found, by :func:`message` with a code and data; its text stands here, in the catalogue of
-its room. Scripts and tests read code and data, people the text. To add one, write its text in the file of its room: a template of
-:meth:`str.format`, or a function of the data where words depend on numbers.
-"""
+A remark or a finding is made where its cause is detected, by :func:`message` with a code and data; its text stands here, in the
+catalogue of its room. Scripts and tests read code and data, people the text. To add one, write its text in the file of its
+room: a template of :meth:`str.format`, or a function of the data where words depend on numbers."""
 
 from __future__ import annotations
 
@@ -38,7 +37,7 @@ class Message:
     Parameters
     ----------
     code : str
-        What kind of thing is said, for example ``noise.runs_differ``; stable, so that scripts may rely on it.
+        The kind of message, for example ``noise.runs_differ``; stable, so that scripts may rely on it.
     data : dict
         The numbers and names of this case: plain Python values, units in the keys.
     text : str

@@ -67,12 +67,12 @@ def _stuck_gyro(*, value: float, samples: int, saturated: bool) -> str:
     return f"{'saturated' if saturated else 'stuck'} at {value:.6g} for {samples} samples in all, rows left out"
 
 
-def _frozen_monitor(*, column: str, segments: Sequence[Mapping[str, float]], run: str | None = None) -> str:
+def _stuck_monitor(*, column: str, segments: Sequence[Mapping[str, float]], run: str | None = None) -> str:
     places = ", ".join(f"at {one['value']:.6g} from {one['start_s']:.6g} to {one['end_s']:.6g} s" for one in segments)
     if run is not None:
-        return f"{run}: {column} is frozen {places}: windows there are left out; --drop {column} keeps them."
+        return f"{run}: {column} is stuck {places}: windows there are left out; --drop {column} keeps them."
     return (
-        f"frozen {places}, though its other values change from sample to sample: leave these times out with RUN@START:STOP, or the "
+        f"stuck {places}, though its other values change from sample to sample: leave these times out with RUN@START:STOP, or the "
         f"column with --drop {column}"
     )
 
@@ -175,8 +175,8 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "holds a running sum of pulses, from {least:.6g} to {greatest:.6g}: a row needs the pulses since the row before; write the "
         "differences of its rows instead, and undo overflows of the counter"
     ),
-    "recording.frozen_thermometer": "frozen for {duration_s:.0f} s while another thermometer moved, rows left out",
-    "recording.frozen_monitor": _frozen_monitor,
+    "recording.stuck_thermometer": "stuck for {duration_s:.0f} s while another thermometer moved, rows left out",
+    "recording.stuck_monitor": _stuck_monitor,
     "recording.sample_and_hold": _sample_and_hold,
     "recording.encoder_wraps": "{wraps} wraps of the encoder undone, the angle now runs on",
     "recording.constant_column": "constant at {value:.6g}: it can explain no change of the gyro",
