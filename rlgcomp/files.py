@@ -278,7 +278,7 @@ def require_folder(path: str | Path, *, writes: Sequence[str]) -> None:
         more = f" and {len(foreign) - _MOST_NAMED} more" if len(foreign) > _MOST_NAMED else ""
         raise InputError(
             f"{path} holds {', '.join(foreign[:_MOST_NAMED])}{more}, which an earlier run did not write and which would be lost; "
-            "give another name, or move what is to be kept"
+            "give another name, or move these files first"
         )
     if standing == place and Path.cwd().is_relative_to(place):
         raise InputError(f"{path} is the folder you are in, which cannot be replaced; give the name of a folder to write")
@@ -311,7 +311,7 @@ def same_file(one: str | Path, other: str | Path) -> bool:
 
 
 def _foreign(folder: Path, writes: Sequence[tuple[str, ...]]) -> list[str]:
-    """What stands in a folder and has none of these names, each given as its parts; a folder none of whose files has one is one."""
+    """Entries of a folder with none of these names, which are split into parts; a folder without any such file is one entry."""
     foreign: list[str] = []
     try:
         there = sorted(folder.iterdir())

@@ -55,7 +55,7 @@ def _case(factors: int) -> Callable[[bool], Case]:
                 return factor
 
         def made() -> Any:
-            """The peer's matrix, made when it is first asked for, by the plain kernel, rows by rows."""
+            """The peer's matrix, made when it is first needed, by the plain kernel, block of rows by block."""
             if not matrix:
                 h = torch.empty((n, n), dtype=torch.float64, device=device)
                 for k in range(0, n, 1000):

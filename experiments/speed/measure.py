@@ -2,7 +2,7 @@
 
 The ratio is the median over repeats of peer's time over ours, taken one after the other, so that whatever else the machine does
 falls on both. Wall-clock and processor time are both kept: on a busy machine the second is the steadier one, but it does not see
-what a second thread gains.
+the gain of a second thread.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PATIENCE_S: Final = 10.0  # for all repeats of one side; what takes longer is ru
 
 @dataclasses.dataclass(frozen=True)
 class Timed:
-    """What a peer returns that measures itself, in another process: its result, wall-clock and processor time."""
+    """Result of a peer that measures itself, in another process, with its wall-clock and processor time."""
 
     result: Any
     wall_s: float
@@ -66,13 +66,13 @@ class Case:
     ours : callable
     peers : sequence of Peer
     size : str
-        What was worked on, in words.
+        The data, in words.
     memory : bool
         Whether the most memory that arrays take is measured as well.
     n : int
-        How much there is to work on, in whatever grows; 0 where nothing does.
+        Size of the data that grows; 0 where none does.
     parts : dict
-        Seconds by part, which the work itself writes as it goes; those of the last time are said where there is no peer.
+        Seconds by part, which the work itself writes as it goes; those of the last time are shown where there is no peer.
     """
 
     ours: Callable[[], Any]
@@ -99,7 +99,7 @@ class Row:
     goal_s : float, optional
         Our time at full size.
     goal_extra_s : float, optional
-        What we may take longer than the peer.
+        Factor by which we may take longer than the peer.
     grown : callable, optional
         (small) to Case, for growth, where quick data are of another kind than full ones.
     """
@@ -224,7 +224,7 @@ def _judged(row: Row, measured: Measured, quick: bool, goal: float | None) -> Me
 
 
 def _once(work: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
-    """What the work returns, and its wall-clock and processor time."""
+    """Result of the work, and its wall-clock and processor time."""
     gc.collect()
     cpu, wall = time.process_time(), time.perf_counter()
     found = work()

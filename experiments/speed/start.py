@@ -1,4 +1,4 @@
-"""What starting costs, against a Python that does nothing."""
+"""Time to start, beside an empty Python process."""
 
 from __future__ import annotations
 

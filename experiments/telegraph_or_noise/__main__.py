@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 alike, null = odds(rows, strength, dwell_s, options.draws, rng)
                 certain.append(float(np.mean(alike > TWENTY_TO_ONE)))
                 line[f"dwell {dwell_s:g} s"] = f"{alike.mean():.1f} (over nothing {null.mean():.0f})"
-            line["told, twenty to one"] = f"{100.0 * np.mean(certain):.0f} %"
+            line["decided at 20 to 1"] = f"{100.0 * np.mean(certain):.0f} %"
             table.append(line)
         show_table(f"Nats by which jumps beat slow noise of the same spectrum, {label} of {HOURS:g} h", table)
 

@@ -1,4 +1,4 @@
-r"""The smallest effect that a laboratory would find: a mechanism injected into its own recordings at growing strengths.
+r"""The smallest effect that would be found: a mechanism injected into its own recordings at growing strengths.
 
 Each trial draws nonlinear parameters, signs and relative sizes anew; of equal trials one is made and counted. All share the noise
 of the recordings, one realisation of it: curves and intervals are those of these recordings. The chance of finding an effect of

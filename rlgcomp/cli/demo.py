@@ -66,7 +66,7 @@ def demo(
     notify("evaluating on the run held out")
     evaluation = evaluate(compensator, runs[2:], n_jobs=jobs)
     concealed = CONCEALED_QUICK if quick else CONCEALED
-    notify(f"concealing {concealed} and diagnosing what the simulator then lacks")
+    notify(f"concealing {concealed} and diagnosing the simulator without it")
     simulator = lacking(unit, concealed, seed=UNIT)
     with progress("diagnosing", 100) as advance:
         diagnosis = diagnose(

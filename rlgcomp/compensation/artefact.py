@@ -43,7 +43,7 @@ CARD: Final = "card.md"
 FILES: Final = (MANIFEST, SUMS, SELECTION, CARD, "arrays/*.npy")
 _FILE: Final = re.compile(r"arrays/[A-Za-z0-9_]+(?:\.[0-9]+)?\.npy|manifest\.json|selection\.csv|card\.md")
 _DIGEST: Final = re.compile(r"[0-9a-f]{64}")
-# What numpy.save writes before float64 numbers in C order; any other header is refused unread.
+# The header that numpy.save writes before float64 numbers in C order; any other header is refused unread.
 _HEADER: Final = re.compile(
     rb"\x93NUMPY\x01\x00(?P<length>..)\{'descr': '<f8', 'fortran_order': False, 'shape': \((?P<shape>[0-9, ]*)\), \} *\n", re.DOTALL
 )
@@ -56,7 +56,7 @@ _MOST_NAMED: Final = 3
 
 @dataclasses.dataclass(frozen=True)
 class Artefact:
-    """What an artefact holds.
+    """Content of an artefact.
 
     Parameters
     ----------

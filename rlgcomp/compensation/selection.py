@@ -65,7 +65,7 @@ class Selection:
         before_deg_h : float
             Root mean square of the gyro about its mean: the scale of the model's output.
         parts : {"runs", "units"}
-            What was left out.
+            The groups left out.
         """
         if self.rmse is None or self.rmse < 1.0:
             return []

@@ -34,7 +34,7 @@ _SCALING_ARRAYS: Final = ("mean", "scale", "low", "high")
 
 
 class Fitted(Protocol):
-    """What is saved of a fitted :class:`~rlgcomp.Compensator`, where its attributes are described."""
+    """The saved attributes of a fitted :class:`~rlgcomp.Compensator`, which describes them."""
 
     averaging_s: float
     keep_mean: bool
@@ -60,7 +60,7 @@ Compensation = TypeVar("Compensation", bound=Fitted)
 
 
 def manifest_of(compensator: Fitted) -> dict[str, Any]:
-    """What a fitted compensator is and was trained on, as plain data; without the numbers of its model."""
+    """Description of a fitted compensator and of its training, as plain data; without the numbers of its model."""
     scaling, specification = compensator.scaling_, compensator.specification_
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

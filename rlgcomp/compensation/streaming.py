@@ -1,6 +1,6 @@
 """Streaming: a recording is compensated while it is made, from a growing CSV file or standard input, each line once it is whole.
 
-A line is final once it is written, so repairs use only what is known by then. A missing monitor keeps its last value for up to a
+A line is final once it is written, so repairs use only earlier lines. A missing monitor keeps its last value for up to a
 minute, as when a whole file is read; a row without a gyro value, without time, or whose time does not increase is left out. Stuck
 gyros, frozen thermometers and single outliers, which later samples reveal, are not detected: read the finished file for that.
 """
@@ -37,7 +37,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class StreamSummary:
-    """What was written.
+    """Summary of a stream: rows written and left out.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class StreamSummary:
     unfinished : bool
         The last line had no end when the stream ended; it was left out.
     signal : int, optional
-        What interrupted it.
+        The signal that interrupted it.
     """
 
     out: str

@@ -42,7 +42,7 @@ _ROWS: Final = 500
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """What is allowed in each sample of a stream.
+    """Allowed deviation in each sample of a stream.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Bounds:
 
 
 def bounds_of(stream: Stream, compensator: Compensator, expansion: Expansion, precision: Precision) -> Bounds:
-    """What is allowed in each sample of a stream.
+    """Allowed deviation in each sample of a stream.
 
     Parameters
     ----------

@@ -264,6 +264,6 @@ def written(name: str) -> tuple[str, ...]:
 
 
 def name_from(model: Path) -> str:
-    """What files and identifiers of this model begin with."""
+    """Prefix of the files and identifiers of this model."""
     plain = re.sub(r"[^a-z0-9_]", "_", model.resolve().name.lower())[:40]
     return plain if plain[:1].isalpha() else f"model_{plain}"[:40]

@@ -70,7 +70,7 @@ class Design:
     Parameters
     ----------
     name : str
-        What files and identifiers begin with.
+        Prefix of files and identifiers.
     compensator : Compensator
     expansion : Expansion
     precision : {"double", "float"}

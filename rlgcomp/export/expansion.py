@@ -58,7 +58,7 @@ class Expansion:
     offset, scale : ndarray, shape (features,)
         Clipped inputs to x.
     y_mean_deg_h, y_scale_deg_h, reference_deg_h : float
-        v to bias; what the correction leaves in.
+        v to bias; the part of the bias that stays in the gyro.
     constant, level : float
         c_0 and c_1.
     powers : ndarray, shape (degree, features)
@@ -127,7 +127,7 @@ class Expansion:
         return np.full(len(x), self.constant)
 
     def basis(self, x: Array, z: Array) -> Array:
-        """What multiplies the weights of centres z: shape (n, centres)."""
+        """Functions that the weights of centres z multiply: shape (n, centres)."""
         if self.form == "wide":
             fall = np.exp(-0.5 * np.einsum("ij,ij->i", x, x))
             return np.asarray(fall[:, None] * third_remainder(x @ z.T))
@@ -166,7 +166,7 @@ class Expansion:
         return self.basis(x, z) * self.falls(z)
 
     def falls(self, z: Array) -> Array:
-        """What a centre's weight holds beside its coefficient: e^(-|z|²/2) in the wide form, else 1."""
+        """Factor of a centre's weight beside its coefficient: e^(-|z|²/2) in the wide form, else 1."""
         return np.exp(-0.5 * np.einsum("ij,ij->i", z, z)) if self.form == "wide" else np.ones(len(z))
 
     def series_terms(self, unit: float) -> int:
@@ -183,7 +183,7 @@ class Expansion:
         return terms
 
     def to_mapping(self) -> dict[str, Any]:
-        """What it is, without its tables."""
+        """The expansion in words, without its tables."""
         return {"form": self.form, "inputs": self.features, "centres": len(self.weights)}
 
 

@@ -1,6 +1,6 @@
 """Export to ONNX: a stateless core, features in and bias out, run by onnxruntime and compared with Python.
 
-The graph holds what has no memory: range guard, scaling, model, interval. Filters and hysteresis memory have a state that a
+The graph holds the stateless part: range guard, scaling, model, interval. Filters and hysteresis memory have a state that a
 runtime of tensors would have to be handed back with every sample; they stay where they are exact already, in
 :meth:`rlgcomp.compensation.feature_pipeline.FeatureRecipe.step` and in the exported C. Rows are independent: a batch is any
 number of them.
@@ -125,7 +125,7 @@ def written(name: str) -> tuple[str, ...]:
 
 
 def name_from(model: Path) -> str:
-    """What the files of this model begin with."""
+    """Prefix of the files of this model."""
     return model.resolve().name
 
 

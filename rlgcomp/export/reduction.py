@@ -1,4 +1,4 @@
-r"""Fewer centres: how small a model may be made, what it costs on runs held out, and which size is exported.
+r"""Fewer centres: how small a model may be made, what it costs on held-out runs, and which size is exported.
 
 A kernel model f = smooth + sum_i a_i k(z_i, x) is restricted to m of its training rows. They are chosen one by one, each time the
 row at which the part still to be explained is furthest off in units of what a centre there could explain,
@@ -128,7 +128,7 @@ class Reduction:
 
     @property
     def most(self) -> int:
-        """Centres beyond which nothing is gained but rounding."""
+        """Greatest useful number of centres; more add rounding errors only."""
         return len(self._centres)
 
     def with_centres(self, m: int) -> Expansion:

@@ -40,7 +40,7 @@ class Options:
         Recordings: every sample of them is compared, and the stability that each size leaves on them is shown, apart for those
         trained on.
     name : str, optional
-        What files and identifiers begin with; by default the model folder's name.
+        Prefix of files and identifiers; by default the model folder's name.
     board : bool
         Of C code: also run it on an emulated board where an emulator is found, which takes minutes for long recordings.
 

@@ -69,7 +69,7 @@ class Check:
     largest_deg_h : float
         Largest difference from Python within the training range.
     share : float
-        Largest difference anywhere over what is allowed there.
+        Largest ratio of a difference to the allowed deviation of its sample.
     wrong : int
         Samples with a wrong status, or with a bias or half width further off than allowed.
     """

@@ -141,7 +141,7 @@ def rate_per_min(values: Array, time_s: Array, window_s: float | None = None) ->
 
 
 def ahead(values: Array, time_s: Array, lead_s: float) -> Array:
-    """What a sensor will read that follows its quantity by a lag of the first order: the quantity itself.
+    """The quantity that a sensor follows by a first-order lag, from its readings.
 
     Parameters
     ----------
@@ -178,8 +178,9 @@ def _slopes(values: Array, time_s: Array, half: int, start: int, stop: int) -> A
 
 
 def read_noise(values: Array) -> float:
-    r"""Standard deviation of what a monitor's readings are off by, each by its own: of nine tenths of their second differences, in
-    which corners of a programme do not count; with the toggling of the last digit in it.
+    r"""Standard deviation of a monitor's read noise, independent from sample to sample, the toggling of the last digit included.
+
+    It is that of nine tenths of the second differences, in which corners of a programme do not count.
 
     .. math:: \sigma = \frac{q_{0.9}(|x_{k-1} - 2 x_k + x_{k+1}|)}{1.645 \sqrt 6}
     """

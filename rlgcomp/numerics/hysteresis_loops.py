@@ -110,7 +110,7 @@ def bouc_wen_fleet(u: Array, slope: float, saturation: float, shape: float, expo
 
 
 def bouc_wen_constants(slope: float, saturation: float, shape: float, exponent: float) -> tuple[float, float, float, float, float]:
-    """What the loops take: A, gamma + beta, gamma - beta, n, and the longest substep in u.
+    """Constants of the loops: A, gamma + beta, gamma - beta, n, and the longest substep in u.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def _sums_of_many(u: Array, radii: Array, weights: Array, states: Array, first: 
 
 
 def _factor(q: float) -> float:
-    """What the four stages make of dz/du = A + (q / h) z: the step is h dz/du times this."""
+    """Growth factor of the four stages for dz/du = A + (q / h) z: the step is h dz/du times it."""
     return 1.0 + q * (0.5 + q * (1.0 / 6.0 + q * (1.0 / 24.0)))
 
 

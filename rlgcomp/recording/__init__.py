@@ -50,11 +50,11 @@ class Recording:
         Columns as in the package's docstring; `time_s` and one gyro column are required.
     metadata : Metadata
     name : str
-        What messages and tables call it, usually the file's stem.
+        Its name in messages and tables, usually the file's stem.
     truth : pandas.DataFrame, optional
         Of a simulated recording: each mechanism's contribution in deg/h, row by row.
     findings : tuple of Finding
-        What was repaired or noted when it was read.
+        Repairs and notes from reading it.
 
     Raises
     ------
@@ -101,7 +101,7 @@ class Recording:
         truth : pandas.DataFrame, optional
             Contributions of a simulated recording, row by row.
         findings : tuple of Finding
-            What was repaired or noted.
+            Repairs and notes.
         """
         recording = cls.__new__(cls)
         _set_fields(recording, table, metadata, name, truth, findings)
@@ -113,7 +113,7 @@ class Recording:
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (self._table, self._metadata, self._name, self._truth, self._findings)
 
-    # --- what it holds -------------------------------------------------------------------------------------------------
+    # --- content -------------------------------------------------------------------------------------------------------
 
     @property
     def table(self) -> pd.DataFrame:

@@ -25,7 +25,7 @@ def require_recordings(argument: Any, name: str) -> list[Recording]:
     argument : iterable of Recording or table
         Tables as :func:`rlgcomp.recording` takes them, under the contract's names.
     name : str
-        What the argument is called.
+        Of the argument, for messages.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Columns of a recording: what they are called, and what makes a table of them valid."""
+"""Columns of a recording: their names, and the conditions for a valid table."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def rate_name(gyro_column: str) -> str:
 
 
 def problems_of(table: pd.DataFrame, truth: pd.DataFrame | None) -> list[str]:
-    """What keeps a table and its truth from being a recording, a sentence each; none where they are one."""
+    """Faults of a table and its truth as a recording, a sentence each; none where they are valid."""
     problems = []
     if len(table) < FEWEST_ROWS:
         problems.append(f"{len(table)} rows; at least {FEWEST_ROWS} are needed")

@@ -12,7 +12,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.report.messages import Message
 
 Kind = Literal["chamber", "turntable", "static"]
-PREDICTED: Final = "predicted"  # note of a recording whose gyro is what a simulator expects
+PREDICTED: Final = "predicted"  # note of a recording whose gyro was predicted by a simulator
 
 
 @dataclasses.dataclass(frozen=True)

@@ -136,7 +136,7 @@ def acceleration_deg_s2(recording: Recording) -> Array:
 
 
 def rate_at_ends_deg_s(recording: Recording) -> Array:
-    """Rate of the table in deg/s at the end of each row's sample, shape (n,): what the means over the samples on both sides tell.
+    """Rate of the table in deg/s at the end of each row's sample, shape (n,), interpolated from the means on both sides.
 
     Where a table begins or ends to speed up, one of these holds two rates: the other side's go on straight.
 

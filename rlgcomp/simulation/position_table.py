@@ -138,7 +138,7 @@ class PositionTable:
 
     @property
     def conventional_arcsec(self) -> float:
-        """What the conventional measurement tends to, K / cos(theta)."""
+        """Limit of the conventional measurement, K / cos(theta)."""
         return self.scale_arcsec / math.cos(self.mounting_arcsec * RAD_PER_ARCSEC)
 
     # --- counts alone ----------------------------------------------------------------------------------------------------

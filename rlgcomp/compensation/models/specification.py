@@ -1,4 +1,4 @@
-"""Model specification: what the package must know of a model beyond scikit-learn's contract. Its name, its search, what to save.
+"""Model specification: the data of a model beyond scikit-learn's contract: its name, its search, its saved numbers.
 
 Every model's file ends with its `SPECIFICATION`; :data:`rlgcomp.compensation.models.MODELS` lists them. The checks of
 parameters and arrays that models share stand at the end.

@@ -202,5 +202,5 @@ def _encoding(head: bytes, path: Path) -> str:
 
 
 def separator_of(header: str) -> str:
-    """What separates the columns of a line."""
+    """Separator of the columns of a line."""
     return max((",", ";", "\t"), key=header.count)

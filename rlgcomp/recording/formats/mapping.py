@@ -23,7 +23,7 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
     mapping : mapping of str to str
         Target (contract) name to source.
     name : str
-        What messages call the file.
+        Of the file, for messages.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def parse_mapping(items: list[str]) -> dict[str, str]:
 
 
 def require_droppable(drop: Collection[str], columns: Collection[str], path: str | Path) -> None:
-    """Refuse to leave out what a file does not have.
+    """Refuse to drop columns that a file does not have.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ class UnusableRecordingError(InputError):
     Parameters
     ----------
     name : str
-        What messages call the file.
+        Of the file, for messages.
     findings : tuple of Finding
         All of them, refused or not.
     """
@@ -87,7 +87,7 @@ def repair(
         As read, columns already under their contract names.
     metadata : Metadata
     name : str
-        What messages call the file.
+        Of the file, for messages.
     stated_units : frozenset of str
         Columns whose unit the user stated; it is not checked.
     simulated : bool

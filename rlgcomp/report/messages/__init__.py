@@ -1,4 +1,4 @@
-"""Messages: what a result has to say beside its numbers, as a code, its data and a text made from them.
+"""Messages: remarks and findings of a result, each as a code, its data and a text made from them.
 
 A remark or a finding is made where its cause is detected, by :func:`message` with a code and data; its text stands here, in the
 catalogue of its room. Scripts and tests read code and data, people the text. To add one, write its text in the file of its
