@@ -120,10 +120,10 @@ def test_json_is_json(folder: Path, tmp_path: Path) -> None:
 def test_mechanisms_tells_what_a_simulator_file_may_hold() -> None:
     listed = run("mechanisms")
     assert all(name in listed.stdout for name in rlg.CATALOGUE)
-    told = run("mechanisms", "thermal_hysteresis")
-    assert "radius_K" in told.stdout
-    assert "rested, from_below, from_above" in told.stdout
-    assert "Visintin" in told.stdout
+    reported = run("mechanisms", "thermal_hysteresis")
+    assert "radius_K" in reported.stdout
+    assert "rested, from_below, from_above" in reported.stdout
+    assert "Visintin" in reported.stdout
     (entry,) = json.loads(run("mechanisms", "mode_hop", "--json").stdout)
     usual = {parameter["name"]: parameter["usual"] for parameter in entry["parameters"]}
     assert rlg.CATALOGUE["mode_hop"].from_mapping(usual) == rlg.CATALOGUE["mode_hop"]()
@@ -183,8 +183,8 @@ def test_predict_follows_no_fault_of_the_logger(folder: Path, tmp_path: Path) ->
     assert run("predict", folder / "gyro.yaml", folder / "run1.parquet", "--out", tmp_path / "p.parquet").exit_code == 0
     result = run("predict", folder / "gyro.yaml", tmp_path / "wild.parquet", "--out", tmp_path / "w.parquet")
     assert "temperature_block_degC: 1 sample" in result.output
-    calm, wild = (rlg.read(tmp_path / name).rate_deg_h() for name in ("p.parquet", "w.parquet"))
-    assert np.abs(calm - wild).max() < 1e-3
+    quiet, wild = (rlg.read(tmp_path / name).rate_deg_h() for name in ("p.parquet", "w.parquet"))
+    assert np.abs(quiet - wild).max() < 1e-3
 
 
 def test_a_programme_of_thirty_years_is_refused(folder: Path, tmp_path: Path) -> None:
@@ -331,8 +331,8 @@ def test_a_simulator_file_is_not_written_over(
     shutil.copy(folder / "gyro.yaml", tmp_path / "gyro.yaml")
     monkeypatch.setattr(rlg.Simulator, "from_yaml", lambda *given: pytest.fail("refused after the work began"))
     places = {"run": folder / "run1.parquet", "model": folder / "model", "tmp": tmp_path}
-    said = refused(*(argument.format(**places) for argument in arguments))
-    assert "exists and is no recording's metadata that was written here: it holds mechanisms, noise; give another name" in said
+    printed = refused(*(argument.format(**places) for argument in arguments))
+    assert "exists and is no recording's metadata that was written here: it holds mechanisms, noise; give another name" in printed
     assert [path.name for path in tmp_path.iterdir()] == ["gyro.yaml"]
     assert (tmp_path / "gyro.yaml").read_text() == SIMULATOR
 
@@ -366,8 +366,8 @@ def test_what_a_command_reads_is_not_replaced(folder: Path, tmp_path: Path) -> N
     shutil.copy(folder / "run1.parquet", out / "card.md")  # a name that `train` writes
     (tmp_path / "link.parquet").symlink_to(out / "card.md")
     for recording in (out / "card.md", f"{out / 'card.md'}@0:600", tmp_path / "link.parquet"):
-        said = refused("train", folder / "run2.parquet", recording, "--out", out)
-        assert f"{str(recording).removesuffix('@0:600')} lies in {out}, which is to be replaced" in said
+        printed = refused("train", folder / "run2.parquet", recording, "--out", out)
+        assert f"{str(recording).removesuffix('@0:600')} lies in {out}, which is to be replaced" in printed
     assert "lies in" in refused("train", folder / "run1.parquet", "--adapt", out, "--out", out)
     inside = ("--out", tmp_path / "code" / "model", "--export", tmp_path / "code")
     assert "give two folders" in refused("train", folder / "run1.parquet", *inside)
@@ -443,10 +443,10 @@ def test_it_is_quiet_where_there_is_no_terminal(folder: Path) -> None:
 def test_demo_quick(tmp_path: Path) -> None:
     result = run("demo", "--quick", "--out", tmp_path / "demo", "--json")
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert told["pooled"]["factor"] > 1.2
-    assert [finding["mechanism"] for finding in told["diagnosis"]["findings"]] == [told["concealed"]]
-    assert told["diagnosis"]["fit"]["test"]["improvement_ci95"][0] > 0.0
+    reported = json.loads(result.stdout)
+    assert reported["pooled"]["factor"] > 1.2
+    assert [finding["mechanism"] for finding in reported["diagnosis"]["findings"]] == [reported["concealed"]]
+    assert reported["diagnosis"]["fit"]["test"]["improvement_ci95"][0] > 0.0
     made = {item.name for item in (tmp_path / "demo").iterdir()}
     assert made == {
         "report.html",
@@ -461,15 +461,15 @@ def test_demo_quick(tmp_path: Path) -> None:
     rlg.load(tmp_path / "demo" / "model")
     diagnosis = tmp_path / "demo" / "diagnosis"
     assert {item.name for item in diagnosis.iterdir()} == {"report.html", "diagnosis.json", "augmented.yaml", "simulator.yaml"}
-    assert json.loads((diagnosis / "diagnosis.json").read_text()) == told["diagnosis"]
+    assert json.loads((diagnosis / "diagnosis.json").read_text()) == reported["diagnosis"]
     lacking, augmented = (rlg.Simulator.from_yaml(diagnosis / f"{name}.yaml") for name in ("simulator", "augmented"))
-    assert {m.name for m in augmented.mechanisms} - {m.name for m in lacking.mechanisms} == {told["concealed"]}
+    assert {m.name for m in augmented.mechanisms} - {m.name for m in lacking.mechanisms} == {reported["concealed"]}
     again = run("demo", "--quick", "--out", tmp_path / "demo")  # its own folder may be made again
     assert again.exit_code == 0, again.output
-    assert told["diagnosis"]["sentence"] in " ".join(again.stdout.split())
+    assert reported["diagnosis"]["sentence"] in " ".join(again.stdout.split())
     recording = tmp_path / "demo" / "held-out.parquet"
-    said = refused("evaluate", tmp_path / "demo" / "model", recording, "--out", tmp_path / "demo")
-    assert "holds diagnosis, held-out.parquet, model, simulator.yaml, train-1.parquet and 1 more, which" in said
+    printed = refused("evaluate", tmp_path / "demo" / "model", recording, "--out", tmp_path / "demo")
+    assert "holds diagnosis, held-out.parquet, model, simulator.yaml, train-1.parquet and 1 more, which" in printed
     (tmp_path / "demo" / "model" / "c").mkdir()
     assert "holds model/c, which an earlier run did not write" in refused("demo", "--quick", "--out", tmp_path / "demo")
 

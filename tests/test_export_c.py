@@ -132,8 +132,8 @@ def test_every_sample_agrees(
     for file, text in render(design, golden, bounds[0], quiet).items():
         (tmp_path / file).write_text(text, encoding="ascii")
     command = tools.build(GCC, [tmp_path / "unit.c", tmp_path / "unit_selftest.c"], tmp_path)
-    said = tools.selftest(GCC, command)
-    assert f"state {state_bytes(design)} bytes" in said
+    printed = tools.selftest(GCC, command)
+    assert f"state {state_bytes(design)} bytes" in printed
     found = [tools.check(GCC, command, stream, each) for stream, each in zip((golden, held_out), bounds, strict=True)]
     assert [check.wrong for check in found] == [0, 0]
     assert found[1].samples == len(short_runs[2])

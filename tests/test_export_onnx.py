@@ -73,11 +73,11 @@ def test_the_file_says_what_it_is(tmp_path: Path) -> None:
     path = KEPT / "simulated-unit-1"
     export(path, tmp_path / "out", "onnx")
     model = onnx.load(tmp_path / "out" / "simulated-unit-1.onnx")
-    said = {entry.key: entry.value for entry in model.metadata_props}
-    assert said["sha256"] == identity(path)
-    assert said["unit"] == "deg/h"
-    assert tuple(json.loads(said["features"])) == rlg.load(path).pipeline_.names
-    assert "Stateless core" in said["what"]
+    properties = {entry.key: entry.value for entry in model.metadata_props}
+    assert properties["sha256"] == identity(path)
+    assert properties["unit"] == "deg/h"
+    assert tuple(json.loads(properties["features"])) == rlg.load(path).pipeline_.names
+    assert "Stateless core" in properties["what"]
     assert [value.name for value in model.graph.output] == ["bias_deg_h", "out_of_range", "half_width_deg_h"]
 
 

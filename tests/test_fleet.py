@@ -62,8 +62,8 @@ def test_results_are_the_same_by_one_and_by_two_processes(units: list[Unit], tmp
 def test_what_is_said_of_a_unit_begins_with_its_name(units: list[Unit], tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, logger="rlgcomp")  # a quiet command may have run before
     run_fleet(TRAIN, [Unit("lone", units[0].train[:1])], tmp_path / "out")
-    said = [record.getMessage() for record in caplog.records]
-    assert any(message.startswith("lone: one run only: parameters are selected on 5 blocks") for message in said)
+    messages = [record.getMessage() for record in caplog.records]
+    assert any(message.startswith("lone: one run only: parameters are selected on 5 blocks") for message in messages)
     caplog.clear()
     train_unit(Unit("lone", units[0].train[:1]), tmp_path, model="cubic", features="temperature")
     assert not any(record.getMessage().startswith("lone") for record in caplog.records)
@@ -186,11 +186,11 @@ def test_a_cluster_gives_the_same_bits_though_a_worker_is_killed(cluster: Cluste
     fleet = [Unit(f"gyro-{k}", ()) for k in range(8)]
     expected = run_fleet(slow, fleet, tmp_path / "here")
 
-    def told(done: int, total: int) -> None:
+    def shown(done: int, total: int) -> None:
         if done == 3:
             processes[1].send_signal(signal.SIGKILL)
 
-    outcomes = run_fleet(slow, fleet, tmp_path / "there", scheduler=address, progress=told)
+    outcomes = run_fleet(slow, fleet, tmp_path / "there", scheduler=address, progress=shown)
     assert [one.state for one in outcomes] == [one.state for one in expected] == ["done"] * 8
     for unit in fleet:
         assert (tmp_path / "here" / unit.name / "value").read_bytes() == (tmp_path / "there" / unit.name / "value").read_bytes()
@@ -239,8 +239,8 @@ def test_the_mean_is_kept_as_advised(units: list[Unit], tmp_path: Path, caplog: 
     caplog.set_level(logging.WARNING, logger="rlgcomp")
     done = CliRunner().invoke(app, ["fleet", "train", str(tmp_path / "units.csv"), "--out", str(tmp_path / "out"), *options])
     assert done.exit_code == 0, done.output
-    said = " ".join(done.output.split()) + " ".join(record.getMessage() for record in caplog.records)
-    assert ("Use --keep-mean to keep it" in said) is not keep
+    messages = " ".join(done.output.split()) + " ".join(record.getMessage() for record in caplog.records)
+    assert ("Use --keep-mean to keep it" in messages) is not keep
     assert abs(rlg.load(tmp_path / "out" / "gyro" / "model").reference_deg_h - (9.7 if keep else 0.0)) < 0.1
 
 

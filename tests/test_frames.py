@@ -1,4 +1,4 @@
-"""Frames and rotations, against SciPy's and against what the frames are said to be."""
+"""Frames and rotations, against SciPy's and against the definitions of the frames."""
 
 from __future__ import annotations
 

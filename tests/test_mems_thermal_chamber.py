@@ -1,4 +1,4 @@
-"""A real MEMS IMU in a thermal chamber: memory of the temperature is found, and what is said of the leg held out is honest."""
+"""A real MEMS IMU in a thermal chamber: memory of the temperature is found, and the statements on the held-out leg are honest."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def test_memory_is_found_and_the_leg_held_out_improves(axis: str) -> None:
 
 
 def test_the_hard_axis_gets_an_honest_answer() -> None:
-    """The third axis does not repeat: what no gain proves is not sold as one, and the rest is said to be unknown."""
+    """The third axis does not repeat: no gain is claimed without proof, and the rest is unknown."""
     found = diagnosed(cycle(DATA), "z", tuple(MEMORY))
-    said = judgement(found)
+    statement = judgement(found)
     assert memories(found)
     assert found.verdict == "unknown"
-    assert ("no gain can be claimed" in said) == (held_out(found).improvement_ci95[0] <= 0.0)
-    assert "the leg is not described" in said
+    assert ("no gain can be claimed" in statement) == (held_out(found).improvement_ci95[0] <= 0.0)
+    assert "the leg is not described" in statement
 
 
 def test_held_out_runs_decide_nothing_that_makes_them_worse() -> None:

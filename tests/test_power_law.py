@@ -29,11 +29,11 @@ def test_scatter_is_as_the_degrees_of_freedom_say(estimator: str, alpha: int) ->
         variances.append(curve.deviation_deg_h**2)
     found = 2.0 * np.mean(variances, axis=0) ** 2 / np.var(variances, axis=0, ddof=1)
     order = 3 if estimator == "hadamard" else 2
-    said = [
+    expected = [
         degrees_of_freedom(int(count), int(tau), alpha, order, overlapping=estimator != "plain")
         for count, tau in zip(curve.differences, taus, strict=True)
     ]
-    assert found == pytest.approx(said, rel=0.25)
+    assert found == pytest.approx(expected, rel=0.25)
 
 
 def test_white_angle_noise_by_simulation() -> None:
@@ -43,8 +43,10 @@ def test_white_angle_noise_by_simulation() -> None:
     curves = [rlg.allan_deviation(np.diff(rng.standard_normal(1001)), np.arange(1000.0), taus) for _ in range(400)]
     variances = np.array([curve.deviation_deg_h**2 for curve in curves])
     found = 2.0 * variances.mean(axis=0) ** 2 / variances.var(axis=0, ddof=1)
-    said = [degrees_of_freedom(int(c), int(t), 2, 2, overlapping=True) for c, t in zip(curves[0].differences, taus, strict=True)]
-    assert found == pytest.approx(said, rel=0.25)
+    expected = [
+        degrees_of_freedom(int(c), int(t), 2, 2, overlapping=True) for c, t in zip(curves[0].differences, taus, strict=True)
+    ]
+    assert found == pytest.approx(expected, rel=0.25)
 
 
 def test_exact_cases() -> None:

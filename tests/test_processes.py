@@ -64,12 +64,12 @@ def test_quantization_does_not_accumulate() -> None:
     assert np.abs(np.cumsum(rate)).max() <= 2 * np.sqrt(3) * 0.3
 
 
-@pytest.mark.parametrize("said", [{}, {"bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}])
-def test_zeros_that_are_written_are_kept_apart_from_what_is_not_said(said: dict[str, float]) -> None:
-    model = rlg.NoiseModel.from_mapping({"angle_random_walk_deg_sqrt_h": 3e-4} | said)
-    assert model.white == bool(said)
+@pytest.mark.parametrize("stated", [{}, {"bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}])
+def test_zeros_that_are_written_are_kept_apart_from_what_is_not_stated(stated: dict[str, float]) -> None:
+    model = rlg.NoiseModel.from_mapping({"angle_random_walk_deg_sqrt_h": 3e-4} | stated)
+    assert model.white == bool(stated)
     written = model.to_mapping()
-    assert all((name in written) == bool(said) for name in ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h"))
+    assert all((name in written) == bool(stated) for name in ("bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h"))
     assert rlg.NoiseModel.from_mapping(written) == model
     assert rlg.Simulator.from_mapping(rlg.Simulator(noise=model).to_mapping()).noise == model
 

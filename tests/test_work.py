@@ -135,9 +135,9 @@ def test_experiments_print_the_same_by_two_processes_and_when_resumed(
     name: str, options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     program = importlib.import_module(f"experiments.{name}.__main__")
-    said = []
+    outputs = []
     for more in (["--jobs", "1"], ["--jobs", "2"], ["--resume"]):
         program.main([*options, "--rows", str(tmp_path / "rows"), *more])
-        said.append(capsys.readouterr().out)
-    assert said[0].count("|") > 50
-    assert said[0] == said[1] == said[2]
+        outputs.append(capsys.readouterr().out)
+    assert outputs[0].count("|") > 50
+    assert outputs[0] == outputs[1] == outputs[2]

@@ -56,13 +56,14 @@ def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     from rich.table import Table
     from rich.text import Text  # a str would be searched for markup, as which names in brackets would pass
 
-    table = Table(title=Text(printable(title), style="bold"), title_justify="left", header_style="bold", box=None, pad_edge=False)
+    table = Table(header_style="bold", box=None, pad_edge=False)
     columns = list(rows[0]) if rows else []
     for column in columns:
         table.add_column(Text(printable(column)), justify="left" if isinstance(rows[0][column], str) else "right", overflow="fold")
     for row in rows:
         table.add_row(*(Text(_cell(row[column])) for column in columns))
     console = Console(width=None if sys.stdout.isatty() else 160)
+    console.print(Text(printable(title), style="bold"))  # apart from the table, whose width would break it
     console.print(table)
 
 
