@@ -370,12 +370,12 @@ class _Room(types.ModuleType):
         names: Sequence[str] | None = None,
         period_s: float | None = None,
         name: str = "recording",
-        computed: bool = False,
+        simulated: bool = False,
     ) -> Recording:
         """A recording of a table in memory; see :func:`rlgcomp.recording.tables.recording`."""
         tables = importlib.import_module("rlgcomp.recording.tables")  # it stands above the data type
         made: Recording = tables.recording(
-            data, columns=columns, drop=drop, metadata=metadata, names=names, period_s=period_s, name=name, computed=computed
+            data, columns=columns, drop=drop, metadata=metadata, names=names, period_s=period_s, name=name, simulated=simulated
         )
         return made
 

@@ -26,7 +26,7 @@ def recording(
     names: Sequence[str] | None = None,
     period_s: float | None = None,
     name: str = "recording",
-    computed: bool = False,
+    simulated: bool = False,
 ) -> Recording:
     """A table in memory as a recording, mapped and repaired as :func:`rlgcomp.read` does with a file.
 
@@ -47,7 +47,7 @@ def recording(
         Sample period of a table without time stamps, whose rows are taken to follow each other without gaps.
     name : str
         What messages and tables call the recording.
-    computed : bool
+    simulated : bool
         The table is a simulator's output: its gyro may stand still and need have no noise.
 
     Returns
@@ -81,7 +81,7 @@ def recording(
         columns=_with_units(data, mapping),
         drop=drop,
         period_s=period_s,
-        computed=computed,
+        simulated=simulated,
     )
 
 
