@@ -11,7 +11,7 @@ from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, Simulat
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.outliers import without_outliers
-from rlgcomp.recording.stuck_channels import frozen_messages, interpolated_holds
+from rlgcomp.recording.stuck_channels import interpolated_holds, stuck_messages
 from rlgcomp.report.messages import Message
 from rlgcomp.simulation.simulator import Simulator
 
@@ -68,7 +68,7 @@ class Prepared:
             runs, found = without_outliers(runs, gyro)
             messages += found
         straight = [interpolated_holds(run) for run in runs]
-        messages += [one for run in runs for one in frozen_messages(run)]
+        messages += [one for run in runs for one in stuck_messages(run)]
         messages += [told for _, told in straight if told is not None]
         runs = [run for run, _ in straight]
         base, runs, own = _with_simulation(simulator, simulated, runs, gyro)
