@@ -23,7 +23,7 @@ ROWS = [
     ["units"],
     ["scratch"],
     ["files"],
-    ["report.messages", "report.notebook"],
+    ["report.messages", "report.notebook", "report.drawing"],
     ["numerics"],
     ["recording"],
     ["noise"],

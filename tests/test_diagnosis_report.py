@@ -22,7 +22,7 @@ from rlgcomp.diagnosis.proof.before_after import prove
 from rlgcomp.diagnosis.result import Alternative, Cause, Diagnosis, Estimate, NextExperiment, Place, Unexplained, pictures
 from rlgcomp.diagnosis.result.channel_shares import channel_shares
 from rlgcomp.diagnosis.result.page import render
-from rlgcomp.report.figures import Powers
+from rlgcomp.report.drawing import Powers
 
 CATALOGUE = rlg.CATALOGUE
 BASE = rlg.Simulator((CATALOGUE["thermal_polynomial"](),), noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))

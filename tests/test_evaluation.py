@@ -13,9 +13,9 @@ import rlgcomp as rlg
 from rlgcomp.cli.show import show_evaluation
 from rlgcomp.evaluation.comparison import correlation_table
 from rlgcomp.evaluation.evaluation import improvement
+from rlgcomp.evaluation.page import render
 from rlgcomp.files import to_json
 from rlgcomp.noise.processes import NOISES
-from rlgcomp.report.page import render
 
 
 @pytest.fixture(scope="module")

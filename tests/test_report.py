@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.evaluation import figures
 from rlgcomp.evaluation.evaluation import Trace
-from rlgcomp.report import figures
-from rlgcomp.report.page import render, write_report
+from rlgcomp.evaluation.page import render, write_report
 
 # Put into a copy of the page, it writes into the title what a browser made of it.
 PROBE = """<script>

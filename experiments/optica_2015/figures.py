@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.optica_2015.study import INPUTS
-from rlgcomp.report.figures import FIT, RAW, STYLE
+from rlgcomp.report.drawing import FIT, RAW, STYLE
 
 
 def draw(unit: dict[str, object], folder: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from experiments.tables import show_list, show_table
 from experiments.zhan_2010 import study
-from rlgcomp.report.figures import FIT, RAW, STYLE
+from rlgcomp.report.drawing import FIT, RAW, STYLE
 
 
 def main(argv: Sequence[str] | None = None) -> None:

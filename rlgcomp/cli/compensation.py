@@ -247,8 +247,8 @@ def evaluate(
     """
     from rlgcomp.compensation.compensator import load
     from rlgcomp.evaluation.evaluation import evaluate as evaluate_runs
+    from rlgcomp.evaluation.page import write_report
     from rlgcomp.files import whole_folder
-    from rlgcomp.report.page import write_report
 
     require_folder(out, EVALUATION, model, runs, calibration)
     compensator = load(model)

@@ -43,9 +43,9 @@ def demo(
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.evaluation.evaluation import evaluate
+    from rlgcomp.evaluation.page import write_report
     from rlgcomp.files import whole_folder
     from rlgcomp.recording.formats import write
-    from rlgcomp.report.page import write_report
     from rlgcomp.simulation.random_units import simulated_unit
 
     diagnosis_files = (f"diagnosis/{name}" for name in (*DIAGNOSIS, "simulator.yaml"))

@@ -26,8 +26,9 @@ from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
-from rlgcomp.recording.argument_checks import require_recordings, require_workers
+from rlgcomp.recording.argument_checks import require_recording, require_recordings, require_workers
 from rlgcomp.recording.outliers import without_outliers
+from rlgcomp.report.notebook import table_html
 from rlgcomp.units import EARTH_RATE_DEG_H
 
 Array = npt.NDArray[np.float64]
@@ -110,6 +111,14 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.gyro = gyro
         self.keep_mean = keep_mean
         self.n_jobs = n_jobs
+
+    def _repr_html_(self) -> str:
+        heading, _, rest = repr(self).partition("\n")
+        return table_html(heading, pd.DataFrame(), rest.splitlines())
+
+    def _repr_mimebundle_(self, **options: Any) -> dict[str, str]:
+        """As other results; scikit-learn's diagram of an estimator would show parameters alone."""
+        return {"text/plain": repr(self), "text/html": self._repr_html_()}
 
     def __repr__(self) -> str:
         if hasattr(self, "model_"):
@@ -224,7 +233,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
         Parameters
         ----------
-        recording : Recording
+        recording : Recording or table
+            A table as :func:`rlgcomp.recording` takes it.
 
         Returns
         -------
@@ -232,6 +242,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             `bias_deg_h`, `out_of_range` and `half_width_deg_h`, one row a sample.
         """
         self.require_fitted()
+        recording = require_recording(recording, "recording")
         X = self.pipeline_.transform(recording).to_numpy()
         bias = self._by_windows(recording, X) if sequential(self.model_) else self.predict_rows(X)
         return self._prediction(X, bias)
@@ -243,11 +254,17 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         `compensation_out_of_range` is 1 where an input lay beyond the training range. 90 % of the
         corrected gyro's means over the averaging time lie within `compensation_half_width_deg_h` of zero.
 
+        Parameters
+        ----------
+        recording : Recording or table
+            A table as :func:`rlgcomp.recording` takes it.
+
         Raises
         ------
         InputError
-            It was corrected already, or lacks a monitor.
+            It was corrected already, lacks a monitor, or is no recording.
         """
+        recording = require_recording(recording, "recording")
         require_raw(recording.name, recording.columns)
         column = recording.gyro_column(self.gyro)
         rate_deg_h, predicted = recording.rate_deg_h(column), self.predict(recording)
@@ -318,6 +335,61 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
     def reference_deg_h(self) -> float:
         """Mean of the corrected gyro under the conditions of training."""
         return self.scaling_.y_mean_deg_h if self.keep_mean else 0.0
+
+    def contributions(self) -> pd.DataFrame:
+        """How much of the estimated bias each input makes: its change where the input alone stays at its mean over training.
+
+        Inputs that go together share one effect, so that their contributions may be large and cancel.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `input`, and `rms_deg_h` over the training rows, the largest first.
+
+        Raises
+        ------
+        InputError
+            It is not fitted.
+        """
+        self.require_fitted()
+        X = np.vstack([part.X for part in self.training_])
+        bias = self.predict_rows(X)
+        changes = []
+        for k in range(X.shape[1]):
+            without = X.copy()
+            without[:, k] = self.scaling_.mean[k]
+            changes.append(float(np.sqrt(np.mean((bias - self.predict_rows(without)) ** 2))))
+        table = pd.DataFrame({"input": list(self.pipeline_.names), "rms_deg_h": changes})
+        return table.sort_values("rms_deg_h", ascending=False, kind="stable", ignore_index=True)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Contribution of each input to the estimated bias, as :meth:`contributions` gives it.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            By default of a new figure.
+
+        Returns
+        -------
+        Axes
+
+        Raises
+        ------
+        InputError
+            It is not fitted.
+        """
+        from rlgcomp.report.drawing import draw_bars
+
+        table = self.contributions()
+        return draw_bars(
+            ax,
+            [name.replace("_", " ") for name in table["input"]],
+            table["rms_deg_h"].to_numpy(),
+            label="rms of the bias that the input makes in training",
+            unit="deg/h",
+            title="Contribution of each input",
+        )
 
     # --- serialisation -----------------------------------------------------------------------------------------------------
 

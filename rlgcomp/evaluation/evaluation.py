@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -19,168 +20,31 @@ from rlgcomp.compensation.correction import other_unit, require_raw
 from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.comparison import comparison_table, correlation_table
-from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation
+from rlgcomp.evaluation.record import EvaluationRecord, RunResult, Trace
+from rlgcomp.files import write_text
+from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.numerics.bootstrap import BLOCK_S, drawn_squares
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
 from rlgcomp.recording.outliers import monitor_outliers, without_gyro_outliers
-from rlgcomp.report.messages import Message, message
 from rlgcomp.report.notebook import ShownAsTable
 
 Array = npt.NDArray[np.float64]
-OFTEN_OUT_OF_RANGE: Final = 0.01
 ROUNDED: Final = 0.01  # of the averaging time and of the difference of neighbouring averages: copies of one run differ by less
 FEWEST_COMMON: Final = 3
 
 
-@dataclasses.dataclass(frozen=True)
-class RunResult:
-    """One run held out.
+@dataclasses.dataclass(frozen=True, repr=False)
+class Evaluation(EvaluationRecord, ShownAsTable):
+    """A compensation on runs held out: the data of :class:`~rlgcomp.evaluation.record.EvaluationRecord`, shown and saved.
 
     Parameters
     ----------
-    run : str
-    windows : int
-        Number of averages.
-    raw_std_deg_h, residual_std_deg_h : float
-        Bias stability before and after compensation.
-    residual_mean_deg_h : float
-        Mean of the residual: the bias from switch-on to switch-on.
-    residual_rms_deg_h : float
-    noise_floor_deg_h : float
-        Lower bound of any compensation: the standard deviation of a simulated run's noise, otherwise from the Allan deviation.
-    factor, factor_low, factor_high : float
-        raw / residual, with its 95 % interval by block bootstrap.
-    out_of_range : float
-        Share of samples flagged.
-    in_interval : float
-        Share of averages within the interval about the estimated bias, which promises 90 %.
-    trained_on : bool
-        Averages of it are among those that the compensation was trained on.
+    compensator : Compensator, optional
+        What was evaluated, for the page.
     """
 
-    run: str
-    windows: int
-    raw_std_deg_h: float
-    residual_std_deg_h: float
-    residual_mean_deg_h: float
-    residual_rms_deg_h: float
-    noise_floor_deg_h: float
-    factor: float
-    factor_low: float
-    factor_high: float
-    out_of_range: float
-    in_interval: float
-    trained_on: bool
-
-    @property
-    def floor_ratio(self) -> float:
-        """Residual over noise floor; no compensation gets below 1."""
-        return self.residual_std_deg_h / self.noise_floor_deg_h
-
-    @property
-    def remarks(self) -> tuple[Message, ...]:
-        """Cautions to this result."""
-        remarks = [message("evaluation.trained_on", run=self.run)] if self.trained_on else []
-        interval = {"factor_low": self.factor_low, "factor_high": self.factor_high}
-        if self.factor_high < 1.0:
-            remarks.append(message("evaluation.worse", run=self.run, **interval))
-        elif self.factor_low <= 1.0:
-            remarks.append(message("evaluation.no_gain", run=self.run, **interval))
-        if abs(self.residual_mean_deg_h) > 2.0 * self.residual_std_deg_h:
-            remarks.append(message("evaluation.offset", run=self.run, mean_deg_h=self.residual_mean_deg_h))
-        if self.out_of_range > OFTEN_OUT_OF_RANGE:
-            remarks.append(message("evaluation.out_of_range", run=self.run, percent=100.0 * self.out_of_range))
-        return tuple(remarks)
-
-
-@dataclasses.dataclass(frozen=True)
-class Trace:
-    """Averages of one run, for figures.
-
-    Parameters
-    ----------
-    run : str
-    time_s, raw_deg_h, bias_deg_h : ndarray, shape (n,)
-        Middle of each window; gyro; compensation.
-    temperature_degC : ndarray, shape (n,), optional
-    allan_raw, allan_residual : AllanDeviation
-    """
-
-    run: str
-    time_s: Array
-    raw_deg_h: Array
-    bias_deg_h: Array
-    temperature_degC: Array | None
-    allan_raw: AllanDeviation
-    allan_residual: AllanDeviation
-
-    @property
-    def residual_deg_h(self) -> Array:
-        return self.raw_deg_h - self.bias_deg_h
-
-
-@dataclasses.dataclass(frozen=True)
-class Evaluation(ShownAsTable):
-    """A compensation on runs held out.
-
-    Parameters
-    ----------
-    averaging_s : float
-    runs : tuple of RunResult
-    traces : tuple of Trace
-    correlation : pandas.DataFrame
-        Correlation of each input with the gyro.
-    comparison : pandas.DataFrame
-        Held-out residuals by feature group and model; see :func:`rlgcomp.evaluation.comparison.comparison_table`.
-    input_remarks : tuple of Message
-        On outliers of the gyro, which are left out, and of monitors, which the compensation follows, and on runs of another gyro
-        than the one trained on.
-    """
-
-    averaging_s: float
-    runs: tuple[RunResult, ...]
-    traces: tuple[Trace, ...]
-    correlation: pd.DataFrame
-    comparison: pd.DataFrame
-    input_remarks: tuple[Message, ...] = ()
-
-    @property
-    def raw_std_deg_h(self) -> float:
-        return _pooled([run.raw_std_deg_h for run in self.runs])
-
-    @property
-    def residual_std_deg_h(self) -> float:
-        return _pooled([run.residual_std_deg_h for run in self.runs])
-
-    @property
-    def residual_rms_deg_h(self) -> float:
-        return _pooled([run.residual_rms_deg_h for run in self.runs])
-
-    @property
-    def noise_floor_deg_h(self) -> float:
-        return _pooled([run.noise_floor_deg_h for run in self.runs])
-
-    @property
-    def held_out(self) -> bool:
-        """Whether none of the runs was trained on, judged by their averages."""
-        return not any(run.trained_on for run in self.runs)
-
-    @property
-    def title(self) -> str:
-        """Of the table of bias stability."""
-        return f"Bias stability{' held out' if self.held_out else ''} ({self.averaging_s:g} s means), deg/h"
-
-    @property
-    def remarks(self) -> tuple[Message, ...]:
-        """Cautions to these results: runs that prove nothing, gains that cannot be claimed, and their causes."""
-        remarks = [*self.input_remarks, *(remark for run in self.runs for remark in run.remarks)]
-        if not self.comparison.empty:
-            cubic = self.comparison[self.comparison["model"] == "cubic"].iloc[0]
-            if cubic["residual_rms_deg_h"] <= self.residual_rms_deg_h:
-                residuals = {"cubic_rms_deg_h": cubic["residual_rms_deg_h"], "rms_deg_h": self.residual_rms_deg_h}
-                remarks.append(message("evaluation.cubic_suffices", features=cubic["features"], **residuals))
-        return tuple(remarks)
+    compensator: Compensator | None = dataclasses.field(default=None, compare=False)
 
     def __repr__(self) -> str:
         return _as_text(self)
@@ -188,39 +52,46 @@ class Evaluation(ShownAsTable):
     def shown(self) -> pd.DataFrame:
         return pd.DataFrame(stability_rows(self))
 
-    def to_frame(self) -> pd.DataFrame:
-        """One row a run."""
-        return pd.DataFrame([{**dataclasses.asdict(run), "floor_ratio": run.floor_ratio} for run in self.runs])
+    def plot(self, ax: Any = None, *, run: str | None = None) -> Any:
+        """Gyro and estimated bias of one run over time, their residual beside the noise floor, and temperature.
 
-    def to_mapping(self) -> dict[str, Any]:
-        """Everything as plain data."""
-        return {
-            "schema": "rlgcomp.evaluation/1",
-            "unit": "deg/h",
-            "averaging_s": self.averaging_s,
-            "pooled": {
-                "raw_std_deg_h": self.raw_std_deg_h,
-                "residual_std_deg_h": self.residual_std_deg_h,
-                "residual_rms_deg_h": self.residual_rms_deg_h,
-                "noise_floor_deg_h": self.noise_floor_deg_h,
-                "factor": self.raw_std_deg_h / self.residual_std_deg_h,
-                "floor_ratio": self.residual_std_deg_h / self.noise_floor_deg_h,
-            },
-            "remarks": [remark.to_mapping() for remark in self.remarks],
-            "runs": self.to_frame().to_dict("records"),
-            "correlation": self.correlation.to_dict("records"),
-            "comparison": self.comparison.to_dict("records"),
-            "traces": [
-                {
-                    **{name: getattr(trace, name) for name in ("run", "time_s", "raw_deg_h", "bias_deg_h", "temperature_degC")},
-                    **{
-                        name: {"tau_s": curve.tau_s, "deviation_deg_h": curve.deviation_deg_h}
-                        for name, curve in (("allan_raw", trace.allan_raw), ("allan_residual", trace.allan_residual))
-                    },
-                }
-                for trace in self.traces
-            ],
-        }
+        Parameters
+        ----------
+        ax : matplotlib Axes or sequence of Axes, optional
+            One for gyro and bias alone, or one for each panel; by default a new figure.
+        run : str, optional
+            Name of the run; by default the first.
+
+        Returns
+        -------
+        Axes or ndarray of Axes
+
+        Raises
+        ------
+        InputError
+            There is no such run.
+        """
+        from rlgcomp.evaluation.figures import draw_over_time
+
+        names = [trace.run for trace in self.traces]
+        if run is not None and run not in names:
+            raise InputError(f"no run {run!r} was evaluated; the runs are {', '.join(names)}")
+        k = 0 if run is None else names.index(run)
+        return draw_over_time(ax, self.traces[k], self.runs[k].noise_floor_deg_h)
+
+    def report(self, path: str | Path) -> None:
+        """Write the page that shows it: one self-contained HTML file.
+
+        Raises
+        ------
+        InputError
+            The evaluation does not hold the compensation, or the place cannot be written to.
+        """
+        from rlgcomp.evaluation.page import render
+
+        if self.compensator is None:
+            raise InputError("this evaluation holds no compensation to report on; use the result of rlgcomp.evaluate")
+        write_text(path, render(self, self.compensator))
 
 
 def stability_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
@@ -295,6 +166,7 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         correlation=correlation_table(held_out, compensator.pipeline_.names),
         comparison=comparison_table(compensator, held_out, n_jobs=n_jobs) if compare else pd.DataFrame(),
         input_remarks=tuple(remarks),
+        compensator=compensator,
     )
 
 
@@ -370,7 +242,3 @@ def improvement(raw: Array, residual: Array, *, block: int, seed: int = 0) -> tu
     factors = np.sqrt(before / after)
     low, high = np.quantile(factors, [0.025, 0.975])
     return float(raw.std() / residual.std()), float(low), float(high)
-
-
-def _pooled(deviations: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(deviations))))

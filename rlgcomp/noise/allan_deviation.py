@@ -110,6 +110,24 @@ class AllanDeviation(ShownAsTable):
             "table": self.to_frame().to_dict("records"),
         }
 
+    def plot(self, ax: Any = None) -> Any:
+        """The curve with its confidence interval on logarithmic axes.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            By default of a new figure.
+
+        Returns
+        -------
+        Axes
+        """
+        from rlgcomp.report.drawing import draw_deviation
+
+        kind = "Hadamard deviation" if self.order == 3 else "Allan deviation"
+        interval = self.lower_deg_h, self.upper_deg_h
+        return draw_deviation(ax, self.tau_s, self.deviation_deg_h, interval, kind=kind, confidence=self.confidence)
+
     @property
     def order(self) -> int:
         """Order of the differences: 2 for Allan, 3 for Hadamard."""

@@ -56,6 +56,23 @@ class NoiseAnalysis:
         heading = f"{self.gyro}: mean {self.mean_deg_h:.6g} deg/h"
         return "\n".join([heading, repr(self.coefficients), *(f"- {finding}" for finding in self.findings)])
 
+    def plot(self, ax: Any = None) -> Any:
+        """The deviation and the noises fitted to it, in one picture.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            By default of a new figure.
+
+        Returns
+        -------
+        Axes
+        """
+        axes = self.deviation.plot(ax)
+        self.coefficients.plot(axes)
+        axes.set_title(self.gyro)
+        return axes
+
     def to_mapping(self) -> dict[str, Any]:
         """Plain mapping, for JSON."""
         return {

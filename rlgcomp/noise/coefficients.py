@@ -135,6 +135,26 @@ class NoiseCoefficients(ShownAsTable):
             for name, (symbol, noise, unit) in COEFFICIENTS.items()
         ]
 
+    def plot(self, ax: Any = None) -> Any:
+        """The five noises and their sum against averaging time on logarithmic axes, for instance on those of the deviation.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            By default of a new figure.
+
+        Returns
+        -------
+        Axes
+        """
+        from rlgcomp.report.drawing import draw_noises
+
+        values = [(getattr(self, name), getattr(self, f"{name}_sd")) for name in NAMES]
+        texts = [coefficient_text(value, sd) if value > 0.0 or math.isfinite(sd) else "" for value, sd in values]
+        tau = np.geomspace(self.tau_s[0] / 1.3, self.tau_s[-1] * 1.3, 200)
+        variances = self.terms(tau, 2 if math.isfinite(self.rate_ramp_deg_h2_sd) else 3)  # a Hadamard deviation has no ramp
+        return draw_noises(ax, tau, variances, texts, misfit=bool(self.misfit))
+
     @property
     def p_value(self) -> float:
         """Probability of residuals this large if the curve is a sum of the five noises."""

@@ -33,6 +33,7 @@ from rlgcomp.recording.columns import (
 )
 from rlgcomp.recording.metadata import PREDICTED, Finding, Kind, Metadata
 from rlgcomp.recording.sampling import DEFAULT_AVERAGING_S, GAP_PERIODS, LEAST_COVERAGE, FullWindows, Sampling
+from rlgcomp.report.notebook import table_html
 
 __all__ = [
     "DEFAULT_AVERAGING_S", "ENCODERS", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "PREDICTED", "TIME",
@@ -324,6 +325,45 @@ class Recording:
         truth = None if self._truth is None else windows.means(self._truth[scored])
         metadata = dataclasses.replace(self.metadata, lead_in_s=0.0)
         return Recording(averaged, metadata, name=self.name, truth=truth, findings=self.findings)
+
+    # --- showing it ----------------------------------------------------------------------------------------------------
+
+    def plot(self, ax: Any = None, *, columns: Sequence[str] | None = None) -> Any:
+        """Channels against time, those of one unit and of one size in one panel, the gyros first.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes or sequence of Axes, optional
+            One for the first panel alone, or one for each panel; by default a new figure.
+        columns : sequence of str, optional
+            Those to show; by default all.
+
+        Returns
+        -------
+        Axes or ndarray of Axes
+
+        Raises
+        ------
+        InputError
+            There is no such column.
+        """
+        from rlgcomp.report.drawing import draw_channels
+
+        monitors = (column for column in self.columns if not is_gyro(column) and column != TIME)
+        shown = {column: self.column(column) for column in ([*self.gyro_columns, *monitors] if columns is None else columns)}
+        if not shown:
+            raise InputError(f"columns is {columns!r}; give one column at least, of {', '.join(self.columns)}")
+        return draw_channels(ax, self.time_s, self.period_s, shown, self.name)
+
+    def _repr_html_(self) -> str:
+        heading, *_ = repr(self).partition("\n")
+        table = pd.DataFrame(
+            [
+                {"column": column, "min": values.min(), "mean": values.mean(), "max": values.max()}
+                for column, values in ((column, self.column(column)) for column in self.columns)
+            ]
+        )
+        return table_html(heading, table, self.findings)
 
     def __repr__(self) -> str:
         gaps = len(self.gaps)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from rlgcomp.noise.angle_harmonics import FALSE_ALARM
 from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
-from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
+from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
 from rlgcomp.units import SECONDS_PER_HOUR
 
 LEGEND: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}

@@ -16,7 +16,7 @@ from rlgcomp.calibration.triad.calibrate import TableCalibration
 from rlgcomp.calibration.triad.estimate import SEEN, RunResult
 from rlgcomp.calibration.triad.joint import PRIOR_SD
 from rlgcomp.files import write_text
-from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
+from rlgcomp.report.drawing import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
 from rlgcomp.simulation.triad_errors import GYRO
 from rlgcomp.units import SECONDS_PER_MINUTE, value_and_sd
 

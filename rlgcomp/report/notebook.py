@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import html
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -26,7 +27,20 @@ class ShownAsTable(abc.ABC):
         return self.to_frame()
 
     def _repr_html_(self) -> str:
-        table = self.shown()
-        rows = "" if table.empty else table.to_html(index=False, border=0, float_format="{:.4g}".format, na_rep="", max_rows=60)
-        remarks = "".join(f"<li>{html.escape(str(remark))}</li>" for remark in getattr(self, "remarks", ()))
-        return f"<p>{html.escape(self.heading())}</p>{rows}{remarks and f'<ul>{remarks}</ul>'}"
+        return table_html(self.heading(), self.shown(), getattr(self, "remarks", ()))
+
+
+def table_html(heading: str, table: pd.DataFrame, remarks: Iterable[object]) -> str:
+    """A heading, a table and remarks as HTML, names and texts escaped.
+
+    Parameters
+    ----------
+    heading : str
+    table : pandas.DataFrame
+        Without its index; no table where it is empty.
+    remarks : iterable of object
+        Shown as texts.
+    """
+    rows = "" if table.empty else table.to_html(index=False, border=0, float_format="{:.4g}".format, na_rep="", max_rows=60)
+    listed = "".join(f"<li>{html.escape(str(remark))}</li>" for remark in remarks)
+    return f"<p>{html.escape(heading)}</p>{rows}{listed and f'<ul>{listed}</ul>'}"

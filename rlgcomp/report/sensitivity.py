@@ -12,7 +12,7 @@ import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from rlgcomp.report.figures import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN
+from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN
 
 Array = npt.NDArray[np.float64]
 _MOST: Final = 0.9  # share of trials at which intervals are drawn

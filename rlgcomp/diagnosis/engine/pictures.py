@@ -12,7 +12,7 @@ from rlgcomp.diagnosis.engine.data import Run
 from rlgcomp.diagnosis.engine.findings import Cause
 from rlgcomp.diagnosis.engine.record import Record
 from rlgcomp.diagnosis.engine.text import alternative_rows
-from rlgcomp.report.figures import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WIDTH_IN, svg
+from rlgcomp.report.drawing import FIT, FLOOR, INK, RAW, RESIDUAL, STYLE, WIDTH_IN, svg
 from rlgcomp.units import SECONDS_PER_HOUR, typeset
 
 _HEIGHT_IN: Final = 1.75  # of a run

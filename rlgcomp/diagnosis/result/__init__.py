@@ -129,6 +129,29 @@ class Diagnosis(DiagnosisRecord, ShownAsTable):
     def heading(self) -> str:
         return sentences.verdict_sentence(self)
 
+    def plot(self, ax: Any = None, *, run: str | None = None) -> Any:
+        """A run's mismatch, the function found with its band, and the rms before and after.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes or sequence of Axes, optional
+            One for the mismatch alone, or one for each panel; by default a new figure.
+        run : str, optional
+            Name of the run; by default the first.
+
+        Returns
+        -------
+        Axes or ndarray of Axes
+
+        Raises
+        ------
+        InputError
+            There is no such run.
+        """
+        from rlgcomp.diagnosis.result.pictures import draw
+
+        return draw(ax, self, run)
+
     # --- keeping it --------------------------------------------------------------------------------------------------------
 
     def save(self, folder: str | Path) -> None:

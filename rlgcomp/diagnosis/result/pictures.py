@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
@@ -22,7 +23,23 @@ from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.recording.motion import ANGLES, RATE
-from rlgcomp.report.figures import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, svg
+from rlgcomp.report.drawing import (
+    BESIDE,
+    FIT,
+    FLOOR,
+    RAW,
+    RESIDUAL,
+    STYLE,
+    WARM,
+    WIDTH_IN,
+    Powers,
+    column_label,
+    legend,
+    panels,
+    power,
+    returned,
+    svg,
+)
 from rlgcomp.simulation.programme import Programme
 from rlgcomp.simulation.table_programme import TableProgramme
 from rlgcomp.units import SECONDS_PER_HOUR, column_unit, typeset
@@ -31,12 +48,14 @@ Array = npt.NDArray[np.float64]
 _LAW: Final = EmpiricalLaw.name
 _NAME: Final = 20  # letters of a run's name in a line
 _LABEL: Final = 42  # letters of a set of names in a line
-BESIDE: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 BLACK_BOX: Final = "#cc79a7"
 COLD: Final = "#56b4e9"
-_DOTS: Final = {"marker": ".", "linestyle": "", "rasterized": True}
+_DOTS: Final[Any] = {"marker": ".", "linestyle": "", "rasterized": True}
 _TICKS: Final = 6  # along x, of half a figure
 _MARGIN: Final = 0.15
+_ABOVE: Final[Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "ncols": 3}  # an axis of its own stands beside
+_FUNCTION_BINS: Final = 24
+_FEWEST_IN_BIN: Final = 3
 _TOGETHER: Final = 0.9  # correlation from which two columns of one unit are shown by their difference
 _MOTION: Final = (RATE, *ANGLES)
 SLIGHT: Final = 0.01  # probability of something unrecorded, or of all other sets, below which it has no bar
@@ -48,34 +67,39 @@ ABOVE_IN, BELOW_IN, GAP_IN, SIDE_GAP_IN = 0.32, 0.48, 0.52, 0.5
 
 def timeline(diagnosis: DiagnosisRecord) -> str:
     """Each run's mismatch, what the causes say of it, and the intervals found."""
-    scale, unit = _scale(diagnosis.train)
     with rc_context(STYLE):
         traces = diagnosis.traces
         figure, panels = _figure(0.5 + 1.85 * len(traces), rows=len(traces), right_in=0.8)
         for trace, axes in zip(traces, panels[:, 0], strict=True):
-            hours = trace.time_s / SECONDS_PER_HOUR
-            axes.plot(hours, scale * trace.before_deg_h, color=RAW, ms=4, label="mismatch", **_DOTS)
-            change = trace.before_deg_h - trace.after_deg_h
-            if diagnosis.causes or np.ptp(change) > 0.0:
-                axes.plot(hours, scale * change, color=FIT, lw=1.6, label="explained")
-            places = [p for p in diagnosis.where if p.run == trace.run and p.start_s is not None and p.end_s is not None]
-            for place in places:
-                span = (place.start_s / SECONDS_PER_HOUR, place.end_s / SECONDS_PER_HOUR)  # type: ignore[operator]
-                axes.axvspan(*span, color=WARM, alpha=0.10, lw=0)
-            axes.set_title(f"{trace.run}{', held out' if trace.held_out else ''}")
-            axes.set_ylabel(unit)
-            driver = driver_column(diagnosis, trace.monitors)
-            if driver is not None:
-                other = axes.twinx()
-                other.plot(hours, trace.monitors[driver], color=COLD, lw=0.9, alpha=0.9)
-                other.set_ylabel(column_label(driver), color=COLD, fontsize=8)
-                other.grid(visible=False)
-                other.tick_params(labelsize=8)
+            _mismatch(axes, diagnosis, trace)
         panels[-1, 0].set_xlabel("time in h")
         if any(place.start_s is not None for place in diagnosis.where):
             panels[0, 0].fill_between([], [], color=WARM, alpha=0.10, lw=0, label="found here")
-        panels[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=3)
+        panels[0, 0].legend(**_ABOVE)
         return svg(figure)
+
+
+def _mismatch(axes: Axes, diagnosis: DiagnosisRecord, trace: Trace) -> None:
+    """One run's mismatch, the part that the causes explain, the intervals found, and the driver on an axis of its own."""
+    scale, unit = _scale(diagnosis.train)
+    hours = trace.time_s / SECONDS_PER_HOUR
+    axes.plot(hours, scale * trace.before_deg_h, color=RAW, ms=4, label="mismatch", **_DOTS)
+    change = trace.before_deg_h - trace.after_deg_h
+    if diagnosis.causes or np.ptp(change) > 0.0:
+        axes.plot(hours, scale * change, color=FIT, lw=1.6, label="explained")
+    places = [p for p in diagnosis.where if p.run == trace.run and p.start_s is not None and p.end_s is not None]
+    for place in places:
+        span = (place.start_s / SECONDS_PER_HOUR, place.end_s / SECONDS_PER_HOUR)  # type: ignore[operator]
+        axes.axvspan(*span, color=WARM, alpha=0.10, lw=0)
+    axes.set_title(f"{trace.run}{', held out' if trace.held_out else ''}")
+    axes.set_ylabel(unit)
+    driver = driver_column(diagnosis, trace.monitors)
+    if driver is not None:
+        other = axes.twinx()
+        other.plot(hours, trace.monitors[driver], color=COLD, lw=0.9, alpha=0.9)
+        other.set_ylabel(column_label(driver), fontsize=8)
+        other.grid(visible=False)
+        other.tick_params(labelsize=8)
 
 
 def loop(diagnosis: DiagnosisRecord) -> str:
@@ -106,6 +130,90 @@ def loop(diagnosis: DiagnosisRecord) -> str:
             first.plot([], [], ".", color=RESIDUAL, ms=8, label="falling")
             first.legend(loc="best", frameon=True, facecolor="white", edgecolor="none")
         return svg(figure)
+
+
+def draw(ax: Any, diagnosis: DiagnosisRecord, run: str | None) -> Any:
+    """A run's mismatch, the function found with its band, and the rms before and after, each in a panel.
+
+    Parameters
+    ----------
+    ax : Axes, sequence of Axes, or None
+    diagnosis : DiagnosisRecord
+    run : str, optional
+        By default the first.
+
+    Returns
+    -------
+    Axes or ndarray of Axes
+
+    Raises
+    ------
+    InputError
+        There is no such run.
+    """
+    traces = [trace for trace in diagnosis.traces if run in (None, trace.run)]
+    if not traces:
+        raise InputError(f"run is {run!r}; the runs are {', '.join(trace.run for trace in diagnosis.traces) or 'none'}")
+    fit = diagnosis.test or diagnosis.train
+    function = _function(diagnosis)
+    with rc_context(STYLE):
+        middle = [] if function is None else [2.4]
+        axes = panels(ax, [2.4, *middle, 0.8 + 0.35 * len(fit.per_run)], sharex=False)
+        _mismatch(axes[0], diagnosis, traces[0])
+        axes[0].set_xlabel("time in h")
+        axes[0].legend(**_ABOVE)
+        if function is not None:
+            for second in axes[1:2]:
+                _draw_function(second, diagnosis, *function)
+        for last in axes[1 + len(middle) :]:
+            _before_and_after(last, fit)
+            legend(last)
+            last.set_title("Before and after" + (", held out" if diagnosis.test is not None else ""))
+        return returned(axes)
+
+
+def _function(diagnosis: DiagnosisRecord) -> tuple[str, str] | None:
+    """The first finding that follows a recorded column, and this column."""
+    found = [(cause.name, cause.drivers) for cause in diagnosis.causes]
+    found += [(_LAW, diagnosis.unexplained.drivers)] if diagnosis.unexplained.equation else []
+    for name, drivers in found:
+        for column in drivers:
+            if any(name in trace.added_deg_h and np.ptp(trace.monitors[column]) > 0.0 for trace in _with(diagnosis.traces, column)):
+                return name, column
+    return None
+
+
+def _draw_function(axes: Axes, diagnosis: DiagnosisRecord, name: str, column: str) -> None:
+    """A finding against its driver, and the data less all other findings: means over bins, with two standard errors."""
+    scale, unit = _scale(diagnosis.train)
+    traces = [trace for trace in _with(diagnosis.traces, column) if name in trace.added_deg_h]
+    x, added, residual = (
+        np.concatenate(parts)
+        for parts in zip(*((t.monitors[column], t.added_deg_h[name], t.after_deg_h) for t in traces), strict=True)
+    )
+    rising = np.concatenate([np.gradient(trace.monitors[column].to_numpy()) >= 0.0 for trace in traces])
+    edges = np.linspace(x.min(), x.max(), _FUNCTION_BINS + 1)
+    turns = column not in _MOTION
+    ways = (
+        ((rising, WARM, "rising"), (~rising, RESIDUAL, "falling")) if turns else ((np.ones(len(x), dtype=np.bool_), RESIDUAL, ""),)
+    )
+    for rows, colour, way in ways:
+        bins = np.clip(np.searchsorted(edges, x[rows], side="right") - 1, 0, _FUNCTION_BINS - 1)
+        counts = np.bincount(bins, minlength=_FUNCTION_BINS)
+        full = counts >= _FEWEST_IN_BIN
+
+        def means(values: Array, bins: Any = bins, counts: Any = counts, full: Any = full) -> Array:
+            return np.asarray(np.bincount(bins, values, _FUNCTION_BINS)[full] / counts[full])
+
+        middles, mean = means(x[rows]), means(added[rows] + residual[rows])
+        error = np.sqrt(np.maximum(means(residual[rows] ** 2) - means(residual[rows]) ** 2, 0.0) / (counts[full] - 1))
+        axes.plot(middles, scale * means(added[rows]), color=colour, lw=1.6, label=f"found, {way}".rstrip(", "))
+        band = (scale * (mean - 2.0 * error), scale * (mean + 2.0 * error))
+        axes.fill_between(middles, *band, color=colour, alpha=0.18, lw=0, label="data, ± 2 standard errors")
+    axes.set_xlabel(column_label(column))
+    axes.set_ylabel(unit)
+    axes.set_title(name.replace("_", " "))
+    legend(axes)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,7 +319,7 @@ def map_axes(diagnosis: DiagnosisRecord) -> tuple[Array, Array, str, str] | None
     if driver in _MOTION:
         return None  # a table's rate jumps from one value to the next
     rate = np.concatenate([60.0 * np.gradient(trace.monitors[driver].to_numpy(), trace.time_s) for trace in traces])
-    factor, per_minute = _power(float(np.quantile(np.abs(rate), 0.98)), f"{typeset(column_unit(driver) or '1')}/min")
+    factor, per_minute = power(float(np.quantile(np.abs(rate), 0.98)), f"{typeset(column_unit(driver) or '1')}/min")
     return x, factor * rate, column_label(driver), f"rate of change, {per_minute}"
 
 
@@ -306,32 +414,37 @@ def held_out(diagnosis: DiagnosisRecord) -> str:
 
 def bars(fit: Fit) -> str:
     """Rms before, with the black box, and after, with the noise floor, for each run held out."""
-    scale, unit = _scale(fit)
     with rc_context(STYLE):
         figure, ((axes,),) = _figure(0.9 + 0.6 * (1 + len(fit.per_run)), left_in=1.6, right_in=1.3)
-        rows: list[tuple[str, Fit | RunFit]] = [("all runs", fit), *((run.run, run) for run in fit.per_run)]
-        for k, (_, run) in enumerate(rows):
-            cells = (
-                (run.baseline_rms, RAW, "before"),
-                (run.compensation_rms, BLACK_BOX, "LS-SVM"),
-                (run.augmented_rms, RESIDUAL, "after"),
-            )
-            for place, (value, colour, label) in zip((-0.26, 0.0, 0.26), cells, strict=True):
-                if value is not None:
-                    axes.barh(k + place, scale * value, height=0.24, color=colour, label=label if k == 0 else None)
-            axes.plot(
-                [scale * run.noise_floor_rms] * 2,
-                [k - 0.42, k + 0.42],
-                color=FLOOR,
-                lw=2.0,
-                label="noise floor" if k == 0 else None,
-            )
-        axes.set_yticks(range(len(rows)), [textwrap.fill(name, _NAME) for name, _ in rows])
-        axes.invert_yaxis()
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel(f"rms of {fit.averaging_s:g} s means in {unit}")
+        _before_and_after(axes, fit)
         axes.legend(**BESIDE)
         return svg(figure)
+
+
+def _before_and_after(axes: Axes, fit: Fit) -> None:
+    """Rms before, with the black box, and after, with the noise floor, for each run."""
+    scale, unit = _scale(fit)
+    rows: list[tuple[str, Fit | RunFit]] = [("all runs", fit), *((run.run, run) for run in fit.per_run)]
+    for k, (_, run) in enumerate(rows):
+        cells = (
+            (run.baseline_rms, RAW, "before"),
+            (run.compensation_rms, BLACK_BOX, "LS-SVM"),
+            (run.augmented_rms, RESIDUAL, "after"),
+        )
+        for place, (value, colour, label) in zip((-0.26, 0.0, 0.26), cells, strict=True):
+            if value is not None:
+                axes.barh(k + place, scale * value, height=0.24, color=colour, label=label if k == 0 else None)
+        axes.plot(
+            [scale * run.noise_floor_rms] * 2,
+            [k - 0.42, k + 0.42],
+            color=FLOOR,
+            lw=2.0,
+            label="noise floor" if k == 0 else None,
+        )
+    axes.set_yticks(range(len(rows)), [textwrap.fill(name, _NAME) for name, _ in rows])
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(f"rms of {fit.averaging_s:g} s means in {unit}")
 
 
 def what_is_left(diagnosis: DiagnosisRecord) -> str:
@@ -397,18 +510,6 @@ def driver_column(diagnosis: DiagnosisRecord, monitors: pd.DataFrame) -> str | N
     return next((column for column in [*wanted, *monitors.columns] if column in monitors and np.ptp(monitors[column]) > 0.0), None)
 
 
-def column_label(column: str) -> str:
-    """A column's name as a reader would say it.
-
-    >>> column_label("temperature_block_degC")
-    'temperature block, °C'
-    """
-    unit = column_unit(column)
-    if unit is None:
-        return column.replace("_", " ")
-    return f"{column.removesuffix('_' + unit.replace('/', '_').replace('^', '')).replace('_', ' ')}, {typeset(unit)}"
-
-
 def _figure(
     height_in: float,
     *,
@@ -437,19 +538,7 @@ def _figure(
 
 def _scale(fit: Fit) -> tuple[float, str]:
     """Factor and unit in which numbers of this size are read well, and take little room."""
-    return _power(fit.baseline_rms, fit.unit)
-
-
-def _power(size: float, unit: str) -> tuple[float, str]:
-    """Factor and unit for numbers of a size.
-
-    >>> _power(0.004, "deg/h"), _power(2.0, "deg/h"), _power(5e4, "deg/h")
-    ((1000.0, '10⁻³ deg/h'), (1.0, 'deg/h'), (0.001, '10³ deg/h'))
-    """
-    for least, factor, power in ((1e3, 1e-3, "10³ "), (0.1, 1.0, ""), (1e-4, 1e3, "10⁻³ ")):
-        if size > least:
-            return factor, f"{power}{unit}"
-    return 1e6, f"10⁻⁶ {unit}"
+    return power(fit.baseline_rms, fit.unit)
 
 
 def _driver(diagnosis: DiagnosisRecord) -> str | None:

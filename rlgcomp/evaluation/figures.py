@@ -1,81 +1,81 @@
-"""Figures of reports, as SVG text. Each function draws one figure from plain arrays and computes no result."""
+"""Figures of an evaluation's page, as SVG text. Each function draws one figure from an evaluation's data and computes no result."""
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation
 
-from rlgcomp.evaluation.evaluation import Evaluation, Trace
+from rlgcomp.evaluation.record import EvaluationRecord, Trace
 from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording
+from rlgcomp.report.drawing import (
+    BESIDE,
+    FIT,
+    FLOOR,
+    INK,
+    RAW,
+    RESIDUAL,
+    STYLE,
+    WARM,
+    WIDTH_IN,
+    draw_compensation,
+    draw_temperature,
+    logarithmic,
+    panels,
+    returned,
+    svg,
+)
 from rlgcomp.units import SECONDS_PER_HOUR
 
-# Okabe and Ito's palette, which colour-blind readers can distinguish
-RAW: Final = "#8a8f98"
-FIT: Final = "#d55e00"
-RESIDUAL: Final = "#0072b2"
-FLOOR: Final = "#009e73"
-WARM: Final = "#cc3311"
-INK: Final = "#23272e"
-WIDTH_IN: Final = 9.6
-_RAISED: Final = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-STYLE: Final[Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.5,
-    "text.color": INK,
-    "axes.edgecolor": "#c4c8ce",
-    "axes.labelcolor": INK,
-    "axes.titlesize": 10.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # the place that Matplotlib would find after measuring every label
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#eceef1",
-    "grid.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.color": "#6b7280",
-    "ytick.color": "#6b7280",
-    "legend.frameon": False,
-    "svg.hashsalt": "rlgcomp",
-    "figure.dpi": 100,
-}
+
+def draw_over_time(ax: Any, trace: Trace, floor_deg_h: float) -> Any:
+    """Gyro and estimated bias over time, their residual, and temperature, each in a panel.
+
+    Parameters
+    ----------
+    ax : Axes, sequence of Axes, or None
+    trace : Trace
+    floor_deg_h : float
+        Noise floor.
+
+    Returns
+    -------
+    Axes or ndarray of Axes
+    """
+    with rc_context(STYLE):
+        axes = panels(ax, _heights(trace))
+        _over_time(axes, trace, floor_deg_h)
+        return returned(axes)
 
 
 def over_time(trace: Trace, floor_deg_h: float) -> str:
-    """Gyro and estimated bias over time, their residual, and temperature."""
+    """The same as SVG text."""
     with rc_context(STYLE):
-        rows = 2 if trace.temperature_degC is None else 3
-        figure = Figure(figsize=(WIDTH_IN, 2.0 + 1.55 * rows), layout="constrained")
-        ratios = [2.4, 1.5, 1.0][:rows]
-        top, middle, *rest = figure.subplots(rows, 1, sharex=True, gridspec_kw={"height_ratios": ratios})
-        hours = trace.time_s / SECONDS_PER_HOUR
-        level = trace.raw_deg_h.mean()
-        top.plot(hours, 1e3 * (trace.raw_deg_h - level), ".", color=RAW, ms=4, label="gyro")
-        top.plot(hours, 1e3 * (trace.bias_deg_h - level), color=FIT, lw=1.8, label="estimated bias")
-        top.set_ylabel("10⁻³ deg/h")
-        top.set_title(f"Gyro and estimated bias, {trace.run}")
-        top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        middle.axhspan(-2e3 * floor_deg_h, 2e3 * floor_deg_h, color=FLOOR, alpha=0.13, lw=0, label="± 2 noise floors")
-        middle.plot(hours, 1e3 * trace.residual_deg_h, ".", color=RESIDUAL, ms=4, label="residual")
-        middle.axhline(0.0, color="#c4c8ce", lw=0.8)
-        middle.set_ylabel("10⁻³ deg/h")
-        middle.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        if rest and trace.temperature_degC is not None:
-            rest[0].plot(hours, trace.temperature_degC, color=WARM, lw=1.4, label="temperature")
-            rest[0].set_ylabel("°C")
-            rest[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        (rest[0] if rest else middle).set_xlabel("time in h")
+        heights = _heights(trace)
+        figure = Figure(figsize=(WIDTH_IN, 2.0 + 1.55 * len(heights)), layout="constrained")
+        axes = figure.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights})
+        _over_time(list(axes), trace, floor_deg_h)
         return svg(figure)
+
+
+def _heights(trace: Trace) -> tuple[float, ...]:
+    """Of the panels of gyro, residual and temperature."""
+    return (2.4, 1.5) if trace.temperature_degC is None else (2.4, 1.5, 1.0)
+
+
+def _over_time(axes: list[Axes], trace: Trace, floor_deg_h: float) -> None:
+    draw_compensation(axes, trace.time_s, trace.raw_deg_h, trace.bias_deg_h, floor_deg_h)
+    if trace.temperature_degC is not None:
+        for below in axes[2:]:
+            draw_temperature(below, trace.time_s, trace.temperature_degC)
+    axes[0].set_title(f"Gyro and estimated bias, {trace.run}")
+    axes[-1].set_xlabel("time in h")
 
 
 def loop(trace: Trace) -> str:
@@ -116,14 +116,13 @@ def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> st
                 axes.loglog(curve.tau_s, curve.deviation_deg_h, "-o", color=colour, ms=3, lw=1.3, label=label if k == 0 else None)
         tau = np.geomspace(min(trace.allan_raw.tau_s[0] for trace in traces), max(trace.allan_raw.tau_s[-1] for trace in traces))
         axes.loglog(tau, floor_deg_h * np.sqrt(averaging_s / tau), color=FLOOR, lw=1.2, ls="--", label="noise floor, slope −1/2")
-        axes.set_xlabel("averaging time in s")
-        axes.set_ylabel("Allan deviation in deg/h")
+        logarithmic(axes, "Allan deviation in deg/h")
         axes.set_title("Allan deviation")
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes.legend(**BESIDE)
         return svg(figure)
 
 
-def comparison(table: pd.DataFrame, evaluation: Evaluation) -> str:
+def comparison(table: pd.DataFrame, evaluation: EvaluationRecord) -> str:
     """Bias stability of held-out runs by feature group and model, as bars beside the raw gyro and the noise floor."""
     if table.empty:
         return ""
@@ -143,7 +142,7 @@ def comparison(table: pd.DataFrame, evaluation: Evaluation) -> str:
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("bias stability of held-out runs in 10⁻³ deg/h")
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes.legend(**BESIDE)
         return svg(figure)
 
 
@@ -188,7 +187,7 @@ def contributions(recording: Recording) -> str:
             axes.plot(hours, 1e3 * (values - values.mean()), lw=1.5, color=f"C{k}", label=name.replace("_", " "))
         axes.set_xlabel("time in h")
         axes.set_ylabel("10⁻³ deg/h")
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes.legend(**BESIDE)
         return svg(figure)
 
 
@@ -201,20 +200,3 @@ def _log_edges(centres: Any) -> np.ndarray:
         if len(logs) > 1
         else np.exp(logs[0] + np.r_[-1, 1])
     )
-
-
-class Powers(LogFormatterSciNotation):
-    """Labels of a logarithmic axis in plain characters, 2×10⁻³, since Matplotlib parses its own as formulas, which is slow."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        label = re.sub(r"\$\\mathdefault\{(.*)\}\$", r"\1", super().__call__(x, pos))
-        raised = re.sub(r"\^\{(.*?)\}", lambda power: power[1].translate(_RAISED), label)
-        return raised.replace(r"\times", "×")
-
-
-def svg(figure: Figure) -> str:
-    """The figure as SVG text."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]

@@ -12,15 +12,15 @@ import pandas as pd
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.models.specification import parameters_of
-from rlgcomp.evaluation.evaluation import Evaluation
+from rlgcomp.evaluation import figures
+from rlgcomp.evaluation.record import EvaluationRecord
 from rlgcomp.files import write_json, write_text
 from rlgcomp.recording import Recording
-from rlgcomp.report import figures
 
 
 def write_report(
     folder: Path,
-    evaluation: Evaluation,
+    evaluation: EvaluationRecord,
     compensator: Compensator,
     *,
     title: str = "Bias compensation",
@@ -32,7 +32,7 @@ def write_report(
     ----------
     folder : path
         Must exist.
-    evaluation : Evaluation
+    evaluation : EvaluationRecord
     compensator : Compensator
     title : str
     simulated : sequence of Recording
@@ -43,13 +43,13 @@ def write_report(
 
 
 def render(
-    evaluation: Evaluation, compensator: Compensator, *, title: str = "Bias compensation", simulated: Sequence[Recording] = ()
+    evaluation: EvaluationRecord, compensator: Compensator, *, title: str = "Bias compensation", simulated: Sequence[Recording] = ()
 ) -> str:
     """The page as HTML text.
 
     Parameters
     ----------
-    evaluation : Evaluation
+    evaluation : EvaluationRecord
     compensator : Compensator
     title : str
     simulated : sequence of Recording
@@ -83,7 +83,7 @@ def render(
     )
 
 
-def _run_table(evaluation: Evaluation) -> pd.DataFrame:
+def _run_table(evaluation: EvaluationRecord) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "run": [run.run for run in evaluation.runs],

@@ -1,0 +1,413 @@
+"""Drawing: one style for all pictures, and what is drawn from plain arrays; pages, files and notebooks show the same.
+
+Functions named `draw_...` draw onto axes that :func:`panels` provides: the caller's own, or those of a new figure, which a
+notebook shows. They compute no result. Matplotlib is imported with this module, so the module is imported where it is used.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+
+from rlgcomp.errors import InputError
+from rlgcomp.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE, column_unit, typeset
+
+Array = npt.NDArray[np.float64]
+# Okabe and Ito's palette, which colour-blind readers can distinguish
+RAW: Final = "#8a8f98"
+FIT: Final = "#d55e00"
+RESIDUAL: Final = "#0072b2"
+FLOOR: Final = "#009e73"
+WARM: Final = "#cc3311"
+INK: Final = "#23272e"
+FAINT: Final = "#c4c8ce"
+WIDTH_IN: Final = 9.6
+_LINES: Final = (RESIDUAL, FIT, FLOOR, "#cc79a7", "#e69f00", "#56b4e9", INK, RAW)
+_RAISED: Final = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+STYLE: Final[Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "text.color": INK,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # the place that Matplotlib would find after measuring every label
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#eceef1",
+    "grid.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": "#6b7280",
+    "ytick.color": "#6b7280",
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.frameon": False,
+    "svg.hashsalt": "rlgcomp",
+    "figure.dpi": 100,
+}
+BESIDE: Final[Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+_MOST_DOTS: Final = 4000  # more samples are drawn as the band from least to greatest, with the mean
+_BINS: Final = 1500
+_MOST_SPANS: Final = 10.0  # of the narrowest channel of a panel, in the panel
+_LETTERS: Final = 24  # of a legend's line
+# Symbol, unit and colour of the five noises
+NOISES: Final = (
+    ("Q", "arcsec", "#cc79a7"),
+    ("N", "deg/√h", FLOOR),
+    ("B", "deg/h", "#e69f00"),
+    ("K", "deg/h/√h", FIT),
+    ("R", "deg/h²", WARM),
+)
+
+
+def panels(ax: Any, heights: Sequence[float], *, width_in: float = WIDTH_IN, sharex: bool = True) -> list[Axes]:
+    """Axes to draw on.
+
+    Parameters
+    ----------
+    ax : Axes, sequence of Axes, or None
+        The caller's own: one for the first panel alone, or one for each panel. None makes a figure.
+    heights : sequence of float
+        Of each panel in inches.
+    width_in : float
+    sharex : bool
+
+    Raises
+    ------
+    InputError
+        There are more axes than panels, or something is no Axes.
+    """
+    if ax is None:
+        from matplotlib import pyplot
+
+        _, made = pyplot.subplots(
+            len(heights),
+            1,
+            squeeze=False,
+            sharex=sharex,
+            figsize=(width_in, 0.45 + sum(heights)),
+            layout="constrained",
+            gridspec_kw={"height_ratios": heights},
+        )
+        return list(made[:, 0])
+    own = [ax] if isinstance(ax, Axes) else list(np.ravel(ax))
+    if not all(isinstance(each, Axes) for each in own):
+        raise InputError(f"ax is {ax!r:.80}; it must be Axes of Matplotlib, or one for each panel")
+    if len(own) > len(heights):
+        raise InputError(f"ax holds {len(own)} axes; this picture has {len(heights)} panel{'s' if len(heights) > 1 else ''}")
+    return own
+
+
+def returned(axes: Sequence[Axes]) -> Any:
+    """What `plot` returns: the axes, or an array of them where there are several."""
+    if len(axes) == 1:
+        return axes[0]
+    array = np.empty(len(axes), dtype=object)
+    array[:] = axes
+    return array
+
+
+def legend(axes: Axes) -> None:
+    """A legend beside the axes where the figure's layout makes room for it, within them elsewhere."""
+    figure = axes.get_figure(root=True)
+    roomy = figure is not None and isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
+    axes.legend(**(BESIDE if roomy else {"loc": "best"}))
+
+
+def time_axis(duration_s: float) -> tuple[float, str]:
+    """Seconds in a unit of the axis of time, and its label.
+
+    >>> time_axis(7200.0), time_axis(90.0)
+    ((3600.0, 'time in h'), (1.0, 'time in s'))
+    """
+    if duration_s >= SECONDS_PER_HOUR:
+        return SECONDS_PER_HOUR, "time in h"
+    return (SECONDS_PER_MINUTE, "time in min") if duration_s >= 10.0 * SECONDS_PER_MINUTE else (1.0, "time in s")
+
+
+def power(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit in which numbers of a size are read well, and take little room.
+
+    >>> power(0.004, "deg/h"), power(2.0, "deg/h"), power(5e4, "deg/h")
+    ((1000.0, '10⁻³ deg/h'), (1.0, 'deg/h'), (0.001, '10³ deg/h'))
+    """
+    for least, factor, prefix in ((1e3, 1e-3, "10³ "), (0.1, 1.0, ""), (1e-4, 1e3, "10⁻³ ")):
+        if size > least:
+            return factor, f"{prefix}{unit}"
+    return 1e6, f"10⁻⁶ {unit}"
+
+
+def column_label(column: str) -> str:
+    """A column's name as a reader would say it.
+
+    >>> column_label("temperature_block_degC")
+    'temperature block, °C'
+    """
+    unit = column_unit(column)
+    return column.replace("_", " ") if unit is None else f"{column_words(column)}, {typeset(unit)}"
+
+
+def column_words(column: str) -> str:
+    """A column's name without its unit.
+
+    >>> column_words("gyro_x_deg_h")
+    'gyro x'
+    """
+    unit = column_unit(column)
+    stem = column if unit is None else column.removesuffix("_" + unit.replace("/", "_").replace("^", ""))
+    return stem.replace("_", " ")
+
+
+def draw_channels(ax: Any, time_s: Array, period_s: float, columns: Mapping[str, Array], title: str) -> Any:
+    """Channels against time; those of one unit share a panel where none of them becomes a flat line by it.
+
+    Parameters
+    ----------
+    ax : Axes, sequence of Axes, or None
+    time_s : ndarray, shape (n,)
+    period_s : float
+        A longer step than one and a half of it interrupts the lines.
+    columns : mapping of str to ndarray, shape (n,)
+    title : str
+
+    Returns
+    -------
+    Axes or ndarray of Axes
+    """
+    factor, label = time_axis(float(time_s[-1] - time_s[0]))
+    groups = _sharing(columns)
+    with rc_context(STYLE):
+        axes = panels(ax, [2.4, *[1.25] * (len(groups) - 1)])
+        for panel, group in zip(axes, groups, strict=False):
+            unit = column_unit(group[0])
+            level = max(float(np.abs(columns[column]).max()) for column in group)
+            scale, scaled = power(level if 0.0 < level < 1.0 else 1.0, typeset(unit or ""))
+            for k, column in enumerate(group):
+                colour, name = _LINES[k % len(_LINES)], _short(column_words(column))
+                _draw_series(panel, time_s / factor, 1.5 * period_s / factor, scale * columns[column], colour, name)
+            panel.set_ylabel(scaled.strip() or "value")
+            panel.ticklabel_format(axis="y", useOffset=False)
+            legend(panel)
+        axes[0].set_title(title)
+        axes[-1].set_xlabel(label)
+        return returned(axes)
+
+
+def _sharing(columns: Mapping[str, Array]) -> list[list[str]]:
+    """Columns that share a panel: of one unit, and each at least a tenth as wide as all of them together."""
+    groups: list[list[str]] = []
+    spans: list[tuple[float, float, float]] = []  # least, greatest, and smallest span of one column that is not constant
+    for column, values in columns.items():
+        low, high = float(values.min()), float(values.max())
+        own = high - low or math.inf
+        for k, group in enumerate(groups):
+            least, greatest, smallest = min(low, spans[k][0]), max(high, spans[k][1]), min(own, spans[k][2])
+            if column_unit(group[0]) == column_unit(column) is not None and greatest - least <= _MOST_SPANS * smallest:
+                group.append(column)
+                spans[k] = (least, greatest, smallest)
+                break
+        else:
+            groups.append([column])
+            spans.append((low, high, own))
+    return groups
+
+
+def _draw_series(axes: Axes, time: Array, gap: float, values: Array, colour: str, label: str) -> None:
+    """One channel; of many samples the mean, with a band from least to greatest."""
+    if len(values) <= _MOST_DOTS:
+        after = np.flatnonzero(np.diff(time) > gap) + 1
+        axes.plot(np.insert(time, after, np.nan), np.insert(values, after, np.nan), color=colour, lw=0.9, label=label)
+        return
+    edges = np.linspace(time[0], time[-1], _BINS + 1)
+    starts = np.searchsorted(time, edges[:-1])
+    counts = np.diff(np.r_[starts, len(values)])
+    full = counts > 0
+    table = np.full((3, _BINS), np.nan)
+    for row, operation in enumerate((np.minimum, np.maximum, np.add)):
+        table[row, full] = operation.reduceat(values, starts[full])
+    middles = 0.5 * (edges[:-1] + edges[1:])
+    axes.fill_between(middles, table[0], table[1], color=colour, alpha=0.3, lw=0)
+    axes.plot(middles, table[2] / np.maximum(counts, 1), color=colour, lw=0.9, label=label)
+
+
+def draw_deviation(
+    ax: Any, tau_s: Array, deviation_deg_h: Array, interval: tuple[Array, Array], *, kind: str, confidence: float
+) -> Axes:
+    """An Allan or Hadamard deviation with its interval, on logarithmic axes.
+
+    Parameters
+    ----------
+    ax : Axes or None
+    tau_s, deviation_deg_h : ndarray, shape (m,)
+    interval : (ndarray, ndarray), shape (m,) each
+        Lower and upper end.
+    kind : str
+        "Allan deviation" or "Hadamard deviation".
+    confidence : float
+        Probability of the interval.
+    """
+    lower, upper = interval
+    with rc_context(STYLE):
+        (axes,) = panels(ax, [3.7])
+        axes.fill_between(tau_s, lower, upper, color=RESIDUAL, alpha=0.18, lw=0, label=f"{100 * confidence:g} % interval")
+        axes.plot(tau_s, deviation_deg_h, "-o", color=RESIDUAL, ms=3, lw=1.0, label=kind)
+        logarithmic(axes, f"{kind} in deg/h")
+        axes.set_xlim(tau_s[0] / 1.3, tau_s[-1] * 1.3)
+        positive = lower[lower > 0.0]
+        if len(positive):
+            axes.set_ylim(0.4 * float(positive.min()), 2.0 * float(upper.max()))
+        legend(axes)
+        return axes
+
+
+def draw_noises(ax: Any, tau_s: Array, variances: Array, texts: Sequence[str], *, misfit: bool) -> Axes:
+    """The five fitted noises and their sum; the limits of axes that have a curve already stay.
+
+    Parameters
+    ----------
+    ax : Axes or None
+    tau_s : ndarray, shape (m,)
+    variances : ndarray, shape (5, m)
+        Of each noise in (deg/h)²; a noise of zero is named in the legend alone.
+    texts : sequence of str
+        Value and error of each coefficient, empty where the curve cannot show it.
+    misfit : bool
+        Whether the five noises do not describe the curve.
+    """
+    total = np.sqrt(variances.sum(axis=0))
+    with rc_context(STYLE):
+        (axes,) = panels(ax, [3.7])
+        limits = (axes.get_xlim(), axes.get_ylim()) if axes.has_data() else None
+        axes.plot(tau_s, total, color=INK, lw=1.4, label="five noises, fitted" + (" (they do not fit)" if misfit else ""))
+        for (symbol, unit, colour), variance, text in zip(NOISES, variances, texts, strict=True):
+            if variance.any():
+                equals = "" if text.startswith("<") else "= "
+                axes.plot(tau_s, np.sqrt(variance), color=colour, lw=1.2, ls="--", label=f"{symbol} {equals}{text} {unit}")
+            elif text:
+                axes.plot([], [], color=RAW, lw=0, label=f"{symbol} {text} {unit}")
+        if limits is None:
+            logarithmic(axes, "deviation in deg/h")
+            axes.set_xlim(float(tau_s[0]), float(tau_s[-1]))
+            if total.any():
+                axes.set_ylim(0.2 * float(total.min()), 2.0 * float(total.max()))
+        else:
+            axes.set(xlim=limits[0], ylim=limits[1])
+        legend(axes)
+        return axes
+
+
+def logarithmic(axes: Axes, label: str) -> None:
+    """Logarithmic axes over the averaging time, with plain labels."""
+    axes.set(xscale="log", yscale="log", xlabel="averaging time in s", ylabel=label)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(numticks=12))
+        axis.set_major_formatter(Powers())
+
+
+def draw_compensation(axes: Sequence[Axes], time_s: Array, raw_deg_h: Array, bias_deg_h: Array, floor_deg_h: float) -> None:
+    """Gyro and estimated bias, and in a second panel their difference with twice the noise floor.
+
+    Parameters
+    ----------
+    axes : sequence of Axes
+        One or two.
+    time_s, raw_deg_h, bias_deg_h : ndarray, shape (n,)
+    floor_deg_h : float
+    """
+    hours = time_s / SECONDS_PER_HOUR
+    level = raw_deg_h.mean()
+    factor, unit = power(float(np.ptp(raw_deg_h)), "deg/h")
+    top = axes[0]
+    top.plot(hours, factor * (raw_deg_h - level), ".", color=RAW, ms=4, label="gyro")
+    top.plot(hours, factor * (bias_deg_h - level), color=FIT, lw=1.8, label="estimated bias")
+    top.set_ylabel(unit)
+    legend(top)
+    for below in axes[1:2]:
+        band = 2.0 * factor * floor_deg_h
+        below.axhspan(-band, band, color=FLOOR, alpha=0.13, lw=0, label="± 2 noise floors")
+        below.plot(hours, factor * (raw_deg_h - bias_deg_h), ".", color=RESIDUAL, ms=4, label="residual")
+        below.axhline(0.0, color=FAINT, lw=0.8)
+        below.set_ylabel(unit)
+        legend(below)
+
+
+def draw_temperature(axes: Axes, time_s: Array, temperature_degC: Array) -> None:
+    """Temperature against time in hours.
+
+    Parameters
+    ----------
+    axes : Axes
+    time_s, temperature_degC : ndarray, shape (n,)
+    new : bool
+        Whether the legend has room beside the axes.
+    """
+    axes.plot(time_s / SECONDS_PER_HOUR, temperature_degC, color=WARM, lw=1.4, label="temperature")
+    axes.set_ylabel("°C")
+    legend(axes)
+
+
+def draw_bars(ax: Any, names: Sequence[str], values: Array, *, label: str, unit: str, title: str) -> Axes:
+    """Horizontal bars, one a name, the first at the top.
+
+    Parameters
+    ----------
+    ax : Axes or None
+    names : sequence of str
+    values : ndarray, shape (n,)
+    label : str
+        Of the axis, without unit.
+    unit : str
+    title : str
+    """
+    factor, scaled = power(float(np.max(values, initial=0.0)), unit)
+    with rc_context(STYLE):
+        axes, *_ = panels(ax, [0.5 + 0.27 * len(names)])
+        axes.barh(range(len(names)), factor * values, height=0.6, color=RESIDUAL)
+        axes.set_yticks(range(len(names)), [_short(name, 60) for name in names])
+        axes.set_ylim(len(names) - 0.4, -0.6)
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel(f"{label} in {scaled}")
+        axes.set_title(title)
+        return axes
+
+
+def _short(words: str, letters: int = _LETTERS) -> str:
+    return words if len(words) <= letters else words[: letters - 1] + "…"
+
+
+class Powers(LogFormatterSciNotation):
+    """Labels of a logarithmic axis in plain characters, 2×10⁻³, since Matplotlib parses its own as formulas, which is slow."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        label = re.sub(r"\$\\mathdefault\{(.*)\}\$", r"\1", super().__call__(x, pos))
+        raised = re.sub(r"\^\{(.*?)\}", lambda found: found[1].translate(_RAISED), label)
+        return raised.replace(r"\times", "×")
+
+
+def svg(figure: Figure) -> str:
+    """The figure as SVG text."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
