@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import main, register_commands
 from rlgcomp.cli.base import app
+from tests.own_mechanism import write_bellows
 
 COMMANDS = ["demo", "inspect", "simulate", "mechanisms", "predict", "train", "evaluate", "compensate", "allan"]
 SIMULATOR = """
@@ -608,7 +609,8 @@ def test_a_diagnosis_takes_one_gyros_calibration_too(tmp_path: Path, short_runs:
     table = table.assign(gyro_x_pulses=pulses, gyro_y_pulses=0.0 * pulses + np.arange(len(pulses)) % 7)
     rlg.write(recording.replace(table=table, truth=None), tmp_path / "imu.parquet")
     given = ["--simulator", tmp_path / "gyro.yaml", "--train", tmp_path / "imu.parquet", "--out", tmp_path / "d", "--json"]
-    done = run("diagnose", *given, "--gyro", "gyro_x_pulses", "--calibration", tmp_path / "k.json")
+    only = ["--mechanisms", write_bellows(tmp_path / "own.py"), "--only-mechanisms"]
+    done = run("diagnose", *given, *only, "--gyro", "gyro_x_pulses", "--calibration", tmp_path / "k.json")
     assert done.exit_code == 0, done.output
     assert "gyro_x_deg_h" in done.stdout
     assert "gyro_y" not in done.stdout

@@ -58,9 +58,9 @@ def test_all_five_are_found_with_true_errors() -> None:
 
 
 def test_a_random_walk_below_detection_has_a_true_upper_limit_and_is_not_taken_for_a_ramp() -> None:
-    """200 records of 2 h. With the scatter of the fitted noises alone, 20 % of the limits of K lie below it, 7 % show a ramp."""
+    """120 records of 2 h. With the scatter of the fitted noises alone, 20 % of the limits of K lie below it, 7 % show a ramp."""
     model = rlg.NoiseModel(0.0005, rate_random_walk_deg_h_sqrt_h=0.01)
-    found = [fitted(record(model, seed, 7200)) for seed in range(200)]
+    found = [fitted(record(model, seed, 7200)) for seed in range(120)]
     limits = [upper_limit(one.rate_random_walk_deg_h_sqrt_h, one.rate_random_walk_deg_h_sqrt_h_sd) for one in found]
     assert np.mean([limit is not None and limit < 0.01 for limit in limits]) < 0.1
     assert np.mean([upper_limit(one.rate_ramp_deg_h2, one.rate_ramp_deg_h2_sd) is None for one in found]) < 0.04

@@ -86,11 +86,16 @@ def test_what_reckons_in_seconds_is_not_refused(run: rlg.Recording, name: str) -
         require_computable({name: by_rows}, [run])
 
 
+def own_and_few(path: Path) -> dict[str, type[rlg.Mechanism]]:
+    """The user's mechanism and two of the catalogue."""
+    return {name: user_catalogue([path])[name] for name in ("own", "thermal_lag", "supply_voltage")}
+
+
 def test_a_mechanism_whose_column_is_not_recorded_is_passed_over(run: rlg.Recording, tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(
         OWN.replace('("temperature",)', '("vibration_m_s2",)').replace("BASIS", "temperature[:, None]")
     )
-    catalogue = user_catalogue([tmp_path / "own.py"])
+    catalogue = own_and_few(tmp_path / "own.py")
     require_computable(catalogue, [run])
     found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=catalogue, black_box=False)
     assert any("own" in remark and "vibration_m_s2" in remark for remark in found.remarks)
@@ -98,7 +103,7 @@ def test_a_mechanism_whose_column_is_not_recorded_is_passed_over(run: rlg.Record
 
 def test_a_mechanism_whose_place_the_simulator_takes_is_said_not_to_be_tried(run: rlg.Recording, tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(OWN.replace("BASIS", "np.ones((len(temperature), 1))"))
-    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=user_catalogue([tmp_path / "own.py"]), black_box=False)
+    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=own_and_few(tmp_path / "own.py"), black_box=False)
     (said,) = [remark for remark in found.remarks if "not tried" in remark]
     assert said == "own was not tried: the simulator's own terms can take its place in these runs."
 
@@ -200,14 +205,15 @@ def test_a_held_out_run_without_the_column_of_a_cause_takes_no_part_in_the_proof
         return made.replace(table=made.table.assign(magnetic_field_uT=field, gyro_deg_h=gyro), truth=None)
 
     simulator = rlg.Simulator(mechanisms=rlg.simulated_unit(1).mechanisms)
+    few = {name: CATALOGUE[name] for name in ("magnetic_field", "supply_voltage", "thermal_lag")}
     train, (seen, blind) = [driven(1), driven(2)], [driven(3), driven(4)]
     blind = blind.replace(table=blind.table.drop(columns="magnetic_field_uT"))
-    found = rlg.diagnose(simulator, train, [seen, blind], black_box=False)
+    found = rlg.diagnose(simulator, train, [seen, blind], mechanisms=few, black_box=False)
     assert [cause.name for cause in found.causes] == ["magnetic_field"]
     assert "run4 lacks magnetic_field_uT, which magnetic_field reads: it takes no part in the proof." in found.remarks
     assert found.test is not None
     assert [fit.run for fit in found.test.per_run] == ["run3"]
-    assert rlg.diagnose(simulator, train, [blind], black_box=False).test is None
+    assert rlg.diagnose(simulator, train, [blind], mechanisms=few, black_box=False).test is None
 
 
 def test_a_run_given_twice_is_refused_by_the_library(run: rlg.Recording) -> None:

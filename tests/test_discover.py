@@ -580,7 +580,10 @@ def test_what_stood_in_for_a_law_is_given_up_once_the_law_is_there() -> None:
 
 @pytest.mark.parametrize(
     "effect",
-    [lambda table: 2e-3 * (voltage(table) > 0.3), lambda table: 3e-3 * np.tanh(voltage(table))],
+    [
+        lambda table: 2e-3 * (voltage(table) > 0.3),
+        pytest.param(lambda table: 3e-3 * np.tanh(voltage(table)), marks=pytest.mark.slow),
+    ],
     ids=["step", "saturation"],
 )
 def test_a_law_of_what_a_cause_reads_takes_its_place(effect: Effect) -> None:

@@ -28,7 +28,7 @@ def test_both_levels_of_a_mode_hop_are_found(warming_degC: float, dead_band_K: f
     assert differs.mean() < 0.03
 
 
-@pytest.mark.parametrize("hops", [2, 3])
+@pytest.mark.parametrize("hops", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_hops_a_wavelength_apart_are_one_cause(hops: int) -> None:
     hidden = CATALOGUE["mode_hop"](step_deg_h=0.004, threshold_degC=4.0, dead_band_K=2.5, spacing_K=11.0, hops=hops)
     problem = Problem.of(SIMULATOR, with_effect(runs(seed=5, hours=12.0), hidden), window_s=100.0)

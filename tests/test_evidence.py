@@ -280,7 +280,10 @@ def test_a_shape_of_the_simulator_that_missing_causes_pulled_away_is_found_besid
 
 @pytest.mark.parametrize(
     ("name", "shape", "true", "stated"),
-    [("thermal_lag", "time_constant_s", 1700.0, 600.0), ("thermal_hysteresis", "radius_K", 9.0, 25.0)],
+    [
+        ("thermal_lag", "time_constant_s", 1700.0, 600.0),
+        pytest.param("thermal_hysteresis", "radius_K", 9.0, 25.0, marks=pytest.mark.slow),
+    ],
 )
 def test_a_shape_that_is_stated_wrong_is_a_wrong_number(name: str, shape: str, true: float, stated: float) -> None:
     """Its amplitudes free: a gradient and a rate had been named in place of a lag's time constant."""

@@ -16,10 +16,10 @@ DIGIT_DEG = 1e-4
 WHITE_DEG_H = 60.0 * 1e-3 / np.sqrt(PERIOD_S)  # N = 0.001 deg/sqrt(h)
 
 
-def positions(step_deg: float, seed: int, harmonic_deg_h: float = 0.0) -> rlg.Recording:
-    """A table that stands for 100 s and turns by a step, 36 times, at 5 deg/s² and back to rest."""
+def positions(step_deg: float, seed: int, harmonic_deg_h: float = 0.0, *, steps: int = 24) -> rlg.Recording:
+    """A table that stands for 100 s and turns by a step, so many times, at 5 deg/s² and back to rest."""
     ramp = np.sqrt(abs(step_deg) / 5.0)
-    time_s = PERIOD_S * np.arange(round(36 * (100.0 + 2.0 * ramp) / PERIOD_S) + 1)
+    time_s = PERIOD_S * np.arange(round(steps * (100.0 + 2.0 * ramp) / PERIOD_S) + 1)
     number, since = np.divmod(time_s, 100.0 + 2.0 * ramp)
     up, down = np.clip(since - 100.0, 0.0, ramp), np.clip(2.0 * ramp + 100.0 - since, 0.0, ramp)
     turned = np.where(since < 100.0 + ramp, 0.5 * up**2 / ramp**2, 1.0 - 0.5 * down**2 / ramp**2)
@@ -46,7 +46,7 @@ def test_a_harmonic_of_such_a_table_is_named() -> None:
 
 
 def test_means_of_counts_on_a_table_are_long() -> None:
-    run = positions(30.0, 1)
+    run = positions(30.0, 1, steps=36)
     rate = run.table.drop(columns="gyro_deg_h").assign(gyro_pulses=np.rint(run.column("gyro_deg_h")))
     counted = rlg.Recording(rate, rlg.Metadata(kind="turntable", pulse_arcsec=0.1), name="counts")
     assert default_window_s([run]) < 25.0

@@ -209,7 +209,7 @@ class TestCommand:
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", tmp_path / "run.parquet", *options)
         assert refused.exit_code == 2
         assert "'bellows' is not in the catalogue" in refused.stderr
-        options += ["--mechanisms", tmp_path / "own.py"]
+        options += ["--mechanisms", tmp_path / "own.py", "--only-mechanisms"]
         done = self.run("sensitivity", tmp_path / "gyro.yaml", tmp_path / "run.parquet", *options)
         assert done.exit_code == 0, done.output
         (trial,) = json.loads(done.stdout)["trials"]

@@ -175,6 +175,7 @@ def test_growth_may_be_of_data_of_their_own() -> None:
     assert found["exponent"] == pytest.approx(1.5)
 
 
+@pytest.mark.slow  # tests of fleets compare one worker with two as well
 def test_a_fleet_by_two_workers_is_that_of_one() -> None:
     (row,) = (one for one in speed.ROWS if one.name == "fleet-10")
     (found,) = measure(row, quick=True, repeats=1)

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 import rlgcomp as rlg
+from rlgcomp.calibration.triad.calibrate import TableCalibration, calibrate_turntable
 from rlgcomp.calibration.triad.estimate import TriadCalibration, calibrate_triad
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.triad_errors import TriadErrors
@@ -63,6 +64,12 @@ def recordings() -> list[rlg.Recording]:
 def calibration() -> TriadCalibration:
     """From these recordings."""
     return calibrate_triad([TableRun.of(recording) for recording in recordings()])
+
+
+@functools.cache
+def turntable() -> TableCalibration:
+    """All that the command reports of them."""
+    return calibrate_turntable(recordings())
 
 
 def readings(table: pd.DataFrame, **other: np.ndarray | pd.Series) -> rlg.Recording:
