@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import errno
 import fnmatch
 import hashlib
 import json
@@ -23,6 +24,9 @@ from rlgcomp.scratch import publish, publish_all, scratch_folder
 _EXPONENT: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]\d+$")  # as 6e-06, which YAML 1.1 takes for text
 _MOST_DIGITS: Final = 300  # of a whole number that a float can hold
 _MOST_NAMED: Final = 5  # names in a message
+_DEEPEST: Final = 100  # levels of plain data
+_MOST_PARTS: Final = 1_000_000  # of a YAML document, anchors written out
+_LARGEST_TEXT: Final = 1 << 26  # bytes
 
 
 @contextlib.contextmanager
@@ -130,9 +134,11 @@ def from_json(text: str | bytes, **hooks: Any) -> Any:
         The text is no JSON, or is nested too deep.
     """
     try:
-        return json.loads(text.decode("utf-8") if isinstance(text, bytes) else text, parse_int=_whole_number, **hooks)
+        value = json.loads(text.decode("utf-8") if isinstance(text, bytes) else text, parse_int=_whole_number, **hooks)
     except RecursionError:
         raise ValueError("it is nested deeper than can be read") from None
+    _require_shallow(value)
+    return value
 
 
 def from_yaml(text: str) -> Any:
@@ -141,7 +147,7 @@ def from_yaml(text: str) -> Any:
     Raises
     ------
     ValueError
-        The text is no YAML, holds what is no plain data, or is nested too deep.
+        The text is no YAML, holds what is no plain data, is nested too deep, or has too many parts without anchors.
     """
     import yaml
 
@@ -153,12 +159,72 @@ def from_yaml(text: str) -> Any:
 
     Loader.add_constructor("tag:yaml.org,2002:int", whole_number)
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+    loader = Loader(text)
     try:
-        return yaml.load(text, Loader)  # noqa: S506  a safe loader
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _require_expandable(node)
+        return loader.construct_document(node)
     except RecursionError:
         raise ValueError("it is nested deeper than can be read") from None
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from None
+    except (LookupError, TypeError, AttributeError, OverflowError) as error:  # of values that are not what their tags say
+        raise ValueError(f"a value is not what its tag says: {type(error).__name__}: {error}") from None
+    finally:
+        loader.dispose()
+
+
+def _require_expandable(root: Any) -> None:
+    """Raise where a YAML document is nested too deep, holds itself, or has too many parts once anchors stand for their content."""
+    sizes: dict[int, int] = {}
+    waiting = [(root, 0, False)]
+    above: set[int] = set()
+    while waiting:
+        node, depth, visited = waiting.pop()
+        inside = [one for part in node.value for one in (part if isinstance(part, tuple) else (part,))]
+        inside = inside if isinstance(node.value, list) else []
+        if visited:
+            above.discard(id(node))
+            sizes[id(node)] = 1 + sum(sizes[id(one)] for one in inside)
+            if sizes[id(node)] > _MOST_PARTS:
+                raise ValueError(f"its anchors make more than {_MOST_PARTS} parts of it; write what is meant")
+        elif id(node) in above:
+            raise ValueError("an anchor holds itself")
+        elif id(node) not in sizes:
+            if depth > _DEEPEST:
+                raise ValueError(f"it is nested deeper than {_DEEPEST} levels")
+            above.add(id(node))
+            waiting.append((node, depth, True))
+            waiting += [(one, depth + 1, False) for one in inside]
+
+
+def _require_shallow(value: Any) -> None:
+    waiting, depth = [value], 0
+    while waiting:
+        if depth > _DEEPEST:
+            raise ValueError(f"it is nested deeper than {_DEEPEST} levels")
+        lists = [one.values() if isinstance(one, dict) else one for one in waiting if isinstance(one, dict | list)]
+        waiting, depth = [inner for one in lists for inner in one if isinstance(inner, dict | list)], depth + 1
+
+
+def read_text(path: str | Path) -> str:
+    """UTF-8 text of a plain file of no more than 64 MiB: nothing that people or this package write by name is larger.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, or is no plain file: a pipe would be waited for without end.
+    ValueError
+        It is larger, or no UTF-8.
+    """
+    path = Path(path)
+    if not path.is_file() and path.exists():
+        raise OSError(errno.EINVAL, "it is no plain file", str(path))
+    if path.stat().st_size > _LARGEST_TEXT:
+        raise ValueError(f"it is larger than {_LARGEST_TEXT >> 20} MiB")
+    return path.read_text(encoding="utf-8")
 
 
 def _whole_number(text: str) -> int | float:
@@ -252,7 +318,7 @@ def require_replaceable(path: str | Path, *, overwrite: bool, written: Callable[
 def is_result(path: Path) -> bool:
     """Whether a file is a JSON result of this package: its `schema` begins with rlgcomp."""
     try:
-        content = from_json(path.read_bytes())
+        content = from_json(read_text(path))
     except (OSError, ValueError):
         return False
     return isinstance(content, dict) and str(content.get("schema")).startswith("rlgcomp.")

@@ -12,7 +12,6 @@ import dataclasses
 import functools
 import glob
 import hashlib
-import json
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,7 +22,7 @@ import pandas as pd
 
 from rlgcomp import __version__
 from rlgcomp.errors import InputError
-from rlgcomp.files import require_apart, sha256, to_json, whole_folder, write_json, write_text
+from rlgcomp.files import from_json, read_text, require_apart, sha256, to_json, whole_folder, write_json, write_text
 from rlgcomp.recording.argument_checks import require_workers
 from rlgcomp.recording.formats import sidecar
 from rlgcomp.workers import DIED, spread
@@ -307,7 +306,7 @@ def _named(unit: str) -> Iterator[None]:
 def _earlier_outcome(task: Task, unit: Unit, out: Path) -> Outcome | None:
     """The outcome of an earlier run that was made from the same inputs and whose files are as it wrote them."""
     try:
-        note = json.loads((out / unit.name / NOTE).read_text(encoding="utf-8"))
+        note = from_json(read_text(out / unit.name / NOTE))
         if note["made_from"] == _fingerprint(task, unit) and _undamaged(out / unit.name, note["files"]):
             return Outcome(unit.name, "kept", float(note["seconds"]), note["result"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -322,7 +321,7 @@ def _undamaged(folder: Path, digests: Mapping[str, str]) -> bool:
 def _written(task: Task, place: Path) -> tuple[str, ...]:
     """Files that an earlier run of the same task wrote for a unit, its note the first."""
     try:
-        note = json.loads((place / NOTE).read_text(encoding="utf-8"))
+        note = from_json(read_text(place / NOTE))
         files = tuple(map(glob.escape, note["files"])) if note["task"] == _name_of(task) else ()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         files = ()

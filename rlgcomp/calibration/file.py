@@ -21,7 +21,7 @@ from rlgcomp import units
 from rlgcomp.calibration.triad.estimate import TriadCalibration
 from rlgcomp.calibration.triad.run import AXES
 from rlgcomp.errors import InputError
-from rlgcomp.files import from_json, sha256, write_result
+from rlgcomp.files import from_json, read_text, sha256, write_result
 from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.report.messages import Message
@@ -102,7 +102,7 @@ class Calibration:
         """
         path = Path(path)
         try:
-            content = from_json(path.read_text(encoding="utf-8"))
+            content = from_json(read_text(path))
         except FileNotFoundError:
             raise InputError(f"calibration file {path} does not exist") from None
         except (OSError, ValueError) as error:

@@ -21,7 +21,7 @@ from typing import Any, Final
 from rlgcomp.challenge.conceal import RUNS, TRAINING, Challenge
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.errors import InputError
-from rlgcomp.files import from_json, sha256, whole_folder, write_json
+from rlgcomp.files import from_json, read_text, sha256, whole_folder, write_json
 from rlgcomp.recording.formats import write
 
 CHALLENGE: Final = "challenge.json"
@@ -192,7 +192,7 @@ def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple
 
 def _content(path: Path, schema: str) -> dict[str, Any]:
     try:
-        content = from_json(path.read_text(encoding="utf-8"))
+        content = from_json(read_text(path))
     except FileNotFoundError:
         raise InputError(
             f"{path} does not exist; give a challenge that `rlgcomp conceal` wrote and a diagnosis that `rlgcomp diagnose` wrote"

@@ -230,12 +230,12 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
         The file cannot be read, is neither, or has several gyros of which none was chosen.
     """
     from rlgcomp.errors import InputError
-    from rlgcomp.files import from_yaml
+    from rlgcomp.files import from_yaml, read_text
     from rlgcomp.noise.processes import NoiseModel, upper_limits
 
     limits = (0.0, 0.0)
     try:
-        content = from_yaml(path.read_text(encoding="utf-8"))  # JSON is YAML
+        content = from_yaml(read_text(path))  # JSON is YAML
     except (OSError, ValueError) as error:
         raise InputError(f"--noise {path}: not readable: {error}") from None
     if isinstance(content, list):

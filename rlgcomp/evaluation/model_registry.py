@@ -14,7 +14,7 @@ from rlgcomp.compensation.artefact import MANIFEST, SUMS, identity
 from rlgcomp.compensation.compensator import Compensator, load
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.evaluation import evaluate
-from rlgcomp.files import from_json
+from rlgcomp.files import from_json, read_text
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message, message
 
@@ -176,7 +176,7 @@ def _code(report: Path, sha256: str) -> str:
     try:
         if report.is_symlink() or report.stat().st_size > _LARGEST_REPORT_BYTES:
             raise InputError(f"{report} is no report of rlgcomp export")
-        content = from_json(report.read_text(encoding="utf-8"))
+        content = from_json(read_text(report))
         made_of, target = content["sha256"], printable(str(content["target"]))[:20]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{report} is no report of rlgcomp export: {type(error).__name__}") from None

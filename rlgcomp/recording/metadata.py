@@ -69,8 +69,10 @@ class Metadata:
                 try:
                     known[key] = float(value)
                 except (TypeError, ValueError, OverflowError):
-                    raise InputError(f"metadata: {key} is {value!r}; it must be a number") from None
+                    raise InputError(f"metadata: {key} is {str(value)[:80]!r}; it must be a number") from None
             elif key in ("kind", "unit"):
+                if isinstance(value, dict | list):
+                    raise InputError(f"metadata: {key} is a {type(value).__name__}; it must be text")
                 known[key] = str(value)
             else:
                 notes[key] = value

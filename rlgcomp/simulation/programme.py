@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import from_yaml
+from rlgcomp.files import from_yaml, read_text
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
@@ -217,7 +217,7 @@ def _text_of_file(path: Path, example: str) -> str:
         It cannot be read, or holds none.
     """
     try:
-        content = from_yaml(path.read_text(encoding="utf-8"))
+        content = from_yaml(read_text(path))
     except (OSError, ValueError) as error:
         raise InputError(f"programme {path}: not readable: {error}") from None
     text = content.get("programme") if isinstance(content, dict) else content

@@ -18,7 +18,7 @@ import pandas as pd
 import yaml
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import from_yaml, write_text
+from rlgcomp.files import from_yaml, read_text, write_text
 from rlgcomp.noise.processes import NoiseModel, stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, Mechanism
@@ -277,7 +277,7 @@ class Simulator:
         """
         path = Path(path)
         try:
-            content = from_yaml(path.read_text(encoding="utf-8"))
+            content = from_yaml(read_text(path))
         except FileNotFoundError:
             raise InputError(f"simulator file {path} does not exist") from None
         except (OSError, ValueError) as error:

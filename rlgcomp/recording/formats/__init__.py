@@ -19,7 +19,7 @@ import pandas as pd
 import yaml
 
 from rlgcomp.errors import InputError
-from rlgcomp.files import from_yaml, require_replaceable, require_writable, sha256, whole_file, write_text
+from rlgcomp.files import from_yaml, read_text, require_replaceable, require_writable, sha256, whole_file, write_text
 from rlgcomp.recording import TIME, Metadata, Recording
 from rlgcomp.recording.formats import csv, hdf5, matlab, parquet
 from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable
@@ -340,7 +340,7 @@ def read_sidecar(path: Path) -> dict[str, Any]:
     if not file.is_file():
         return {}
     try:
-        content = from_yaml(file.read_text(encoding="utf-8"))
+        content = from_yaml(read_text(file))
     except (OSError, ValueError) as error:
         raise InputError(f"{file}: not readable as YAML: {error}") from None
     if content is None:

@@ -19,6 +19,7 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording.formats import numbers
+from rlgcomp.recording.formats.limits import require_gunzippable
 
 SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
 LARGE: Final = 1 << 23  # bytes from which a reader of numbers alone, which uses all cores, pays for its import
@@ -151,6 +152,8 @@ def _by_arrow(path: Path, names: list[str], separator: str) -> pd.DataFrame | No
 
 def _dialect(path: Path) -> Dialect:
     opener = gzip.open if path.suffix == ".gz" else open
+    if opener is gzip.open:
+        require_gunzippable(path)
     with opener(path, "rb") as stream:
         head = stream.read(_HEAD)
     encoding = _encoding(head, path)

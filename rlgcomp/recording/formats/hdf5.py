@@ -11,6 +11,7 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
+from rlgcomp.recording.formats.limits import require_expandable
 
 SUFFIXES: Final = (".h5", ".hdf5")
 _ATTRIBUTE: Final = "rlgcomp.recording"
@@ -23,9 +24,16 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 
     columns: dict[str, np.ndarray] = {}
     metadata: dict[str, Any] = {}
+    declared: list[int] = []
 
     def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and item.size == max(item.shape, default=0):
+        if not (isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and item.size == max(item.shape or (0,), default=0)):
+            return
+        if item.external or item.is_virtual:
+            raise InputError(f"{path}: {name} lies in other files, which are not read; copy the numbers into this one")
+        declared.append(8 * item.size)
+        require_expandable(path, sum(declared))
+        if item.size:
             columns[name.rsplit("/", 1)[-1]] = np.asarray(item[()], dtype=np.float64).ravel()
 
     try:
@@ -33,6 +41,8 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
             file.visititems(visit)
             for key, value in file.attrs.items():
                 metadata.update(from_json(_plain(value)) if key == _ATTRIBUTE else {key: _plain(value)})
+    except InputError:
+        raise
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is not readable as HDF5: {(str(error).splitlines() or ['damaged'])[0]}") from None
     stored = metadata.pop(_COLUMNS, [])

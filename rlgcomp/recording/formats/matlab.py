@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,9 +13,12 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
 from rlgcomp.recording.formats import hdf5
+from rlgcomp.recording.formats.limits import inflated_bytes, largest_bytes, require_expandable
 
 SUFFIXES: Final = (".mat",)
 _METADATA: Final = "rlgcomp_metadata"
+_HEADER_BYTES: Final = 128
+_COMPRESSED: Final = 15  # miCOMPRESSED, in the tag of a variable
 
 
 def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -23,6 +28,7 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     with path.open("rb") as stream:
         if b"MATLAB 7.3" in stream.read(128):
             return hdf5.load(path)
+    _require_expandable(path)
     try:
         content = loadmat(path, simplify_cells=True)
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
@@ -38,6 +44,8 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
             metadata = from_json(stored)
         except ValueError:
             raise InputError(f"{path}: {_METADATA} is no JSON text") from None
+        if not isinstance(metadata, dict):
+            raise InputError(f"{path}: {_METADATA} holds a {type(metadata).__name__}, no mapping; leave it out")
     columns: dict[str, np.ndarray] = {}
     for name, value in variables.items():
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size == max(value.shape, default=0):
@@ -45,6 +53,20 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         elif isinstance(value, int | float | str) and not isinstance(value, bool):
             metadata.setdefault(name, value)
     return hdf5.commonest_length(columns, path), metadata
+
+
+def _require_expandable(path: Path) -> None:
+    """Raise where the compressed variables of a file would become too large in memory: each is expanded and counted."""
+    limit, total = largest_bytes(path), 0.0
+    with path.open("rb") as stream:
+        stream.seek(_HEADER_BYTES)
+        while len(tag := stream.read(8)) == 8 and total <= limit:
+            kind, size = struct.unpack("<II", tag)
+            end = stream.tell() + size
+            if kind == _COMPRESSED:
+                total += inflated_bytes(lambda most: stream.read(max(0, min(most, end - stream.tell()))), limit, zlib.MAX_WBITS)  # noqa: B023
+            stream.seek(end)
+    require_expandable(path, total)
 
 
 def is_written(path: Path) -> bool:

@@ -10,6 +10,7 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
+from rlgcomp.recording.formats.limits import require_expandable
 
 SUFFIXES: Final = (".parquet", ".pq")
 _KEY: Final = b"rlgcomp.recording"
@@ -24,12 +25,17 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     if magic != b"PAR1":
         raise InputError(f"{path} is no Parquet file: it begins with {magic!r} instead of b'PAR1'; if it is text, name it .csv")
     try:
-        with parquet.ParquetFile(path, memory_map=True) as file:  # gives each column in one piece, which pandas takes as it is
-            table = file.read()
-        metadata = from_json((table.schema.metadata or {}).get(_KEY, b"{}"))
-        return table.to_pandas(split_blocks=True), metadata
+        with parquet.ParquetFile(path, memory_map=True) as file:
+            require_expandable(path, 8.0 * file.metadata.num_rows * file.metadata.num_columns)
+            repeated = sorted({name for name in file.schema_arrow.names if file.schema_arrow.names.count(name) > 1})
+            if repeated:
+                raise InputError(f"{path}: column names appear twice: {', '.join(repeated)}; rename or drop one of each")
+            table = file.read()  # memory-mapped: each column in one piece, which pandas takes as it is
+        return table.to_pandas(split_blocks=True), _metadata(table.schema)
+    except InputError:
+        raise
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
-        raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path} is a damaged Parquet file: {_first_line(error)}") from None
 
 
 def header(path: Path) -> tuple[list[str], dict[str, Any]]:
@@ -38,9 +44,20 @@ def header(path: Path) -> tuple[list[str], dict[str, Any]]:
 
     try:
         schema = parquet.read_schema(path)
-        return list(schema.names), from_json((schema.metadata or {}).get(_KEY, b"{}"))
+        return list(schema.names), _metadata(schema)
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
-        raise InputError(f"{path} is no Parquet file, or a damaged one: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path} is no Parquet file, or a damaged one: {_first_line(error)}") from None
+
+
+def _metadata(schema: Any) -> dict[str, Any]:
+    metadata = from_json((schema.metadata or {}).get(_KEY, b"{}"))
+    if not isinstance(metadata, dict):
+        raise ValueError(f"its metadata are a {type(metadata).__name__}, no mapping")
+    return metadata
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def shape(path: Path) -> tuple[int, int]:
@@ -70,8 +87,8 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
         with parquet.ParquetFile(path, pre_buffer=False) as file:  # what is buffered ahead is kept until the end
             for batch in file.iter_batches(rows, columns=list(columns)):
                 yield batch.to_pandas()[list(columns)]
-    except OSError as error:  # Arrow's own errors among them
-        raise InputError(f"{path} is a damaged Parquet file: {str(error).splitlines()[0]}") from None
+    except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
+        raise InputError(f"{path} is a damaged Parquet file: {_first_line(error)}") from None
 
 
 def is_written(path: Path) -> bool:
