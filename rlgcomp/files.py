@@ -159,8 +159,8 @@ def from_yaml(text: str) -> Any:
 
     Loader.add_constructor("tag:yaml.org,2002:int", whole_number)
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
-    loader = Loader(text)
     try:
+        loader = Loader(text)
         node = loader.get_single_node()
         if node is None:
             return None
@@ -172,8 +172,6 @@ def from_yaml(text: str) -> Any:
         raise ValueError(str(error)) from None
     except (LookupError, TypeError, AttributeError, OverflowError) as error:  # of values that are not what their tags say
         raise ValueError(f"a value is not what its tag says: {type(error).__name__}: {error}") from None
-    finally:
-        loader.dispose()
 
 
 def _require_expandable(root: Any) -> None:

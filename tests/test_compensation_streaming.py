@@ -376,3 +376,17 @@ def test_a_file_that_is_replaced_is_noticed(saved: Path, csv: Path, tmp_path: Pa
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert b"was replaced or cut" in errors
+
+
+def test_a_row_far_ahead_is_believed_only_if_the_next_one_follows(compensators: dict[str, rlg.Compensator]) -> None:
+    compensator = compensators["cubic"]
+    whole = recording(7, 60).table.assign(time_s=np.arange(60.0))
+    header, *lines = whole.to_csv(index=False).splitlines()
+    wild = whole.assign(time_s=np.where(np.arange(60) == 20, 1e9, whole["time_s"])).to_csv(index=False).splitlines()[1:]
+    gap = whole.assign(time_s=whole["time_s"] + np.where(np.arange(60) >= 20, 1e6, 0.0)).to_csv(index=False).splitlines()[1:]
+    for chosen, rows in ((lines, 60), (wild, 59), (gap, 60)):
+        for size in (1, 7, 60):
+            stream = StreamCompensator(compensator, header)
+            fed = [stream.feed(chosen[k : k + size]) for k in range(0, 60, size)]
+            assert sum(map(len, fed)) == rows
+            assert sum(stream.left_out.values()) == 60 - rows

@@ -631,3 +631,51 @@ def test_numbers_too_large_for_single_precision_are_refused(trained: rlg.Compens
     bounds = bounds_of(golden, trained, expansion_of(trained), "float")
     with pytest.raises(rlg.InputError, match="export it with --precision double"):
         render(Design("unit", large, expansion_of(large), "float", libm=True, sha256=""), golden, bounds, quiet)
+
+
+MAIN_OF_TIMES = """
+#include <stdio.h>
+#include "m.h"
+int main(void)
+{
+    static const double times[] = { %s };
+    m_state state;
+    m_result result;
+    m_real monitors[M_MONITORS];
+    unsigned k, j;
+
+    for (j = 0; j < M_MONITORS; ++j) {
+        monitors[j] = 1;
+    }
+    m_init(&state);
+    for (k = 0; k < sizeof times / sizeof *times; ++k) {
+        printf("%%d", m_step(&state, times[k], monitors, &result) == M_INVALID);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+@pytest.mark.parametrize(
+    ("times", "refused"),
+    [
+        ("0, 1, 2, 1e12, 4, 5", "000100"),
+        ("0, 1, 2, 1e12, 1e12 + 1, 1e12 + 2", "000100"),
+        ("0, 1, 5000, 2, 3, 4, 5, 6, 7", "000111000"),
+        ("0, 1, 2, 2, 1, 3", "000110"),
+    ],
+)
+def test_one_wild_time_stamp_refuses_no_more_than_a_few_samples(
+    trained: rlg.Compensator, tmp_path: Path, times: str, refused: str
+) -> None:
+    for name, text in rendered(trained).items():
+        (tmp_path / name).write_text(text)
+    header = next(path for path in tmp_path.iterdir() if path.suffix == ".h")
+    stem = header.stem
+    main = (MAIN_OF_TIMES % times).replace("m.h", header.name).replace("m_", f"{stem}_").replace("M_", f"{stem.upper()}_")
+    (tmp_path / "main.c").write_text(main.replace(f"{stem}_step", f"{stem}_step"))
+    subprocess.run(
+        ["gcc", "-std=c99", str(tmp_path / f"{stem}.c"), str(tmp_path / "main.c"), "-o", str(tmp_path / "main"), "-lm"], check=True
+    )
+    assert subprocess.run([str(tmp_path / "main")], capture_output=True, text=True, check=True).stdout == refused

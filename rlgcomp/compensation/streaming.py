@@ -7,6 +7,7 @@ gyros, frozen thermometers and single outliers, which later samples reveal, are 
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import io
 import sys
@@ -33,6 +34,9 @@ from rlgcomp.recording.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, RO
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
+_MOSTLY_LOST: Final = 2  # exit code
+_STEPS: Final = 9  # of time that show the usual one
+_LONGEST_STEPS: Final = 1000.0  # usual steps after which a row is believed only if the next one follows it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,8 +67,10 @@ class StreamSummary:
 
     @property
     def exit_code(self) -> int:
-        """0 at the end of the input, 128 and the signal's number when interrupted."""
-        return 0 if self.signal is None else 128 + self.signal
+        """0 at the end of the input, 2 where most rows gave no output, 128 and the signal's number when interrupted."""
+        if self.signal is not None:
+            return 128 + self.signal
+        return _MOSTLY_LOST if sum(self.left_out.values()) > self.rows + self.found_there else 0
 
     @property
     def message(self) -> Message:
@@ -208,6 +214,8 @@ class StreamCompensator:
         self.left_out: Counter[str] = Counter()
         self._rows = 0
         self._last_s = -np.inf
+        self._steps_s: collections.deque[float] = collections.deque(maxlen=_STEPS)
+        self._ahead: pd.DataFrame | None = None  # a row far ahead in time, believed once the next one follows it
         self._last_values: dict[str, tuple[float, float]] = {}
         compensator.restart()
         table = self._mapped(self._parsed([]))
@@ -216,7 +224,7 @@ class StreamCompensator:
 
     def feed(self, lines: Sequence[str]) -> pd.DataFrame:
         """Corrected rows of the next whole lines; fewer than lines where rows are left out."""
-        table = self._mapped(self._parsed([line.strip("\r\n") for line in lines]))
+        table = self._in_time(self._mapped(self._parsed([line.strip("\r\n") for line in lines])))
         return self._corrected(self._repaired(table), live=True)
 
     # --- inside ------------------------------------------------------------------------------------------------------------
@@ -283,6 +291,31 @@ class StreamCompensator:
         if any(len(columns) != 1 for columns in axes):
             raise InputError(f"the calibration is of a triad; the stream has {', '.join(gyros)}")
         return [column for columns in axes for column in columns]
+
+    def _in_time(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The rows without those far ahead of the next one; the last row, if it lies far ahead, waits for the next."""
+        if self._ahead is not None:
+            table, self._ahead = pd.concat([self._ahead, table], ignore_index=True), None
+        time_s = table[TIME].to_numpy()
+        keep = np.ones(len(table), dtype=np.bool_)
+        last_s = self._last_s
+        for row, now_s in enumerate(time_s.tolist()):
+            if not now_s > last_s:
+                continue
+            longest_s = _LONGEST_STEPS * float(np.median(self._steps_s)) if len(self._steps_s) == _STEPS else np.inf
+            if now_s - last_s > longest_s:
+                later = time_s[row + 1 :][np.isfinite(time_s[row + 1 :])]
+                if not len(later):
+                    self._ahead = table.iloc[row:]
+                    return table[keep].iloc[: int(keep[:row].sum())]
+                if not 0.0 < later[0] - now_s <= longest_s:
+                    keep[row] = False
+                    self.left_out["whose time lies far ahead of the next row's"] += 1
+                    continue
+            if np.isfinite(last_s):
+                self._steps_s.append(now_s - last_s)
+            last_s = now_s
+        return table[keep]
 
     def _repaired(self, table: pd.DataFrame) -> pd.DataFrame:
         """Usable rows, missing monitors at their last values."""

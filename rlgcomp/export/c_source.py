@@ -20,7 +20,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.export.accuracy import Bounds
 from rlgcomp.export.c_features import feature_code, identifiers
 from rlgcomp.export.expansion import Expansion
-from rlgcomp.export.golden import Stream
+from rlgcomp.export.golden import LONGEST_STEP_S, Stream
 from rlgcomp.export.target import Precision
 from rlgcomp.units import column_unit
 
@@ -253,6 +253,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "rows": sum(len(part.y_deg_h) for part in compensator.training_),
         "runs": len(compensator.training_),
         "averaging_s": f"{compensator.averaging_s:g}",
+        "longest_step_s": f"{LONGEST_STEP_S:.0f}",
         "table_bytes": design.table_bytes,
         "centres_of_model": len(getattr(compensator.model_, "alpha_", ())),
         "monitors": monitors,

@@ -17,6 +17,7 @@ from rlgcomp.recording import TIME, Recording
 
 Array = npt.NDArray[np.float64]
 OK, OUT_OF_RANGE, INVALID, EITHER = 0, 1, 2, -1
+LONGEST_STEP_S: Final = 86_400.0  # of time, that exported code believes at once
 _LONGEST: Final = 400
 _EPISODE: Final = 20
 
@@ -61,11 +62,13 @@ def stream_of(recording: Recording, compensator: Compensator, expansion: Expansi
     full : bool
         Whether the expansion is the whole model, not a reduced one.
     """
-    X = compensator.pipeline_.transform(recording).to_numpy()
-    monitors = recording.table[list(compensator.pipeline_.columns)].to_numpy()
+    long = np.flatnonzero(np.diff(recording.time_s) > LONGEST_STEP_S)
+    rows = slice(0, 1 + int(long[0]) if len(long) else len(recording))  # exported code leaves out the sample after a longer step
+    X = compensator.pipeline_.transform(recording).to_numpy()[rows]
+    monitors = recording.table[list(compensator.pipeline_.columns)].to_numpy()[rows]
     bias = compensator.predict_rows(X) if full else expansion.bias_deg_h(X)
     status = expansion.outside(X).astype(np.int64)
-    return Stream(recording.name, recording.time_s, monitors, X, bias, compensator.half_widths(X), status)
+    return Stream(recording.name, recording.time_s[rows], monitors, X, bias, compensator.half_widths(X), status)
 
 
 def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool) -> tuple[Stream, int]:

@@ -17,6 +17,9 @@ typedef {{ p }}_real real;
 
 enum { INPUTS = {{ P }}_INPUTS{% if blocks %}, LANES = {{ lanes }}, BLOCKS = {{ blocks }}{% endif %} };
 
+/* A step of time that is longer is believed only if the next sample follows it. */
+static const double LONGEST_STEP_S = {{ longest_step_s }}.0;
+
 /* Training range; beyond it a sample is flagged, and the half width grows with each span. */
 static const real LOW[INPUTS] = { {{ listed(e.low) }} };
 static const real HIGH[INPUTS] = { {{ listed(e.high) }} };
@@ -300,6 +303,8 @@ void {{ p }}_init({{ p }}_state *state)
     }
 {% endif %}
     state->time_s = 0;
+    state->refused_s = 0;
+    state->refused = 0;
     state->bias_deg_h = {{ e.y_mean_deg_h|number }};
     state->half_width_deg_h = {{ interval.per_span_deg_h|number }};
     state->started = 0;
@@ -327,7 +332,7 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
     real step_s;
 {% endif %}
     real outside = 0;
-    int k, flagged = 0, valid = IS_FINITE(time_s) && !(state->started && time_s <= state->time_s);
+    int k, flagged = 0, valid = IS_FINITE(time_s);
 
     for (k = 0; k < {{ P }}_MONITORS; ++k) {
         valid = valid && IS_FINITE(monitors[k]);
@@ -335,6 +340,21 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
     if (!valid) {
         return answer(state, {{ P }}_INVALID, result);
     }
+    if (state->started && (time_s <= state->time_s || time_s - state->time_s > LONGEST_STEP_S)) {
+        /* a wild time stamp, or a gap or a clock set back: the samples that follow tell */
+        int follows = state->refused > 0 && time_s > state->refused_s && time_s - state->refused_s <= LONGEST_STEP_S;
+        double before_s = state->refused_s;
+
+        state->refused = follows ? state->refused + 1 : 1;
+        state->refused_s = time_s;
+        if (state->refused < (time_s > state->time_s ? 2 : 4)) {
+            return answer(state, {{ P }}_INVALID, result);
+        }
+        if (time_s <= state->time_s) {
+            next.time_s = before_s;
+        }
+    }
+    next.refused = 0;
     if (!next.started) {
         next.started = 1;
         next.time_s = time_s;

@@ -18,7 +18,8 @@
  * {{ P }}_OUT_OF_RANGE: an input is beyond its training range; further out it is clipped to where the model still answers, so the output
  * stays bounded.
  * {{ P }}_INVALID: the sample is not finite, gives no finite input ({{ "readouts whose sum is 0, " if dark else "" }}numbers too large), or is not later
- * than the one before. It changes nothing, and the result repeats the last valid one; before any, the training mean with a half width of
+ * than the one before, or more than {{ longest_step_s }} s later. It changes no estimate, and the result repeats the last valid one. A
+ * step of time that is longer is believed from the second sample on, a clock that was set back from the fourth on, if they follow each other; before any, the training mean with a half width of
  * {{ "%.3g"|format(interval.per_span_deg_h) }} deg/h, the bias's span in training.
  * Whatever else is finite is believed: filters and hysteresis follow a monitor's single wild sample too, and take as long to forget
  * it as they remember. Keep such samples from {{ p }}_step where the converter shows them.
@@ -59,6 +60,8 @@ typedef struct {
 {% if slots %}
     {{ p }}_real memory[{{ slots }}]; /* filters and hysteresis, in the monitors' units */
 {% endif %}
+    double refused_s; /* time of the last sample that came too far ahead or not later */
+    int refused;      /* how many of these followed each other */
     int started;
 } {{ p }}_state;
 

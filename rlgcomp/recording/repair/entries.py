@@ -44,7 +44,7 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_complex_dtype(values):
             numeric[column] = values.to_numpy(dtype=np.float64, na_value=np.nan)
             continue
-        numbers = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        numbers = _as_numbers(values)
         bad = np.flatnonzero(np.isnan(numbers) & values.notna().to_numpy())
         if len(bad) <= max(3, FEW * len(values)) and len(bad) < len(values):
             if len(bad):
@@ -69,6 +69,14 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         context.add("repaired", finding, result.columns[absurd[row]][0], row)
         result = result.mask(absurd)
     return result
+
+
+def _as_numbers(values: pd.Series) -> np.ndarray:
+    """Entries as numbers, NaN where they are none: words, lists, and whole numbers that no float can hold."""
+    try:
+        return pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+    except (OverflowError, TypeError, ValueError):
+        return pd.to_numeric(values.map(str), errors="coerce").astype(np.float64).to_numpy()
 
 
 def _seconds(values: pd.Series, context: Context) -> pd.Series:
