@@ -24,7 +24,7 @@ from typing import Any, Final
 PREFIX: Final = ".rlgcomp-"
 PUBLISHED: Final = f"{PREFIX}publish-"
 _RETIRED: Final = ".retired"
-_LONGEST_WAIT_S: Final = 5.0  # for another process that is about to rename its files
+LONGEST_WAIT_S: Final = 5.0  # for another process that is about to rename its files
 _POLL_S: Final = 0.01
 _EXCHANGE: Final = 2  # RENAME_EXCHANGE of Linux and RENAME_SWAP of macOS
 _HERE: Final = -100  # AT_FDCWD
@@ -48,7 +48,7 @@ def publish(path: Path) -> None:
     flush(path)
     if not (path.is_dir() and place.exists()):
         os.replace(path, place)
-    elif not _exchange(path, place):
+    elif not exchange(path, place):
         _publish_together(path.parent)
         return
     _flush_one(place.parent)
@@ -128,8 +128,8 @@ def _finish(decided: Path) -> None:
 
 
 def _recover_one(folder: Path, *, wait: bool) -> None:
-    until = time.monotonic() + (_LONGEST_WAIT_S if wait else 0.0)
-    while (lock := _lock(folder)) is None and wait and folder.exists() and time.monotonic() < until:
+    until = time.monotonic() + (LONGEST_WAIT_S if wait else 0.0)
+    while (lock := lock_of(folder)) is None and wait and folder.exists() and time.monotonic() < until:
         time.sleep(_POLL_S)
     if lock is None:
         return
@@ -146,7 +146,7 @@ def _recover_one(folder: Path, *, wait: bool) -> None:
 def _locked_folder(parent: Path) -> Iterator[Path]:
     while True:
         folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
-        lock = _lock(folder)
+        lock = lock_of(folder)
         if lock is not None or folder.exists():  # else another process took it for a dead one's before it was locked
             break
     try:
@@ -156,7 +156,7 @@ def _locked_folder(parent: Path) -> Iterator[Path]:
             os.close(lock)
 
 
-def _lock(folder: Path) -> int | None:
+def lock_of(folder: Path) -> int | None:
     """A handle that locks the folder while it is open; None where another process has it, or nothing can be locked there."""
     try:
         import fcntl
@@ -174,7 +174,7 @@ def _lock(folder: Path) -> int | None:
     return None
 
 
-def _exchange(one: Path, other: Path) -> bool:
+def exchange(one: Path, other: Path) -> bool:
     """Exchange two names in one step; whether the system and the disk could."""
     rename = _exchanging()
     if rename is None:

@@ -7,6 +7,7 @@ import importlib
 import pkgutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -164,6 +165,32 @@ def test_public_names_are_those_promised_exist_and_are_documented() -> None:
 
 
 _HEAVY = ["numpy", "pandas", "scipy", "sklearn", "torch", "matplotlib", "pyarrow"]
+
+
+def _names_used(tree: ast.Module) -> Iterator[str]:
+    """What a test imports from the package or its experiments, reads of an object, or replaces by `setattr`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in ("rlgcomp", "experiments"):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Attribute) and not (isinstance(node.value, ast.Name) and node.value.id == "self"):
+            yield node.attr
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") in ("setattr", "setitem"):
+            strings = (one.value for one in node.args[:2] if isinstance(one, ast.Constant) and isinstance(one.value, str))
+            yield from (name.rpartition(".")[2] for name in strings)
+
+
+def _modules_imported(tree: ast.Module) -> set[str]:
+    return {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+
+
+@pytest.mark.parametrize("path", sorted(Path(__file__).parent.glob("*.py")), ids=lambda path: path.stem)
+def test_tests_use_public_names_and_import_no_other_test(path: Path) -> None:
+    """Names between underscores are protocols of other libraries. The rooms that diagnosis.engine replaces are let be."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    imported = _modules_imported(tree)
+    assert not [name for name in imported if name.removeprefix("tests.").startswith(("test_", "conftest"))]
+    if not any(name.startswith("rlgcomp.diagnosis.") and not name.startswith("rlgcomp.diagnosis.engine") for name in imported):
+        assert not [name for name in _names_used(tree) if name.startswith("_") and not name.endswith("_")]
 
 
 @pytest.mark.parametrize(

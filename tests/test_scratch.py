@@ -38,7 +38,7 @@ from pathlib import Path
 from rlgcomp import scratch
 from rlgcomp.files import whole_file, whole_folder
 place, last = Path(sys.argv[1]), int(sys.argv[2])
-scratch._exchange = lambda one, other: False
+scratch.exchange = lambda one, other: False
 calls, replace = [], os.replace
 def counted(one, other):
     calls.append(one)
@@ -100,7 +100,7 @@ def test_a_folder_is_exchanged_in_one_step_where_the_system_can(tmp_path: Path) 
     for name in "ab":
         (tmp_path / name).mkdir()
         (tmp_path / name / "is").write_text(name)
-    if not scratch._exchange(tmp_path / "a", tmp_path / "b"):
+    if not scratch.exchange(tmp_path / "a", tmp_path / "b"):
         pytest.skip("this disk or system exchanges no names")
     assert [(tmp_path / name / "is").read_text() for name in "ab"] == ["b", "a"]
 
@@ -109,14 +109,14 @@ def test_a_reader_waits_for_a_living_process_that_publishes(tmp_path: Path) -> N
     publishing = tmp_path / f"{scratch.PUBLISHED}x"
     publishing.mkdir()
     (publishing / "run.csv").write_text("new")
-    lock = scratch._lock(publishing)
+    lock = scratch.lock_of(publishing)
     assert lock is not None
     began = time.monotonic()
-    scratch._LONGEST_WAIT_S, before = 0.2, scratch._LONGEST_WAIT_S
+    scratch.LONGEST_WAIT_S, before = 0.2, scratch.LONGEST_WAIT_S
     try:
         recover(tmp_path, reading="run.csv")
     finally:
-        scratch._LONGEST_WAIT_S = before
+        scratch.LONGEST_WAIT_S = before
     assert 0.2 <= time.monotonic() - began < 5.0
     assert not (tmp_path / "run.csv").exists()
     os.close(lock)
