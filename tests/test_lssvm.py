@@ -331,3 +331,34 @@ def test_the_compiled_path_gives_the_folds_of_the_plain_one(groups: np.ndarray, 
         plain = leave_groups_out_path(gram, y, groups, c, definite=True)
         assert np.abs(fast - plain)[:-2].max() <= 1e-6 * np.abs(plain).max()
         assert rms(fast) == pytest.approx(rms(plain), rel=1e-5)  # c of 1e7 and 1e8 leave ten digits of sixteen to either
+
+
+@pytest.mark.parametrize(("synonym", "name"), [("rbf", "gaussian"), ("poly", "polynomial")])
+def test_kernels_go_by_scikit_learns_names_too(synonym: str, name: str, data: tuple[np.ndarray, np.ndarray]) -> None:
+    X, y = data
+    one, other = (rlg.LSSVMRegressor(kernel=kernel, c=20.0).fit(X, y) for kernel in (synonym, name))
+    assert one.get_params()["kernel"] == synonym
+    assert (one.predict(X[:9]) == other.predict(X[:9])).all()
+    assert (one.predict(X[:9], return_std=True)[1] == other.predict(X[:9], return_std=True)[1]).all()
+
+
+def test_several_outputs_are_as_many_models(data: tuple[np.ndarray, np.ndarray]) -> None:
+    X, y = data
+    both = np.column_stack([y, X[:, 2] - y**2])
+    weights = 1.0 + np.arange(len(y)) % 3
+    groups = np.arange(len(y)) % 4
+    together = rlg.LSSVMRegressor(c=20.0).fit(X, both, sample_weight=weights)
+    assert (together.alpha_.shape, together.intercept_.shape, together.scale_.shape) == ((60, 2), (2,), (2,))
+    prediction, sd = together.predict(X[:7], return_std=True)
+    left_out = together.leave_groups_out(groups)
+    for k in range(2):
+        alone = rlg.LSSVMRegressor(c=20.0).fit(X, both[:, k], sample_weight=weights)
+        assert prediction[:, k] == pytest.approx(alone.predict(X[:7]), abs=1e-12)
+        assert sd[:, k] == pytest.approx(alone.predict(X[:7], return_std=True)[1], abs=1e-12)
+        assert left_out[:, k] == pytest.approx(alone.leave_groups_out(groups), abs=1e-10)
+        assert together.loo_residuals_[:, k] == pytest.approx(alone.loo_residuals_, abs=1e-10)
+    assert together.score(X, both) > 0.9
+    with pytest.raises(rlg.InputError, match="a row predictor has one output, and this model 2"):
+        together.row_predictor()
+    with pytest.raises(ValueError, match="1d array"):
+        rlg.LSSVMRegressor(robust=True).fit(X, both)

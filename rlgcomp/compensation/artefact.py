@@ -3,6 +3,7 @@
     MODEL/
       manifest.json     schema, model, features, scaling, ranges, interval, units, provenance
       arrays/*.npy      the model's numbers, the training rows, golden vectors
+      model.skops       a model that is not the package's own; see `foreign_models`
       selection.csv     every candidate and its error with runs left out
       card.md           the model card, for people
       SHA256SUMS        of all of these; `sha256sum -c SHA256SUMS` checks them
@@ -30,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from rlgcomp.compensation.foreign_models import FILE as FOREIGN
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, sha256, to_json, whole_folder
 
@@ -40,8 +42,8 @@ MANIFEST: Final = "manifest.json"
 SUMS: Final = "SHA256SUMS"
 SELECTION: Final = "selection.csv"
 CARD: Final = "card.md"
-FILES: Final = (MANIFEST, SUMS, SELECTION, CARD, "arrays/*.npy")
-_FILE: Final = re.compile(r"arrays/[A-Za-z0-9_]+(?:\.[0-9]+)?\.npy|manifest\.json|selection\.csv|card\.md")
+FILES: Final = (MANIFEST, SUMS, SELECTION, CARD, FOREIGN, "arrays/*.npy")
+_FILE: Final = re.compile(r"arrays/[A-Za-z0-9_]+(?:\.[0-9]+)?\.npy|manifest\.json|selection\.csv|card\.md|model\.skops")
 _DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 # The header that numpy.save writes before float64 numbers in C order; any other header is refused unread.
 _HEADER: Final = re.compile(
@@ -65,11 +67,14 @@ class Artefact:
     arrays : dict of str to ndarray
         float64.
     selection : pandas.DataFrame
+    foreign : bytes, optional
+        Content of the file of a model that is not the package's own.
     """
 
     manifest: dict[str, Any]
     arrays: dict[str, Array]
     selection: pd.DataFrame
+    foreign: bytes | None = None
 
 
 def write(path: str | Path, artefact: Artefact, card: str) -> None:
@@ -98,6 +103,8 @@ def write(path: str | Path, artefact: Artefact, card: str) -> None:
         (folder / MANIFEST).write_text(to_json(manifest) + "\n", encoding="utf-8")
         artefact.selection.to_csv(folder / SELECTION, index=False)
         (folder / CARD).write_text(card, encoding="utf-8")
+        if artefact.foreign is not None:
+            (folder / FOREIGN).write_bytes(artefact.foreign)
         files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
         (folder / SUMS).write_text("".join(f"{sha256(folder / file)}  {file}\n" for file in files), encoding="utf-8")
 
@@ -127,12 +134,13 @@ def read(path: str | Path) -> Artefact:
         if set(shapes) != listed:
             raise InputError(f"{MANIFEST} and arrays/ differ in {', '.join(sorted(set(shapes) ^ listed))[:200]}")
         arrays = {name: _array(contents[f"arrays/{name}.npy"], name, shape) for name, shape in shapes.items()}
-        selection = pd.read_csv(io.BytesIO(contents[SELECTION]), low_memory=False)
+        selected = contents[SELECTION].strip()  # nothing where the model has no search
+        selection = pd.read_csv(io.BytesIO(selected), low_memory=False) if selected else pd.DataFrame()
     except InputError as error:
         raise InputError(f"{folder}: {error}") from None
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError, RecursionError) as error:
         raise InputError(f"{folder}: not what schema {SCHEMA} requires: {type(error).__name__}: {str(error)[:200]}") from None
-    return Artefact(manifest, arrays, selection)
+    return Artefact(manifest, arrays, selection, contents.get(FOREIGN))
 
 
 def identity(path: str | Path) -> str:
@@ -201,7 +209,7 @@ def _checked_files(folder: Path) -> dict[str, bytes]:
         expected, _, name = line.partition("  ")
         if not (_DIGEST.fullmatch(expected) and _FILE.fullmatch(name)) or name in contents:
             raise InputError(f"{folder}: {SUMS} lists {line[:120]!r}, which is no file of a model")
-        largest = min(remaining, _LARGEST_BYTES if name.startswith("arrays/") else _LARGEST_TEXT_BYTES)
+        largest = min(remaining, _LARGEST_BYTES if name.startswith("arrays/") or name == FOREIGN else _LARGEST_TEXT_BYTES)
         try:
             contents[name] = _limited(folder / name, largest)
         except OSError:

@@ -399,7 +399,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         InputError
-            The model is not one of the package's own, or the place cannot be written to.
+            The model is neither the package's own nor one that skops writes as data, or the place cannot be written to.
         """
         self.require_fitted()
         serialisation.save(path, self)

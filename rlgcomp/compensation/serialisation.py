@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compensation import artefact
+from rlgcomp.compensation import artefact, foreign_models
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.models import MODELS
@@ -91,17 +91,18 @@ def save(path: str | Path, compensator: Fitted) -> None:
     Raises
     ------
     InputError
-        The model is not one of the package's own, or the place cannot be written to.
+        The model is neither the package's own nor one that skops writes as data, or the place cannot be written to.
     """
     specification, scaling = compensator.specification_, compensator.scaling_
-    if specification is None:
-        raise InputError(
-            f"{type(compensator.model_).__name__} cannot be saved: artefacts hold numbers, not code; "
-            f"models that can be saved are {', '.join(MODELS)}"
-        )
-    settings, model_arrays = specification.pack(compensator.model_)
+    foreign: bytes | None = None
+    model_arrays: dict[str, Array] = {}
     manifest = manifest_of(compensator)
-    manifest["model"] |= settings
+    if specification is None:
+        foreign = foreign_models.packed(compensator.model_)
+        manifest["model"]["parameters"] = {key: repr(value) for key, value in compensator.model_.get_params(deep=False).items()}
+    else:
+        settings, model_arrays = specification.pack(compensator.model_)
+        manifest["model"] |= settings
     training_X = np.vstack([part.X for part in compensator.training_])
     golden_X = _golden_inputs(training_X, scaling.low, scaling.high)
     arrays = {f"model_{name}": values for name, values in model_arrays.items()}
@@ -115,7 +116,7 @@ def save(path: str | Path, compensator: Fitted) -> None:
         "golden_bias_deg_h": compensator.predict_rows(golden_X),
         "golden_half_width_deg_h": compensator.half_widths(golden_X),
     }
-    artefact.write(path, artefact.Artefact(manifest, arrays, compensator.selection_.table), model_card(manifest, arrays))
+    artefact.write(path, artefact.Artefact(manifest, arrays, compensator.selection_.table, foreign), model_card(manifest, arrays))
 
 
 def load(path: str | Path, make: Callable[..., Compensation]) -> Compensation:
@@ -145,14 +146,10 @@ def load(path: str | Path, make: Callable[..., Compensation]) -> Compensation:
 def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Compensation:
     manifest, arrays = saved.manifest, saved.arrays
     output = manifest["output"]
-    specification = MODELS.get(manifest["model"]["name"])
-    if specification is None:
-        raise InputError(f"unknown model {str(manifest['model']['name'])[:50]!r}; known are {', '.join(MODELS)}")
     pipeline = FeatureRecipe.from_list(manifest["features"])
     if list(pipeline.names) != manifest["inputs"]:
         raise InputError("the features do not make the inputs that the manifest names")
-    numbers = {name.removeprefix("model_"): values for name, values in arrays.items() if name.startswith("model_")}
-    model = specification.unpack(manifest["model"], numbers, len(pipeline.names))
+    specification, model = _restored_model(saved, len(pipeline.names))
     if not (isinstance(output["gyro"], str) and is_gyro(output["gyro"]) and isinstance(output["keep_mean"], bool)):
         raise InputError("output: gyro must be the name of a gyro column, and keep_mean true or false")
     compensator = make(
@@ -191,6 +188,18 @@ def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Co
         if manifest["schema"] == artefact.SCHEMA:
             _require_golden(compensator.half_widths(arrays["golden_X"]), arrays["golden_half_width_deg_h"])
     return compensator
+
+
+def _restored_model(saved: artefact.Artefact, features: int) -> tuple[ModelSpecification | None, Any]:
+    """The specification, which a model that is not the package's own has not, and the fitted model."""
+    settings = saved.manifest["model"]
+    if saved.foreign is not None:
+        return None, foreign_models.unpacked(saved.foreign, features)
+    specification = MODELS.get(settings["name"])
+    if specification is None:
+        raise InputError(f"unknown model {str(settings['name'])[:50]!r}; known are {', '.join(MODELS)}")
+    numbers = {name.removeprefix("model_"): values for name, values in saved.arrays.items() if name.startswith("model_")}
+    return specification, specification.unpack(settings, numbers, features)
 
 
 def _check_shapes(arrays: Mapping[str, Array], features: int, runs: int) -> None:

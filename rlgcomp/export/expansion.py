@@ -240,7 +240,7 @@ def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.
         mapped = {"offset": scaling.mean + scaling.scale * model.centre_, "scale": scaling.scale * model.half_range_}
         return Expansion("polynomial", **common | mapped | {"constant": model.intercept_, "powers": model.coef_})
     if isinstance(model, LSSVMRegressor):
-        return _of_kernel(common, model.kernel, model, less_one=model.kernel == "gaussian")
+        return _of_kernel(common, model.kernel_name, model, less_one=model.kernel_name == "gaussian")
     if isinstance(model, FixedSizeLSSVM):
         return _of_kernel(common, "gaussian", model, less_one=True)
     if isinstance(model, KernelBaselines):

@@ -56,7 +56,8 @@ from rlgcomp.numerics.compiled import compiled
 from rlgcomp.numerics.robust import SD_OF_MAD
 
 Array = npt.NDArray[np.float64]
-_KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid")
+_KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid", "rbf", "poly")
+_SYNONYMS: Final = {"rbf": "gaussian", "poly": "polynomial"}  # as scikit-learn names them
 MANY_ROWS: Final = 1500  # beyond which candidates are compared on this number of centres:
 CENTRES_OF_MANY: Final = 300  # for widths that matter they reproduce the kernel to rounding
 _ROBUST_PASSES: Final = 3
@@ -72,6 +73,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     kernel : {"gaussian", "linear", "polynomial", "sigmoid"}, default "gaussian"
+        "rbf" and "poly", scikit-learn's names, mean the Gaussian and the polynomial kernel.
     c : float, default 100.0
         The regularisation gamma: weight of the errors against the smoothness; larger fits closer.
     sigma : float, default 1.0
@@ -90,17 +92,17 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     Attributes
     ----------
-    alpha_ : ndarray, shape (n,)
+    alpha_ : ndarray, shape (n,) or (n, outputs)
         Their sum is zero.
-    intercept_ : float
+    intercept_ : float, or ndarray of shape (outputs,)
         b.
     X_fit_ : ndarray, shape (n, features)
         The centres: the training rows of positive weight.
     weights_ : ndarray, shape (n,)
         v: the sample weights, 1 by default, times the robust weights.
-    loo_residuals_ : ndarray, shape (n,)
+    loo_residuals_ : ndarray, shape (n,) or (n, outputs)
         Leave-one-out residuals.
-    scale_ : float
+    scale_ : float, or ndarray of shape (outputs,)
         s in the predictive variance, from the leave-one-out residuals: root of the mean of alpha_i² / C_ii.
 
     Examples
@@ -139,7 +141,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Parameters
         ----------
         X : array_like, shape (n, features)
-        y : array_like, shape (n,)
+        y : array_like, shape (n,) or (n, outputs)
+            Several outputs, not with `robust`, share the kernel, its parameters and one factorisation.
         sample_weight : array_like, shape (n,), optional
             Multiplicity of each row: weight 3 is the same row three times, weight 0 leaves it out.
 
@@ -152,7 +155,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             positive definite on it.
         """
         self.check_parameters()
-        inputs, target = validate_data(self, X, y, dtype=np.float64, order="C", y_numeric=True, ensure_min_samples=2)
+        inputs, target = validate_data(
+            self, X, y, dtype=np.float64, order="C", y_numeric=True, ensure_min_samples=2, multi_output=not self.robust
+        )
         multiplicity = np.ones(len(target))
         if sample_weight is not None:
             checked = _check_sample_weight(sample_weight, inputs, dtype=np.float64)
@@ -165,12 +170,20 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.X_fit_ = inputs
         self.weights_ = weights
         solved = kkt_system(self.c * weights)
-        self.alpha_, self.intercept_ = solved.solve(target)
         diagonal = solved.inverse_diagonal()
+        self.alpha_: Array
+        self.intercept_: float | Array
+        if target.ndim > 1:
+            alphas, intercepts = zip(*(solved.solve(np.ascontiguousarray(column)) for column in target.T), strict=True)
+            self.alpha_, self.intercept_ = np.column_stack(alphas), np.array(intercepts)
+            diagonal = diagonal[:, None]
+        else:
+            self.alpha_, self.intercept_ = solved.solve(target)
         self._solved = solved if self.device is None else None  # a device's memory is freed
         self.loo_residuals_ = self.alpha_ / diagonal
-        mean_square = float(np.mean(self.alpha_**2 / diagonal))  # negative only if the kernel is indefinite
-        self.scale_ = float(np.sqrt(max(0.0, mean_square)))
+        mean_square = np.mean(self.alpha_**2 / diagonal, axis=0)  # negative only if the kernel is indefinite
+        scale = np.sqrt(np.maximum(0.0, mean_square))
+        self.scale_ = scale if target.ndim > 1 else float(scale)
         return self
 
     def predict(self, X: npt.ArrayLike, return_std: bool = False) -> Any:
@@ -185,19 +198,25 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
         Returns
         -------
-        prediction : ndarray, shape (m,)
-        std : ndarray, shape (m,)
+        prediction : ndarray, shape (m,) or (m, outputs)
+        std : ndarray, of the same shape
             Only with `return_std`.
         """
         check_is_fitted(self)
         inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
-        if self.device is not None:
-            sums = predictions(self.kernel, self.get_params(), inputs, self.X_fit_, self.alpha_, self.device)
-        else:  # the sum of alpha is zero: a constant subtracted from the Gaussian removes much rounding
-            name = "gaussian_less_one" if self.kernel == "gaussian" else self.kernel
-            sums = kernel_sum(name, self.get_params(), inputs, self.X_fit_, self.alpha_)
+        sums = self._sums(inputs, self.alpha_) if self.alpha_.ndim == 1 else self._each(lambda alpha: self._sums(inputs, alpha))
         prediction = sums + self.intercept_
         return (prediction, self._std(inputs)) if return_std else prediction
+
+    @property
+    def kernel_name(self) -> str:
+        """The kernel by this package's name."""
+        return _SYNONYMS.get(self.kernel, self.kernel)
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.multi_output = not self.robust  # robust weights belong to one output
+        return tags
 
     def row_predictor(self) -> Callable[[Array], float]:
         """A function that predicts one row of floats in microseconds, without checks, for a loop in real time.
@@ -207,10 +226,12 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         ValueError
-            The kernel is another one.
+            The kernel is another one, or there are several outputs.
         """
         check_is_fitted(self)
-        require_choice(self, "kernel", ("gaussian",))
+        require_choice(self, "kernel", ("gaussian", "rbf"))
+        if self.alpha_.ndim > 1:
+            raise InputError(f"a row predictor has one output, and this model {self.alpha_.shape[1]}; use predict")
         centres, alpha = np.ascontiguousarray(self.X_fit_.T), np.ascontiguousarray(self.alpha_)
         return functools.partial(
             _predicted_row.fast(), centres, alpha, -0.5 / self.sigma**2, float(self.intercept_), np.empty(len(alpha))
@@ -226,7 +247,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
         Returns
         -------
-        ndarray, shape (n,)
+        ndarray, shape (n,) or (n, outputs)
 
         Raises
         ------
@@ -235,7 +256,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         received = np.asarray(groups)
-        if received.shape != self.alpha_.shape:
+        if received.shape != self.alpha_.shape[:1]:
             raise InputError(
                 f"groups of shape {received.shape}; give one label for each of the {len(self.alpha_)} training rows, shape "
                 f"({len(self.alpha_)},)"
@@ -247,7 +268,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if solved is None:
             solved = self._kkt_system_of(self.X_fit_)(self.c * self.weights_)
             self._solved = solved if self.device is None else None
-        return solved.leave_groups_out(self.alpha_, numbers)
+        if self.alpha_.ndim == 1:
+            return solved.leave_groups_out(self.alpha_, numbers)
+        return self._each(lambda alpha: solved.leave_groups_out(alpha, numbers))
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the inverse, n² numbers that are quickly computed again."""
@@ -264,24 +287,37 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         require_number(self, "slope", low=0.0, open_low=True)
         require_device(self)
 
+    def _each(self, compute: Callable[[Array], Array]) -> Array:
+        """What is computed from the alpha of each output, as columns."""
+        return np.column_stack([compute(np.ascontiguousarray(alpha)) for alpha in self.alpha_.T])
+
+    def _sums(self, X: Array, alpha: Array) -> Array:
+        """sum_i alpha_i K(x_i, x) for each row of X."""
+        if self.device is not None:
+            return predictions(self.kernel_name, self.get_params(), X, self.X_fit_, alpha, self.device)
+        # the sum of alpha is zero: a constant subtracted from the Gaussian removes much rounding
+        name = "gaussian_less_one" if self.kernel_name == "gaussian" else self.kernel_name
+        return kernel_sum(name, self.get_params(), X, self.X_fit_, alpha)
+
     def _kkt_system_of(self, X: Array) -> Callable[[Array], KKTSystem | DeviceKKTSystem]:
         """From gamma v, row by row, to the KKT system of the rows X."""
         if self.device is not None:
-            return functools.partial(DeviceKKTSystem, self.kernel, self.get_params(), X, self.device)
-        return functools.partial(KKTSystem, kernel(self.kernel, self.get_params(), X, X))
+            return functools.partial(DeviceKKTSystem, self.kernel_name, self.get_params(), X, self.device)
+        return functools.partial(KKTSystem, kernel(self.kernel_name, self.get_params(), X, X))
 
     def _std(self, X: Array) -> Array:
         reduction = self._variance_reduction(X)
-        variance = 1.0 / self.c + kernel_diagonal(self.kernel, self.get_params(), X) - reduction
-        return np.asarray(self.scale_ * np.sqrt(np.maximum(variance, 0.0)))
+        variance = 1.0 / self.c + kernel_diagonal(self.kernel_name, self.get_params(), X) - reduction
+        spread = np.sqrt(np.maximum(variance, 0.0))
+        return np.asarray(self.scale_ * (spread if self.alpha_.ndim == 1 else spread[:, None]))
 
     def _variance_reduction(self, X: Array) -> Array:
         """By how much the training rows reduce the variance of each row of X."""
         if self.device is not None:
-            system = DeviceKKTSystem(self.kernel, self.get_params(), self.X_fit_, self.device, self.c * self.weights_)
+            system = DeviceKKTSystem(self.kernel_name, self.get_params(), self.X_fit_, self.device, self.c * self.weights_)
             return system.variance_reduction(X)
-        across = kernel(self.kernel, self.get_params(), X, self.X_fit_)
-        gram = kernel(self.kernel, self.get_params(), self.X_fit_, self.X_fit_)
+        across = kernel(self.kernel_name, self.get_params(), X, self.X_fit_)
+        gram = kernel(self.kernel_name, self.get_params(), self.X_fit_, self.X_fit_)
         solved = linalg.solve(
             gram + np.diag(1.0 / (self.c * self.weights_)), np.column_stack([np.ones(len(gram)), across.T]), assume_a="sym"
         )
@@ -339,10 +375,10 @@ def _batches(features: int) -> list[list[dict[str, Any]]]:
 def _rmse_of_batch(model: LSSVMRegressor, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
     sigma = candidates[0]["sigma"]
     c = np.array([candidate["c"] for candidate in candidates])
-    if model.kernel == "gaussian" and not model.robust and len(y) > MANY_ROWS:
+    if model.kernel_name == "gaussian" and not model.robust and len(y) > MANY_ROWS:
         return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, sigma, c)
-    gram = kernel(model.kernel, {**model.get_params(), "sigma": sigma}, X, X)
-    return rms(leave_groups_out_path(gram, y, groups, c, definite=model.kernel == "gaussian"))
+    gram = kernel(model.kernel_name, {**model.get_params(), "sigma": sigma}, X, X)
+    return rms(leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian"))
 
 
 def _check(model: LSSVMRegressor, features: int) -> None:
