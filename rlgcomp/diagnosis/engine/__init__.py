@@ -4,6 +4,7 @@
 
 Rooms, each importing only from those before it:
     priors      every number of the prior, with its reason
+    readings    noise and rounding of what is read, and the smooth behind it
     data        window means of runs, and their columns on a finer grid
     drivers     what acts: recorded columns, differences, time since switch-on
     bases       forms of drivers as columns with Gaussian weights
@@ -13,6 +14,7 @@ Rooms, each importing only from those before it:
     regions     the regions that are searched
     baseline    the simulator, linearised in its free numbers
     nuisances   steps of the bias, biases of runs, stated numbers that are wrong
+    errors      errors of drivers, which join the noise
     noise       hypotheses of the noise, whitening
     evidence    the evidence of a set of forms in closed form
     screen      the evidence of many forms at once

@@ -11,12 +11,13 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
+from rlgcomp.diagnosis.engine.readings import Readings
 from rlgcomp.recording import TIME, Recording
 
 Array = npt.NDArray[np.float64]
@@ -62,7 +63,7 @@ class Run:
     Parameters
     ----------
     binned : Recording
-        Means over bins; bins with gaps are missing.
+        Means over bins, all columns but the outputs smoothed; bins with gaps are missing.
     grid : Grid
     bins : int
         Bins of the run, missing ones among them.
@@ -72,6 +73,8 @@ class Run:
         Means of the output less what is known of it.
     white : ndarray, shape (counted windows,)
         Variance of the white noise, 1 in a window without gaps.
+    readings : mapping of str to Readings
+        Of each column but the outputs.
     """
 
     binned: Recording
@@ -80,10 +83,11 @@ class Run:
     full: npt.NDArray[np.bool_]
     output: Array
     white: Array
+    readings: Mapping[str, Readings]
     cache: dict[object, Array] = dataclasses.field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, recording: Recording, grid: Grid, output: Callable[[Recording], Array]) -> Run:
+    def of(cls, recording: Recording, grid: Grid, output: Callable[[Recording], Array], outputs: Collection[str] = ()) -> Run:
         """A recording on the grid.
 
         Parameters
@@ -92,10 +96,19 @@ class Run:
         grid : Grid
         output : callable
             The output of a recording of bin means, less what is known of it, shape (bins,).
+        outputs : collection of str
+            Columns beside the gyros that are no drivers.
         """
         history = recording.metadata.lead_in_s
         whole = recording.replace(metadata=dataclasses.replace(recording.metadata, lead_in_s=0.0), truth=None)
         binned = whole if grid.bin_s <= 1.5 * whole.period_s else whole.averaged(grid.bin_s)
+        fixed = {TIME, *binned.gyro_columns, *outputs}
+        readings = {
+            column: Readings.of(whole.column(column), binned.column(column))
+            for column in binned.columns
+            if column in whole and column not in fixed
+        }
+        binned = binned.replace(table=binned.table.assign(**{column: one.values for column, one in readings.items()}))
         place = np.rint((binned.time_s - binned.time_s[0]) / grid.bin_s).astype(np.intp)
         windows = max(1, (int(place[-1]) + 1) // grid.bins)
         bins = windows * grid.bins
@@ -104,7 +117,7 @@ class Run:
         sums = np.bincount(place[inside] // grid.bins, weights=output(binned)[inside], minlength=windows)
         begins = np.arange(windows) * grid.window_s
         full = (counts >= _COVERAGE * grid.bins) & (begins >= history - 1e-6 * grid.bin_s)
-        return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / counts[full])
+        return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / counts[full], readings)
 
     @property
     def name(self) -> str:
@@ -126,6 +139,14 @@ class Run:
         if key not in self.cache:
             self.cache[key] = self.on_bins(self.binned.column(name))
         return self.cache[key]
+
+    def with_column(self, name: str, values: Array) -> Run:
+        """The same run with other values of a column on its bins."""
+        kept = np.rint((self.binned.time_s - self.binned.time_s[0]) / self.grid.bin_s).astype(np.intp)
+        column = np.where(kept < self.bins, values[np.minimum(kept, self.bins - 1)], self.binned.column(name))
+        binned = self.binned.replace(table=self.binned.table.assign(**{name: column}), truth=None)
+        others = {key: one for key, one in self.cache.items() if isinstance(key, tuple) and key[0] == "column"}
+        return dataclasses.replace(self, binned=binned, cache=others | {("column", name): values})
 
     def on_bins(self, values: Array) -> Array:
         """Values at the recorded bins, interpolated to all bins of the run; shape (bins,) or (bins, k)."""

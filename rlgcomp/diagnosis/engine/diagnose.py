@@ -133,7 +133,7 @@ class _Engine:
     def data(self, recordings: Sequence[Recording]) -> Data:
         """Recordings on the grid of the training runs."""
         other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
-        return Data(tuple(Run.of(recording, self.grid, self.output) for recording in recordings), other)
+        return Data(tuple(Run.of(recording, self.grid, self.output, other) for recording in recordings), other)
 
     def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline]:
         """The posterior of all sets, and the simulator with its free shapes calibrated."""
@@ -142,7 +142,7 @@ class _Engine:
         present = [mechanism.name for mechanism in simulator.mechanisms]
         baseline = Baseline.calibrated(simulator, data)
         baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
-        bank = Bank(data, baseline.design(data))
+        bank = Bank(data, baseline.design(data), baseline)
         known = list(named(setting, self.candidates, present))
         regions = [*known, *laws(setting, known), *nuisances(data, baseline)]
         return Posterior.of(bank, regions), baseline
@@ -153,7 +153,7 @@ class _Engine:
         decision = decided(posterior)
         data = self.data(self.runs.train)
         baseline = baseline.linearised(data)
-        bank = Bank(data, baseline.design(data))
+        bank = Bank(data, baseline.design(data), baseline)
         before, after = (self._in_training(state, bank) for state in (_null(posterior), _best(posterior, decision)))
         return Diagnosis(
             decision,
@@ -173,7 +173,7 @@ class _Engine:
         seen = state.telegraph
         if seen is not None:
             seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
-        return dataclasses.replace(state, members=members, telegraph=seen)
+        return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), telegraph=seen)
 
 
 def _null(posterior: Posterior) -> State:

@@ -21,8 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
+from rlgcomp.diagnosis.engine.baseline import Baseline
 from rlgcomp.diagnosis.engine.bases import Basis
-from rlgcomp.diagnosis.engine.data import Data
+from rlgcomp.diagnosis.engine.data import Data, Run
+from rlgcomp.diagnosis.engine.errors import Errors, errors_of
 from rlgcomp.diagnosis.engine.noise import Noise, Whitened
 from rlgcomp.diagnosis.engine.terms import Form
 
@@ -54,10 +56,12 @@ class Bank:
     data : Data
     design : ndarray, shape (n, p)
         The baseline.
+    baseline : Baseline, optional
+        What it is made of, without which drivers have no errors.
     """
 
-    def __init__(self, data: Data, design: Array) -> None:
-        self.data, self.design = data, design
+    def __init__(self, data: Data, design: Array, baseline: Baseline | None = None) -> None:
+        self.data, self.design, self.baseline = data, design, baseline
         self.white = Whitened(data, design, Noise())
         self._columns: dict[Basis, Array] = {}
         self._reduced: dict[Basis, Array] = {}
@@ -140,6 +144,29 @@ class Evidence:
                 self._projected.clear()
             self._projected[basis] = self.whitened.project(self.bank.reduced(basis))
         return self._projected[basis]
+
+    def errors(self, members: Set) -> Errors | None:
+        """Errors that drivers bring into the baseline and a set, fitted under this noise; None where they are next to nothing."""
+        bank = self.bank
+        if (baseline := bank.baseline) is None:
+            return None
+        given = Conditional(self, self.all_columns(members))
+        parts = [(basis, member.size * scale) for member in members for basis, scale in bank.scaled(member.form) or ()]
+        edges = np.cumsum([0, *(bank.columns(basis).shape[1] for basis, _ in parts)])
+        weights = [scale * given.weights[a:b] for (_, scale), a, b in zip(parts, edges[:-1], edges[1:], strict=True)]
+        terms = sum((bank.columns(basis) @ w for (basis, _), w in zip(parts, weights, strict=True)), np.zeros(len(bank.data)))
+        design = self.whitened.whiten(bank.data.means(baseline.columns))
+        size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        left = self.whitened.whiten((bank.data.output - terms)[:, None])[:, 0]
+        numbers = np.linalg.lstsq(design / size, left, rcond=1e-9)[0] / size
+
+        def predicted(run: Run) -> Array:
+            total = run.on_bins(baseline.stated(run.binned)) + baseline.columns(run) @ numbers
+            return np.asarray(sum((basis.columns(run) @ w for (basis, _), w in zip(parts, weights, strict=True)), total))
+
+        made_of = (baseline.simulator.mechanisms, baseline.own, [basis for basis, _ in parts])
+        found = errors_of(bank.data, predicted, made_of, given.square / self.whitened.freedom)
+        return found if found.count else None
 
     def block(self, member: Member) -> Array:
         """Columns of a member with weights of unit variance, shape (n, m)."""

@@ -109,9 +109,7 @@ class Fit:
     def noise_rms(self) -> float:
         """Root mean square of all noise of window means about the mean of their run."""
         total, count = 0.0, 0
-        length = max(len(run.full) for run in self.data.runs)
-        for run in self.data.runs:
-            covariance = self.state.noise.covariance(run.windows, run.white, length)
+        for covariance in self.state.noise.covariances(self.data):
             total += float(np.trace(covariance) - covariance.mean() * len(covariance))
             count += len(covariance)
         return self.white * math.sqrt(total / count)

@@ -1,9 +1,10 @@
 r"""Hypotheses of the noise of window means, relative to their white part, and the whitening of columns under each.
 
-.. math:: N = \mathrm{diag}(v) + \phi^2 F + \omega^2 \min(t, t') / T + a^2 e^{-|t - t'| / \tau}
+.. math:: N = \mathrm{diag}(v) + \phi^2 F + \omega^2 \min(t, t') / T + a^2 e^{-|t - t'| / \tau} + E
 
 with F a sum of relaxations whose spectra add up to 1/f (A. van der Ziel, Physica 16, 359 (1950)), each averaged over windows
-exactly, and T the length of the longest run. Runs are independent. Windows are few, so each run has a Cholesky factor.
+exactly, T the length of the longest run, and E the errors of drivers (:mod:`rlgcomp.diagnosis.engine.errors`). Runs are
+independent. Windows are few, so each run has a Cholesky factor.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.data import Data
+from rlgcomp.diagnosis.engine.errors import Errors
 
 Array = npt.NDArray[np.float64]
 _RATIO: Final = 5.0  # between the time constants of the relaxations
@@ -38,15 +40,33 @@ class Noise:
         Standard deviation of what wanders unrecorded.
     wander_time : float
         Its correlation time over the length of the longest run.
+    errors : Errors, optional
+        What errors of the drivers of a set bring.
     """
 
     flicker: float = 0.0
     walk: float = 0.0
     wander: float = 0.0
     wander_time: float = 0.1
+    errors: Errors | None = None
+
+    @property
+    def of_gyro(self) -> Noise:
+        """Without errors of drivers."""
+        return dataclasses.replace(self, errors=None)
+
+    def of_runs(self, count: int) -> Noise:
+        """The same for the first runs of so many."""
+        return self if self.errors is None else dataclasses.replace(self, errors=Errors(self.errors.blocks[:count]))
+
+    def covariances(self, data: Data) -> list[Array]:
+        """Of the windows of each run."""
+        length = max(len(run.full) for run in data.runs)
+        found = [self.covariance(run.windows, run.white, length) for run in data.runs]
+        return found if self.errors is None else [a + b for a, b in zip(found, self.errors.blocks, strict=True)]
 
     def covariance(self, places: npt.NDArray[np.intp], white: Array, length: float) -> Array:
-        """Of the windows of one run.
+        """Of the windows of one run, without errors of drivers.
 
         Parameters
         ----------
@@ -118,13 +138,13 @@ class Whitened:
     """
 
     def __init__(self, data: Data, design: Array, noise: Noise) -> None:
-        length = max(len(run.full) for run in data.runs)
         self.noise = noise
         self._slices = data.slices
-        self._factors = [
-            _inverse_root(noise.covariance(run.windows, run.white, length)) if noise != Noise() else 1.0 / np.sqrt(run.white)
-            for run in data.runs
-        ]
+        self._factors = (
+            [1.0 / np.sqrt(run.white) for run in data.runs]
+            if noise == Noise()
+            else [_inverse_root(covariance) for covariance in noise.covariances(data)]
+        )
         white = self.whiten(design)
         size = np.linalg.norm(white, axis=0)
         self.basis, triangle = np.linalg.qr(white / size)

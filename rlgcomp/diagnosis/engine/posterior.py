@@ -39,7 +39,7 @@ class Posterior:
         best = max(jumping, key=lambda state: state.log_posterior, default=None)
         if best is not None and best.log_posterior > states[0].log_posterior:
             assert best.telegraph is not None  # noqa: S101
-            with_path = Search(Bank(bank.data, np.column_stack([bank.design, best.telegraph.path])), regions)
+            with_path = Search(Bank(bank.data, np.column_stack([bank.design, best.telegraph.path]), bank.baseline), regions)
             for state in with_path.run()[:_PROVED]:
                 for member in state.members:
                     search.bank.prepare([member.form])

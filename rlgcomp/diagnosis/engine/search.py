@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
+from rlgcomp.diagnosis.engine.errors import Errors
 from rlgcomp.diagnosis.engine.evidence import LOG_SIZE, Bank, Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.engine.noise import Noise, hypotheses, neighbours
 from rlgcomp.diagnosis.engine.screen import Layout, Screen, gains
@@ -28,6 +29,7 @@ _WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expan
 _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _USUAL_WANDER: Final = 1.5  # from which its size is climbed
 _MOST: Final = 6  # members of a set
+_ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 _WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
@@ -94,7 +96,8 @@ class Search:
         self._evidences: dict[Noise, Evidence] = {}
         self._screens: dict[Noise, Screen] = {}
         self.visited: dict[Key, State] = {}
-        self._grown: set[tuple[frozenset[str], str]] = set()
+        self._grown: set[tuple[frozenset[str], str, Errors | None]] = set()
+        self._errors: list[Errors] = []
 
     def _section(self, key: str) -> str:
         """Of the layout: laws of which there are many forms by themselves, other laws together, and what is not a law together."""
@@ -109,7 +112,7 @@ class Search:
     def evidence(self, noise: Noise) -> Evidence:
         """The evidence under a noise."""
         if noise not in self._evidences:
-            self._evidences[noise] = Evidence(self.bank, noise, self.noise_log_prior[noise])
+            self._evidences[noise] = Evidence(self.bank, noise, self.noise_log_prior[noise.of_gyro])
         return self._evidences[noise]
 
     def screen(self, noise: Noise) -> Screen:
@@ -126,7 +129,8 @@ class Search:
 
     def run(self) -> list[State]:
         """All states that were visited, the likeliest first."""
-        null, wander = self.converged(()), self._wandering(())
+        null = self.refined(self.converged(()))
+        wander = self._wandering(null)
         beam, best = [null, *([wander] if wander.log_posterior > null.log_posterior else [])], null.log_posterior
         for size in range(1, _MOST + 1):
             children: dict[frozenset[str], State] = {}
@@ -145,8 +149,8 @@ class Search:
             beam = [state for state in beam if state.log_posterior > best - _WITHIN] or beam[:1]
         self._exchange()
         ordered = sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
-        for members in dict.fromkeys(state.members for state in ordered[:_WITH_WANDER]):
-            self._wandering(members)
+        for state in ordered[:_WITH_WANDER]:
+            self._wandering(state)
         return sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
 
     def _exchange(self) -> None:
@@ -169,11 +173,13 @@ class Search:
         found = []
         for members in dict.fromkeys(state.members for state in states):
             table = np.hstack([np.empty((len(self.bank.data), 0)), *(self._unwhitened(member) for member in members)])
-            seen = telegraph(self.bank.data, self.bank.design, table, self._slow(table))
+            errors = self._errors_of(State(members, _WHITE, 0.0))
+            white = self.bank.data.white + (0.0 if errors is None else errors.variances)
+            seen = telegraph(self.bank.data, self.bank.design, table, self._slow(table), white)
             if seen is None:
                 continue
             log_point = seen.log_evidence + self.log_prior(members) + math.log(priors.NAMED_ODDS)
-            state = State(members, Noise(), log_point, telegraph=seen)
+            state = State(members, Noise(errors=errors), log_point, telegraph=seen)
             self._visit(state)
             found.append(state)
         return found
@@ -204,12 +210,12 @@ class Search:
 
         def value(one: Noise) -> float:
             if one not in found:
-                found[one] = self.evidence(one).log_evidence(members) + log_prior + self.noise_log_prior[one]
+                found[one] = self.evidence(one).log_evidence(members) + log_prior + self.noise_log_prior[one.of_gyro]
             return found[one]
 
         best = max((noise, *self._climbed_from(noise)), key=value)
         while True:
-            around = [one for one in neighbours(best) if one in self.noise_log_prior]
+            around = [one for one in neighbours(best) if one.of_gyro in self.noise_log_prior]
             nearer = max((best, *around), key=value)
             if nearer == best:
                 break
@@ -218,14 +224,15 @@ class Search:
         self._visit(state)
         return state
 
-    def _wandering(self, members: Set) -> State:
+    def _wandering(self, state: State) -> State:
         """A set beside something unrecorded that wanders."""
-        starts = [one for one in self.noise_log_prior if one.wander == _USUAL_WANDER]
-        return max((self.converged(members, start) for start in starts[1::2]), key=lambda state: state.log_posterior)
+        usual = [one for one in self.noise_log_prior if one.wander == _USUAL_WANDER]
+        starts = [dataclasses.replace(one, errors=state.noise.errors) for one in usual[1::2]]
+        return max((self.converged(state.members, start) for start in starts), key=lambda found: found.log_posterior)
 
     def _climbed_from(self, noise: Noise) -> tuple[Noise, ...]:
         """Starts of a climb beside one."""
-        return () if noise.wander else (Noise(), Noise(walk=1.0))
+        return () if noise.wander else (Noise(errors=noise.errors), Noise(walk=1.0, errors=noise.errors))
 
     def _visit(self, state: State) -> None:
         known = self.visited.get(state.key)
@@ -236,7 +243,7 @@ class Search:
         """Noises under which a state is expanded: its own, white noise, and less of what is slow."""
         own = state.noise
         fewer = [one for one in neighbours(own) if one.flicker <= own.flicker and one.walk <= own.walk and one.wander <= own.wander]
-        return list(dict.fromkeys([own, Noise(), *fewer[:1]]))
+        return list(dict.fromkeys([own, Noise(errors=own.errors), *fewer[:1]]))
 
     def expanded(self, state: State) -> list[State]:
         """A state with each further region, at its likeliest form, size and noise."""
@@ -248,7 +255,7 @@ class Search:
         wanted = np.array([region not in taken for region in self._region_of])
         for noise in self.core(state):
             given = self.evidence(noise).given(state.members)
-            offset = log_prior + self.noise_log_prior[noise] + LOG_SIZE
+            offset = log_prior + self.noise_log_prior[noise.of_gyro] + LOG_SIZE
             of_forms = self.screen(noise).gains(given, wanted) + shares[:, None] + offset
             for key in set(self.regions) - taken:
                 region = self.regions[key]
@@ -275,6 +282,30 @@ class Search:
     # --- one state -------------------------------------------------------------------------------------------------------------
 
     def refined(self, state: State) -> State:
+        """A state at its best; errors of its drivers join the noise, if they are there."""
+        best: State | None = None
+        for _ in range(_ROUNDS_OF_ERRORS):
+            errors = self._errors_of(state)
+            if best is not None and errors is state.noise.errors:
+                break
+            state = self._refined(dataclasses.replace(state, noise=dataclasses.replace(state.noise, errors=errors)))
+            if best is not None and state.log_posterior <= best.log_posterior:
+                break
+            best = state
+        assert best is not None  # noqa: S101
+        return best
+
+    def _errors_of(self, state: State) -> Errors | None:
+        """Errors of the drivers of a state, the same object where they are next to the same."""
+        found = self.evidence(state.noise).errors(state.members)
+        if found is None:
+            return None
+        known = next((one for one in self._errors if one.like(found)), None)
+        if known is None:
+            self._errors.append(found)
+        return known or found
+
+    def _refined(self, state: State) -> State:
         """Members chosen again given the others, polished and grown; then the volume about the point."""
         members, noise = state.members, state.noise
         for _ in range(3):
@@ -341,24 +372,25 @@ class Search:
         """The likeliest form of a member under white noise, for a loud noise hides what it stands in for; and a grown one."""
         members = state.members
         others, own = (*members[:k], *members[k + 1 :]), members[k]
-        known = frozenset(member.form.region for member in others), own.form.region
+        white = Noise(errors=state.noise.errors)
+        known = frozenset(member.form.region for member in others), own.form.region, white.errors
         top = max(other.log_posterior for other in self.visited.values())
         if known in self._grown or state.log_posterior < top - _WITHIN_REACH:
             return []
         self._grown.add(known)
-        region, given = self.regions[own.form.region], self.evidence(_WHITE).given(others)
-        best = self._best_of_region(region, given, _WHITE) or self._best(given, own.form)
+        region, given = self.regions[own.form.region], self.evidence(white).given(others)
+        best = self._best_of_region(region, given, white) or self._best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
             return []
         found = [self._polished(*best, given)[1]]
         grow = region.grow
-        if grow is not None and (state.noise != _WHITE or self._switches(own.form) or not region.forms):
+        if grow is not None and (state.noise != white or self._switches(own.form) or not region.forms):
             wanted = np.array([form.region == region.key and next(iter(grow(form)), None) is not None for form in self.forms])
-            first = self._best_of_region(region, given, _WHITE, wanted) if region.forms else best
+            first = self._best_of_region(region, given, white, wanted) if region.forms else best
             if first is not None:
                 value, member = self._polished(*first, given)
                 while True:
-                    more = self._likeliest(given, self._promising(grow(member.form), (*others, member), _WHITE)) or (value, member)
+                    more = self._likeliest(given, self._promising(grow(member.form), (*others, member), white)) or (value, member)
                     if more[0] <= value + _WORTH_MORE:
                         break
                     value, member = self._polished(*more, given, last=True)

@@ -60,7 +60,7 @@ class Telegraph:
     log_evidence: float
 
 
-def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array]) -> Telegraph | None:
+def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array], white: Array) -> Telegraph | None:
     """The likeliest two-state process beside a set; None where none is clear of the noise.
 
     Parameters
@@ -72,8 +72,10 @@ def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array]) 
         Columns of the set, weights of variance σ².
     starts : sequence of ndarray, shape (n,)
         Slow courses of the output from which the path is begun.
+    white : ndarray, shape (n,)
+        Variance of the white noise, over that of a window mean.
     """
-    root = np.sqrt(data.white)
+    root = np.sqrt(white)
     output, columns = data.output / root, np.hstack([design, table]) / root[:, None]
     precision = np.diag(np.r_[np.zeros(design.shape[1]), np.ones(table.shape[1])])
     solve = np.linalg.solve(columns.T @ columns + precision, columns.T)
@@ -105,16 +107,16 @@ def _fitted(
     for _ in range(_ROUNDS):
         weights = solve @ (output - size * path / root)
         left = (output - columns @ weights) * root  # in the unit of the output
-        size = max(float(np.sum(path * left / data.white) / np.sum(1.0 / data.white)), 1e-300)
-        square = np.sum((left**2 - 2.0 * size * path * left + size**2) / data.white) + weights @ precision @ weights
+        size = max(float(np.sum(path * left / root**2) / np.sum(1.0 / root**2)), 1e-300)
+        square = np.sum((left**2 - 2.0 * size * path * left + size**2) / root**2) + weights @ precision @ weights
         variance = float(square) / freedom
         log_likelihood, path, jumps = 0.0, np.empty_like(path), 0.0
         for rows in data.slices:
-            ratio = 2.0 * size * left[rows] / (variance * data.white[rows])
+            ratio = 2.0 * size * left[rows] / (variance * (root[rows] ** 2))
             found, smoothed, changes = two_state(ratio, flip)
             log_likelihood += found
             path[rows], jumps = smoothed, jumps + changes
-        square_about = np.sum((left**2 + size**2) / data.white)
+        square_about = np.sum((left**2 + size**2) / root**2)
         log_likelihood -= 0.5 * float(square_about) / variance
         scale = weights
         if log_likelihood - before < _SAME and log_likelihood >= before:
