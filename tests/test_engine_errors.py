@@ -34,7 +34,8 @@ def made(seed: int, *, slope: float, read_noise: float, step_K: float = 0.0) -> 
     for k in range(2):
         rng = np.random.default_rng([seed, k])
         time_s = 10.0 * np.arange(3000)
-        block = 20.0 + 30.0 * np.interp(time_s, [0, 3e3, 9e3, 12e3, 19e3, 23e3, 3e4], [-1, -1, 1.2, 1.2, -0.5, -0.5, 0.5][:: 1 - 2 * k])
+        corners = [-1.0, -1.0, 1.2, 1.2, -0.5, -0.5, 0.5][:: 1 - 2 * k]
+        block = 20.0 + 30.0 * np.interp(time_s, [0.0, 3e3, 9e3, 12e3, 19e3, 23e3, 3e4], corners)
         light, beam, supply = (wandering(3000, 200.0, rng) for _ in range(3))
         gyro = 0.02 * (block - 20.0) + slope * light**2 + np.sqrt(10.0) * rng.standard_normal(3000)
         read = block + 0.003 * rng.standard_normal(3000)
