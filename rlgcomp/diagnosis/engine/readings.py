@@ -1,11 +1,13 @@
 r"""Readings of a driver: their noise, the step to which they are rounded, and the course of the driver behind them.
 
 A gyro follows the driver and not what is read of it. Where readings have noise, the likeliest course is their smooth: by a Gaussian
-whose width has the least risk, as far as smooths of all smaller widths agree, so that jumps stay. What it leaves is an error of the driver.
+whose width has the least risk, as far as smooths of all smaller widths agree, so that jumps stay. What it leaves is an error of the
+driver.
 
 References
 ----------
-A. Goldenshluger, A. Nemirovski, "On spatially adaptive estimation of nonparametric regression", Math. Methods Statist. 6, 135 (1997).
+A. Goldenshluger, A. Nemirovski, "On spatially adaptive estimation of nonparametric regression", Math. Methods Statist. 6, 135
+(1997).
 """
 
 from __future__ import annotations
