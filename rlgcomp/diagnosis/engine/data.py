@@ -145,8 +145,9 @@ class Run:
         kept = np.rint((self.binned.time_s - self.binned.time_s[0]) / self.grid.bin_s).astype(np.intp)
         column = np.where(kept < self.bins, values[np.minimum(kept, self.bins - 1)], self.binned.column(name))
         binned = self.binned.replace(table=self.binned.table.assign(**{name: column}), truth=None)
-        others = {key: one for key, one in self.cache.items() if isinstance(key, tuple) and key[0] == "column"}
-        return dataclasses.replace(self, binned=binned, cache=others | {("column", name): values})
+        cache: dict[object, Array] = {key: one for key, one in self.cache.items() if isinstance(key, tuple) and key[0] == "column"}
+        cache[("column", name)] = values
+        return dataclasses.replace(self, binned=binned, cache=cache)
 
     def on_bins(self, values: Array) -> Array:
         """Values at the recorded bins, interpolated to all bins of the run; shape (bins,) or (bins, k)."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -108,7 +108,10 @@ def neighbours(noise: Noise) -> tuple[Noise, ...]:
     found = []
     for name, values in axes:
         at = values.index(getattr(noise, name))
-        found += [dataclasses.replace(noise, **{name: values[k]}) for k in (at - 1, at + 1) if 0 <= k < len(values)]
+        for k in (at - 1, at + 1):
+            if 0 <= k < len(values):
+                moved: dict[str, Any] = {name: values[k]}
+                found.append(dataclasses.replace(noise, **moved))
     return tuple(found)
 
 
