@@ -9,8 +9,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner, Result
 
+import rlgcomp as rlg
 from rlgcomp.challenge.score import Hidden, Score
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.engine.diagnose import diagnose
 from rlgcomp.diagnosis.engine.result import Diagnosis
 from rlgcomp.errors import InputError
@@ -189,3 +193,47 @@ def test_a_mechanism_of_the_users_is_a_candidate(runs: list[Recording], tmp_path
     again = Simulator.from_yaml(tmp_path / "augmented.yaml", own)
     (written,) = [mechanism for mechanism in again.mechanisms if mechanism.name == "bellows"]
     assert written.to_mapping()["k_deg_h_hPa2"] == pytest.approx(scale, rel=0.3)
+
+
+# --- the command ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(runs: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    for run in runs:
+        rlg.write(run, folder / f"{run.name}.parquet")
+        run.table.rename(columns={"gyro_deg_h": "force_N"}).to_csv(folder / f"{run.name}.csv", index=False)
+    BASELINE.to_yaml(folder / "gyro.yaml")
+    return folder
+
+
+def command(folder: Path, *arguments: str) -> Result:
+    register_commands()
+    placed = [str(folder / one) if one.endswith((".parquet", ".csv", ".yaml")) else one for one in arguments]
+    return CliRunner().invoke(app, ["diagnose", "--simulator", str(folder / "gyro.yaml"), *placed, "--only", *FEW])
+
+
+def test_the_command_on_one_model(folder: Path, tmp_path: Path) -> None:
+    files = ("--train", "run0.parquet", "--confirm", "run1.parquet", "--test", "run2.parquet")
+    result = command(folder, "--engine", "one-model", *files, "--json", "--out", str(tmp_path / "out"))
+    assert result.exit_code == 0
+    content = json.loads(result.stdout)
+    assert [one["mechanism"] for one in content["findings"]] == ["supply_voltage"]
+    assert [Path(one["file"]).name for one in content["runs"]["confirm"]] == ["run1.parquet"]
+    assert all(len(one["sha256"]) == 64 for part in content["runs"].values() for one in part)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"diagnosis.json", "augmented.yaml", "report.html"}
+
+
+def test_the_command_diagnoses_a_quantity_that_is_no_gyro(folder: Path, tmp_path: Path) -> None:
+    arguments = ("--engine", "one-model", "--train", "run0.csv", "--output", "force_N", "--json", "--out", str(tmp_path / "out"))
+    content = json.loads(command(folder, *arguments).stdout)
+    assert content["output"] == {"column": "force_N", "unit": "N"}
+    assert content["findings"][0]["parameters"]["k_deg_h_V"]["unit"] == "N/V"
+
+
+@pytest.mark.parametrize("options", [("--output", "force_N"), ("--engine", "one-model", "--no-confirm"), ("--engine", "other")])
+def test_options_of_the_other_engine_are_refused(options: tuple[str, ...], folder: Path, tmp_path: Path) -> None:
+    result = command(folder, "--train", "run0.parquet", "--out", str(tmp_path / "out"), *options)
+    assert result.exit_code == 2
+    assert not (tmp_path / "out").exists()

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from rlgcomp.simulation.simulator import Simulator
 
 RUNS = "RUN..."
+ONE_MODEL: Final = "one-model"
+ENGINES: Final = ("catalogue", ONE_MODEL)
 FILES: Final = ("diagnosis.json", "augmented.yaml", "report.html")  # what `diagnose` writes
 _SLOW_IMPORTS: Final = (  # for the LS-SVM, then for the pictures
     "rlgcomp.compensation.compensator",
@@ -50,7 +52,7 @@ _SLOW_IMPORTS: Final = (  # for the LS-SVM, then for the pictures
 )
 
 
-@command("diagnose", several=("--train", "--test", "--simulated", "--mechanisms"))
+@command("diagnose", several=("--train", "--test", "--confirm", "--simulated", "--mechanisms", "--without", "--only"))
 def diagnose(
     train: Annotated[list[str], typer.Option("--train", metavar=RUNS, help="Recordings to explain, or parts RUN@START:STOP.")],
     out: Annotated[
@@ -101,8 +103,32 @@ def diagnose(
         ),
     ] = None,
     confirm: Annotated[
-        bool, typer.Option("--confirm/--no-confirm", help="Ask the held-out runs whether they bear out what training runs propose.")
-    ] = True,
+        list[str] | None,
+        typer.Option(
+            "--confirm", metavar=RUNS, help="Recordings that take part in the choice, not in the fit (--engine one-model)."
+        ),
+    ] = None,
+    no_confirm: Annotated[
+        bool, typer.Option("--no-confirm", help="--engine catalogue: let the held-out runs prove and decide nothing.")
+    ] = False,
+    without: Annotated[
+        list[str] | None, typer.Option("--without", metavar="NAME...", help="Candidates to leave out (--engine one-model).")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="NAME...", help="The only candidates (--engine one-model).")
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option("--output", metavar="COLUMN", help="Another quantity than a gyro's output, as force_N (--engine one-model)."),
+    ] = None,
+    engine: Annotated[
+        str,
+        typer.Option(
+            "--engine",
+            metavar="catalogue|one-model",
+            help="catalogue: mechanisms, then laws; held-out runs are asked. one-model: one evidence; test runs only prove.",
+        ),
+    ] = "catalogue",
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
     mapping: Map = None,
     drop: Drop = None,
@@ -119,9 +145,30 @@ def diagnose(
     from rlgcomp.errors import InputError
     from rlgcomp.files import whole_folder
 
-    require_folder(out, FILES, train, test, simulator, simulated, mechanisms, noise, calibration)
+    require_folder(out, FILES, train, test, confirm, simulator, simulated, mechanisms, noise, calibration)
     if averaging_s is not None and not 0.0 < averaging_s < math.inf:
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
+    _require_of_engine(engine, confirm=confirm, without=without, only=only, output=output, noise=noise, no_confirm=no_confirm)
+    if engine == ONE_MODEL:
+        _diagnose_on_one_model(
+            train,
+            test or [],
+            confirm or [],
+            out,
+            simulator=simulator,
+            simulated=simulated,
+            candidates=candidates_of(mechanisms, only_own),
+            without=without or [],
+            only=only or [],
+            gyro=gyro,
+            output=output,
+            averaging_s=averaging_s,
+            chamber=chamber,
+            seed=seed,
+            reading=(mapping, drop, pulse_arcsec, calibration),
+            as_json=as_json,
+        )
+        return
     with background_process(_SLOW_IMPORTS) as executor:
         from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
         from rlgcomp.diagnosis.question.held_out import told_apart
@@ -147,7 +194,7 @@ def diagnose(
                 window_s=averaging_s,
                 noise=measured,
                 chamber=chamber,
-                confirm=confirm,
+                confirm=not no_confirm,
                 seed=seed,
                 progress=lambda fraction: advance(round(100 * fraction), 100),
                 executor=executor,
@@ -162,6 +209,99 @@ def diagnose(
         return
     show_text(str(diagnosis))
     notify(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
+
+
+def _require_of_engine(engine: str, **given: object) -> None:
+    """Refuse an unknown engine, and options that belong to the other one.
+
+    Raises
+    ------
+    InputError
+        An option was given that this engine does not have.
+    """
+    from rlgcomp.errors import InputError
+
+    if engine not in ENGINES:
+        raise InputError(f"--engine is {engine!r}; it must be one of {', '.join(ENGINES)}")
+    other = ("noise", "no_confirm") if engine == ONE_MODEL else ("confirm", "without", "only", "output")
+    foreign = [f"--{name.replace('_', '-')}" for name in other if given[name]]
+    if foreign:
+        owner = next(name for name in ENGINES if name != engine)
+        raise InputError(f"{', '.join(foreign)} goes with --engine {owner}; this is --engine {engine}")
+
+
+def _diagnose_on_one_model(
+    train: Sequence[str],
+    test: Sequence[str],
+    confirm: Sequence[str],
+    out: Path,
+    *,
+    simulator: str | None,
+    simulated: Sequence[str] | None,
+    candidates: Mapping[str, type[Mechanism]],
+    without: Sequence[str],
+    only: Sequence[str],
+    gyro: str | None,
+    output: str | None,
+    averaging_s: float | None,
+    chamber: tuple[float, float, float] | None,
+    seed: int,
+    reading: tuple[list[str] | None, list[str] | None, float | None, Path | None],
+    as_json: bool,
+) -> None:
+    """`diagnose` by the engine of one model; parameters are those of the command."""
+    from rlgcomp.diagnosis.engine.diagnose import diagnose as diagnose_runs
+    from rlgcomp.diagnosis.question.held_out import told_apart
+    from rlgcomp.files import whole_folder
+    from rlgcomp.physics import CATALOGUE
+
+    mapping, drop, pulse_arcsec, calibration = reading
+    chosen = _simulator(simulator, simulated, {**CATALOGUE, **candidates})
+    specs = [*train, *confirm, *test]
+    mapping = [*(mapping or []), *_mapped_output(output, specs)]
+    runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or ()))
+    if output is not None:
+        runs = [run if output in run else run.replace(table=run.table.assign(**{output: run.rate_deg_h()})) for run in runs]
+    own = None
+    if simulated:
+        own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs))
+    with progress("diagnosing", 100) as advance:
+        diagnosis = diagnose_runs(
+            chosen,
+            runs[: len(train)],
+            runs[len(train) + len(confirm) :],
+            confirm=runs[len(train) : len(train) + len(confirm)],
+            simulated=own,
+            mechanisms=candidates,
+            without=without,
+            only=only,
+            gyro=calibrated_name(gyro, calibration),
+            output=output,
+            window_s=averaging_s,
+            chamber=chamber,
+            seed=seed,
+            progress=lambda fraction: advance(round(100 * fraction), 100),
+        )
+    files = [[interval_of(spec)[0] for spec in group] for group in (train, test, confirm)]
+    diagnosis = diagnosis.of_files(files[0], files[1], _file_of(simulator), files[2])
+    with whole_folder(out, writes=FILES) as folder:
+        diagnosis.save(folder)
+        diagnosis.report(folder / "report.html")
+    if as_json:
+        show_json(diagnosis.to_mapping())
+        return
+    typer.echo(str(diagnosis))
+    notify(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")
+
+
+def _mapped_output(output: str | None, specs: Sequence[str]) -> list[str]:
+    """The mapping that reads an output as a gyro where the files have none: a recording holds one."""
+    from rlgcomp.recording import is_gyro
+    from rlgcomp.recording.formats import column_names
+
+    if output is None or any(is_gyro(name) for name in column_names(interval_of(specs[0])[0])):
+        return []
+    return [f"gyro_deg_h={output} [deg/h]"]
 
 
 @contextlib.contextmanager

@@ -13,6 +13,7 @@ from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.baseline import Baseline
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
 from rlgcomp.diagnosis.engine.decide import Decision, decided
+from rlgcomp.diagnosis.engine.design import likely, next_experiment
 from rlgcomp.diagnosis.engine.drivers import Driver
 from rlgcomp.diagnosis.engine.evidence import Bank
 from rlgcomp.diagnosis.engine.fit import Fit
@@ -24,6 +25,7 @@ from rlgcomp.diagnosis.engine.record import Request
 from rlgcomp.diagnosis.engine.regions import Setting, laws, named, own_bases
 from rlgcomp.diagnosis.engine.result import Diagnosis
 from rlgcomp.diagnosis.engine.search import State
+from rlgcomp.diagnosis.programmes.feasible import ChamberRange
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
@@ -49,6 +51,7 @@ def diagnose(
     output: str | None = None,
     unit: str | None = None,
     window_s: float | None = None,
+    chamber: Sequence[float] | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Diagnosis:
@@ -81,6 +84,8 @@ def diagnose(
         Unit of the output, by default that of its column's name; "deg/h" of a gyro.
     window_s : float, optional
         Averaging time; by default such that the longest run has 400 windows.
+    chamber : (float, float, float), optional
+        Lowest and highest temperature in degC and fastest ramp in degC/min for the next experiment; by default as recorded.
     seed : int
         Kept in the provenance.
     progress : callable, optional
@@ -101,7 +106,7 @@ def diagnose(
     request = _request(runs, candidates, gyro, output, unit)
     request = dataclasses.replace(request, without=tuple(without), only=tuple(only), seed=seed)
     tell(0.05)
-    engine = _Engine(runs, candidates, request, gyro, output, window_s)
+    engine = _Engine(runs, candidates, request, gyro, output, window_s, None if chamber is None else ChamberRange.of(chamber))
     chosen = engine.posterior([*runs.train, *runs.confirm])
     tell(0.9)
     found = engine.fitted(chosen)
@@ -119,6 +124,7 @@ class _Engine:
     gyro: str | None
     column: str | None
     window_s: float | None
+    chamber: ChamberRange | None
 
     @property
     def grid(self) -> Grid:
@@ -155,6 +161,9 @@ class _Engine:
         baseline = baseline.linearised(data)
         bank = Bank(data, baseline.design(data), baseline)
         before, after = (self._in_training(state, bank) for state in (_null(posterior), _best(posterior, decision)))
+        states = likely(posterior) if decision.verdict == "ambiguous" else []
+        rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
+        following, promise = next_experiment(posterior, rivals, states, self.chamber)
         return Diagnosis(
             decision,
             posterior,
@@ -165,6 +174,8 @@ class _Engine:
             self.candidates,
             self.request,
             self.runs.messages,
+            following,
+            promise,
         )
 
     def _in_training(self, state: State, bank: Bank) -> State:

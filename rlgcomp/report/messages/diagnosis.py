@@ -162,6 +162,20 @@ def _nothing(simulator: str, probability: float, p_value: float) -> str:
     )
 
 
+def _undecided(sets: Sequence[str], separation: float) -> str:
+    return (
+        f"No programme within the recorded ranges can part {listing(list(sets), 'or')}: their predictions differ by "
+        f"{separation:.2g} standard deviations at most. A further monitor might."
+    )
+
+
+def _programme(sets: Sequence[str], profile: str, duration_s: float, expected: float) -> str:
+    return (
+        f"To tell {listing(list(sets), 'from')}, run {profile} ({time_text(duration_s)}): the true one of these would then have a "
+        f"probability of about {probability_text(expected, 2)}."
+    )
+
+
 def _unidentified(mechanism: str, parameters: Sequence[str]) -> str:
     return f"These runs do not determine {listing(list(parameters))} of {mechanism}: the error exceeds the value."
 
@@ -188,6 +202,8 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.unidentified": _unidentified,
     "diagnosis.other_form": _other_form,
     "diagnosis.extrapolated": _extrapolated,
+    "diagnosis.next_experiment": _programme,
+    "diagnosis.no_programme_parts": _undecided,
     "diagnosis.not_in_file": _not_in_file,
     "diagnosis.beside_own_simulator": ("augmented.yaml holds the findings alone: add its prediction to that of {simulator}."),
     "diagnosis.file_differs": (
