@@ -45,8 +45,11 @@ _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
         "s": (1.0, 0.0),
         "ms": (1e-3, 0.0),
         "us": (1e-6, 0.0),
+        "ns": (1e-9, 0.0),
         "min": (60.0, 0.0),
         "h": (3600.0, 0.0),
+        "d": (SECONDS_PER_DAY, 0.0),
+        "week": (7.0 * SECONDS_PER_DAY, 0.0),
     },
     "angular rate [deg/h]": {
         "deg/h": (1.0, 0.0),
@@ -102,26 +105,51 @@ _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
 _SPELLINGS: Final[dict[str, str]] = {
     "°/h": "deg/h",
     "°/hr": "deg/h",
+    "°/hour": "deg/h",
+    "deg/hour": "deg/h",
+    "degrees/h": "deg/h",
+    "degrees/hour": "deg/h",
     "deg/hr": "deg/h",
     "dph": "deg/h",
     "°/s": "deg/s",
     "deg/sec": "deg/s",
+    "°/sec": "deg/s",
+    "degrees/s": "deg/s",
+    "degrees/second": "deg/s",
     "dps": "deg/s",
     "rad/sec": "rad/s",
     "µrad/s": "urad/s",
     "″/s": "arcsec/s",
     "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "usec": "us",
+    "nsec": "ns",
+    "minute": "min",
+    "minutes": "min",
     "hr": "h",
+    "hour": "h",
+    "hours": "h",
+    "day": "d",
+    "days": "d",
+    "weeks": "week",
     "µs": "us",
     "°": "deg",
     "″": "arcsec",
     "°C": "degC",
     "C": "degC",
     "celsius": "degC",
+    "deg c": "degC",
+    "° c": "degC",
+    "grad c": "degC",
     "kelvin": "K",
     "°F": "degF",
     "F": "degF",
+    "deg f": "degF",
     "volt": "V",
+    "volts": "V",
     "µV": "uV",
     "µA": "uA",
     "µT": "uT",
@@ -151,7 +179,9 @@ _SUFFIXES: Final[dict[str, str]] = {
 }
 # Words before `_s` with which it stands for "per second" of a unit that is not known, not for seconds.
 _PER: Final = frozenset({"per", "kg", "l", "m", "mm"}.union(*(units for units in _DIMENSIONS.values())))
+_INVERSE: Final = re.compile(r"(?P<base>\S+)[ *·](?P<per>\S+?)\s*(\^|\*\*)?\s*[-−⁻](?P<power>[123¹²³])")
 _HEADER_UNIT: Final = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]+)[\])]\s*$")
+_LONGEST_UNIT: Final = 40  # letters
 _RAISED: Final = dict(zip("23456789", "²³⁴⁵⁶⁷⁸⁹", strict=True))
 
 
@@ -252,6 +282,26 @@ def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.f
     return (factor_from * array + offset_from - offset_to) / factor_to
 
 
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit that can be converted.
+
+    >>> is_unit("°C"), is_unit("rad s^-1"), is_unit("counter")
+    (True, True, False)
+    """
+    name = _plain_spelling(text.strip().removeprefix("-"))
+    return any(name in table for table in _DIMENSIONS.values())
+
+
+def _plain_spelling(unit: str) -> str:
+    """The package's spelling of a unit: `rad s^-1` is `rad/s`, and `Deg C` is `degC`."""
+    unit = unit.strip()[:_LONGEST_UNIT].replace("\u03bc", "\u00b5")  # the Greek mu and the micro sign
+    inverse = _INVERSE.fullmatch(unit)
+    if inverse is not None:
+        power = inverse["power"].translate(str.maketrans("¹²³", "123"))
+        unit = f"{inverse['base']}/{inverse['per']}{'' if power == '1' else '^' + power}"
+    return _SPELLINGS.get(unit, _SPELLINGS.get(unit.lower(), unit))
+
+
 def _find(unit: str) -> tuple[str, tuple[float, float]]:
     unit = unit.strip()
     if unit.startswith("-"):  # a sense that is reversed
@@ -259,7 +309,7 @@ def _find(unit: str) -> tuple[str, tuple[float, float]]:
         if any(zero for _, zero in _DIMENSIONS[dimension].values()):
             raise InputError(f"unit {unit!r}: a {dimension} has no sense that could be reversed; leave the minus sign out")
         return dimension, (-factor, offset)
-    name = _SPELLINGS.get(unit.strip(), unit.strip())
+    name = _plain_spelling(unit)
     for dimension, table in _DIMENSIONS.items():
         if name in table:
             return dimension, table[name]

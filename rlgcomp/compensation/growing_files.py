@@ -15,6 +15,7 @@ import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import require_writable
+from rlgcomp.recording.formats.csv import NO_TEXT
 from rlgcomp.recording.repair import ROUNDING
 
 STANDARD: Final = "-"  # standard input or output
@@ -47,7 +48,7 @@ def interruption() -> Iterator[Interruption]:
 
 
 class GrowingInput:
-    """Whole lines of a growing file or of standard input, in batches; empty lines and comments are left out.
+    """Whole lines of a growing file or of standard input, in batches.
 
     Parameters
     ----------
@@ -83,14 +84,16 @@ class GrowingInput:
             if len(self.pending) > _LONGEST_LINE_BYTES:
                 raise InputError(f"{self.source}: a line of more than {_LONGEST_LINE_BYTES >> 20} MiB has no end; is it CSV?")
             lines = [self._text(line) for line in whole]
-            if batch := [line for line in lines if line.strip() and not line.startswith("#")]:
-                yield batch
+            if lines:
+                yield lines
 
     def _text(self, line: bytes) -> str:
         try:
-            return line.decode("utf-8-sig")
+            return line.decode("utf-8-sig").rstrip("\r")
         except UnicodeDecodeError as error:
-            raise InputError(f"{self.source}: not UTF-8 text: {error}; is it CSV?") from None
+            if NO_TEXT.search(line):
+                raise InputError(f"{self.source}: not UTF-8 text: {error}; is it CSV?") from None
+            return line.decode("cp1252").rstrip("\r")
 
     def _from_input(self) -> bytes | None:
         """New bytes of standard input, empty if there are none yet, None at its end."""
@@ -194,8 +197,8 @@ def require_csv(source: str) -> Path:
     path = Path(source)
     if not path.is_file():
         raise InputError(f"{source} {'is no file' if path.exists() else 'does not exist'}; --follow reads a CSV file or - ")
-    if not path.name.lower().endswith((".csv", ".txt", ".tsv")):
-        raise InputError(f"{source}: --follow reads plain CSV (.csv, .txt, .tsv)")
+    if not path.name.lower().endswith((".csv", ".txt", ".tsv", ".lvm", ".dat", ".asc")):
+        raise InputError(f"{source}: --follow reads plain CSV (.csv, .txt, .tsv, .lvm, .dat, .asc)")
     return path
 
 

@@ -8,8 +8,8 @@ gyros, frozen thermometers and single outliers, which later samples reveal, are 
 from __future__ import annotations
 
 import collections
+import contextlib
 import dataclasses
-import io
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -27,10 +27,12 @@ from rlgcomp.compensation.correction import calibration_mismatch, corrected_tabl
 from rlgcomp.compensation.growing_files import STANDARD, GrowingInput, GrowingOutput, interruption, require_csv
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Metadata, is_gyro, rate_name
-from rlgcomp.recording.formats import column_mapping, read_sidecar, require_sidecar, write_sidecar
-from rlgcomp.recording.formats.csv import separator_of
+from rlgcomp.recording.formats import column_mapping, csv, read_sidecar, require_sidecar, write_sidecar
+from rlgcomp.recording.formats.dialect import BLANKS, Dialect, decimal_of, entries
 from rlgcomp.recording.formats.mapping import apply_mapping, parse_mapping
 from rlgcomp.recording.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, ROUNDING, without_light
+from rlgcomp.recording.repair.running_time import RunningTime
+from rlgcomp.recording.times import AmbiguousDatesError
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
@@ -135,28 +137,46 @@ def compensate_stream(
     for remark in other_unit(compensator.provenance_, source, metadata.unit):
         notify(remark)
     rows, stream, written = 0, None, None
+    head: list[str] = []
+
+    def begin(dialect: Dialect) -> tuple[StreamCompensator, GrowingOutput]:
+        stream = StreamCompensator(
+            compensator,
+            dialect,
+            mapping=columns,
+            drop=drop,
+            pulse_arcsec=metadata.pulse_arcsec,
+            period_s=period_s,
+            calibration=calibration,
+        )
+        written = GrowingOutput(out, ",".join(stream.columns), sys.stdout)
+        if writes_sidecar:
+            write_sidecar(out, metadata.to_mapping())
+        return stream, written
+
     with interruption() as interrupted, GrowingInput(source, interrupted, idle_s) as batches:
         for batch in batches:
-            if stream is None or written is None:
-                header, *lines = batch
-                stream = StreamCompensator(
-                    compensator,
-                    header,
-                    mapping=columns,
-                    drop=drop,
-                    pulse_arcsec=metadata.pulse_arcsec,
-                    period_s=period_s,
-                    calibration=calibration,
-                )
-                written = GrowingOutput(out, ",".join(stream.columns), sys.stdout)
-                if writes_sidecar:
-                    write_sidecar(out, metadata.to_mapping())
-            else:
-                lines = batch
+            lines = batch
+            if stream is None or written is None or not stream.begun:
+                head += batch
+                dialect = csv.dialect_of_text(head)
+                lines = head[dialect.first :]
+                if stream is None:
+                    with contextlib.nullcontext() if lines else contextlib.suppress(InputError):  # more lines may name the columns
+                        stream, written = begin(dialect)
+                if not lines or stream is None or written is None:
+                    continue
+                stream.begin(dialect, lines)
+                for finding in dialect.findings:
+                    notify(finding.message)
             rows += written.add(to_lines(stream.feed(lines)))
+        if any(line.strip() for line in head) and stream is None:
+            stream, written = begin(csv.dialect_of_text(head))
         if stream is None or written is None:
             raise InputError(f"{source}: no line with the names of the columns came")
         written.close()
+        if interrupted.signal is None and stream.left_out and not stream.usable:
+            raise InputError(f"{source}: no row could be used: {stream.reasons}")
         unfinished = bool(batches.pending.strip())
         return StreamSummary(str(out), rows, written.found_there, dict(stream.left_out), unfinished, interrupted.signal)
 
@@ -168,8 +188,8 @@ class StreamCompensator:
     ----------
     compensator : Compensator
         Fitted; it is restarted.
-    header : str
-        The first line: names of the columns.
+    header : str or Dialect
+        The line with the names of the columns, or how the lines are written.
     mapping, drop, pulse_arcsec, period_s
         As :func:`rlgcomp.read` takes them. A file without time stamps needs `period_s`, and so do gyros that count pulses: a stream
         does not show its sample period, as a whole recording does.
@@ -179,6 +199,8 @@ class StreamCompensator:
     ----------
     left_out : Counter
         Rows that gave no output, by reason.
+    usable : int
+        Rows that gave output.
     columns : tuple of str
         Of the output.
 
@@ -191,7 +213,7 @@ class StreamCompensator:
     def __init__(
         self,
         compensator: Compensator,
-        header: str,
+        header: str | Dialect,
         *,
         mapping: Mapping[str, str] | None = None,
         drop: Sequence[str] = (),
@@ -209,8 +231,9 @@ class StreamCompensator:
             self.pulse_arcsec = calibration.pulse_arcsec
         if period_s is not None and not (isinstance(period_s, int | float) and 0.0 < period_s < np.inf):
             raise InputError(f"the sample period is {period_s!r}; it must be a positive number of seconds")
-        self.separator = separator_of(header)
-        self._names = [str(name) for name in pd.read_csv(io.StringIO(header), sep=self.separator, skipinitialspace=True).columns]
+        self.dialect = csv.dialect_of_text([header]) if isinstance(header, str) else header
+        self._time, self._begun = RunningTime(), False
+        self.usable = 0
         self.left_out: Counter[str] = Counter()
         self._rows = 0
         self._last_s = -np.inf
@@ -229,30 +252,63 @@ class StreamCompensator:
 
     # --- inside ------------------------------------------------------------------------------------------------------------
 
+    @property
+    def begun(self) -> bool:
+        """Whether lines of numbers have shown how they are written."""
+        return self._begun
+
+    def begin(self, dialect: Dialect, lines: Sequence[str]) -> None:
+        """Take the dialect that the first lines of numbers show.
+
+        Raises
+        ------
+        InputError
+            Their times may be read in two ways, or the columns have other names than the first line gave.
+        """
+        if dialect.names != self.dialect.names:
+            raise InputError(f"the stream: its columns are {', '.join(dialect.names)} and were {', '.join(self.dialect.names)}")
+        self.dialect, self._begun = dialect, True
+        table = self._renamed(csv.parse(lines, self.dialect, "the stream")) if lines else pd.DataFrame()
+        if TIME in table:
+            try:
+                RunningTime().seconds(table[TIME])
+            except AmbiguousDatesError as error:
+                raise InputError(f"the stream: {message('recording.ambiguous_dates', first=error.first)}") from None
+
+    @property
+    def reasons(self) -> str:
+        """Why rows gave no output."""
+        return ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
+
     def _parsed(self, lines: Sequence[str]) -> pd.DataFrame:
-        regular = [line for line in lines if line.count(self.separator) < len(self._names)]
+        lines = [line for line in lines if line.strip() and not line.startswith("#")]
+        if not self.dialect.decimal_seen and (seen := decimal_of(self.dialect.separator, lines)) is not None:
+            self.dialect = dataclasses.replace(self.dialect, decimal=seen, decimal_seen=True)
+        regular = [line for line in lines if self._count(line) <= len(self.dialect.names)]
         if len(regular) < len(lines):
             self.left_out["with more entries than columns"] += len(lines) - len(regular)
-        table = pd.read_csv(
-            io.StringIO("".join(f"{line}\n" for line in regular).replace('"', "")),
-            sep=self.separator,
-            names=self._names,
-            header=None,
-            index_col=False,
-            comment="#",
-            skipinitialspace=True,
-            low_memory=False,
-        )
+        table = csv.parse([line.replace('"', "") for line in regular], self.dialect, "the stream")
         if self.period_s is not None and TIME not in table:
             table[TIME] = self.period_s * np.arange(self._rows, self._rows + len(table))
         self._rows += len(table)
         return table
 
-    def _mapped(self, table: pd.DataFrame) -> pd.DataFrame:
+    def _count(self, line: str) -> int:
+        """Number of entries of a line."""
+        separator = self.dialect.separator
+        return len(entries(line, separator)) if separator == BLANKS else 1 + line.count(separator)
+
+    def _renamed(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The table under the contract's names, in its units."""
         unknown = [column for column in self.drop if column not in table.columns]
         if unknown:
             raise InputError(f"cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
-        mapped, _ = apply_mapping(table.drop(columns=self.drop), self.mapping, name="the stream")
+        return apply_mapping(table.drop(columns=self.drop), self.mapping, name="the stream", file_units=self.dialect.units)[0]
+
+    def _mapped(self, table: pd.DataFrame) -> pd.DataFrame:
+        mapped = self._renamed(table)
+        if TIME in mapped and len(mapped):
+            mapped = mapped.assign(**{TIME: self._time.seconds(mapped[TIME])})
         numbers = mapped.apply(pd.to_numeric, errors="coerce").astype(np.float64)
         numbers = numbers.mask(numbers.abs() > LARGEST_VALUE)
         dark = without_light(numbers)
@@ -342,6 +398,7 @@ class StreamCompensator:
                 self.left_out[f"without a monitor for more than {LONGEST_HOLD_S:g} s"] += 1
             else:
                 usable.append(row)
+        self.usable += len(usable)
         return pd.DataFrame(values[usable], columns=table.columns)
 
     def _corrected(self, table: pd.DataFrame, *, live: bool) -> pd.DataFrame:

@@ -1,8 +1,8 @@
 """Reading and writing recordings. One file here = one file format; to add one, write it and name it in `FORMATS`.
 
-A format is a module with four names: `SUFFIXES`, the endings it answers to; `load(path) -> (table, metadata mapping)`;
-`save(path, table, metadata mapping)`; and `is_written(path)`, whether `save` wrote the file. What all formats share stands in this
-file: column mapping, repair, truth, whole writing.
+A format is a module with `SUFFIXES`, the endings that it reads and writes; `READ_ONLY`, where it has any, those that it only
+reads; `load(path) -> Contents`; `save(path, table, metadata mapping)`; and `is_written(path)`, whether `save` wrote the file. What
+all formats share stands in this file: column mapping, repair, truth, whole writing.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ import yaml
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, read_text, require_replaceable, require_writable, sha256, whole_file, write_text
-from rlgcomp.recording import TIME, Metadata, Recording
+from rlgcomp.recording import TIME, Finding, Metadata, Recording
 from rlgcomp.recording.formats import csv, hdf5, matlab, parquet
+from rlgcomp.recording.formats.contents import Contents
 from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable
-from rlgcomp.recording.repair import repair
+from rlgcomp.recording.repair import UnusableRecordingError, repair
 from rlgcomp.scratch import recover
 from rlgcomp.units import column_unit
 
@@ -74,13 +75,22 @@ def read(
     """
     path = Path(path)
     form = _readable(path)
-    table, stored = form.load(path)
+    table, stored, file_units, reading = Contents(*form.load(path))
     sidecar_values = read_sidecar(path)
     mapping = column_mapping(sidecar_values, path) | dict(columns or {})
     period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
     stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
     return recording_of(
-        table, stated, name=path.name, stem=_stem(path), columns=mapping, drop=drop, period_s=period_s, simulated=simulated
+        table,
+        stated,
+        name=path.name,
+        stem=_stem(path),
+        columns=mapping,
+        drop=drop,
+        period_s=period_s,
+        simulated=simulated,
+        file_units=file_units,
+        reading=reading,
     )
 
 
@@ -94,6 +104,8 @@ def recording_of(
     drop: Sequence[str] = (),
     period_s: Any = None,
     simulated: bool = False,
+    file_units: Mapping[str, str] | None = None,
+    reading: tuple[Finding, ...] = (),
 ) -> Recording:
     """A table under its own names, from a file or from memory, as a repaired recording.
 
@@ -113,6 +125,10 @@ def recording_of(
         Sample period of a table without time stamps.
     simulated : bool
         The gyro was simulated.
+    file_units : mapping of str to str, optional
+        Units that the file states for its own names.
+    reading : tuple of Finding
+        Findings of reading the file.
 
     Raises
     ------
@@ -122,16 +138,19 @@ def recording_of(
     merged = Metadata.from_mapping(metadata)
     require_droppable(drop, table.columns, name)
     table = table.drop(columns=list(drop))
-    table, stated_units = apply_mapping(table, columns, name=name)
+    table, stated_units = apply_mapping(table, columns, name=name, file_units=file_units)
     if period_s is not None:
         table = _with_time(table, period_s, name)
     if "kind" not in metadata and any(column in table for column in TABLE_COLUMNS):
         merged = dataclasses.replace(merged, kind="turntable")
-    table, findings = repair(table, merged, name=name, stated_units=stated_units, simulated=simulated)
+    try:
+        table, findings = repair(table, merged, name=name, stated_units=stated_units, simulated=simulated)
+    except UnusableRecordingError as error:
+        raise UnusableRecordingError(name, reading + error.findings) from None
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]
     truth = table[truths].rename(columns=lambda column: column.removeprefix(TRUTH_PREFIX).removesuffix(TRUTH_SUFFIX))
     rest = table.drop(columns=truths)
-    return Recording.repaired(rest, merged, name=stem, truth=truth if truths else None, findings=findings)
+    return Recording.repaired(rest, merged, name=stem, truth=truth if truths else None, findings=reading + findings)
 
 
 def column_names(path: str | Path) -> list[str]:
@@ -293,17 +312,21 @@ def _with_time(table: pd.DataFrame, period_s: Any, name: str) -> pd.DataFrame:
     return table.assign(**{TIME: period_s * np.arange(len(table))})
 
 
-def _format_of(path: Path) -> ModuleType:
+def _format_of(path: Path, *, reading: bool = False) -> ModuleType:
     for form in FORMATS:
-        if path.name.lower().endswith(form.SUFFIXES):
+        if path.name.lower().endswith(_suffixes(form, reading=reading)):
             return form
-    known = ", ".join(suffix for form in FORMATS for suffix in form.SUFFIXES)
+    known = ", ".join(suffix for form in FORMATS for suffix in _suffixes(form, reading=reading))
     raise InputError(f"{path}: the ending {path.suffix!r} is no known format; known endings are {known}")
+
+
+def _suffixes(form: ModuleType, *, reading: bool) -> tuple[str, ...]:
+    return form.SUFFIXES + (getattr(form, "READ_ONLY", ()) if reading else ())
 
 
 def _readable(path: Path) -> ModuleType:
     """The format of a file that is there and holds something."""
-    form = _format_of(path)
+    form = _format_of(path, reading=True)
     if form is csv:
         recover(path.absolute().parent, reading=path.name)
     if not path.exists():
@@ -317,7 +340,7 @@ def _readable(path: Path) -> ModuleType:
 
 def _stem(path: Path) -> str:
     name = path.name
-    for suffix in sorted((suffix for form in FORMATS for suffix in form.SUFFIXES), key=len, reverse=True):
+    for suffix in sorted((suffix for form in FORMATS for suffix in _suffixes(form, reading=True)), key=len, reverse=True):
         if name.lower().endswith(suffix):
             return name[: -len(suffix)]
     return path.stem

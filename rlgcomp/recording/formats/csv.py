@@ -1,7 +1,7 @@
-"""Comma-separated text, plain or gzipped; lines that begin with # are passed over.
+"""Text: columns between commas, semicolons, tabs, bars or blanks, plain or gzipped; lines that begin with # are passed over.
 
-Semicolons and tabs are understood, between them decimal commas as well, and text in the older encodings of Windows beside Unicode:
-what data loggers and spreadsheets write where °C stands in a header.
+:mod:`rlgcomp.recording.formats.dialect` finds how a file is written; LabVIEW's measurement files state it. Text may be in UTF-8,
+UTF-16 or the older encodings of Windows.
 """
 
 from __future__ import annotations
@@ -9,65 +9,69 @@ from __future__ import annotations
 import csv as text
 import dataclasses
 import gzip
+import io
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.recording.formats import numbers
+from rlgcomp.recording import TIME, Finding
+from rlgcomp.recording.formats import labview, numbers
+from rlgcomp.recording.formats.contents import Contents
+from rlgcomp.recording.formats.dialect import BLANKS, Dialect, dialect_of, is_decimal_comma
 from rlgcomp.recording.formats.limits import require_gunzippable
+from rlgcomp.report.messages import message
+from rlgcomp.units import column_unit
 
 SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
+READ_ONLY: Final = (".lvm", ".dat", ".asc")
 LARGE: Final = 1 << 23  # bytes from which a reader of numbers alone, which uses all cores, pays for its import
 _HEAD: Final = 1 << 16  # bytes that show how a file is written
-_LINES: Final = 20  # of its first lines
-_TOP: Final = 60  # of its first lines, among which the one that names the columns is looked for
-_NEARLY_ALL: Final = 0.8
-_NUMBER: Final = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
+_MOST_LINES: Final = 400  # of them
 _RAGGED: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
-_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
+NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
+_NO_THOUSANDS: Final = r",(?!\d{3}$)"  # a comma that does not stand three digits before the end
+_DAMAGED: Final = (pd.errors.ParserError, UnicodeError, OSError, EOFError, zlib.error)
 
 
-@dataclasses.dataclass(frozen=True)
-class Dialect:
-    """How a file of numbers is written."""
-
-    encoding: str
-    separator: str
-    decimal: str
-    above: tuple[str, ...] = ()  # lines before the one that names the columns: what a recorder says of itself
-
-
-def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Table of a CSV file; its metadata stand in the .yaml beside it."""
+def load(path: Path) -> Contents:
+    """Contents of a text file; metadata stand in the .yaml beside it."""
     if path.suffix != ".gz" and path.stat().st_size >= LARGE:
         table = read_numbers(path)
         if table is not None:
-            return table, {}
+            return Contents(table)
     try:
-        above = " | ".join(line.strip() for line in _dialect(path).above if line.strip() and not line.startswith("#"))
-        return _pandas(path), {"above_the_header": above} if above else {}
+        written = _dialect(path)
+        if not written.names:
+            raise InputError(f"{path} is empty: no header and no rows")
+        table, findings = tidied(_pandas(path, written), written, path)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path} is empty: no header and no rows") from None
-    except (pd.errors.ParserError, UnicodeError, OSError, EOFError, zlib.error) as error:
+    except _DAMAGED as error:
         raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
+    above = " | ".join(line.strip() for line in written.above if line.strip() and not line.startswith("#"))
+    return Contents(table, {"above_the_header": above} if above else {}, written.units, written.findings + findings)
 
 
 def header(path: Path) -> list[str]:
-    """Column names of a CSV file."""
+    """Column names of a text file."""
     try:
-        return [str(name) for name in _pandas(path, nrows=0).columns]
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, OSError, EOFError, zlib.error) as error:
+        written = _dialect(path)
+    except _DAMAGED as error:
         raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
+    if not written.names:
+        raise InputError(f"{path} is not readable as CSV: it has no header and no rows")
+    return names_of(written, path)
 
 
 def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
-    """Some columns of a CSV file, so many rows at a time.
+    """Some columns of a text file, so many rows at a time.
 
     Parameters
     ----------
@@ -77,19 +81,134 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
         At a time.
     """
     try:
-        with _pandas(path, usecols=list(columns), chunksize=rows) as reader:
+        written = _dialect(path)
+        with _pandas(path, written, usecols=list(columns), chunksize=rows) as reader:
             for table in reader:
-                yield table[list(columns)]
+                yield tidied(table, written, path)[0][list(columns)]
     except (pd.errors.ParserError, UnicodeError) as error:
         raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
 
 
-def _pandas(path: Path, **named: Any) -> Any:
-    written = _dialect(path)
+def dialect_of_text(lines: Sequence[str]) -> Dialect:
+    """Dialect of the first lines of a text, LabVIEW's among them."""
+    return (labview.dialect_of(lines) if labview.is_labview(lines) else None) or dialect_of(lines)
+
+
+def names_of(written: Dialect, path: str | Path) -> list[str]:
+    """Names of the columns, each once: a column without one is called after its place.
+
+    Raises
+    ------
+    InputError
+        A name that the package knows stands twice: which of the two is meant?
+    """
+    count = Counter(name for name in written.names if name)
+    twice = [name for name in count if count[name] > 1]
+    known = [name for name in twice if name == TIME or column_unit(name) is not None]
+    if known:
+        raise InputError(f"{path}: column names appear twice: {', '.join(known)}; rename one")
+    seen: Counter[str] = Counter()
+    names = []
+    for place, name in enumerate(written.names, start=1):
+        seen[name] += 1
+        names.append(f"{name} ({seen[name]})" if name in twice else name or f"column {place}")
+    return names
+
+
+def parse(lines: Sequence[str], written: Dialect, source: str) -> pd.DataFrame:
+    """Rows of a text below its names."""
+    content = io.StringIO("".join(f"{line}\n" for line in lines))
+    if not any(line.strip() for line in lines):
+        return pd.DataFrame({name: np.empty(0) for name in names_of(written, source)})
+    return tidied(_pandas(content, dataclasses.replace(written, first=0), name=source), written, source)[0]
+
+
+def tidied(table: pd.DataFrame, written: Dialect, path: str | Path) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
+    """A table without unnamed empty columns and repeated lines of names, its numbers with decimal commas as numbers.
+
+    Raises
+    ------
+    InputError
+        Rows have more entries than there are names.
+    """
+    findings = []
+    names = names_of(written, path)
+    padding = [name for name in names[len(names) - written.padded :] if name in table] if written.padded else []
+    if any(table[name].notna().any() for name in padding):
+        raise InputError(
+            f"{path}: its rows have {len(names)} entries and {len(names) - written.padded} columns have names; "
+            "name every column in the line above the numbers"
+        )
+    unnamed = [name for name, own in zip(names, written.names, strict=True) if not own and name in table]
+    table = table.drop(columns=[name for name in unnamed if table[name].isna().all()])
+    worded = [name for name in table.columns if not _is_number(table[name])]
+    if worded:
+        again = _repeats_names(table, names, written)
+        if again.any():
+            code = message("recording.repeated_header", rows=int(again.sum()))
+            findings.append(Finding("repaired", code, None, int(np.flatnonzero(again)[0])))
+            table = table[~again].reset_index(drop=True)
+        for name in worded:
+            values, commas = _as_numbers(table[name], written)
+            table = table.assign(**{name: values})
+            if commas and written.decimal != ",":
+                findings.append(Finding("noted", message("recording.decimal_comma"), name))
+    if written.clock is not None:
+        name, first, step = written.clock
+        table[name] = first + step * np.arange(len(table))
+    return table, tuple(findings)
+
+
+def _is_number(values: pd.Series) -> bool:
+    return pd.api.types.is_numeric_dtype(values) or pd.api.types.is_bool_dtype(values)
+
+
+def _repeats_names(table: pd.DataFrame, names: Sequence[str], written: Dialect) -> np.ndarray:
+    """Mask of rows that hold the names again, or the rows below them."""
+    again = np.zeros(len(table), dtype=np.bool_)
+    for row in (written.names, *written.below):
+        expected = {name: entry for name, entry in zip(names, row, strict=False) if name in table.columns}
+        if not any(expected.values()):
+            continue
+        same = np.ones(len(table), dtype=np.bool_)
+        for name, entry in expected.items():
+            values = table[name]
+            same &= (values.isna() if not entry else values.astype(str).str.strip() == entry).to_numpy(dtype=np.bool_)
+            if not same.any():
+                break
+        again |= same
+    return again
+
+
+def _as_numbers(values: pd.Series, written: Dialect) -> tuple[pd.Series, bool]:
+    """A column of text, as numbers where it holds numbers alone; and whether some were written with a decimal comma."""
+    present = values.notna()
+    known = values[present].astype(str).str.strip()
+    commas = np.zeros(len(known), dtype=np.bool_)
+    if written.separator != ",":
+        commas = known.map(is_decimal_comma).to_numpy(dtype=np.bool_)
+        if written.decimal != "," and written.decimal_seen and not (commas.all() and known.str.contains(_NO_THOUSANDS).any()):
+            commas = np.zeros(len(known), dtype=np.bool_)  # they may as well stand between thousands
+    plain = known.where(~commas, known.str.replace(",", ".", regex=False))
+    read = pd.to_numeric(plain, errors="coerce")
+    if read.notna().all():
+        result = read.astype(np.float64).reindex(values.index)
+    elif commas.any():
+        result = plain.astype(object).reindex(values.index)
+    else:
+        result = values
+    return result, bool(commas.any())
+
+
+def _pandas(source: Any, written: Dialect, *, name: str | Path | None = None, **named: Any) -> Any:
+    names = names_of(written, name or source)
     return pd.read_csv(
-        path,
-        skiprows=len(written.above),
-        sep=written.separator,
+        source,
+        skiprows=written.first,
+        names=names,
+        header=None,
+        index_col=False,
+        sep=r"\s+" if written.separator == BLANKS else written.separator,
         decimal=written.decimal,
         encoding=written.encoding,
         comment="#",
@@ -128,8 +247,12 @@ def read_numbers(path: Path) -> pd.DataFrame | None:
     except (OSError, UnicodeError):
         return None
     written = _dialect(path)
-    names = [] if written.above else next(text.reader([header], delimiter=written.separator), [])
-    plain = not header.startswith(("#", "\ufeff")) and all(name and name == name.strip() for name in names)
+    names = next(text.reader([header], delimiter=written.separator), []) if written.plain and not written.padded else []
+    plain = (
+        written.separator != BLANKS
+        and not header.startswith(("#", "\ufeff"))
+        and all(name and name == name.strip() for name in names)
+    )
     if not (names and plain and len(set(names)) == len(names) and written.decimal == "." and written.encoding == "utf-8"):
         return None
     if numbers.pays(path.stat().st_size) and (table := numbers.read(path, names, written.separator)) is not None:
@@ -157,25 +280,9 @@ def _dialect(path: Path) -> Dialect:
     with opener(path, "rb") as stream:
         head = stream.read(_HEAD)
     encoding = _encoding(head, path)
-    every = head.decode(encoding, errors="ignore").splitlines()
-    places = [place for place, line in enumerate(every) if line.strip() and not line.startswith("#")]
-    named = _header_of([every[place] for place in places[:_TOP]])
-    above, lines = every[: places[named]] if named else [], [every[place] for place in places[named:]]
-    separator = separator_of(lines[0] if lines else "")
-    entries = [entry.strip() for line in lines[1:_LINES] for entry in line.split(separator)]
-    commas = separator != "," and any(map(_DECIMAL_COMMA.fullmatch, entries)) and not any("." in entry for entry in entries)
-    return Dialect(encoding, separator, "," if commas else ".", tuple(above))
-
-
-def _header_of(lines: Sequence[str]) -> int:
-    """Which line names the columns: the first one without numbers that has as many entries as nearly all lines after it."""
-    for place, line in enumerate(lines[:-1]):
-        separator = separator_of(line)
-        entries, after = [entry.strip() for entry in line.split(separator)], lines[place + 1 :]
-        agree = sum(other.count(separator) == len(entries) - 1 for other in after)
-        if len(entries) > 1 and agree >= _NEARLY_ALL * len(after) and not any(map(_NUMBER.fullmatch, entries)):
-            return place
-    return 0
+    every = re.split(r"\r\n|\n|\r", head.decode(encoding, errors="ignore"))
+    whole = every[:-1] if len(every) > 1 else every  # the last may be cut
+    return dataclasses.replace(dialect_of_text([line.lstrip("\ufeff") for line in whole[:_MOST_LINES]]), encoding=encoding)
 
 
 def _parser_message(error: Exception) -> str:
@@ -195,15 +302,10 @@ def _encoding(head: bytes, path: Path) -> str:
     try:
         head[: head.rfind(b"\n") + 1 or None].decode("utf-8")  # a character may be cut at the end of what was read
     except UnicodeError as error:
-        if _NO_TEXT.search(head):
+        if NO_TEXT.search(head):
             raise InputError(
                 f"{path} is not readable as CSV: it is no text ({str(error).splitlines()[0]}); write it as text in UTF-8, or give "
                 "its own ending"
             ) from None
         return "cp1252"
     return "utf-8"
-
-
-def separator_of(header: str) -> str:
-    """Separator of the columns of a line."""
-    return max((",", ";", "\t"), key=header.count)

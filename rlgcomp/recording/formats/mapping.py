@@ -1,21 +1,56 @@
-"""A laboratory's own column names and units, mapped once onto the contract's."""
+"""A laboratory's own column names and units, mapped once onto the contract's.
+
+A source names a column of the file: by its name, or by its place counted from 1. Behind it may stand its unit, with a factor where
+the column counts steps of that unit, and an offset in it: `Gyro Z [deg/s]`, `gz [0.00122 rad/s]`, `T [0.1 degC] - 40`. A time may
+be the sum of columns: `date + time`, `sec + nanosec [ns]`, `gps_week + tow [s]`. In place of its unit may stand how dates are
+written or counted: `[dd/mm/yyyy]`, `[excel]`, `[mjd]`.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Final, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.errors import InputError
+from rlgcomp.recording import TIME, times
+
+_NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_OFFSET: Final = re.compile(rf"(?P<source>.*[\])])\s*(?P<sign>[+-])\s*(?P<offset>{_NUMBER})\s*")
+_FACTOR: Final = re.compile(rf"(?P<factor>{_NUMBER})[\s*·]*(?P<unit>\D.*)")
 
 
-def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str) -> tuple[pd.DataFrame, frozenset[str]]:
+class Source(NamedTuple):
+    """A column of a file and what its numbers mean.
+
+    Parameters
+    ----------
+    column : str
+    unit : str, optional
+        As stated, or as the file states it.
+    factor, offset : float
+        The value in that unit is factor times the number plus offset.
+    """
+
+    column: str
+    unit: str | None
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+def apply_mapping(
+    table: pd.DataFrame, mapping: Mapping[str, str], *, name: str, file_units: Mapping[str, str] | None = None
+) -> tuple[pd.DataFrame, frozenset[str]]:
     """Rename and convert columns.
 
-    A source is the file's column, optionally followed by its unit: `Gyro Z [deg/s]` finds the column of that very name, or else the
-    column `Gyro Z` and takes it to be in deg/s. Without a unit the source is taken to be in the target's.
+    Without a unit, in the source or in the file, a source is taken to be in the target's. Entries that are no numbers stay as they
+    are, for :mod:`rlgcomp.recording.repair` to report.
 
     Parameters
     ----------
@@ -24,6 +59,8 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
         Target (contract) name to source.
     name : str
         Of the file, for messages.
+    file_units : mapping of str to str, optional
+        Units that the file states for its own names.
 
     Returns
     -------
@@ -40,16 +77,27 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
     stated_units = set()
     names: dict[str, list[str]] = {}
     converted: dict[str, pd.Series] = {}
-    for target, source in mapping.items():
-        column, unit = find_column(table.columns, str(source), name)
+    for target, text in mapping.items():
+        sources = sources_of(table.columns, str(text), name, file_units, parts=target == TIME)
         wanted = units.column_unit(target)
-        values = table[column]
-        if unit is not None and wanted is not None:
+        if len(sources) > 1:
             stated_units.add(target)
-            numbers = pd.to_numeric(values, errors="coerce")
-            values = pd.Series(units.convert(numbers.to_numpy(dtype=float), unit, wanted), index=table.index)
-        names.setdefault(column, []).append(target)
-        converted[target] = values
+            converted[target] = times.of_parts([(one.column, table[one.column], one.unit) for one in sources], name=name)
+        elif sources[0].unit is not None and wanted is not None:
+            stated_units.add(target)
+            converted[target] = _converted(table[sources[0].column], sources[0], wanted, target)
+        else:
+            converted[target] = table[sources[0].column]
+        names.setdefault(sources[0].column, []).append(target)
+        for used in sources[1:]:
+            names.setdefault(used.column, [])
+    for column, unit in (file_units or {}).items():
+        wanted = units.column_unit(column)
+        if column in table.columns and column not in names and wanted is not None and not _same_unit(unit, wanted):
+            raise InputError(
+                f"{name}: {column} is in {wanted} by its name and in {unit} by the row of units; state which is right: "
+                f"--map {column}='{column} [{unit}]' or --map {column}='{column} [{wanted}]'"
+            )
     clashes = [target for target in converted if target in table.columns and target not in names]
     if clashes:
         raise InputError(
@@ -58,6 +106,25 @@ def apply_mapping(table: pd.DataFrame, mapping: Mapping[str, str], *, name: str)
     columns = [target for column in table.columns for target in names.get(str(column), [column])]
     mapped = {column: converted[column] if column in converted else table[column] for column in columns}
     return pd.DataFrame(mapped, copy=False), frozenset(stated_units)
+
+
+def _converted(values: pd.Series, source: Source, wanted: str, target: str) -> pd.Series:
+    """Values of a source in the unit of its target; entries that are no numbers as they are."""
+    if target == TIME and (source.factor, source.offset) == (1.0, 0.0):
+        return times.of_column(values, source.unit, name=source.column)
+    read = pd.to_numeric(values, errors="coerce")
+    scaled = source.factor * read.to_numpy(dtype=np.float64, na_value=np.nan) + source.offset
+    result = pd.Series(units.convert(scaled, source.unit or wanted, wanted), index=values.index)
+    worded = (read.isna() & values.notna()).to_numpy()
+    return result.astype(object).where(~worded, values) if worded.any() else result
+
+
+def _same_unit(unit: str, wanted: str) -> bool:
+    """Whether two units are one."""
+    try:
+        return bool(np.allclose(units.convert([0.0, 1.0], unit, wanted), [0.0, 1.0], rtol=1e-12, atol=0.0))
+    except InputError:
+        return False
 
 
 def parse_mapping(items: list[str]) -> dict[str, str]:
@@ -114,8 +181,12 @@ def require_mapped(mapping: Mapping[str, str], files: Mapping[Path, Collection[s
 
 
 def has_column(columns: Collection[str], source: str) -> bool:
-    """Whether a source means one of a file's columns, with its unit or without."""
-    return source in columns or units.header_unit(source)[0] in columns
+    """Whether a source means columns of a file, all of them."""
+    try:
+        sources_of(columns, source, "", parts=True)
+    except InputError:
+        return False
+    return True
 
 
 def find_column(columns: Collection[str], source: str, name: str) -> tuple[str, str | None]:
@@ -135,9 +206,72 @@ def find_column(columns: Collection[str], source: str, name: str) -> tuple[str, 
     InputError
         None of them.
     """
-    stem, unit = units.header_unit(source)
-    if source in columns:
-        return source, unit
+    found = _find(list(map(str, columns)), source, name)
+    return found.column, found.unit
+
+
+def sources_of(
+    columns: Collection[str], text: str, name: str, file_units: Mapping[str, str] | None = None, *, parts: bool = False
+) -> list[Source]:
+    """The columns that a source means: one, or the parts of a sum.
+
+    Parameters
+    ----------
+    columns : collection of str
+        Of the file.
+    text : str
+        The source.
+    name : str
+        What messages call the file.
+    file_units : mapping of str to str, optional
+        Units that the file states.
+    parts : bool
+        Whether a sum is allowed, as of a time.
+
+    Raises
+    ------
+    InputError
+        It means none of them.
+    """
+    known = list(map(str, columns))
+    file_units = file_units or {}
+    pieces = [piece.strip() for piece in text.split("+")] if parts and text not in known else [text]
+    if len(pieces) > 1 and all(pieces) and not _OFFSET.fullmatch(text):
+        sources = [_find(known, piece, name) for piece in pieces]
+        layout = sources[-1].unit
+        if layout is not None and times.is_layout(layout):  # of the date, wherever it stands
+            sources = [source._replace(unit=source.unit or layout if k == 0 else None) for k, source in enumerate(sources)]
+        return [source if source.unit else source._replace(unit=file_units.get(source.column)) for source in sources]
+    found = _find(known, text, name)
+    return [found if found.unit else found._replace(unit=file_units.get(found.column))]
+
+
+def _find(columns: list[str], text: str, name: str) -> Source:
+    """The one column that a source without a sum means."""
+    if text in columns:
+        return Source(text, units.header_unit(text)[1])
+    offset = _OFFSET.fullmatch(text)
+    shift = float(f"{offset['sign']}{offset['offset']}") if offset else 0.0
+    stem, unit = units.header_unit(offset["source"] if offset else text)
+    factor = 1.0
+    if unit is not None and not units.is_unit(unit) and (scaled := _FACTOR.fullmatch(unit)) is not None:
+        factor, unit = float(scaled["factor"]), scaled["unit"].strip()
+    if not (math.isfinite(factor) and math.isfinite(shift) and factor != 0.0):
+        raise InputError(f"{name}: {text!r} scales a column by {factor:g} and shifts it by {shift:g}; give finite numbers")
+    column = _column_of(columns, stem) or _column_of(columns, text)
+    if column is None:
+        raise InputError(f"{name}: no column {text!r} to map; the columns are {', '.join(columns)}")
+    return Source(column, unit if unit is not None else units.header_unit(column)[1], factor, shift)
+
+
+def _column_of(columns: list[str], stem: str) -> str | None:
+    """The column of a name, of a name before its unit in the header, or of a place."""
     if stem in columns:
-        return stem, unit
-    raise InputError(f"{name}: no column {source!r} to map; the columns are {', '.join(map(str, columns))}")
+        return stem
+    bare = stem.lstrip("#%/ ")
+    alike = [column for column in columns if bare and bare in (column, units.header_unit(column)[0])]
+    if len(alike) == 1:
+        return alike[0]
+    if stem.isascii() and stem.isdigit() and 1 <= int(stem[:9]) <= len(columns):
+        return columns[int(stem) - 1]
+    return None

@@ -23,7 +23,7 @@ from rlgcomp.recording.repair.channels import (
     stuck_monitors,
     stuck_thermometers,
 )
-from rlgcomp.recording.repair.clock import sampling, time_order, time_unit
+from rlgcomp.recording.repair.clock import sampling, time_order, time_unit, unusual_period
 from rlgcomp.recording.repair.context import Context
 from rlgcomp.recording.repair.entries import LARGEST_VALUE as LARGEST_VALUE
 from rlgcomp.recording.repair.entries import LONGEST_HOLD_S as LONGEST_HOLD_S
@@ -31,6 +31,7 @@ from rlgcomp.recording.repair.entries import READOUTS as READOUTS
 from rlgcomp.recording.repair.entries import ROUNDING as ROUNDING
 from rlgcomp.recording.repair.entries import dark_readouts, empty_channels, missing_values, numbers, structure
 from rlgcomp.recording.repair.entries import without_light as without_light
+from rlgcomp.recording.repair.roll_over import roll_overs
 from rlgcomp.recording.repair.wrong_units import units_meant
 from rlgcomp.report.messages import message
 
@@ -39,9 +40,10 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     numbers,
     dark_readouts,
     empty_channels,
+    time_unit,
+    roll_overs,
     time_order,
     empty_channels,  # again, now that rows have gone
-    time_unit,
     units_meant,
     running_sums,
     stuck_gyros,
@@ -51,10 +53,11 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     missing_values,
     encoder_wrap,
     sampling,
+    unusual_period,
     constant_columns,
 )
 # Once one of these has refused, later checks would only repeat it in other words.
-_DECISIVE: Final = (structure, numbers, empty_channels, time_order, missing_values)
+_DECISIVE: Final = (structure, numbers, empty_channels, time_unit, time_order, missing_values)
 
 
 class UnusableRecordingError(InputError):

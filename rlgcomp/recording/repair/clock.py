@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,14 @@ import pandas as pd
 from rlgcomp.recording import FEWEST_ROWS, TIME
 from rlgcomp.recording.repair.context import FEW, Array, Context, Mask
 from rlgcomp.recording.sampling import Sampling
+from rlgcomp.recording.times import epoch_unit
 from rlgcomp.report.messages import message
+from rlgcomp.units import SECONDS_PER_HOUR
+
+SHORTEST_PERIOD_S: Final = 2e-5
+LONGEST_PERIOD_S: Final = 300.0
+_DAYS: Final = (20_000.0, 100_000.0)  # of spreadsheets and Julian days without their first digits, from 1954 and 1913 on
+_FEW_DAYS: Final = 30.0
 
 
 def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -20,6 +28,7 @@ def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if not known.all():
         context.add("repaired", message("recording.rows_without_time", rows=int((~known).sum())), TIME, np.flatnonzero(~known)[0])
         table = table[known]
+    table = _repeated_stamps_spread(table, context)
     time_s = table[TIME].to_numpy()
     steps = np.diff(time_s)
     if (steps > 0).all():
@@ -46,6 +55,30 @@ def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     return table[keep]
 
 
+def _repeated_stamps_spread(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Stamps that repeat where the step after them, or before them, has room for all of them, put back on the clock."""
+    time_s = table[TIME].to_numpy()
+    steps = np.diff(time_s)
+    if not (steps == 0.0).any() or not (steps > 0.0).any():
+        return table
+    period_s = float(np.median(steps[steps > 0.0]))
+    starts = np.flatnonzero(np.r_[True, steps != 0.0])
+    counts = np.diff(np.r_[starts, len(time_s)])
+    before_s = np.r_[np.nan, steps][starts]
+    after_s = np.r_[steps, np.nan][starts + counts - 1]
+    repeated = counts > 1
+    behind = repeated & (np.abs(after_s - counts * period_s) <= 0.25 * period_s)
+    ahead = repeated & ~behind & (np.abs(before_s - counts * period_s) <= 0.25 * period_s)
+    if not (behind | ahead).any():
+        return table
+    place = np.arange(len(time_s)) - np.repeat(starts, counts)
+    shift = np.where(np.repeat(behind, counts), place, np.where(np.repeat(ahead, counts), place + 1 - np.repeat(counts, counts), 0))
+    stamps = int((counts - 1)[behind | ahead].sum())
+    row = starts[np.argmax(behind | ahead)] + 1
+    context.add("repaired", message("recording.repeated_stamps_spread", stamps=stamps, period_s=period_s), TIME, row)
+    return table.assign(**{TIME: time_s + period_s * shift})
+
+
 def _longest_increasing(values: Array) -> Mask:
     """Mask of the longest strictly increasing subsequence (patience sorting, O(n log n))."""
     tails: list[float] = []
@@ -69,10 +102,26 @@ def _longest_increasing(values: Array) -> Mask:
 
 
 def time_unit(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    first = float(table[TIME].iloc[0])
-    if first > 1e11 and TIME not in context.stated_units:
-        unit = "ms" if first < 1e14 else "us"
+    """Refuse numbers that count since 1970, or days of a spreadsheet, as seconds."""
+    if TIME in context.stated_units:
+        return table
+    known = table[TIME].dropna().to_numpy()
+    first, last = float(known[0]), float(known[-1])
+    if first > 1e11:
+        unit = epoch_unit(first) or ("ms" if first < 1e14 else "us")
         context.add("refused", message("recording.time_since_1970", first=first, unit=unit), TIME, 0)
+    elif _DAYS[0] <= first <= _DAYS[1] and 0.0 < last - first < _FEW_DAYS and (last - first) / len(known) < SHORTEST_PERIOD_S:
+        context.add("refused", message("recording.time_in_days", first=first, period_s=(last - first) / (len(known) - 1)), TIME, 0)
+    return table
+
+
+def unusual_period(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Question a sample period that hardly any gyro is read with: the time may be in another unit."""
+    time_s = table[TIME].to_numpy()
+    period_s = float(np.median(np.diff(time_s)))
+    if not SHORTEST_PERIOD_S <= period_s <= LONGEST_PERIOD_S:
+        hours = float(time_s[-1] - time_s[0]) / SECONDS_PER_HOUR
+        context.add("noted", message("recording.unusual_period", period_s=period_s, hours=hours), TIME)
     return table
 
 

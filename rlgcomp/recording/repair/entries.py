@@ -11,15 +11,15 @@ import numpy as np
 import pandas as pd
 
 from rlgcomp.recording import FEWEST_ROWS, TIME, is_gyro
-from rlgcomp.recording.repair.context import FEW, Context, Mask
+from rlgcomp.recording.repair.context import FEW, Array, Context, Mask
+from rlgcomp.recording.times import AmbiguousDatesError, clock_put_forward, compact_dates, dates_of, epoch_unit, seconds_of
 from rlgcomp.report.messages import message
+from rlgcomp.units import SECONDS_PER_HOUR
 
 LARGEST_VALUE: Final = 1e15  # in any unit of any column
 LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long, and for the next in any case
 ROUNDING: Final = 1e-9
 READOUTS: Final = ["readout_a_V", "readout_b_V"]
-# Between dots the day always comes first; between slashes nobody knows.
-_DATES: Final = ("ISO8601", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M")
 
 
 def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -40,7 +40,11 @@ def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     numeric = {}
     for column in table.columns:
-        values = _seconds(table[column], context) if column == TIME else table[column]
+        try:
+            values = _seconds(table[column], context) if column == TIME else table[column]
+        except AmbiguousDatesError as error:
+            context.add("refused", message("recording.ambiguous_dates", first=error.first), column)
+            continue
         if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_complex_dtype(values):
             numeric[column] = values.to_numpy(dtype=np.float64, na_value=np.nan)
             continue
@@ -62,8 +66,9 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             context.add("noted", message("recording.text_column"), column)
     result = pd.DataFrame(numeric, copy=False)
     suspect = [str(name) for name, extent in context.extents(result).items() if not extent.within(LARGEST_VALUE)]
+    suspect = [name for name in suspect if name != TIME or _no_epoch(numeric[name])]
     if any((np.abs(numeric[name]) > LARGEST_VALUE).any() for name in suspect):
-        absurd = (result.abs() > LARGEST_VALUE).to_numpy()
+        absurd = (result.abs() > LARGEST_VALUE).to_numpy() & np.isin(result.columns, suspect)
         row = int(np.flatnonzero(absurd.any(axis=1))[0])
         finding = message("recording.absurd_values", values=int(absurd.sum()), largest=LARGEST_VALUE)
         context.add("repaired", finding, result.columns[absurd[row]][0], row)
@@ -80,17 +85,34 @@ def _as_numbers(values: pd.Series) -> np.ndarray:
 
 
 def _seconds(values: pd.Series, context: Context) -> pd.Series:
-    """Dates and clock times as seconds from the first; anything else as it is."""
-    if pd.api.types.is_numeric_dtype(values):
+    """Dates as seconds from the first, clock times as seconds from midnight; anything else as it is."""
+    compact = compact_dates(values) if pd.api.types.is_numeric_dtype(values) else None
+    read = seconds_of(values if compact is None else compact)
+    if read is None:
         return values
-    dates = values if pd.api.types.is_datetime64_any_dtype(values) else None
-    if dates is None and pd.to_numeric(values, errors="coerce").isna().all():
-        tried = (pd.to_datetime(values, errors="coerce", format=written, utc=True) for written in _DATES)
-        dates = next((parsed for parsed in tried if parsed.notna().mean() > 1.0 - FEW), None)
-    if dates is None or dates.isna().all():
-        return values
-    context.add("repaired", message("recording.dates", first=dates.dropna().iloc[0].isoformat()), TIME)
-    return (dates - dates.dropna().iloc[0]).dt.total_seconds()
+    seconds, first = read
+    dates = dates_of(values) if first is not None and compact is None else None
+    for row in clock_put_forward(dates) if dates is not None else ():
+        context.add(
+            "repaired",
+            message("recording.clock_put_forward", before=str(values.iloc[row - 1]), after=str(values.iloc[row])),
+            TIME,
+            row,
+        )
+        seconds = seconds.where(np.arange(len(seconds)) < row, seconds - SECONDS_PER_HOUR)
+    known = values.notna() & seconds.notna()
+    if first is not None:
+        context.add("repaired", message("recording.dates", first=first.isoformat(), written=str(values[known].iloc[0])), TIME)
+    else:
+        context.add("repaired", message("recording.clock_times", written=str(values[known].iloc[0])), TIME)
+    worded = (values.notna() & seconds.isna()).to_numpy()
+    return seconds.astype(object).where(~worded, values) if worded.any() else seconds
+
+
+def _no_epoch(time: Array) -> bool:
+    """Whether the first time is no date since 1970 in any unit."""
+    known = time[np.isfinite(time)]
+    return not len(known) or epoch_unit(float(known[0])) is None
 
 
 def empty_channels(table: pd.DataFrame, context: Context) -> pd.DataFrame:

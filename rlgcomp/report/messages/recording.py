@@ -15,11 +15,31 @@ def _time_stamps_left_out(*, repeated: int, backward: int) -> str:
 
 
 def _no_time_column(*, columns: Sequence[str]) -> str:
-    return f"no column time_s; the columns are {_listed(columns)}; map the time with --map time_s='NAME [unit]'"
+    return (
+        f"no column time_s; the columns are {_listed(columns)}; map the time with --map time_s='NAME [unit]', of two columns with "
+        "'DATE + TIME'; without any, give the sample period with --period-s"
+    )
 
 
 def _no_gyro_column(*, columns: Sequence[str]) -> str:
     return f"no gyro column; the columns are {_listed(columns)}; map one with --map gyro_deg_h='NAME [unit]'"
+
+
+def _names_in_remark(*, columns: Sequence[str]) -> str:
+    return f"the columns are named in a remark above the numbers: {_listed(columns)}"
+
+
+def _no_names(*, columns: Sequence[str]) -> str:
+    return (
+        f"the first row holds numbers, so the columns have no names and are counted from {columns[0]} to {columns[-1]}; "
+        f"name one by its place, as in --map gyro_z_deg_s={columns[-1]}"
+    )
+
+
+def _units_row(*, rows: int, units: Mapping[str, str], other: Sequence[str]) -> str:
+    stated = ", ".join(f"{name} in {unit}" for name, unit in units.items())
+    text = f"{rows} row{'s' if rows > 1 else ''} below the names hold{'' if rows > 1 else 's'} no numbers"
+    return text + (f"; taken as units: {stated}" if stated else "") + (f"; left out: {_listed(other)}" if other else "")
 
 
 def _repeated_columns(*, columns: Sequence[str]) -> str:
@@ -134,13 +154,36 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.time_since_1970": (
         "begins at {first:.4g}: that looks like {unit} since 1970; map it with --map time_s='time_s [{unit}]'"
     ),
+    "recording.time_in_days": (
+        "begins at {first:.6g} with a step of {period_s:.3g} s: that looks like days; map it with --map time_s='time_s [d]', or "
+        "with [excel] or [mjd] to know the dates"
+    ),
+    "recording.roll_over": "the clock begins again {times} times, after {clock} ({range_s:.10g} s): undone, it now runs on",
+    "recording.clock_put_forward": "from {before} to {after} the clock was put forward by an hour: undone",
+    "recording.repeated_stamps_spread": (
+        "{stamps} time stamps repeat beside a step that has room for them: put back on the clock of {period_s:.6g} s"
+    ),
+    "recording.unusual_period": (
+        "a sample every {period_s:.3g} s, {hours:.3g} h in all: if the time is not in seconds, state its unit with "
+        "--map time_s='NAME [unit]'"
+    ),
     "recording.gaps": "{gaps} gaps, the longest {longest_s:.6g} s; averages leave out windows less than 80 % full",
     "recording.uneven_steps": _uneven_steps,
-    "recording.dates": "dates counted in seconds from {first}",
+    "recording.dates": "dates such as {written!r} counted in seconds from {first}",
+    "recording.clock_times": "clock times such as {written!r} counted in seconds from midnight",
+    "recording.ambiguous_dates": (
+        "dates such as {first!r} may begin with the day or with the month; state which: --map time_s='NAME [dd/mm/yyyy]' or "
+        "--map time_s='NAME [mm/dd/yyyy]'"
+    ),
     "recording.not_times": (
         "{entries} entries are neither numbers nor dates, the first {first!r}; give seconds, or dates as 2026-03-01 12:00:00 or "
         "01.03.2026 12:00:00"
     ),
+    "recording.decimal_comma": "numbers are written with a decimal comma",
+    "recording.names_in_remark": _names_in_remark,
+    "recording.no_names": _no_names,
+    "recording.units_row": _units_row,
+    "recording.repeated_header": "{rows} rows repeat the names or units of the columns, left out",
     "recording.empty_time": "every value is missing (NaN); mend the file",
     # columns and entries
     "recording.repeated_columns": _repeated_columns,

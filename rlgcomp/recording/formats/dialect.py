@@ -1,0 +1,253 @@
+"""Dialects of text files of numbers: separator, decimal sign, and where the names and units of the columns stand.
+
+The separator is the one that leaves most numbers, dates and clock times. A decimal comma shows in numbers alone, never in dates
+(`20.01.2021`) or clock times (`08:00:00.000`, `22:09:43,250`).
+"""
+
+from __future__ import annotations
+
+import csv as text
+import dataclasses
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from rlgcomp import units
+from rlgcomp.recording import Finding
+from rlgcomp.report.messages import message
+
+BLANKS: Final = " "
+SEPARATORS: Final = ("\t", ";", ",", "|", BLANKS)  # of two that leave as many numbers the first is taken
+REMARK: Final = ("#", "%", "//")  # begins of lines that may name the columns, though they are no data
+_SHOWING: Final = 60  # lines that show the separator and the line of names
+_NEARLY_ALL: Final = 0.8
+_MOST_BELOW: Final = 3  # rows of units, kinds or blanks between the names and the numbers
+
+_POINT: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
+_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_FRACTION: Final = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
+_CLOCK: Final = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp]\.?[Mm]\.?)?"
+_DATE: Final = (
+    r"(\d{1,4}[-/.](\d{1,2}|[^\W\d]{3,9}\.?)[-/.]\d{1,4}|\d{1,2} [^\W\d]{3,9}\.?,? \d{4}|[^\W\d]{3,9}\.? \d{1,2},? \d{4})"
+)
+_TIME: Final = re.compile(rf"{_DATE}([T ,_]+{_CLOCK} ?(Z|UTC|[+-]\d\d:?\d\d)?)?|{_CLOCK}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Dialect:
+    """How a file of numbers is written.
+
+    Parameters
+    ----------
+    separator : str
+        One character; a blank stands for any number of blanks.
+    decimal : str
+        A point where no number showed it.
+    names : tuple of str
+        Names of the columns, as many as the rows have entries; an entry behind the last separator has an empty name.
+    first : int
+        Lines above the first row of numbers.
+    units : mapping of str to str
+        Units of a row of units.
+    above : tuple of str
+        Lines above the names: the recorder's notes.
+    plain : bool
+        The first line alone stands above the numbers, and names them.
+    findings : tuple of Finding
+    below : tuple of tuple of str
+        Entries of the rows between names and numbers: where they come again, they are no numbers either.
+    clock : tuple of str, float and float, optional
+        Name, first value and step of a column that is empty in the rows.
+    decimal_seen : bool
+        Whether a number showed the decimal sign.
+    padded : int
+        Last columns that have no name: the rows end in a separator.
+    encoding : str
+    """
+
+    separator: str
+    decimal: str
+    names: tuple[str, ...]
+    first: int
+    units: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    above: tuple[str, ...] = ()
+    plain: bool = True
+    findings: tuple[Finding, ...] = ()
+    below: tuple[tuple[str, ...], ...] = ()
+    clock: tuple[str, float, float] | None = None
+    padded: int = 0
+    decimal_seen: bool = True
+    encoding: str = "utf-8"
+
+
+def dialect_of(lines: Sequence[str]) -> Dialect:
+    """Dialect of a file's first lines."""
+    places = [place for place, line in enumerate(lines) if line.strip() and not line.startswith("#")]
+    top = [lines[place] for place in places[:_SHOWING]]
+    separator = _separator(top)
+    rows = [entries(line, separator) for line in top]
+    named = _names_at(rows)
+    findings: list[Finding] = []
+    if not rows:
+        return Dialect(separator, ".", (), len(lines))
+    if named is None:
+        at = 0
+        first = places[0]
+        width = len(rows[0])
+        in_remark = _named_in_remark(lines[:first], width, separator)
+        names = in_remark or [str(k) for k in range(1, 1 + width)]
+        about = message("recording.names_in_remark", columns=names) if in_remark else message("recording.no_names", columns=names)
+        findings.append(Finding("noted", about))
+        below: list[list[str]] = []
+        above = list(lines[:first])
+    else:
+        names = [name.lstrip("\ufeff") for name in rows[named]]
+        if names[0].startswith(REMARK[1:]):  # a line that begins with % may name the columns as any other
+            names = _without_mark(names)
+        below = _below(rows[named + 1 : named + 1 + _MOST_BELOW])
+        at = named + 1 + len(below)
+        first = places[at] if at < len(places) else len(lines)
+        above = list(lines[: places[named]])
+    data = rows[at:]
+    width = max([len(names), *(len(row) for row in data[:1])])
+    stated = _units_of(names, below)
+    findings += _findings_below(names, below, stated)
+    seen = decimal_of(separator, (lines[place] for place in places[at:]))
+    decimal = seen or "."
+    if decimal == ",":
+        findings.append(Finding("noted", message("recording.decimal_comma")))
+    return Dialect(
+        separator,
+        decimal,
+        tuple(names + [""] * (width - len(names))),
+        first,
+        stated,
+        tuple(above),
+        plain=named == 0 and first == 1,
+        findings=tuple(findings),
+        below=tuple(map(tuple, below)),
+        padded=width - len(names),
+        decimal_seen=seen is not None,
+    )
+
+
+def entries(line: str, separator: str) -> list[str]:
+    """Entries of a line, without the blanks and quotes around them."""
+    if separator == BLANKS:
+        return line.split()
+    if '"' in line:
+        return [entry.strip() for entry in next(text.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    return [entry.strip() for entry in line.split(separator)]
+
+
+def is_value(entry: str) -> bool:
+    """Whether an entry is a number, with decimal point or comma, a date or a clock time."""
+    return bool(_POINT.fullmatch(entry) or _COMMA.fullmatch(entry) or _TIME.fullmatch(entry))
+
+
+def is_decimal_comma(entry: str) -> bool:
+    """Whether an entry is a number with a decimal comma."""
+    return bool(_COMMA.fullmatch(entry))
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """The separator that leaves the largest share of values, in lines of equally many entries."""
+    best, highest = ",", (0.0, 0.0)
+    for separator in SEPARATORS:
+        sign = separator if separator != BLANKS else None
+        if sign is not None and not any(sign in line for line in lines):
+            continue
+        rows = [entries(line, separator) for line in lines]
+        width, agreeing = Counter(len(row) for row in rows).most_common(1)[0] if rows else (0, 0)
+        if width < 2:
+            continue
+        every = [entry for row in rows if len(row) == width for entry in row if entry]
+        score = (sum(map(is_value, every)) / max(1, len(every)), agreeing / len(rows))
+        score = (score[0] * score[1], score[1])
+        if score[0] > highest[0] + 1e-9:
+            best, highest = separator, score
+    if highest[0] == 0.0 and lines:  # names alone
+        return max((",", ";", "\t"), key=lines[0].count)
+    return best
+
+
+def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
+    """The row that names the columns: the first without values that has as many entries as nearly all rows after it."""
+    for place, row in enumerate(rows):
+        after = rows[place + 1 :]
+        wide = sum(len(other) == len(row) or (len(other) == len(row) + 1 and not other[-1]) for other in after)
+        if any(map(is_value, row)) or wide < _NEARLY_ALL * len(after) or (len(row) < 2 and after) or not any(row):
+            continue
+        return place
+    if rows and not all(not entry or is_value(entry) for entry in rows[0]):
+        return 0
+    return None
+
+
+def _named_in_remark(above: Sequence[str], width: int, separator: str) -> list[str] | None:
+    """The names in the last remark above the numbers that has as many entries as these."""
+    for line in reversed(above):
+        if line.startswith(REMARK):
+            inside = re.sub(r"^(#|%|//)+\s*", "", line.strip())
+            for sign in dict.fromkeys((separator, *SEPARATORS)):
+                names = entries(inside, sign)
+                if len(names) == width and all(names) and not any(map(is_value, names)):
+                    return names
+    return None
+
+
+def _without_mark(names: Sequence[str]) -> list[str]:
+    first = re.sub(r"^(%|//)+\s*", "", names[0])
+    return [first, *names[1:]] if first else list(names[1:])
+
+
+def _below(rows: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Rows between the names and the numbers: units, kinds of the columns, blanks."""
+    below: list[list[str]] = []
+    for row in rows:
+        if any(map(is_value, row)) or (not _unit_count(row) and any(row)):
+            break
+        below.append(list(row))
+    return below
+
+
+def _unit_of(entry: str) -> str | None:
+    """The unit that an entry of a row of units states, or None."""
+    inside = re.sub(r"^[\[(](.*)[\])]$", r"\1", entry.strip())
+    return inside if units.is_unit(inside) else None
+
+
+def _unit_count(row: Sequence[str]) -> int:
+    return sum(_unit_of(entry) is not None for entry in row)
+
+
+def _units_of(names: Sequence[str], below: Iterable[Sequence[str]]) -> dict[str, str]:
+    stated: dict[str, str] = {}
+    for row in below:
+        for name, entry in zip(names, row, strict=False):
+            if name and (unit := _unit_of(entry)) is not None:
+                stated.setdefault(name, unit)
+    return stated
+
+
+def _findings_below(names: Sequence[str], below: Sequence[Sequence[str]], stated: Mapping[str, str]) -> list[Finding]:
+    """A finding of the rows between names and numbers: which units they state, and what is left out."""
+    if not below:
+        return []
+    known = {name: stated[name] for name in names if name in stated}
+    other = [entry for row in below for entry in row if entry and _unit_of(entry) is None]
+    return [Finding("noted", message("recording.units_row", rows=len(below), units=known, other=other))]
+
+
+def decimal_of(separator: str, lines: Iterable[str]) -> str | None:
+    """The decimal sign: a comma where numbers have commas and none has a point; None where no number shows it."""
+    if separator == ",":
+        return "."
+    comma = False
+    for line in lines:
+        for entry in entries(line, separator):
+            if _FRACTION.fullmatch(entry):
+                return "."
+            comma = comma or _COMMA.fullmatch(entry) is not None
+    return "," if comma else None

@@ -1,0 +1,101 @@
+"""Clocks that begin again: counters of 16 and 32 bits, midnight, the GPS week, the hour of daylight saving."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp import units
+from rlgcomp.recording import TIME
+from rlgcomp.recording.repair.context import Array, Context
+from rlgcomp.report.messages import message
+
+NEAR_THE_END: Final = 0.02  # of a clock's range, or three samples: so close to its ends are the stamps around a roll-over
+_AFTER: Final = 5  # samples that stay near the beginning after it: one alone is a fault of the stamp
+_SEVERAL: Final = 3  # falls of a short clock that began at zero: with fewer, further runs may begin there
+
+
+@dataclasses.dataclass(frozen=True)
+class Clock:
+    """A clock that begins again.
+
+    Parameters
+    ----------
+    name : str
+    range_s : float
+        Time after which it does.
+    anywhere : bool
+        It falls by this time wherever it stands, as clocks that are put back do.
+    short : bool
+        It is so short that a run may last as long.
+    """
+
+    name: str
+    range_s: float
+    anywhere: bool = False
+    short: bool = False
+
+
+CLOCKS: Final = (
+    Clock("midnight", units.SECONDS_PER_DAY),
+    Clock("the GPS week", 7.0 * units.SECONDS_PER_DAY),
+    Clock("2^32 us", 2.0**32 * 1e-6),
+    Clock("2^32 ms", 2.0**32 * 1e-3),
+    Clock("2^32 counts", 2.0**32),
+    Clock("2^31 us", 2.0**31 * 1e-6),
+    Clock("2^31 ms", 2.0**31 * 1e-3),
+    Clock("12 hours", 0.5 * units.SECONDS_PER_DAY, anywhere=True),
+    Clock("one hour, as daylight saving ends", units.SECONDS_PER_HOUR, anywhere=True),
+    Clock("2^16 counts", 2.0**16, short=True),
+    Clock("2^16 ms", 2.0**16 * 1e-3, short=True),
+    Clock("2^32 ns", 2.0**32 * 1e-9, short=True),
+    Clock("the hour", units.SECONDS_PER_HOUR, short=True),
+    Clock("the minute", units.SECONDS_PER_MINUTE, short=True),
+)
+
+
+def roll_overs(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Let a clock that begins again run on."""
+    if context.steps(table).least > 0.0:
+        return table
+    time_s = table[TIME].to_numpy()
+    known = np.flatnonzero(np.isfinite(time_s))
+    steps = np.diff(time_s[known])
+    falls = np.flatnonzero(steps < 0.0)
+    if not len(falls) or not (steps > 0.0).any():
+        return table
+    period_s = float(np.median(steps[steps > 0.0]))
+    fitting = [(clock, _of_clock(time_s[known], falls, period_s, clock)) for clock in CLOCKS]
+    clock, rows = max(fitting, key=lambda pair: len(pair[1]))
+    if not len(rows):
+        return table
+    turns = np.zeros(len(known))
+    turns[rows + 1] = 1.0
+    running = time_s.copy()
+    running[known] += clock.range_s * np.cumsum(turns)
+    code = message("recording.roll_over", times=len(rows), clock=clock.name, range_s=clock.range_s)
+    context.add("repaired", code, TIME, known[rows[0] + 1])
+    return table.assign(**{TIME: running})
+
+
+def _of_clock(time_s: Array, falls: npt.NDArray[np.intp], period_s: float, clock: Clock) -> npt.NDArray[np.intp]:
+    """Those falls of time that are roll-overs of a clock."""
+    after_s = time_s[falls + 1] + clock.range_s - time_s[falls]  # step once the clock runs on
+    later_s = np.array([np.median(time_s[row + 1 : row + 1 + _AFTER]) for row in falls])
+    stays = later_s - time_s[falls + 1] < 0.5 * (time_s[falls] - time_s[falls + 1])
+    if clock.anywhere:
+        exact = np.abs(after_s - period_s) <= 0.5 * period_s
+        return falls[exact & stays & (time_s[falls + 1] != time_s[0])]
+    near_s = max(NEAR_THE_END * clock.range_s, 3.0 * period_s)
+    for begins_s in (0.0, -0.5 * clock.range_s):
+        inside = begins_s <= float(time_s.min()) and float(time_s.max()) <= begins_s + clock.range_s
+        at_ends = (begins_s + clock.range_s - time_s[falls] <= near_s) & (time_s[falls + 1] - begins_s <= near_s)
+        found = falls[at_ends & stays & (after_s > 0.0)]
+        restarted = clock.short and len(found) < _SEVERAL and time_s[0] - begins_s <= near_s
+        if inside and len(found) and not restarted:
+            return found
+    return falls[:0]

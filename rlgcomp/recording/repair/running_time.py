@@ -1,0 +1,63 @@
+"""Time of a stream, batch by batch: dates and clock times as seconds, and clocks that begin again as clocks that run on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from rlgcomp import units
+from rlgcomp.recording.repair.context import Array
+from rlgcomp.recording.repair.roll_over import CLOCKS, NEAR_THE_END
+from rlgcomp.recording.times import seconds_of
+
+
+class RunningTime:
+    """Seconds of consecutive batches of one time column: dates count from the first of them all."""
+
+    def __init__(self) -> None:
+        self._first: pd.Timestamp | None = None
+        self._last_s = np.nan  # as recorded
+        self._turned_s = 0.0
+
+    def seconds(self, values: pd.Series) -> Array:
+        """Seconds of the next batch; NaN where an entry is no time.
+
+        Raises
+        ------
+        AmbiguousDatesError
+            Day and month may be exchanged.
+        """
+        read = seconds_of(values)
+        if read is None:
+            time_s = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        else:
+            relative, first = read
+            if first is not None and self._first is None:
+                self._first = first
+            since_s = 0.0 if first is None or self._first is None else (first - self._first).total_seconds()
+            time_s = relative.to_numpy(dtype=np.float64, na_value=np.nan) + since_s
+        return self._run_on(time_s)
+
+    def _run_on(self, time_s: Array) -> Array:
+        """Times whose clock runs on where it begins again; a clock put back by an hour is one of dates alone."""
+        running = time_s.copy()
+        for row, now_s in enumerate(time_s.tolist()):
+            if np.isnan(now_s):
+                continue
+            if now_s < self._last_s:
+                self._turned_s += _range_s(self._last_s, now_s, dates=self._first is not None)
+            self._last_s = now_s
+            running[row] = now_s + self._turned_s
+        return running
+
+
+def _range_s(before_s: float, after_s: float, *, dates: bool) -> float:
+    """Range of the clock that begins again between two times; zero where none does."""
+    if dates:
+        fall_s = before_s - after_s
+        return units.SECONDS_PER_HOUR if 0.9 * units.SECONDS_PER_HOUR < fall_s < units.SECONDS_PER_HOUR else 0.0
+    for clock in CLOCKS:
+        near_s = NEAR_THE_END * clock.range_s
+        if not (clock.anywhere or clock.short) and 0.0 <= clock.range_s - before_s <= near_s and 0.0 <= after_s <= near_s:
+            return clock.range_s
+    return 0.0
