@@ -111,9 +111,14 @@ def hysteretic() -> list[Recording]:
     return made(HYSTERESIS)
 
 
+@pytest.fixture(scope="module")
+def plain(hysteretic: list[Recording]) -> Diagnosis:
+    return asked(hysteretic)
+
+
 @pytest.mark.parametrize("name", CHANGES)
-def test_answer_does_not_depend_on_habits(name: str, hysteretic: list[Recording]) -> None:
-    plain, changed = asked(hysteretic), asked(CHANGES[name](hysteretic))
+def test_answer_does_not_depend_on_habits(name: str, hysteretic: list[Recording], plain: Diagnosis) -> None:
+    changed = asked(CHANGES[name](hysteretic))
     assert (changed.verdict, mechanisms(changed)) == (plain.verdict, mechanisms(plain))
     one, other = (found.posterior.of_region("thermal_hysteresis") for found in (plain, changed))
     assert other == pytest.approx(one, abs=0.05)
