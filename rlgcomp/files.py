@@ -237,6 +237,14 @@ def write_json(path: str | Path, value: Any) -> None:
 def write_result(path: str | Path, value: Mapping[str, Any], *, overwrite: bool = False) -> None:
     """Write a JSON result whose `schema` begins with rlgcomp, over another such file alone.
 
+    Parameters
+    ----------
+    path : path
+    value : mapping
+        The result, plain data.
+    overwrite : bool
+        Also over a file that rlgcomp did not write.
+
     Raises
     ------
     InputError

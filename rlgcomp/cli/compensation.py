@@ -164,7 +164,7 @@ def train(
                 {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
                 {"": f"with {'runs' if adapt is None else 'units'} left out, deg/h", " ": summary["left_out_rms_deg_h"]},
                 {"": "90 % interval, ± deg/h", " ": summary["half_width_deg_h"]},
-                {"": "selected", " ": selected or "nothing to select"},
+                {"": "selected", " ": selected or "no parameter: one candidate"},
             ],
         )
         for title, rows in () if exported is None else exported.tables:

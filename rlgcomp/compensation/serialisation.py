@@ -243,7 +243,7 @@ def summary(manifest: Mapping[str, Any]) -> str:
         f"Compensator of {manifest['output']['gyro']}: {manifest['model']['name']} on {count}, {manifest['averaging_s']:g} s means",
         textwrap.fill(f"  inputs: {', '.join(inputs)}", _CARD_WIDTH, subsequent_indent=" " * 6),
         f"  trained on: {', '.join(str(run['run']) for run in manifest['runs'])} ({hours:.1f} h)",
-        f"  selected: {selected or 'nothing to select'}",
+        f"  selected: {selected or 'no parameter: one candidate'}",
         f"  rms before {before:.3g} deg/h, with runs left out {residual}; 90 % interval ± {half_width:.2g} deg/h",
     ]
     return "\n".join(lines)

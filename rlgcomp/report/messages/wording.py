@@ -83,6 +83,15 @@ def rms_text(value: float, noise_floor: float) -> str:
 def estimate_text(value: float, sd: float, unit: str) -> str:
     """A number with its standard deviation to two digits of the latter, both with one power of ten.
 
+    Parameters
+    ----------
+    value, sd : float
+        Without a positive finite standard deviation the number alone is shown.
+    unit : str
+        "1" for a pure number, which shows none.
+
+    Examples
+    --------
     >>> estimate_text(0.0123456, 0.00056, "deg/h/K"), estimate_text(-8.51e-7, 1.23e-7, "V"), estimate_text(3.0, 0.0, "1")
     ('0.01235 ± 0.00056 deg/h/K', '(-8.5 ± 1.2)·10⁻⁷ V', '3')
     """
