@@ -16,6 +16,7 @@ from experiments.tables import show_table
 
 ROOT = Path(__file__).resolve().parents[2]
 BEFORE = ("668a3f5", "57edf31")  # before the rooms were rebuilt, and after their first move
+LONG = 400  # lines of a module that is no page any more
 FEW = 3  # arguments from which a function describes them in a section
 
 
@@ -51,6 +52,7 @@ def numbers(root: Path) -> dict[str, str]:
     return {
         "modules": f"{len(modules)}",
         "of them outside diagnosis": f"{sum(_room(name) != 'diagnosis' for name in modules)}",
+        f"of more than {LONG} lines": f"{sum(_length(file) > LONG for file in package.rglob('*.py'))}",
         "lines of code": f"{lines['code']}",
         "lines of docstrings": f"{lines['docstring']}",
         "lines of comment": f"{lines['comment']}",
@@ -82,6 +84,10 @@ def _room(name: str) -> str:
 
 def _is_package(name: str, modules: dict[str, ast.Module]) -> bool:
     return any(other.startswith(f"{name}.") for other in modules)
+
+
+def _length(file: Path) -> int:
+    return len(file.read_text(encoding="utf-8").splitlines())
 
 
 def _words(file: Path) -> int:
