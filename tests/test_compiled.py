@@ -13,7 +13,7 @@ import pytest
 import threadpoolctl
 
 from rlgcomp.errors import InputError
-from rlgcomp.numerics import compiled, filters, hysteresis_loops
+from rlgcomp.numerics import bouc_wen_loops, compiled, filters, hysteresis_loops
 from rlgcomp.numerics.hysteresis import BoucWen, Play, play_paths
 from rlgcomp.physics.mode_hop import ModeHop
 from rlgcomp.recording import Recording
@@ -26,7 +26,7 @@ WEIGHTS = np.random.default_rng(1).normal(size=7)
 @pytest.fixture(autouse=True)
 def _few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hysteresis_loops, "MANY", 50)
-    monkeypatch.setattr(hysteresis_loops, "BOUC_WEN_PIECE", 3)
+    monkeypatch.setattr(bouc_wen_loops, "BOUC_WEN_PIECE", 3)
     monkeypatch.setattr(hysteresis_loops, "PLAY_PIECE", 3)
     monkeypatch.setattr(hysteresis_loops, "LARGE", 50)
 
@@ -63,8 +63,8 @@ def test_bouc_wen_has_the_same_bits_alone_in_a_fleet_and_without_numba(exponent:
     plain = np.column_stack([plainly(operator.run, operator.init(x[0]), x)[0] for x in u.T])
     alone = np.column_stack([operator.run(operator.init(x[0]), x)[0] for x in u.T])
     assert np.array_equal(alone, plain)
-    assert np.array_equal(hysteresis_loops.bouc_wen_fleet(u, 1.0, 6.0, 0.8, exponent), plain)
-    assert np.array_equal(plainly(hysteresis_loops.bouc_wen_fleet, u, 1.0, 6.0, 0.8, exponent), plain)
+    assert np.array_equal(bouc_wen_loops.bouc_wen_fleet(u, 1.0, 6.0, 0.8, exponent), plain)
+    assert np.array_equal(plainly(bouc_wen_loops.bouc_wen_fleet, u, 1.0, 6.0, 0.8, exponent), plain)
 
 
 @needs_numba

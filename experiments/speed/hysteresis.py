@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.speed.measure import Case, Peer, Row
+from rlgcomp.numerics.bouc_wen_loops import bouc_wen_fleet
 from rlgcomp.numerics.hysteresis import BoucWen
-from rlgcomp.numerics.hysteresis_loops import bouc_wen_fleet, play_sums
+from rlgcomp.numerics.hysteresis_loops import play_sums
 
 Array = npt.NDArray[np.float64]
 STEPS: Final = 43_200  # 12 h at 1 Hz

@@ -21,7 +21,7 @@ from rlgcomp.compensation.interval import Interval, excess
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
-from rlgcomp.compensation.models.specification import cross_validation_residuals, sequential
+from rlgcomp.compensation.models.specification import cross_validation_residuals, require_regressor, sequential
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
@@ -36,13 +36,6 @@ logger = logging.getLogger(__name__)
 BLOCKS_OF_ONE_RUN: Final = 5
 _BATCH_ROWS: Final = 2048
 _MUCH_OF_EARTH_RATE: Final = 0.1
-
-
-def _require_regressor(model: Any) -> None:
-    if isinstance(model, type) or not (hasattr(model, "fit") and hasattr(model, "predict")):
-        raise InputError(
-            f"model is {model!r:.100}; it must be a regressor that was made, as rlgcomp.LSSVMRegressor(), or None for that one"
-        )
 
 
 class Compensator(BaseEstimator):  # type: ignore[misc]
@@ -158,7 +151,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """
         runs, workers = require_recordings(runs, "runs"), require_workers(self.n_jobs)
         model = LSSVMRegressor() if self.model is None else self.model
-        _require_regressor(model)
+        require_regressor(model)
         if not runs:
             raise InputError("no runs to train on; give at least one recording")
         for run in runs:

@@ -26,7 +26,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.numerics.hysteresis_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, bouc_wen_linear, pays, play_states, relaxed
+from rlgcomp.numerics.bouc_wen_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, bouc_wen_linear
+from rlgcomp.numerics.hysteresis_loops import pays, play_states, relaxed
 
 Array = npt.NDArray[np.float64]
 STARTS: Final = {"rested": 0.0, "from_below": 1.0, "from_above": -1.0}  # what `swept` is called

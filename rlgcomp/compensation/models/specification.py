@@ -94,6 +94,20 @@ def rms(residuals: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(residuals**2, axis=1)))
 
 
+def require_regressor(model: Any) -> None:
+    """Raise unless a model can be fitted and predicts.
+
+    Raises
+    ------
+    InputError
+        It is a class, or lacks a method.
+    """
+    if isinstance(model, type) or not (hasattr(model, "fit") and hasattr(model, "predict")):
+        raise InputError(
+            f"model is {model!r:.100}; it must be a regressor that was made, as rlgcomp.LSSVMRegressor(), or None for that one"
+        )
+
+
 def sequential(model: Any) -> bool:
     """Whether the model reads rows as a sequence, so that `fit` needs the recording that each row belongs to."""
     return bool(getattr(model, "reads_sequences", False))
