@@ -39,6 +39,15 @@ STANDARD_GRAVITY_M_S2: Final = 9.80665
 EARTH_RATE_RAD_S: Final = 7.292115e-5
 EARTH_RATE_DEG_H: Final = EARTH_RATE_RAD_S / RAD_PER_DEG * SECONDS_PER_HOUR
 
+# An angle random walk of 1 deg/sqrt(h) in the units that data sheets and other tools state it in. White noise of the density
+# n in deg/s/sqrt(Hz) makes an angle error of n sqrt(t) in deg, t in s: 1 deg/s/sqrt(Hz) is 60 deg/sqrt(h).
+ANGLE_RANDOM_WALK_UNITS: Final = {
+    "deg/sqrt(h)": 1.0,
+    "deg/s/sqrt(Hz)": 1.0 / 60.0,
+    "rad/s/sqrt(Hz)": RAD_PER_DEG / 60.0,
+    "rad/sqrt(s)": RAD_PER_DEG / 60.0,
+}
+
 # One line a dimension: unit -> (factor, offset) with value_in_base = factor * value + offset.
 _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
     "time [s]": {

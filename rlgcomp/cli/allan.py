@@ -24,7 +24,7 @@ from rlgcomp.cli.base import (
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table, show_text
 
-FILES: Final = ("allan.csv", "coefficients.json", "allan.png")
+FILES: Final = ("allan.csv", "coefficients.json", "allan.png", "imu.yaml", "gyroparams.m")
 
 
 @command("allan")
@@ -43,6 +43,10 @@ def allan(
         typer.Option(
             "--out", "-o", metavar="DIR", help="Folder for allan.csv, coefficients.json and allan.png, replaced as a whole."
         ),
+    ] = None,
+    to: Annotated[
+        list[str] | None,
+        typer.Option("--to", metavar="TOOL", help="Also the file of another tool: kalibr (imu.yaml) or matlab (gyroparams.m)."),
     ] = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -68,6 +72,7 @@ def allan(
     from rlgcomp.recording.formats.pieces import too_large
 
     taus = None if tau is None else _times(tau)
+    _require_tools(to or [], out)
     if out is not None:
         require_folder(out, FILES, run)
     options = {"estimator": estimator, "confidence": confidence, "per_decade": per_decade}
@@ -92,7 +97,7 @@ def allan(
             span = f"{available[0]:g} to {available[-1]:g} s" if len(available) > 1 else f"{available[0]:g} s"
             notify(f"no deviation at {', '.join(f'{tau_s:g}' for tau_s in missing)} s: of --tau, the record allows {span}")
     if out is not None:
-        _write(out, analyses, name)
+        _write(out, analyses, name, to or [])
     if as_json:
         show_json([analysis.to_mapping() for analysis in analyses])
         return
@@ -170,22 +175,48 @@ def _show(analysis: Any) -> None:
     ]
     show_table("Five noises", rows)
     show_text()
+    others = [
+        {"angle random walk": coefficient_text(value, sd), "unit": unit}
+        for unit, (value, sd) in analysis.coefficients.angle_random_walk_in_units().items()
+    ]
+    show_table("Angle random walk in units of other tools", others[1:])
+    show_text()
     for finding in analysis.findings:
         show_text(f"- {finding}")
     show_text()
 
 
-def _write(out: Path, analyses: list[Any], title: str) -> None:
+def _write(out: Path, analyses: list[Any], title: str, tools: list[str]) -> None:
     import pandas as pd
 
     from rlgcomp.files import whole_folder, write_json
     from rlgcomp.report.allan_figure import allan_picture
 
+    texts = {}
+    if tools:
+        from rlgcomp.export.noise_parameters import TARGETS
+
+        texts = {TARGETS[tool][0]: TARGETS[tool][1](analyses) for tool in tools}
     with whole_folder(out, writes=FILES) as folder:
         tables = [analysis.deviation.to_frame().assign(gyro=analysis.gyro) for analysis in analyses]
         pd.concat(tables, ignore_index=True).to_csv(folder / "allan.csv", index=False)
         write_json(folder / "coefficients.json", [analysis.to_mapping() for analysis in analyses])
         (folder / "allan.png").write_bytes(allan_picture(analyses, title))
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+
+
+def _require_tools(tools: list[str], out: Path | None) -> None:
+    if not tools:
+        return
+    from rlgcomp.errors import InputError
+    from rlgcomp.export.noise_parameters import TARGETS
+
+    unknown = [tool for tool in tools if tool not in TARGETS]
+    if unknown:
+        raise InputError(f"--to {unknown[0]!r} is unknown; known are {', '.join(TARGETS)}")
+    if out is None:
+        raise InputError(f"--to {tools[0]} writes a file: give its folder with --out")
 
 
 def _times(text: str) -> list[float]:

@@ -55,6 +55,8 @@ def arw(
         return
     show_table("Angle random walk N, 10⁻⁵ deg/√h, ± one standard deviation", [_row(one) for one in result.gyros])
     show_text()
+    show_table("Angle random walk in units of other tools, ± one standard deviation", [_in_units(one) for one in result.gyros])
+    show_text()
     show_table("Other coefficients, from the five-term fit of the Allan deviation", [_coefficients(one) for one in result.gyros])
     show_text()
     if result.delay is not None:
@@ -76,6 +78,14 @@ def _row(one: Any) -> dict[str, Any]:
         "five terms": _pm(fit.angle_random_walk_deg_sqrt_h, fit.angle_random_walk_deg_sqrt_h_sd),
         "orders": " ".join(map(str, one.harmonics.orders.tolist())) or "none",
     }
+
+
+def _in_units(one: Any) -> dict[str, Any]:
+    from rlgcomp.units import ANGLE_RANDOM_WALK_UNITS, value_or_limit
+
+    value, sd = one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd
+    texts = {unit: value_or_limit(factor * value, factor * sd, None) for unit, factor in ANGLE_RANDOM_WALK_UNITS.items()}
+    return {"run": one.run, "gyro": one.gyro, **{unit: texts[unit] for unit in list(texts)[1:]}}
 
 
 def _coefficients(one: Any) -> dict[str, Any]:

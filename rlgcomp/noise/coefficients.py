@@ -40,7 +40,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_covariance import POWERS, covariance_products, design_matrix
 from rlgcomp.noise.processes import NoiseModel, coefficient_text, upper_limits
 from rlgcomp.report.notebook import ShownAsTable
-from rlgcomp.units import SECONDS_PER_HOUR
+from rlgcomp.units import ANGLE_RANDOM_WALK_UNITS, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -167,7 +167,18 @@ class NoiseCoefficients(ShownAsTable):
 
     def to_mapping(self) -> dict[str, Any]:
         """Plain mapping, for JSON."""
-        return {**dataclasses.asdict(self), "p_value": self.p_value}
+        return {
+            **dataclasses.asdict(self),
+            "p_value": self.p_value,
+            "angle_random_walk": [
+                {"value": value, "sd": sd, "unit": unit} for unit, (value, sd) in self.angle_random_walk_in_units().items()
+            ],
+        }
+
+    def angle_random_walk_in_units(self) -> dict[str, tuple[float, float]]:
+        """Angle random walk and its standard error in deg/sqrt(h), deg/s/sqrt(Hz), rad/s/sqrt(Hz) and rad/sqrt(s)."""
+        value, sd = self.angle_random_walk_deg_sqrt_h, self.angle_random_walk_deg_sqrt_h_sd
+        return {unit: (factor * value, factor * sd) for unit, factor in ANGLE_RANDOM_WALK_UNITS.items()}
 
     def noise_model(self) -> NoiseModel:
         """The noise to simulate with, without the ramp, which is a drift."""

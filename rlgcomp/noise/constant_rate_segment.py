@@ -29,7 +29,7 @@ from rlgcomp.noise.spectral_fit import (
     transform,
 )
 from rlgcomp.recording import Recording
-from rlgcomp.units import SECONDS_PER_HOUR
+from rlgcomp.units import ANGLE_RANDOM_WALK_UNITS, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -116,6 +116,14 @@ class AngleRandomWalk:
             "noise": self.noise.to_frame().to_dict("records")[0],
             "whole_revolutions": self.whole_revolutions.to_frame().to_dict("records")[0],
             "agreement_p_value": self.agreement_p_value,
+            "angle_random_walk": [
+                {
+                    "value": factor * self.angle_random_walk_deg_sqrt_h,
+                    "sd": factor * self.angle_random_walk_deg_sqrt_h_sd,
+                    "unit": unit,
+                }
+                for unit, factor in ANGLE_RANDOM_WALK_UNITS.items()
+            ],
             "allan": self.coefficients.to_mapping(),
             "harmonics": self.harmonics.to_frame().to_dict("records"),
             "encoder_subtracted": self.encoder_subtracted,
