@@ -227,4 +227,49 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.gyro_outliers": _gyro_outliers,
     "recording.count_errors": _count_errors,
     "recording.monitor_outliers": _monitor_outliers,
+    # runs compared with each other
+    "recording.shared_noise": (
+        "{run} has the noise of {other} (correlation {correlation:.2f}), which no two recordings share: it is a copy, in whole "
+        "or in "
+        "part, whatever its clock, offset or sample period. Runs left out then prove nothing; give each recording once."
+    ),
+    "recording.other_noise": (
+        "{run}, {column}: its noise from sample to sample is {ratio:.3g} times that of the other runs, as of another unit, another "
+        "sensor or filtered data. State the unit with --map, or leave the run or the column out."
+    ),
+    "recording.other_spectrum": (
+        "{run}, {column}: its noise has another spectrum than in the other runs, as of data that were interpolated, smoothed or "
+        "held. "
+        "Use the data as recorded, or leave the run out."
+    ),
+    "recording.other_digit": (
+        "{run}, {column}: its last digit is {ratio:.4g} times that of the other runs, as of another unit. State the unit with "
+        "--map, or "
+        "leave the run or the column out."
+    ),
+    "recording.other_level": (
+        "{run}, {column}: its median is {level:.4g}, in the other runs {others:.4g}, as of another unit or another sensor. "
+        "State the "
+        "unit with --map, or leave the run or the column out."
+    ),
+    "recording.other_slope": (
+        "{run}, {column}: it changes {ratio:.3g} times as much for each kelvin of {other} as in the other runs, as in another "
+        "unit. "
+        "State the unit with --map, or leave the run or the column out."
+    ),
+    "recording.other_clock": (
+        "{run} has a sample period of {period_s:.4g} s, the other runs {others_s:.4g} s, and the gyro's noise is the same: its "
+        "time "
+        "is in another unit, or it was thinned out without averaging. Map the time with its unit, as --map time_s='time_s [ms]'."
+    ),
+    "recording.other_response": (
+        "{run}: its gyro follows the temperature {slope:.3g} times as in the other runs: the gyro has another sign or unit. "
+        "State it "
+        "with --map, as gyro_deg_h='gyro_deg_h [-deg/h]', or leave the run out."
+    ),
+    "recording.other_sign": (
+        "{run}: its gyro has a mean of {mean_deg_h:.4g} deg/h, the other runs {others_deg_h:.4g} deg/h: its sign is reversed. "
+        "State "
+        "it with --map, as gyro_deg_h='gyro_deg_h [-deg/h]', or leave the run out."
+    ),
 }

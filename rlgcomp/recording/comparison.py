@@ -1,0 +1,343 @@
+"""Runs of one gyro compared with each other: copies, and channels or responses of one run that differ from those of the others.
+
+Two runs of a gyro share everything but its noise. A run that holds the noise of another is a copy of it, whatever its clock,
+offset, scale or sample period. Noise is compared with its spectrum whitened, so that lines and drifts count for little.
+
+The noise of each channel, its level, the gyro's angle random walk, and how the gyro follows the thermometers are the same in all
+runs of a healthy laboratory. A run in which one of them differs by more than any healthy run does has a wrong unit, sign, clock or
+sensor, or was filtered.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from rlgcomp.errors import InputError
+from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
+from rlgcomp.report.messages import Message, message
+
+Array = npt.NDArray[np.float64]
+MOST_SAMPLES: Final = 1 << 19  # of a run that are compared with another run
+FEWEST_SAMPLES: Final = 200
+CLIP: Final = 4.0  # robust standard deviations beyond which a step is no noise
+SHARED: Final = 0.5  # correlation of the noise of two runs from which they share it
+DEVIATIONS: Final = 12.0  # of that correlation from zero; there are as many trials as samples
+COARSEST: Final = 50  # ratio of sample periods
+NOISE_RATIO: Final = 1.5  # of the noise of one channel in two runs
+ROUNDED_RATIO: Final = 4.0  # the same of a channel that its last digit hides
+LEVEL_RATIO: Final = 5.0  # of the levels of a channel that does not change its sign
+SPECTRUM: Final = 0.25  # difference of the correlation of neighbouring steps
+PERIOD_RATIO: Final = 3.0
+_FEWEST_WINDOWS: Final = 20
+THERMOMETER_RATIO: Final = 1.4  # of the slopes between two thermometers
+_FOLLOWS: Final = 0.8  # correlation of the gyro with the response of the other runs
+_SMALLEST_SLOPE, _LARGEST_SLOPE = 0.33, 3.0
+_WINDOWS: Final = 400  # of a run in which the response is compared
+_DIGITS: Final = 30  # steps of a channel's last digit within its noise, below which the digit hides the noise
+
+
+def compare(runs: Sequence[Recording], gyro: str | None = None) -> tuple[Message, ...]:
+    """How runs of one gyro differ from each other, or resemble each other more than two runs can; nothing of healthy runs.
+
+    Parameters
+    ----------
+    runs : sequence of Recording
+    gyro : str, optional
+        Gyro column, where there are several.
+    """
+    if len(runs) < 2:
+        return ()
+    noises = {}
+    for k, run in enumerate(runs):
+        try:
+            noises[k] = (run.rate_deg_h(gyro), run.period_s)
+        except InputError:
+            continue
+    messages = [*_copies(runs, noises), *_channels(runs), *_thermometers(runs), *_clocks(runs, noises)]
+    signed = _response(runs, {k: rate for k, (rate, _) in noises.items()})
+    return (*messages, *signed)
+
+
+# --- copies ----------------------------------------------------------------------------------------------------------------------
+
+
+def _copies(runs: Sequence[Recording], noises: dict[int, tuple[Array, float]]) -> list[Message]:
+    messages = []
+    for one, other in itertools.combinations(noises, 2):
+        share = shared_noise(*noises[one], *noises[other])
+        if share is not None:
+            names = {"run": runs[other].name, "other": runs[one].name}
+            messages.append(message("recording.shared_noise", **names, correlation=share))
+    return messages
+
+
+def shared_noise(one: Array, one_period_s: float, other: Array, other_period_s: float) -> float | None:
+    """Correlation of the noise of two runs at the lag where it is greatest; None where they do not share it.
+
+    Parameters
+    ----------
+    one, other : ndarray, shape (n,)
+        Rates of a gyro, in any unit each.
+    one_period_s, other_period_s : float
+        Sample periods in s. The clock of one of the runs may be wrong, so that equal samples are compared as well.
+    """
+    if one_period_s > other_period_s:
+        one, one_period_s, other, other_period_s = other, other_period_s, one, one_period_s
+    factor = round(other_period_s / one_period_s)
+    trials = [(one, other)]
+    if 1 < factor <= COARSEST:
+        means = one[: len(one) // factor * factor].reshape(-1, factor).mean(axis=1)
+        trials = [(one[phase::factor], other) for phase in range(factor)] + [(means, other), (one, other)]
+    found = [share for first, second in trials if (share := _at_best_lag(first, second)) is not None]
+    return max(found, default=None)
+
+
+def _at_best_lag(one: Array, other: Array) -> float | None:
+    a, b = _steps(one), _steps(other)
+    if a is None or b is None:
+        return None
+    size = fft.next_fast_len(len(a) + len(b), real=True)
+    cross = fft.rfft(a, size) * np.conj(fft.rfft(b, size))
+    strength = np.abs(cross)
+    white = np.divide(cross, strength, out=np.zeros_like(cross), where=strength > 0.0)
+    peaks = fft.irfft(white, size)
+    lag = int(np.argmax(np.abs(peaks)))
+    lag = lag if lag < len(a) else lag - size
+    first, second = (a[lag:], b) if lag >= 0 else (a, b[-lag:])
+    common = min(len(first), len(second))
+    if common < FEWEST_SAMPLES:
+        return None
+    blocks = max(1, common // FEWEST_SAMPLES)
+    first, second = (part[: common // blocks * blocks].reshape(blocks, -1) for part in (first, second))
+    scale = np.sqrt(np.mean(first**2, axis=1) * np.mean(second**2, axis=1))
+    shares = np.abs(np.mean(first * second, axis=1)) / np.where(scale > 0.0, scale, np.inf)
+    # Steps of white noise are correlated with the next ones, by which their correlation over a block scatters more.
+    alike = (shares > SHARED) & (shares * np.sqrt(first.shape[1] / 1.5) > DEVIATIONS / np.sqrt(min(blocks, 4)))
+    return float(np.mean(shares[alike])) if np.count_nonzero(alike) >= min(blocks, 4) else None
+
+
+def _steps(values: Array) -> Array | None:
+    """Steps of a gyro's output without its drift and its jumps, of zero mean; None where there is no noise in them."""
+    steps = np.diff(values[:MOST_SAMPLES])
+    if len(steps) < FEWEST_SAMPLES:
+        return None
+    steps = steps - np.median(steps)
+    scale = 1.4826 * float(np.median(np.abs(steps)))
+    if not scale > 0.0:
+        return None
+    steps = np.where(np.abs(steps) <= CLIP * scale, steps, 0.0)
+    return np.asarray(steps - steps.mean())
+
+
+# --- channels --------------------------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class _Channel:
+    """Noise of a channel from sample to sample, correlation of its neighbouring steps, its level, and its last digit."""
+
+    noise: float
+    correlation: float
+    level: float
+    one_sign: bool
+    hidden: bool
+    digit: float
+
+    @classmethod
+    def of(cls, values: Array) -> _Channel | None:
+        if len(values) < FEWEST_SAMPLES:
+            return None
+        bends = np.diff(values, 2)
+        size = np.abs(bends)
+        noise = 1.4826 * float(np.median(size)) / np.sqrt(6.0)
+        distinct = np.unique(values)
+        apart = np.diff(distinct)
+        apart = apart[apart > 1e-9 * max(1.0, float(np.abs(distinct).max()))]
+        digit = float(np.min(apart)) if len(apart) else 0.0
+        hidden = len(distinct) < len(values) / 2 and not noise > _DIGITS * digit
+        if not noise > 0.0:
+            noise = float(np.sqrt(np.mean(bends**2) / 6.0))
+        steps = _steps(values)
+        correlation = float(np.mean(steps[1:] * steps[:-1]) / np.mean(steps**2)) if steps is not None and np.any(steps) else np.nan
+        low, high = np.quantile(values, [0.01, 0.99])
+        return cls(noise, correlation, float(np.median(values)), bool(low * high > 0.0), hidden, digit)
+
+
+def _channels(runs: Sequence[Recording]) -> list[Message]:
+    """Messages of channels whose noise, spectrum or level is not that of the same channel in the other runs."""
+    messages: list[Message] = []
+    for column in dict.fromkeys(name for run in runs for name in run.columns):
+        if column == TIME or column in ENCODERS or column == "table_rate_deg_s" or is_compensation(column):
+            continue
+        here = {k: _Channel.of(run.column(column)) for k, run in enumerate(runs) if column in run}
+        known = {k: channel for k, channel in here.items() if channel is not None}
+        if len(known) < 2:
+            continue
+        messages += _differing(runs, column, known)
+    return messages
+
+
+def _differing(runs: Sequence[Recording], column: str, known: dict[int, _Channel]) -> list[Message]:
+    messages = []
+    turning = any("table_rate_deg_s" in run or any(encoder in run for encoder in ENCODERS) for run in runs)
+    equal = {k: one for k, one in known.items() if _same_period(runs, k, list(known))}
+    noises = {k: one.noise for k, one in equal.items() if one.noise > 0.0}
+    hidden = any(one.hidden for one in equal.values())
+    if len(noises) > 1 and not (turning and is_gyro(column)):
+        odd, ratio = _odd_one(noises)
+        if ratio > (ROUNDED_RATIO if hidden else NOISE_RATIO):
+            messages.append(
+                message("recording.other_noise", run=runs[odd].name, column=column, ratio=noises[odd] / _typical(noises, odd))
+            )
+            return messages
+        lags = {k: equal[k].correlation for k in noises if np.isfinite(equal[k].correlation)}
+        if len(lags) > 1 and not hidden and is_gyro(column):  # a thermometer's steps are those of its programme
+            odd = max(lags, key=lambda k: abs(lags[k] - _typical(lags, k)))
+            if abs(lags[odd] - _typical(lags, odd)) > SPECTRUM:
+                messages.append(message("recording.other_spectrum", run=runs[odd].name, column=column))
+                return messages
+    digits = {k: one.digit for k, one in known.items() if one.hidden and one.digit > 0.0}
+    if len(digits) == len(known):
+        odd, ratio = _odd_one(digits)
+        if ratio > NOISE_RATIO and abs(ratio / round(ratio) - 1.0) > 0.01:  # a logger of other settings has a multiple
+            messages.append(
+                message("recording.other_digit", run=runs[odd].name, column=column, ratio=digits[odd] / _typical(digits, odd))
+            )
+            return messages
+    levels = {k: abs(one.level) for k, one in known.items() if one.one_sign}
+    if len(levels) > 1 and not is_gyro(column) and not column.endswith("_degC"):
+        odd, ratio = _odd_one(levels)
+        if ratio > LEVEL_RATIO:
+            levels_of = {"level": known[odd].level, "others": _typical({k: one.level for k, one in known.items()}, odd)}
+            messages.append(message("recording.other_level", run=runs[odd].name, column=column, **levels_of))
+    return messages
+
+
+def _thermometers(runs: Sequence[Recording]) -> list[Message]:
+    """Messages of thermometers that follow another one with another slope than in the other runs."""
+    names = [name for name in runs[0].columns if name.endswith("_degC") and all(name in run for run in runs)]
+    messages: list[Message] = []
+    for reference, column in itertools.combinations(names, 2):
+        slopes = {}
+        for k, run in enumerate(runs):
+            x, y = _window_means(run.column(reference)), _window_means(run.column(column))
+            if min(np.ptp(x), np.ptp(y)) > 3.0 and np.corrcoef(x, y)[0, 1] > 0.95:
+                slopes[k] = float(np.std(y) / np.std(x))
+        if len(slopes) > 1:
+            odd, ratio = _odd_one(slopes)
+            if ratio > THERMOMETER_RATIO:
+                names_of = {"run": runs[odd].name, "column": column, "other": reference}
+                messages.append(message("recording.other_slope", **names_of, ratio=slopes[odd] / _typical(slopes, odd)))
+    return messages
+
+
+def _window_means(values: Array) -> Array:
+    size = max(1, len(values) // _WINDOWS)
+    return np.asarray(values[: len(values) // size * size].reshape(-1, size).mean(axis=1))
+
+
+def _same_period(runs: Sequence[Recording], k: int, known: Sequence[int]) -> bool:
+    typical = float(np.median([runs[other].period_s for other in known]))
+    return abs(runs[k].period_s / typical - 1.0) < 0.1
+
+
+def _typical(values: dict[int, float], without: int) -> float:
+    return float(np.median([value for k, value in values.items() if k != without]))
+
+
+def _odd_one(values: dict[int, float]) -> tuple[int, float]:
+    """The run whose value is farthest from those of the others by its ratio, and the ratio, one or more."""
+    ratios = {k: value / _typical(values, k) for k, value in values.items()}
+    odd = max(ratios, key=lambda k: abs(np.log(ratios[k])))
+    return odd, float(max(ratios[odd], 1.0 / ratios[odd]))
+
+
+# --- clocks ----------------------------------------------------------------------------------------------------------------------
+
+
+def _clocks(runs: Sequence[Recording], noises: dict[int, tuple[Array, float]]) -> list[Message]:
+    """A message where runs of other sample periods have the same noise from sample to sample: averaging would have changed it."""
+    periods = {k: period_s for k, (_, period_s) in noises.items()}
+    if len(periods) < 2:
+        return []
+    odd, ratio = _odd_one(periods)
+    channels = {k: _Channel.of(rate) for k, (rate, _) in noises.items()}
+    known = {k: one.noise for k, one in channels.items() if one is not None and one.noise > 0.0}
+    if ratio < PERIOD_RATIO or odd not in known or len(known) < 2:
+        return []
+    equal = known[odd] / _typical(known, odd)
+    if not 1.0 / NOISE_RATIO < equal < NOISE_RATIO:
+        return []
+    other_s = _typical(periods, odd)
+    return [message("recording.other_clock", run=runs[odd].name, period_s=periods[odd], others_s=other_s)]
+
+
+# --- the gyro's response ---------------------------------------------------------------------------------------------------------
+
+
+def _response(runs: Sequence[Recording], rates: dict[int, Array]) -> list[Message]:
+    """Messages of runs whose gyro follows the thermometers with another sign or size than in the other runs, or has another "
+    "sign."""
+    means = {k: _means(runs[k], rate) for k, rate in rates.items()}
+    known = {k: pair for k, pair in means.items() if pair is not None}
+    messages = []
+    if len(known) < 2:
+        return []
+    medians = {k: float(np.median(y)) for k, (_, y) in known.items()}
+    for k, (X, y) in known.items():
+        others = [pair for other, pair in known.items() if other != k]
+        slope = _slope(X, y, others)
+        if slope is not None and (slope < -_SMALLEST_SLOPE or not _SMALLEST_SLOPE < slope < _LARGEST_SLOPE):
+            messages.append((abs(np.log(abs(slope))), k, slope))
+    if messages:
+        reversed_ones = [one for one in messages if one[2] < 0.0]
+        _, k, slope = max(reversed_ones or messages)
+        return [message("recording.other_response", run=runs[k].name, slope=slope)]
+    for k, median in medians.items():
+        other = _typical(medians, k)
+        spread = max(float(np.ptp(y)) for _, y in known.values())
+        if median * other < 0.0 and abs(median + other) < 0.1 * abs(other) and abs(other) > 2.0 * spread:
+            return [message("recording.other_sign", run=runs[k].name, mean_deg_h=median, others_deg_h=other)]
+    return []
+
+
+def _means(run: Recording, rate: Array) -> tuple[Array, Array] | None:
+    """Powers and the rate of change of the temperature, other temperatures beside it, and the gyro, in windows of equal length."""
+    try:
+        temperature = run.column(run.temperature_column)
+    except InputError:
+        return None
+    T, y = _window_means(temperature), _window_means(rate)
+    if len(T) < _FEWEST_WINDOWS:
+        return None
+    rates = np.gradient(T, max(1, len(rate) // _WINDOWS) * run.period_s / 60.0)
+    return np.column_stack([T, T**2, T**3, rates]), y
+
+
+def _slope(X: Array, y: Array, others: Sequence[tuple[Array, Array]]) -> float | None:
+    """Slope of the gyro against the response of the other runs, where these agree on one and this run follows it."""
+    X_others, y_others = np.vstack([pair[0] for pair in others]), np.concatenate([pair[1] for pair in others])
+    common = (X[:, 0] >= X_others[:, 0].min()) & (X[:, 0] <= X_others[:, 0].max())
+    inside = (X_others[:, 0] >= X[:, 0].min()) & (X_others[:, 0] <= X[:, 0].max())
+    enough = min(common.sum(), inside.sum()) >= _FEWEST_WINDOWS
+    if not enough or np.ptp(X[common, 0]) < 0.3 * np.ptp(X_others[:, 0]):
+        return None
+    centre, scale = X_others.mean(axis=0), X_others.std(axis=0)
+    if not (scale > 0.0).all():
+        return None
+    design, wanted = ((part - centre) / scale for part in (X_others[inside], X[common]))
+    weights = np.linalg.lstsq(np.column_stack([np.ones(len(design)), design]), y_others[inside], rcond=None)[0]
+    explained = np.column_stack([np.ones(len(design)), design]) @ weights
+    expected, actual = np.column_stack([np.ones(len(wanted)), wanted]) @ weights, y[common]
+    if min(np.ptp(explained), np.ptp(expected), np.ptp(actual), np.ptp(y_others[inside])) == 0.0:
+        return None
+    if np.corrcoef(explained, y_others[inside])[0, 1] < _FOLLOWS or abs(np.corrcoef(expected, actual)[0, 1]) < _FOLLOWS:
+        return None
+    return float(np.polyfit(expected, actual, 1)[0])
