@@ -168,6 +168,16 @@ def read_runs(
     return recordings
 
 
+def compared(recordings: Sequence[Any], gyro: str | None = None) -> list[Any]:
+    """Messages on runs of one gyro that differ from each other or are copies, printed on standard error before the work goes on."""
+    from rlgcomp.recording.comparison import compare
+
+    messages = list(compare(recordings, gyro))
+    for one in messages:
+        notify(f"warning: {one.text}")
+    return messages
+
+
 def calibrated_name(gyro: str | None, calibration: Path | None) -> str | None:
     """The column of the chosen gyro after calibration."""
     from rlgcomp.recording import rate_name

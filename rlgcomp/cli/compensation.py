@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import glob
 import os
 import shutil
@@ -23,6 +24,7 @@ from rlgcomp.cli.base import (
     Runs,
     calibrated_name,
     command,
+    compared,
     progress,
     read_runs,
     require_folder,
@@ -113,6 +115,7 @@ def train(
     estimator = _estimator(model, device, adapted=adapt is not None)
     fleet = None if adapt is None else load(adapt)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=gyro if fleet is None else fleet.gyro)
+    differences = compared(recordings, calibrated_name(gyro, calibration) if fleet is None else fleet.gyro)
     _warn_of_long_fit(device, recordings, averaging_s)
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
     if fleet is not None:
@@ -149,7 +152,7 @@ def train(
         "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
         "half_width_deg_h": compensator.interval_.inside_deg_h,
-        "remarks": [remark.to_mapping() for remark in compensator.remarks_],
+        "remarks": [remark.to_mapping() for remark in (*differences, *compensator.remarks_)],
     } | ({} if exported is None else {"export": exported.to_mapping()})
     if as_json:
         show_json(summary)
@@ -254,7 +257,9 @@ def evaluate(
     compensator = load(model)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro)
     _require_the_same_calibration(compensator, recordings)
+    differences = compared(recordings, compensator.gyro)
     evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)
+    evaluation = dataclasses.replace(evaluation, input_remarks=(*differences, *evaluation.input_remarks))
     with whole_folder(out, writes=EVALUATION) as folder:
         write_report(folder, evaluation, compensator, title=f"Bias compensation: {model.name}", simulated=recordings[:1])
     if as_json:

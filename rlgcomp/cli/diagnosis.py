@@ -23,6 +23,7 @@ from rlgcomp.cli.base import (
     calibrated_name,
     candidates_of,
     command,
+    compared,
     interval_of,
     progress,
     read_runs,
@@ -180,6 +181,7 @@ def diagnose(
         measured = None if noise is None else measured_noise(noise, gyro)
         specs = [*train, *(test or [])]
         runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or ()))
+        compared(runs, calibrated_name(gyro, calibration))
         own = None
         if simulated:
             own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs))

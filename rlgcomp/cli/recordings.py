@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, read_runs
+from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, compared, read_runs
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table, show_text
 
@@ -19,7 +19,11 @@ def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: Pu
     for recording in recordings:
         for finding in outlier_findings(recording):
             notify(f"{recording.name}: {finding}")
-    summaries = [summarise(run) for run in recordings]
+    differences = compared(recordings)
+    summaries = [
+        summarise(run) | {"remarks": [one.to_mapping() for one in differences if one.data.get("run") == run.name]}
+        for run in recordings
+    ]
     if as_json:
         show_json(summaries)
         return

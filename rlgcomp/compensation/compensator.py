@@ -27,13 +27,16 @@ from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
 from rlgcomp.recording.argument_checks import require_recording, require_recordings, require_workers
+from rlgcomp.recording.comparison import noise_of_means_deg_h
 from rlgcomp.recording.outliers import without_outliers
+from rlgcomp.report.messages import Message, message
 from rlgcomp.report.notebook import table_html
 from rlgcomp.units import EARTH_RATE_DEG_H
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
 BLOCKS_OF_ONE_RUN: Final = 5
+BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
 _BATCH_ROWS: Final = 2048
 _MUCH_OF_EARTH_RATE: Final = 0.1
 
@@ -188,6 +191,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             *outliers,
             *omitted_groups(runs, self.features),
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
+            *self._below_noise(raw),
         )
         for remark in self.remarks_:
             logger.warning("%s", remark)
@@ -413,6 +417,17 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         return pd.DataFrame(
             {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
         )
+
+    def _below_noise(self, runs: Sequence[Recording]) -> list[Message]:
+        """A message where the error with runs left out is less than the noise of the means: the runs know each other."""
+        rmse = self.selection_.rmse
+        if rmse is None:
+            return []
+        noises = [noise_of_means_deg_h(run.rate_deg_h(self.gyro), run.period_s, self.averaging_s) for run in runs]
+        left_out, noise = rmse * self.scaling_.y_scale_deg_h, float(np.sqrt(np.mean(np.square(noises))))
+        if left_out >= BELOW_NOISE * noise:
+            return []
+        return [message("compensation.below_noise", left_out_rms_deg_h=left_out, noise_deg_h=noise)]
 
     def _require_steps(self) -> None:
         self.require_fitted()

@@ -26,6 +26,7 @@ from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.numerics.bootstrap import BLOCK_S, drawn_squares
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
+from rlgcomp.recording.comparison import shares_means
 from rlgcomp.recording.outliers import monitor_outliers, without_gyro_outliers
 from rlgcomp.report.notebook import ShownAsTable
 
@@ -199,7 +200,7 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
         factor_high=high,
         out_of_range=float(predicted["out_of_range"][samples].mean()),
         in_interval=float((np.abs(residual) <= averaged.column("half_width_deg_h")).mean()),
-        trained_on=trained_on(compensator, own),
+        trained_on=trained_on(compensator, own) or _holds_training(compensator, run),
     )
     try:
         temperature = averaged.column(run.temperature_column)
@@ -211,6 +212,12 @@ def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, 
 def trained_on(compensator: Compensator, own: WindowMeans) -> bool:
     """Whether averages of a run are among those that the compensation was trained on."""
     return any(_same_run(own, part, compensator.averaging_s) for part in compensator.training_)
+
+
+def _holds_training(compensator: Compensator, run: Recording) -> bool:
+    """Whether a run holds the noise of a training run, though its clock, its offset or its windows are others."""
+    rate_deg_h = run.rate_deg_h(compensator.gyro)
+    return any(shares_means(rate_deg_h, run.period_s, part.y_deg_h, compensator.averaging_s) for part in compensator.training_)
 
 
 def _same_run(one: WindowMeans, other: WindowMeans, averaging_s: float) -> bool:

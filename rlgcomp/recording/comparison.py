@@ -39,7 +39,11 @@ _FEWEST_WINDOWS: Final = 20
 THERMOMETER_RATIO: Final = 1.4  # of the slopes between two thermometers
 _FOLLOWS: Final = 0.8  # correlation of the gyro with the response of the other runs
 _SMALLEST_SLOPE, _LARGEST_SLOPE = 0.33, 3.0
+_FEWEST_MEANS: Final = 30
+_PHASES: Final = 50  # places of a window at which the windows of two runs are compared
+_SHARED_MEANS, _MEAN_DEVIATIONS = 0.75, 9.0
 _WINDOWS: Final = 400  # of a run in which the response is compared
+_MEAN_OF_LEAST: Final = 0.657  # mean of the least nine tenths of the absolute values of normal numbers
 _DIGITS: Final = 30  # steps of a channel's last digit within its noise, below which the digit hides the noise
 
 
@@ -136,6 +140,70 @@ def _steps(values: Array) -> Array | None:
     return np.asarray(steps - steps.mean())
 
 
+def shares_means(rate_deg_h: Array, period_s: float, means_deg_h: Array, averaging_s: float) -> bool:
+    """Whether a run holds the noise of means over consecutive windows, wherever its own windows begin.
+
+    Parameters
+    ----------
+    rate_deg_h : ndarray, shape (n,)
+    period_s : float
+        Sample period of the run in s.
+    means_deg_h : ndarray, shape (m,)
+        Means of another run, or of this one.
+    averaging_s : float
+        Length of a window in s.
+    """
+    size = max(1, round(averaging_s / period_s))
+    if len(rate_deg_h) < 4 * size or len(means_deg_h) < _FEWEST_MEANS:
+        return False
+    sums = np.concatenate([[0.0], np.cumsum(rate_deg_h - np.mean(rate_deg_h))])
+    averages = (sums[size:] - sums[:-size]) / size
+    known = _bends(means_deg_h)
+    for phase in range(0, size, max(1, size // _PHASES)):
+        own = _bends(averages[phase::size])
+        count = fft.next_fast_len(len(own) + len(known), real=True)
+        cross = fft.irfft(fft.rfft(own, count) * np.conj(fft.rfft(known, count)), count)
+        lag = int(np.argmax(np.abs(cross)))
+        lag = lag if lag < len(own) else lag - count
+        first, second = (own[lag:], known) if lag >= 0 else (own, known[-lag:])
+        common = min(len(first), len(second))
+        scale = float(np.sqrt(np.sum(first[:common] ** 2) * np.sum(second[:common] ** 2)))
+        if common < _FEWEST_MEANS or not scale > 0.0:
+            continue
+        share = abs(float(np.sum(first[:common] * second[:common]))) / scale
+        if share > max(_SHARED_MEANS, _MEAN_DEVIATIONS / np.sqrt(common)):
+            return True
+    return False
+
+
+def _bends(means: Array) -> Array:
+    """Second differences, of which drift is no part, clipped where they are no noise."""
+    bends = np.diff(means, 2)
+    scale = 1.4826 * float(np.median(np.abs(bends - np.median(bends)))) if len(bends) else 0.0
+    return np.asarray(np.clip(bends, -CLIP * scale, CLIP * scale))
+
+
+def noise_of_means_deg_h(rate_deg_h: Array, period_s: float, averaging_s: float) -> float:
+    """Least standard deviation that the white noise of a run can leave in its means: by its samples, or by halves of its windows.
+
+    Parameters
+    ----------
+    rate_deg_h : ndarray, shape (n,)
+    period_s : float
+        Sample period in s.
+    averaging_s : float
+        Length of a window in s.
+    """
+    size = max(2, round(averaging_s / period_s) // 2)
+    count = len(rate_deg_h) // size
+    channel = _Channel.of(rate_deg_h)
+    if count < _FEWEST_WINDOWS or channel is None:
+        return 0.0
+    halves = rate_deg_h[: count * size].reshape(count, size).mean(axis=1)
+    by_halves = 1.4826 * float(np.median(np.abs(np.diff(halves, 2)))) / np.sqrt(6.0 * 2.0)
+    return min(channel.noise / np.sqrt(2.0 * size), by_halves)
+
+
 # --- channels --------------------------------------------------------------------------------------------------------------------
 
 
@@ -156,7 +224,7 @@ class _Channel:
             return None
         bends = np.diff(values, 2)
         size = np.abs(bends)
-        noise = 1.4826 * float(np.median(size)) / np.sqrt(6.0)
+        noise = float(np.mean(size[size <= np.quantile(size, 0.9)])) / (_MEAN_OF_LEAST * np.sqrt(6.0))
         distinct = np.unique(values)
         apart = np.diff(distinct)
         apart = apart[apart > 1e-9 * max(1.0, float(np.abs(distinct).max()))]
@@ -283,8 +351,7 @@ def _clocks(runs: Sequence[Recording], noises: dict[int, tuple[Array, float]]) -
 
 
 def _response(runs: Sequence[Recording], rates: dict[int, Array]) -> list[Message]:
-    """Messages of runs whose gyro follows the thermometers with another sign or size than in the other runs, or has another "
-    "sign."""
+    """Messages of runs whose gyro follows the temperature with another sign or size than in the other runs, or has another sign."""
     means = {k: _means(runs[k], rate) for k, rate in rates.items()}
     known = {k: pair for k, pair in means.items() if pair is not None}
     messages = []

@@ -40,6 +40,10 @@ def _streamed(*, out: str, rows: int, found_there: int, left_out: Mapping[str, i
 
 
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
+    "compensation.below_noise": (
+        "With runs left out the residual is {left_out_rms_deg_h:.3g} deg/h, less than the {noise_deg_h:.3g} deg/h that white noise "
+        "alone leaves in the means: the runs know each other, as copies do, so this error proves nothing."
+    ),
     "compensation.group_omitted": _group_omitted,
     "compensation.no_gain": (
         "With {parts} left out the residual is {residual_deg_h:.3g} deg/h, no less than the {before_deg_h:.3g} deg/h before: "

@@ -1,0 +1,170 @@
+"""Runs of one gyro compared with each other: copies and faults of a laboratory are noticed, healthy runs are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.ndimage import uniform_filter1d
+from typer.testing import CliRunner
+
+import rlgcomp as rlg
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+from rlgcomp.recording.comparison import compare, noise_of_means_deg_h, shares_means
+from rlgcomp.simulation.random_units import simulated_unit
+
+PROGRAMMES = ("short", "start 20, hold 40, ramp -20 1, hold 60, ramp 45 1, hold 30", "start 0, hold 30, ramp 50 0.7, hold 60")
+Change = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def codes(runs: list[rlg.Recording]) -> dict[str, set[str]]:
+    """Codes of the messages, by run."""
+    found: dict[str, set[str]] = {}
+    for one in compare(runs):
+        found.setdefault(str(one.data["run"]), set()).add(one.code.removeprefix("recording."))
+    return found
+
+
+@pytest.fixture(scope="module")
+def healthy() -> list[rlg.Recording]:
+    unit = simulated_unit(0)
+    return [unit.simulate(programme, seed=seed, step_s=5.0, name=f"run{seed}") for seed, programme in enumerate(PROGRAMMES)]
+
+
+def changed(run: rlg.Recording, change: Change, name: str) -> rlg.Recording:
+    return rlg.Recording(change(run.table).reset_index(drop=True), run.metadata, name=name)
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_healthy_runs_are_not_told_apart(seed: int) -> None:
+    unit = simulated_unit(seed)
+    runs = [unit.simulate(programme, seed=10 * seed + k, step_s=5.0, name=f"run{k}") for k, programme in enumerate(PROGRAMMES)]
+    assert not compare(runs)
+
+
+COPIES: dict[str, Change] = {
+    "another clock": lambda table: table.assign(time_s=table["time_s"] + 12345.678),
+    "an offset": lambda table: table.assign(gyro_deg_h=table["gyro_deg_h"] + 3.0),
+    "another unit": lambda table: table.assign(gyro_deg_h=-2.0 * table["gyro_deg_h"]),
+    "cut out": lambda table: table.iloc[300:1300],
+    "thinned out": lambda table: table.iloc[2::5],
+    "averaged": lambda table: table.iloc[: len(table) // 4 * 4].groupby(np.arange(len(table) // 4 * 4) // 4).mean(),
+}
+
+
+@pytest.mark.parametrize("change", COPIES.values(), ids=COPIES)
+def test_a_copy_is_noticed_whatever_its_clock_offset_or_period(healthy: list[rlg.Recording], change: Change) -> None:
+    runs = [*healthy, changed(healthy[1], change, "copy")]
+    (shared,) = [one for one in compare(runs) if one.code == "recording.shared_noise"]
+    assert {shared.data["run"], shared.data["other"]} == {"copy", "run1"}
+
+
+def test_a_run_with_half_of_another_spliced_in_is_noticed(healthy: list[rlg.Recording]) -> None:
+    rate, other = (run.column("gyro_deg_h") for run in healthy[:2])
+    half = min(len(rate), len(other)) // 2
+    spliced = np.r_[rate[:half], other[half : half * 2], rate[half * 2 :]]
+    assert (
+        "shared_noise"
+        in codes([changed(healthy[0], lambda table: table.assign(gyro_deg_h=spliced), "spliced"), *healthy[1:]])["run1"]
+    )
+
+
+def _fahrenheit(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(**{name: 1.8 * table[name] + 32.0 for name in table.columns if name.endswith("_degC")})
+
+
+def _held(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(gyro_deg_h=table["gyro_deg_h"].to_numpy()[np.arange(len(table)) // 3 * 3])
+
+
+def _reversed(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(gyro_deg_h=-table["gyro_deg_h"])
+
+
+FAULTS: dict[str, tuple[Change, set[str]]] = {
+    "degF": (_fahrenheit, {"other_noise"}),
+    "light in mV": (lambda table: table.assign(light_intensity_V=1e3 * table["light_intensity_V"]), {"other_noise"}),
+    "smoothed": (lambda table: table.assign(gyro_deg_h=uniform_filter1d(table["gyro_deg_h"].to_numpy(), 60)), {"other_noise"}),
+    "minutes": (lambda table: table.assign(time_s=table["time_s"] / 60.0), {"other_clock"}),
+    "milliseconds": (lambda table: table.assign(time_s=table["time_s"] * 1e3), {"other_clock"}),
+    "deg/s": (lambda table: table.assign(gyro_deg_h=table["gyro_deg_h"] / 3600.0), {"other_noise"}),
+    "held": (
+        lambda table: table.assign(gyro_deg_h=table["gyro_deg_h"].to_numpy()[np.arange(len(table)) // 3 * 3]),
+        {"other_noise"},
+    ),
+    "thermometer in degF": (
+        lambda table: table.assign(temperature_shell_degC=1.8 * table["temperature_shell_degC"] + 32.0),
+        {"other_noise"},
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "expected"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_of_one_run_is_noticed_in_that_run(healthy: list[rlg.Recording], change: Change, expected: set[str]) -> None:
+    found = codes([healthy[0], changed(healthy[1], change, "faulty"), healthy[2]])
+    assert expected <= found["faulty"]
+    assert set(found) == {"faulty"}
+
+
+def test_a_reversed_gyro_is_noticed() -> None:
+    unit = rlg.Simulator.from_mapping(
+        {"mechanisms": [{"thermal_polynomial": {"degree": 2}}], "noise": {"angle_random_walk_deg_sqrt_h": 0.0003}}
+    )
+    rng = np.random.default_rng(0)
+    runs = []
+    for seed, programme in enumerate(PROGRAMMES):
+        run = unit.simulate(programme, seed=seed, step_s=5.0, name=f"run{seed}")
+        T = run.column("temperature_block_degC")
+        runs.append(
+            changed(run, lambda table, T=T: table.assign(gyro_deg_h=0.01 * T + rng.normal(0.0, 0.02, len(T))), f"run{seed}")
+        )
+    assert not compare(runs)
+    runs[1] = changed(runs[1], _reversed, "reversed")
+    assert codes(runs) == {"reversed": {"other_response"}}
+    earth = [changed(run, lambda table: table.assign(gyro_deg_h=rng.normal(9.0, 0.02, len(table))), run.name) for run in runs]
+    earth[2] = changed(earth[2], _reversed, "run2")
+    assert codes(earth) == {"run2": {"other_sign"}}
+
+
+def test_a_run_that_was_trained_on_is_known_by_its_noise(healthy: list[rlg.Recording]) -> None:
+    compensator = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(healthy[:2])
+    shifted = changed(healthy[1], lambda table: table.iloc[7:].assign(time_s=table["time_s"].iloc[7:] + 4321.0), "shifted")
+    evaluation = rlg.evaluate(compensator, [shifted, healthy[2]], compare=False)
+    assert [run.trained_on for run in evaluation.runs] == [True, False]
+
+
+def test_means_are_compared_at_every_place_of_a_window() -> None:
+    rng = np.random.default_rng(0)
+    rate = rng.normal(size=40_000) + 0.1 * np.sin(np.arange(40_000) / 5000.0)
+    means = rate[37 : 37 + 39_900].reshape(-1, 100).mean(axis=1)
+    assert shares_means(rate, 1.0, means, 100.0)
+    assert not shares_means(rng.normal(size=40_000), 1.0, means, 100.0)
+    assert noise_of_means_deg_h(rate, 1.0, 100.0) == pytest.approx(0.1, rel=0.1)
+
+
+def test_an_error_below_the_noise_is_doubted(healthy: list[rlg.Recording]) -> None:
+    """A copy has another clock and a small offset: with one left out the other knows its noise."""
+    copy = changed(
+        healthy[0], lambda table: table.assign(time_s=table["time_s"] + 12345.678, gyro_deg_h=table["gyro_deg_h"] + 1e-9), "copy"
+    )
+    compensator = rlg.Compensator(rlg.LSSVMRegressor(), averaging_s=20.0).fit([healthy[0], copy])
+    assert "compensation.below_noise" in {one.code for one in compensator.remarks_}
+    assert "compensation.below_noise" not in {
+        one.code for one in rlg.Compensator(rlg.CubicLeastSquares()).fit(healthy[:2]).remarks_
+    }
+
+
+def test_commands_say_what_differs_before_they_go_on(healthy: list[rlg.Recording], tmp_path: Path) -> None:
+    register_commands()
+    runs = [healthy[0], changed(healthy[1], FAULTS["light in mV"][0], "faulty")]
+    for run in runs:
+        rlg.write(run, tmp_path / f"{run.name}.parquet")
+    paths = [str(tmp_path / f"{run.name}.parquet") for run in runs]
+    for arguments in (["inspect", *paths], ["train", *paths, "--model", "cubic", "--out", str(tmp_path / "model")]):
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 0
+        assert "light_intensity_V: its noise from sample to sample" in result.output
