@@ -12,7 +12,7 @@ from rlgcomp.diagnosis.engine.data import Data, Grid, Run
 from rlgcomp.diagnosis.engine.diagnose import diagnose
 from rlgcomp.diagnosis.engine.drivers import Driver
 from rlgcomp.diagnosis.engine.errors import errors_of
-from rlgcomp.diagnosis.engine.readings import noise_variance, rounding_step, smoothed
+from rlgcomp.numerics.readings import noise_variance, rounding_step, smoothed
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
 

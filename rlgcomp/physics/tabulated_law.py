@@ -11,6 +11,7 @@ import numpy as np
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import play_paths
+from rlgcomp.numerics.readings import Readings
 from rlgcomp.numerics.relays import relay_states
 from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
@@ -35,7 +36,8 @@ class TabulatedLaw(Mechanism):
 
     .. math:: b = s \, f(M[u]) \quad\text{or}\quad b = s \sum_j w_j M_j[u]
 
-    The driver u is a column, the difference of two, or their contrast (a - b) / (a + b). On means over `step_s`, with the memory m,
+    The driver u is a column, the difference of two, or their contrast (a - b) / (a + b), of readings without their noise
+    (:mod:`rlgcomp.numerics.readings`). On means over `step_s`, with the memory m,
 
     =============  =====================================================================================================
     none           f(u), a table `knots` → `weights`, monotone cubics between the knots, straight lines beyond
@@ -206,7 +208,8 @@ class _Bins:
 
     Parameters
     ----------
-    means : Recording
+    rows, means : Recording
+        As recorded, and on bins.
     elapsed_s : ndarray, shape (bins,)
         Middles of bins since the run's start.
     since_s : ndarray, shape (recorded bins,)
@@ -215,6 +218,7 @@ class _Bins:
         Middles of the recording's rows.
     """
 
+    rows: Recording
     means: Recording
     elapsed_s: Array
     since_s: Array
@@ -229,8 +233,9 @@ class _Bins:
         rows_s = recording.time_s - recording.time_s[0] + 0.5 * period_s
         since_s = means.time_s - means.time_s[0] + 0.5 * step_s
         bins = int(np.rint((means.time_s[-1] - means.time_s[0]) / step_s)) + 1
-        return cls(means, np.asarray((np.arange(bins) + 0.5) * step_s), since_s, rows_s)
+        return cls(whole, means, np.asarray((np.arange(bins) + 0.5) * step_s), since_s, rows_s)
 
     def column(self, name: str) -> Array:
-        """A monitor on all bins, straight lines over missing ones."""
-        return np.interp(self.elapsed_s, self.since_s, self.means.column(name))
+        """A monitor on all bins, smoothed as far as its noise asks, straight lines over missing bins."""
+        smooth = Readings.of(self.rows.column(name), self.means.column(name)).values
+        return np.interp(self.elapsed_s, self.since_s, smooth)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
-from rlgcomp.diagnosis.engine.readings import Readings
+from rlgcomp.numerics.readings import Readings
 from rlgcomp.recording import TIME, Recording
 
 Array = npt.NDArray[np.float64]
@@ -75,6 +75,8 @@ class Run:
         Variance of the white noise, 1 in a window without gaps.
     readings : mapping of str to Readings
         Of each column but the outputs.
+    recording : Recording
+        As it was recorded, its lead-in part of it.
     """
 
     binned: Recording
@@ -84,6 +86,7 @@ class Run:
     output: Array
     white: Array
     readings: Mapping[str, Readings]
+    recording: Recording
     cache: dict[object, Array] = dataclasses.field(default_factory=dict, repr=False)
 
     @classmethod
@@ -117,7 +120,7 @@ class Run:
         sums = np.bincount(place[inside] // grid.bins, weights=output(binned)[inside], minlength=windows)
         begins = np.arange(windows) * grid.window_s
         full = (counts >= _COVERAGE * grid.bins) & (begins >= history - 1e-6 * grid.bin_s)
-        return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / counts[full], readings)
+        return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / counts[full], readings, whole)
 
     @property
     def name(self) -> str:
@@ -157,6 +160,14 @@ class Run:
         if values.ndim == 1:
             return np.interp(self.elapsed_s, since, values)
         return np.column_stack([np.interp(self.elapsed_s, since, column) for column in values.T])
+
+    def on_bins_of_rows(self, values: Array) -> Array:
+        """Means over bins of values at the recording's rows, shape (rows,); interpolated to all bins of the run."""
+        since = self.recording.time_s - self.recording.time_s[0] + 0.5 * self.recording.period_s
+        place = np.minimum((since / self.grid.bin_s).astype(np.intp), self.bins)  # what comes after the last window goes together
+        counts, sums = (np.bincount(place, weights=w, minlength=self.bins + 1)[: self.bins] for w in (np.ones(len(since)), values))
+        held = counts > 0.0
+        return np.interp(self.elapsed_s, self.elapsed_s[held], sums[held] / counts[held])
 
     def means(self, values: Array) -> Array:
         """Means of values on bins, shape (bins,) or (bins, k), over the counted windows."""

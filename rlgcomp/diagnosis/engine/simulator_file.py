@@ -80,7 +80,10 @@ def simulator_of(fit: Fit, catalogue: Mapping[str, type[Mechanism]]) -> Simulato
         repeating += written.repeating(k)
     simulator = written.with_constant(mechanisms, constant)
     fitted = fit.data.means(fit.baseline.columns) @ fit.solution.numbers + repeating
-    own = [run.means(run.on_bins(simulator.predict(run.binned).rate_deg_h() - written.stated(run))) for run in fit.data.runs]
+    own = [
+        run.means(run.on_bins_of_rows(simulator.predict(run.recording).rate_deg_h()) - run.on_bins(written.stated(run)))
+        for run in fit.data.runs
+    ]
     error = float(np.sqrt(np.mean((np.concatenate(own) - fitted) ** 2))) / max(fit.white, 1e-300)
     noise = noise_of(fit)
     return SimulatorFile(dataclasses.replace(simulator, noise=noise), tuple(left_out), error)
@@ -192,7 +195,7 @@ class _Written:
 
     def _means(self, mechanism: Mechanism) -> Array:
         weights = np.array([float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()])
-        return self.fit.data.means(lambda run: run.on_bins(mechanism.basis(run.binned) @ weights))
+        return self.fit.data.means(lambda run: run.on_bins_of_rows(mechanism.basis(run.recording) @ weights))
 
     def repeating(self, k: int) -> Array:
         """Window means of what of a term does not belong to single runs."""
