@@ -25,6 +25,8 @@ from scipy import special
 
 from rlgcomp.challenge.injection import Array, contributions, distinct_injections, injected, sized_injection, white_deg_h
 from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.engine.diagnose import diagnose as diagnose_on_one_model
+from rlgcomp.diagnosis.engine.result import Diagnosis as OneModelDiagnosis
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
@@ -41,6 +43,7 @@ from rlgcomp.simulation.simulator import Simulator
 STRENGTHS: Final = (0.1, 0.2, 0.4, 0.8, 1.6)
 DRAWS: Final = 6
 DETECTED_P: Final = 0.01
+ENGINES: Final = ("catalogue", "one-model")
 _USUAL_WIDTH: Final = 0.3
 
 
@@ -194,6 +197,7 @@ def sensitivity(
     seed: int = 0,
     gyro: str | None = None,
     catalogue: Mapping[str, type[Mechanism]] = CATALOGUE,
+    engine: str = "catalogue",
     jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Sensitivity:
@@ -216,6 +220,8 @@ def sensitivity(
         Gyro column, where there are several.
     catalogue : mapping
         Candidates, the mechanism among them.
+    engine : {"catalogue", "one-model"}
+        Which diagnosis is asked.
     jobs : int
         Worker processes.
     progress : callable
@@ -232,7 +238,9 @@ def sensitivity(
     for run in runs:
         form().driver_columns(run)
     total = 1 + len(strengths) * draws
-    background = diagnose(simulator, train=runs, gyro=gyro, mechanisms=catalogue, black_box=False)
+    if engine not in ENGINES:
+        raise InputError(f"the engine is {engine!r}; it must be one of {', '.join(ENGINES)}")
+    background = _diagnosed(simulator, runs, gyro, catalogue, engine)
     progress(1, total)
     simulator, runs, remarks = _cleared(simulator, runs, mechanism, background, gyro)
     problem = Problem.of(simulator, runs, gyro=gyro)
@@ -248,7 +256,7 @@ def sensitivity(
         remarks.append(message("challenge.equal_trials", made=len(plans), planned=len(strengths) * draws, mechanism=mechanism))
     files = LoadedFirst.of(catalogue.values())
     work = (
-        joblib.delayed(_trial)(os.getpid(), files, simulator, runs, made, strength, gyro, catalogue)
+        joblib.delayed(_trial)(os.getpid(), files, simulator, runs, made, strength, gyro, catalogue, engine)
         for made, strength in zip(plans, sizes, strict=True)
     )
     trials = tuple(_counted(joblib.Parallel(n_jobs=jobs, return_as="generator")(work), 1 + len(plans), progress))
@@ -267,27 +275,50 @@ def sensitivity(
     )
 
 
+def _diagnosed(
+    simulator: Simulator, runs: Sequence[Recording], gyro: str | None, catalogue: Mapping[str, type[Mechanism]], engine: str
+) -> Diagnosis | OneModelDiagnosis:
+    """A diagnosis of runs without a black box beside it."""
+    if engine == "one-model":
+        return diagnose_on_one_model(simulator, train=runs, gyro=gyro, mechanisms=catalogue)
+    return diagnose(simulator, train=runs, gyro=gyro, mechanisms=catalogue, black_box=False)
+
+
 def _cleared(
-    simulator: Simulator, runs: Sequence[Recording], mechanism: str, background: Diagnosis, gyro: str | None
+    simulator: Simulator,
+    runs: Sequence[Recording],
+    mechanism: str,
+    background: Diagnosis | OneModelDiagnosis,
+    gyro: str | None,
 ) -> tuple[Simulator, Sequence[Recording], list[Message]]:
     """Simulator and recordings without the effects that these hold before the injection, and remarks on them."""
     if not background.causes:
         unexplained = background.verdict != "none"
         return simulator, runs, [message("challenge.unexplained_before", p_value=background.p_value)] * unexplained
-    own = next((cause.mechanism for cause in background.causes if cause.name == mechanism), None)
+    own = _parts(background, mechanism)
     others = [cause.name for cause in background.causes if cause.name != mechanism]
     remarks = [message("challenge.causes_before", mechanisms=others)] * bool(others)
     augmented = background.augmented
-    mechanisms = tuple(one for one in augmented.mechanisms if one.name != mechanism)
+    mechanisms = tuple(one for one in augmented.mechanisms if one.name != mechanism and one not in own)
     simulator = dataclasses.replace(
         augmented, mechanisms=mechanisms, free={name: free for name, free in augmented.free.items() if name != mechanism}
     )
-    if own is None:
+    if not own:
         return simulator, runs, remarks
-    if not own.repeats() or own.each_run:
+    if any(not one.repeats() or one.each_run for one in own):
         return simulator, runs, [message("challenge.mechanism_before_kept", mechanism=mechanism), *remarks]
-    cleared = [injected(run, -own.contribution(run, np.random.default_rng(0)), gyro) for run in runs]  # no random numbers are drawn
+    rng = np.random.default_rng(0)  # no random numbers are drawn
+    cleared = [injected(run, -np.sum([one.contribution(run, rng) for one in own], axis=0), gyro) for run in runs]
     return simulator, cleared, [message("challenge.mechanism_before_removed", mechanism=mechanism), *remarks]
+
+
+def _parts(background: Diagnosis | OneModelDiagnosis, mechanism: str) -> list[Mechanism]:
+    """What of the augmented simulator is a cause of this name; empty where there is none."""
+    if mechanism not in [cause.name for cause in background.causes]:
+        return []
+    if isinstance(background, OneModelDiagnosis):
+        return [one for one in background.augmented.mechanisms if mechanism in (one.name, getattr(one, "cause", ""))]
+    return [cause.mechanism for cause in background.causes if cause.name == mechanism]
 
 
 def extrapolation_remarks(criterion: str, strengths: Array, found: Array) -> list[Message]:
@@ -332,13 +363,14 @@ def _trial(
     strength: float,
     gyro: str | None,
     catalogue: Mapping[str, type[Mechanism]],
+    engine: str,
 ) -> Trial:
     end_with(parent)
     del files  # a worker loads them on receiving this
     mechanism, number = made
     errors = contributions(mechanism, runs, number)
     changed = [injected(run, error, gyro) for run, error in zip(runs, errors, strict=True)]
-    diagnosis = diagnose(simulator, train=changed, gyro=gyro, mechanisms=catalogue, black_box=False)
+    diagnosis = _diagnosed(simulator, changed, gyro, catalogue, engine)
     found = tuple(cause.name for cause in diagnosis.causes)
     classes = {name for cause in diagnosis.causes for name in (cause.name, *cause.indistinguishable_from)}
     detected = diagnosis.p_value < DETECTED_P

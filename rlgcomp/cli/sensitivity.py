@@ -54,6 +54,7 @@ def sensitivity(
     drop: Drop = None,
     gyro: Gyro = None,
     pulse_arcsec: PulseArcsec = None,
+    engine: Annotated[str, typer.Option("--engine", metavar="catalogue|one-model", help="As of diagnose.")] = "catalogue",
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -87,6 +88,7 @@ def sensitivity(
             seed=seed,
             gyro=gyro,
             catalogue=candidates,
+            engine=engine,
             jobs=jobs,
             progress=advance,
         )

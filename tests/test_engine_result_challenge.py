@@ -1,0 +1,45 @@
+"""Challenges and detection limits by the one-model engine."""
+
+from __future__ import annotations
+
+import pytest
+
+from rlgcomp.challenge.sensitivity import sensitivity
+from rlgcomp.errors import InputError
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+FEW = {name: CATALOGUE[name] for name in ("supply_voltage", "magnetic_field")}
+BASELINE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+REAL = {
+    "kind": "chamber",
+    "mechanisms": [{"thermal_polynomial": {"degree": 2}}, {"magnetic_field": {"k_deg_h_uT": 0.004}}],
+    "noise": {"angle_random_walk_deg_sqrt_h": 0.0005},
+}
+
+
+@pytest.fixture(scope="module")
+def run() -> Recording:
+    return Simulator.from_mapping(REAL).simulate("start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 30", step_s=20.0)
+
+
+def test_an_effect_is_injected_and_found(run: Recording) -> None:
+    """The effect that the recording has already is taken into the simulator first."""
+    found = sensitivity(BASELINE, [run], "supply_voltage", strengths=[0.05, 8.0], draws=1, catalogue=FEW, engine="one-model")
+    weak, strong = found.trials
+    assert not weak.named
+    assert strong.named
+    assert strong.found == ("supply_voltage",)
+    assert "challenge.causes_before" in {remark.code for remark in found.remarks}
+
+
+def test_an_effect_that_is_there_is_taken_out_before(run: Recording) -> None:
+    found = sensitivity(BASELINE, [run], "magnetic_field", strengths=[8.0], draws=1, catalogue=FEW, engine="one-model")
+    assert [trial.named for trial in found.trials] == [True]
+    assert "challenge.mechanism_before_removed" in {remark.code for remark in found.remarks}
+
+
+def test_an_unknown_engine_is_refused(run: Recording) -> None:
+    with pytest.raises(InputError, match="one of catalogue, one-model"):
+        sensitivity(BASELINE, [run], "supply_voltage", catalogue=FEW, engine="other")
