@@ -171,13 +171,14 @@ def test_a_users_own_simulator_is_a_column(runs: list[Recording]) -> None:
 
 
 def test_one_of_several_gyros(runs: list[Recording]) -> None:
-    two = [
-        run.replace(table=run.table.rename(columns={"gyro_deg_h": "gyro_x_deg_h"}).assign(gyro_y_deg_h=0.001 * np.arange(len(run))))
-        for run in runs
-    ]
-    found = diagnose(BASELINE, two[:1], gyro="gyro_x_deg_h", only=FEW)
+    two = []
+    for run in runs[:1]:
+        table = run.table.drop(columns="gyro_deg_h")
+        table = table.assign(gyro_x_deg_s=run.column("gyro_deg_h") / 3600.0, gyro_y_deg_s=0.001 * np.arange(len(run)))
+        two.append(run.replace(table=table, truth=None))
+    found = diagnose(BASELINE, two[:1], gyro="gyro_x_deg_s", only=FEW)
     assert [cause.name for cause in found.causes] == ["supply_voltage"]
-    assert found.to_mapping()["output"]["column"] == "gyro_x_deg_h"
+    assert found.to_mapping()["output"]["column"] == "gyro_x_deg_s"
 
 
 def test_a_mechanism_of_the_users_is_a_candidate(runs: list[Recording], tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
-from rlgcomp.recording import Recording
+from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_seed
 from rlgcomp.units import column_unit
 
@@ -132,7 +132,8 @@ class _Engine:
 
     def output(self, binned: Recording) -> Array:
         """Bin means of the output less what the simulator states."""
-        values = binned.rate_deg_h(self.gyro) if self.column is None else binned.column(self.column)
+        gyro = self.gyro if self.gyro is None or self.gyro in binned else rate_name(self.gyro)  # means are in deg/h
+        values = binned.rate_deg_h(gyro) if self.column is None else binned.column(self.column)
         values = values - Baseline(self.runs.base).stated(binned)
         return np.asarray(values - binned.column(SIMULATED) if self.runs.own else values)
 
