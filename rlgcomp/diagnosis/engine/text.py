@@ -13,7 +13,6 @@ from rlgcomp.report.messages.wording import (
     estimate_text,
     interval_text,
     listing,
-    p_text,
     percent_text,
     probability_text,
     rms_text,
@@ -39,8 +38,8 @@ def as_text(record: Record) -> str:
     if record.alternatives:
         parts.append(_table("Other sets", ("set", "probability"), alternative_rows(record)))
     if record.where:
-        rows = place_rows(record)
-        parts.append(_table(f"Where (nothing missing: {p_text(record.p_value)})", ("place", "share"), rows[:_SHOWN]))
+        title = f"Where (probability that nothing is missing: {probability_text(record.healthy)})"
+        parts.append(_table(title, ("place", "share"), place_rows(record)[:_SHOWN]))
     title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {record.unit}"
     parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
     told = remarks(record)

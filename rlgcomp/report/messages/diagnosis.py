@@ -41,7 +41,7 @@ def _law(simulator: str, causes: Sequence[Mapping[str, Any]], laws: Sequence[Map
         f"a law of {listing(list(one['drivers']))} ({one['memory']}, probability {probability_text(one['probability'])})"
         for one in laws
     ]
-    return f"{lacks}{named}{listing(told)}; no mechanism of the catalogue has this form."
+    return f"{lacks}{named}{listing(told)}; no candidate mechanism has this form."
 
 
 def _wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: float) -> str:
