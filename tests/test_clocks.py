@@ -77,7 +77,7 @@ def test_one_late_file_is_told_from_one_on_time() -> None:
     np.testing.assert_array_equal(moved.rates_deg_h[1], simulated.rates_deg_h[1])
 
 
-@pytest.mark.parametrize("slope", [1.0, 10.0])
+@pytest.mark.parametrize("slope", [pytest.param(1.0, marks=pytest.mark.slow), 10.0])
 def test_a_clock_that_is_right_is_left_alone(slope: float) -> None:
     steep = dataclasses.replace(CURVED, c1_deg_h_K=slope * 1e-3)
     clock = sought(*asked(late((0.0, 0.0), bias=steep)))
@@ -88,9 +88,8 @@ def test_a_clock_that_is_right_is_left_alone(slope: float) -> None:
     "name",
     [
         *("temperature_rate", "thermal_lag", "thermal_hysteresis", "magnetic_field"),
-        *(
-            pytest.param(name, marks=pytest.mark.slow) for name in ("mode_hop", "readout_incoherence")
-        ),  # less like a late bias than these
+        # these are less like a late bias
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("mode_hop", "readout_incoherence")),
     ],
 )
 def test_physics_is_no_clock(name: str) -> None:

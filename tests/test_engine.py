@@ -52,7 +52,6 @@ HYSTERESIS = {"thermal_hysteresis": {"law": "plays", "k1_deg_h_K": 2e-3, "radius
 CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
     ((), []),
     (({"supply_voltage": {"k_deg_h_V": 0.5}},), ["supply_voltage"]),
-    ((HYSTERESIS,), ["thermal_hysteresis"]),
     (({"mode_hop": {"step_deg_h": 0.01, "threshold_degC": 22.0}},), ["mode_hop"]),
     (({"thermal_lag": {"k_deg_h_K": 2e-3, "time_constant_s": 1500.0}},), ["thermal_lag"]),
     (({"warm_up": {"initial_deg_h": 0.02, "time_constant_s": 2000.0}},), ["warm_up"]),
@@ -114,6 +113,11 @@ def hysteretic() -> list[Recording]:
 @pytest.fixture(scope="module")
 def plain(hysteretic: list[Recording]) -> Diagnosis:
     return asked(hysteretic)
+
+
+def test_names_hysteresis(plain: Diagnosis) -> None:
+    assert mechanisms(plain) == ["thermal_hysteresis"]
+    assert plain.verdict in ("explained", "ambiguous")
 
 
 @pytest.mark.parametrize("name", CHANGES)

@@ -224,7 +224,9 @@ def gyro_on(rate_deg_s: np.ndarray, lock_in_deg_s: float, felt_deg_h: float, see
     return rlg.Recording(table, rlg.Metadata(kind="turntable"), name=f"run{seed}")
 
 
-@pytest.mark.parametrize(("acts_on", "smooth"), [("table", False), ("total", False), ("total", True)])
+@pytest.mark.parametrize(
+    ("acts_on", "smooth"), [("table", False), pytest.param("total", False, marks=pytest.mark.slow), ("total", True)]
+)
 def test_of_a_table_that_rests_and_turns_one_way_the_lock_in_rate_is_right(
     acts_on: str, smooth: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

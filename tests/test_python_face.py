@@ -168,7 +168,8 @@ def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], t
     rlg.simulated_unit(1).without("readout_incoherence").to_yaml(tmp_path / "gyro.yaml")
     simulator = rlg.Simulator.from_yaml(tmp_path / "gyro.yaml")
     held_out = rlg.read(folder / "new.parquet")
-    diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], black_box=False)
+    few = {name: rlg.CATALOGUE[name] for name in ("readout_incoherence", "supply_voltage", "thermal_lag")}
+    diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], mechanisms=few, black_box=False)
     assert "readout_incoherence" in str(diagnosis)
     assert "readout_incoherence" in str(diagnosis.findings)
     page = diagnosis._repr_html_()
