@@ -9,9 +9,16 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from rlgcomp.diagnosis.result.phrases import raised_text, sure_text
-from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE, Mechanism, Parameter
+import numpy as np
+import numpy.typing as npt
 
+from rlgcomp.diagnosis.result import equations
+from rlgcomp.diagnosis.result.phrases import raised_text, sure_text
+from rlgcomp.errors import InputError
+from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE, Mechanism, Parameter
+from rlgcomp.recording import Recording
+
+Array = npt.NDArray[np.float64]
 _SYMBOLS: Final = {TEMPERATURE: "T", TABLE_RATE: "W", TABLE_ANGLE: "theta"}
 _SMALLEST, _LARGEST = -3, 5  # powers of ten that numbers are printed without
 
@@ -149,6 +156,37 @@ class Cause:
         said = self.mechanism.stated() if named == parameter.name else self.mechanism.equation
         return re.search(rf"\b{named}", said) is not None
 
+    @property
+    def latex(self) -> str:
+        """The equation as LaTeX: of its line of text or, where this is in words, the formula of the mechanism's description."""
+        return equations.latex(self.mechanism.stated(), type(self.mechanism).__doc__ or "")
+
+    def sympy(self, *, numbers: bool = False) -> Any:
+        """The equation's right side as an expression of SymPy, in deg/h; with `numbers`, parameters have their fitted values.
+
+        Raises
+        ------
+        InputError
+            SymPy is not installed, or the equation is stated in words.
+        """
+        expression = equations.sympy(self.mechanism.stated())
+        if not numbers:
+            return expression
+        values = {p.name: getattr(self.mechanism, p.name) for p in self.mechanism.parameters()}
+        return expression.subs({symbol: values[str(symbol)] for symbol in expression.free_symbols if str(symbol) in values})
+
+    def __call__(self, recording: Recording) -> Array:
+        """What the mechanism contributes to a recording's gyro in deg/h, by its drivers; shape (n,).
+
+        Raises
+        ------
+        InputError
+            It has no amplitude that holds for other runs, or the recording lacks a driver.
+        """
+        if not self.mechanism.repeats():
+            raise InputError(f"{self.name} differs from run to run: what was found of one run says nothing of another")
+        return self.mechanism.contribution(recording, np.random.default_rng(0))
+
     def to_mapping(self) -> dict[str, Any]:
         """An entry of `findings`."""
         return {
@@ -244,6 +282,11 @@ class Unexplained:
     laws: tuple[Law, ...] = ()
     memory_probabilities: Mapping[str, float] = dataclasses.field(default_factory=dict)
     nearest: Nearest | None = None
+
+    @property
+    def latex(self) -> str | None:
+        """The best law found as LaTeX."""
+        return None if self.equation is None else equations.latex(self.equation)
 
 
 @dataclasses.dataclass(frozen=True)
