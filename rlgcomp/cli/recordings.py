@@ -1,8 +1,13 @@
-"""Commands on recordings: inspect."""
+"""Commands on recordings: inspect and merge."""
 
 from __future__ import annotations
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, compared, read_runs
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rlgcomp.cli.base import AsJson, Drop, Map, Overwrite, PulseArcsec, Runs, command, compared, read_runs, require_recording
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table, show_text
 
@@ -37,3 +42,76 @@ def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: Pu
             if summary[key]:
                 show_table(title, summary[key])
                 show_text()
+
+
+@command("merge")
+def merge(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording with the gyro; its rows and its clock stay.")],
+    other: Annotated[Path, typer.Argument(metavar="OTHER", help="File of another logger of the same run; it need have no gyro.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Recording to write.")],
+    offset_s: Annotated[
+        float | None, typer.Option("--offset-s", help="Added to the time of OTHER; by default found from a channel that both have.")
+    ] = None,
+    drift_ppm: Annotated[float | None, typer.Option("--drift-ppm", help="By how much the clock of OTHER is slow.")] = None,
+    shared: Annotated[
+        str | None, typer.Option("--shared", metavar="COLUMN=COLUMN", help="Column of RUN and column of OTHER of one quantity.")
+    ] = None,
+    averaging_s: Annotated[
+        float | None,
+        typer.Option("--averaging-s", help="Means over this time, for channels of OTHER that are too fast."),
+    ] = None,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Two loggers of one run as one recording, each with its own clock and period.
+
+    Offset and drift of the clocks are found where both logged one quantity, or stated. Only slow channels are interpolated.
+    A .yaml beside each file maps its own columns.
+
+    Example: `rlgcomp merge gyro.csv thermometers.csv --out run.parquet`
+    """
+    from rlgcomp.errors import InputError
+    from rlgcomp.recording.formats import write
+    from rlgcomp.recording.merge import merge as merge_recordings
+
+    require_recording(out, run, other, overwrite=overwrite)
+    pair = None
+    if shared is not None:
+        own, equals, theirs = shared.partition("=")
+        pair = (own.strip(), theirs.strip() if equals else own.strip())
+        if not all(pair):
+            raise InputError(f"--shared {shared!r}: expected COLUMN of RUN=COLUMN of OTHER")
+    first, second = _read_both(run, other, mapping, drop, pulse_arcsec)
+    merged = merge_recordings(first, second, offset_s=offset_s, drift_ppm=drift_ppm, shared=pair, averaging_s=averaging_s)
+    findings = merged.findings
+    write(merged, out, overwrite=overwrite)
+    if as_json:
+        show_json({"file": str(out), "rows": len(merged), "findings": [finding.to_mapping() for finding in findings]})
+        return
+    for finding in findings:
+        notify(f"{merged.name}: {finding}")
+    notify(f"{out}: {len(merged)} rows, {', '.join(merged.columns)}")
+
+
+def _read_both(run: Path, other: Path, mapping: list[str] | None, drop: list[str] | None, pulse_arcsec: float | None) -> list[Any]:
+    """Both files, with what of the mapping and of the columns to drop each has."""
+    from rlgcomp.recording.formats import column_names, read
+    from rlgcomp.recording.formats.mapping import has_column, parse_mapping, require_droppable, require_mapped
+
+    columns = parse_mapping(list(mapping or []))
+    names = {path: column_names(path) for path in (run, other)}
+    require_mapped(columns, names)
+    require_droppable(drop or [], [*names[run], *names[other]], f"{run.name} and {other.name}")
+    return [
+        read(
+            path,
+            columns={target: source for target, source in columns.items() if has_column(names[path], source)},
+            drop=[column for column in drop or [] if column in names[path]],
+            metadata={"pulse_arcsec": pulse_arcsec},
+            gyro_required=path is run,
+        )
+        for path in (run, other)
+    ]

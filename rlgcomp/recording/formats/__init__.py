@@ -44,6 +44,7 @@ def read(
     metadata: Mapping[str, Any] | None = None,
     period_s: float | None = None,
     simulated: bool = False,
+    gyro_required: bool = True,
 ) -> Recording:
     """Read a recording and repair it where that needs no guessing.
 
@@ -62,6 +63,8 @@ def read(
         Sample period of a file without time stamps, whose rows are taken to follow each other without gaps. The .yaml may give it.
     simulated : bool
         The file is a simulator's output: its gyro may stand still and need have no noise.
+    gyro_required : bool
+        Whether a file without a gyro is refused; one of monitors alone is for :func:`rlgcomp.recording.merge.merge`.
 
     Returns
     -------
@@ -91,6 +94,7 @@ def read(
         simulated=simulated,
         file_units=file_units,
         reading=reading,
+        gyro_required=gyro_required,
     )
 
 
@@ -106,6 +110,7 @@ def recording_of(
     simulated: bool = False,
     file_units: Mapping[str, str] | None = None,
     reading: tuple[Finding, ...] = (),
+    gyro_required: bool = True,
 ) -> Recording:
     """A table under its own names, from a file or from memory, as a repaired recording.
 
@@ -129,6 +134,8 @@ def recording_of(
         Units that the file states for its own names.
     reading : tuple of Finding
         Findings of reading the file.
+    gyro_required : bool
+        Whether a table without a gyro is refused.
 
     Raises
     ------
@@ -144,7 +151,9 @@ def recording_of(
     if "kind" not in metadata and any(column in table for column in TABLE_COLUMNS):
         merged = dataclasses.replace(merged, kind="turntable")
     try:
-        table, findings = repair(table, merged, name=name, stated_units=stated_units, simulated=simulated)
+        table, findings = repair(
+            table, merged, name=name, stated_units=stated_units, simulated=simulated, gyro_required=gyro_required
+        )
     except UnusableRecordingError as error:
         raise UnusableRecordingError(name, reading + error.findings) from None
     truths = [column for column in table.columns if column.startswith(TRUTH_PREFIX) and column.endswith(TRUTH_SUFFIX)]

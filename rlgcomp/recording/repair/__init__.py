@@ -80,7 +80,13 @@ class UnusableRecordingError(InputError):
 
 
 def repair(
-    table: pd.DataFrame, metadata: Metadata, *, name: str, stated_units: frozenset[str] = frozenset(), simulated: bool = False
+    table: pd.DataFrame,
+    metadata: Metadata,
+    *,
+    name: str,
+    stated_units: frozenset[str] = frozenset(),
+    simulated: bool = False,
+    gyro_required: bool = True,
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """Repair a table so that it makes a valid recording.
 
@@ -96,6 +102,8 @@ def repair(
     simulated : bool
         The gyro was simulated, as the notes of a prediction show by themselves: neither a constant value nor a lack of noise is a
         fault.
+    gyro_required : bool
+        Whether a table without a gyro is refused; one of monitors alone may be merged into another.
 
     Returns
     -------
@@ -107,7 +115,7 @@ def repair(
     UnusableRecordingError
         A fault cannot be repaired without guessing; the error lists every finding with its place and what to do.
     """
-    context = Context(metadata, stated_units, simulated or PREDICTED in metadata.notes)
+    context = Context(metadata, stated_units, simulated or PREDICTED in metadata.notes, gyro_required=gyro_required)
     for check in CHECKS:
         table = check(table, context)
         if len(table) < FEWEST_ROWS and not context.refused:

@@ -31,12 +31,15 @@ class Context:
         The gyro was simulated: it may stand still and need have no noise.
     findings : list of Finding
         Findings of the checks so far.
+    gyro_required : bool
+        Whether a table without a gyro is refused.
     """
 
     metadata: Metadata
     stated_units: frozenset[str] = frozenset()
     simulated: bool = False
     findings: list[Finding] = dataclasses.field(default_factory=list)
+    gyro_required: bool = True
     _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
     _steps: tuple[Array, Extent] | None = None
     _last: tuple[pd.DataFrame, dict[str, Extent]] | None = None

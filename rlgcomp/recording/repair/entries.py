@@ -30,7 +30,7 @@ def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         return table
     if TIME not in table:
         context.add("refused", message("recording.no_time_column", columns=columns))
-    if not any(is_gyro(str(column)) for column in table.columns):
+    if context.gyro_required and not any(is_gyro(str(column)) for column in table.columns):
         context.add("refused", message("recording.no_gyro_column", columns=columns))
     if len(table) < FEWEST_ROWS:
         context.add("refused", message("recording.too_few_rows", rows=len(table), least=FEWEST_ROWS))

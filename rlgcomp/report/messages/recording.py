@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
+from rlgcomp.units import value_and_sd
+
 
 def _time_stamps_left_out(*, repeated: int, backward: int) -> str:
     kinds = [f"{repeated} repeated" if repeated else "", f"{backward} backward" if backward > 0 else ""]
@@ -140,6 +142,25 @@ def _treated(text: str, column: str, treatment: str, run: str | None, elsewhere:
     return text if run is None else f"{run}, {column}: {text}."
 
 
+def _merged_clock(
+    other: str, column: str, offset_s: float, drift_ppm: float, offset_sd_s: float, drift_sd_ppm: float | None
+) -> str:
+    value, sd = value_and_sd(offset_s, offset_sd_s)
+    text = f"by {column} {value} ± {sd} s are to be added to the time of {other}"
+    if drift_sd_ppm is None:
+        return f"{text}; its drift of {drift_ppm:.4g} ppm was stated"
+    value, sd = value_and_sd(drift_ppm, drift_sd_ppm)
+    return f"{text}, whose clock is slow by {value} ± {sd} ppm"
+
+
+def _merged_interpolated(columns: list[str], other: str, period_s: float) -> str:
+    return f"{', '.join(columns)} of {other}, read every {period_s:.6g} s, interpolated: they are slow for their logger"
+
+
+def _merged_averaged(columns: list[str], other: str, period_s: float, window_s: float) -> str:
+    return f"{', '.join(columns)} of {other}, read every {period_s:.6g} s, are means over {window_s:.6g} s about each row"
+
+
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     # time
     "recording.rows_without_time": "{rows} rows without a time left out",
@@ -223,6 +244,15 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.sample_and_hold": _sample_and_hold,
     "recording.encoder_wraps": "{wraps} wraps of the encoder undone, the angle now runs on",
     "recording.constant_column": "constant at {value:.6g}: it can explain no change of the gyro",
+    # merging two loggers
+    "recording.merged_clock": _merged_clock,
+    "recording.merged_stated_clock": (
+        "{offset_s:.6g} s are added to the time of {other}, whose clock is taken to be slow by {drift_ppm:.4g} ppm, as stated"
+    ),
+    "recording.merged_twice": "both files have it; that of {name} stays",
+    "recording.merged_uncovered": "{rows} rows are left out, which {other} does not cover",
+    "recording.merged_interpolated": _merged_interpolated,
+    "recording.merged_averaged": _merged_averaged,
     # outliers
     "recording.gyro_outliers": _gyro_outliers,
     "recording.count_errors": _count_errors,
