@@ -26,7 +26,7 @@ Results
 
 Rooms, each importing only from those before it (docs/design.md):
     errors units files   the one exception; constants and every unit conversion; atomic reading and writing
-    report.messages      remarks and findings: code, data and text
+    report.messages      remarks and findings: code, data and text; report.drawing: pictures in one style
     numerics             filters and hysteresis operators with explicit state, compiled loops, robust statistics, linear algebra
     recording            the data type; formats, repair, outliers, motion of a table
     noise                processes; Allan deviation and coefficients; angle random walk of a rotating gyro

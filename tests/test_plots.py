@@ -144,6 +144,20 @@ def test_a_long_recording_is_a_band_with_its_mean() -> None:
     assert np.isnan(line.get_ydata()).any()  # the gap is left open
 
 
+def test_a_figure_is_made_outside_of_the_style(runs: list[rlg.Recording], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A notebook's back end sets options with the first figure, which would end with the context of the style."""
+    make = pyplot.figure
+
+    def figure(*arguments: Any, **options: Any) -> Any:
+        mpl.rcParams["savefig.dpi"] = 77.0
+        return make(*arguments, **options)
+
+    monkeypatch.setattr(pyplot, "figure", figure)
+    runs[0].plot()
+    assert mpl.rcParams["savefig.dpi"] == 77.0
+    assert mpl.rcParams["axes.titleweight"] == mpl.rcParamsDefault["axes.titleweight"]
+
+
 def test_columns_are_chosen(runs: list[rlg.Recording]) -> None:
     axes = runs[0].plot(columns=["temperature_block_degC", "temperature_shell_degC"])
     assert axes.get_ylabel() == "°C"

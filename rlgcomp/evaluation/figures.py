@@ -48,8 +48,8 @@ def draw_over_time(ax: Any, trace: Trace, floor_deg_h: float) -> Any:
     -------
     Axes or ndarray of Axes
     """
+    axes = panels(ax, _heights(trace))
     with rc_context(STYLE):
-        axes = panels(ax, _heights(trace))
         _over_time(axes, trace, floor_deg_h)
         return returned(axes)
 

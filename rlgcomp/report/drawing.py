@@ -77,6 +77,8 @@ NOISES: Final = (
 def panels(ax: Any, heights: Sequence[float], *, width_in: float = WIDTH_IN, sharex: bool = True) -> list[Axes]:
     """Axes to draw on.
 
+    To be called outside of a context of style, since a notebook's back end sets options of its own with the first figure.
+
     Parameters
     ----------
     ax : Axes, sequence of Axes, or None
@@ -94,16 +96,10 @@ def panels(ax: Any, heights: Sequence[float], *, width_in: float = WIDTH_IN, sha
     if ax is None:
         from matplotlib import pyplot
 
-        _, made = pyplot.subplots(
-            len(heights),
-            1,
-            squeeze=False,
-            sharex=sharex,
-            figsize=(width_in, 0.45 + sum(heights)),
-            layout="constrained",
-            gridspec_kw={"height_ratios": heights},
-        )
-        return list(made[:, 0])
+        figure = pyplot.figure(figsize=(width_in, 0.45 + sum(heights)), layout="constrained")
+        options: Any = {"squeeze": False, "sharex": sharex, "gridspec_kw": {"height_ratios": heights}}
+        with rc_context(STYLE):
+            return list(figure.subplots(len(heights), 1, **options)[:, 0])
     own = [ax] if isinstance(ax, Axes) else list(np.ravel(ax))
     if not all(isinstance(each, Axes) for each in own):
         raise InputError(f"ax is {ax!r:.80}; it must be Axes of Matplotlib, or one for each panel")
@@ -190,8 +186,8 @@ def draw_channels(ax: Any, time_s: Array, period_s: float, columns: Mapping[str,
     """
     factor, label = time_axis(float(time_s[-1] - time_s[0]))
     groups = _sharing(columns)
+    axes = panels(ax, [2.4, *[1.25] * (len(groups) - 1)])
     with rc_context(STYLE):
-        axes = panels(ax, [2.4, *[1.25] * (len(groups) - 1)])
         for panel, group in zip(axes, groups, strict=False):
             unit = column_unit(group[0])
             level = max(float(np.abs(columns[column]).max()) for column in group)
@@ -261,8 +257,8 @@ def draw_deviation(
         Probability of the interval.
     """
     lower, upper = interval
+    (axes,) = panels(ax, [3.7])
     with rc_context(STYLE):
-        (axes,) = panels(ax, [3.7])
         axes.fill_between(tau_s, lower, upper, color=RESIDUAL, alpha=0.18, lw=0, label=f"{100 * confidence:g} % interval")
         axes.plot(tau_s, deviation_deg_h, "-o", color=RESIDUAL, ms=3, lw=1.0, label=kind)
         logarithmic(axes, f"{kind} in deg/h")
@@ -289,8 +285,8 @@ def draw_noises(ax: Any, tau_s: Array, variances: Array, texts: Sequence[str], *
         Whether the five noises do not describe the curve.
     """
     total = np.sqrt(variances.sum(axis=0))
+    (axes,) = panels(ax, [3.7])
     with rc_context(STYLE):
-        (axes,) = panels(ax, [3.7])
         limits = (axes.get_xlim(), axes.get_ylim()) if axes.has_data() else None
         axes.plot(tau_s, total, color=INK, lw=1.4, label="five noises, fitted" + (" (they do not fit)" if misfit else ""))
         for (symbol, unit, colour), variance, text in zip(NOISES, variances, texts, strict=True):
@@ -374,8 +370,8 @@ def draw_bars(ax: Any, names: Sequence[str], values: Array, *, label: str, unit:
     title : str
     """
     factor, scaled = power(float(np.max(values, initial=0.0)), unit)
+    axes, *_ = panels(ax, [0.5 + 0.27 * len(names)])
     with rc_context(STYLE):
-        axes, *_ = panels(ax, [0.5 + 0.27 * len(names)])
         axes.barh(range(len(names)), factor * values, height=0.6, color=RESIDUAL)
         axes.set_yticks(range(len(names)), [_short(name, 60) for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)

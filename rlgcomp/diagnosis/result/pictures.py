@@ -156,9 +156,9 @@ def draw(ax: Any, diagnosis: DiagnosisRecord, run: str | None) -> Any:
         raise InputError(f"run is {run!r}; the runs are {', '.join(trace.run for trace in diagnosis.traces) or 'none'}")
     fit = diagnosis.test or diagnosis.train
     function = _function(diagnosis)
+    middle = [] if function is None else [2.4]
+    axes = panels(ax, [2.4, *middle, 0.8 + 0.35 * len(fit.per_run)], sharex=False)
     with rc_context(STYLE):
-        middle = [] if function is None else [2.4]
-        axes = panels(ax, [2.4, *middle, 0.8 + 0.35 * len(fit.per_run)], sharex=False)
         _mismatch(axes[0], diagnosis, traces[0])
         axes[0].set_xlabel("time in h")
         axes[0].legend(**_ABOVE)
