@@ -89,7 +89,16 @@ def _touch(part: Array) -> None:
 
 
 def pieces_of(gyros: int, workers: int | None, most: int) -> list[tuple[int, int]]:
-    """First and last of the gyros of each piece of work: an even share of them, at most so many."""
+    """First and last of the gyros of each piece of work: an even share of them.
+
+    Parameters
+    ----------
+    gyros : int
+    workers : int or None
+        Threads; None is the cores that this process has.
+    most : int
+        Gyros of a piece.
+    """
     share = min(most, -(-gyros // (workers or threads())))
     return [(a, min(a + share, gyros)) for a in range(0, gyros, share)]
 

@@ -116,7 +116,16 @@ def names_of(written: Dialect, path: str | Path) -> list[str]:
 
 
 def parse(lines: Sequence[str], written: Dialect, source: str) -> pd.DataFrame:
-    """Rows of a text below its names."""
+    """Rows of a text below its names.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Without the line of names.
+    written : Dialect
+    source : str
+        Named in messages.
+    """
     content = io.StringIO("".join(f"{line}\n" for line in lines))
     if not any(line.strip() for line in lines):
         return pd.DataFrame({name: np.empty(0) for name in names_of(written, source)})
@@ -125,6 +134,14 @@ def parse(lines: Sequence[str], written: Dialect, source: str) -> pd.DataFrame:
 
 def tidied(table: pd.DataFrame, written: Dialect, path: str | Path) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """A table without unnamed empty columns and repeated lines of names, its numbers with decimal commas as numbers.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+    written : Dialect
+        As the file is written.
+    path : path
+        Named in messages.
 
     Raises
     ------
