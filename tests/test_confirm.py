@@ -274,12 +274,13 @@ def test_what_acts_within_windows_is_not_held_against_a_set() -> None:
 def test_the_same_question_has_the_same_answer() -> None:
     """Sets of names come in another order in each process."""
     script = (
-        "from experiments.concealed.cases import make_case\n"
-        "from experiments.concealed.plan import plan\n"
         "import rlgcomp as rlg\n"
-        "case = make_case(plan('outside', 1, 1)[0])\n"
-        "simulator = rlg.Simulator.from_mapping(case.simulator_mapping)\n"
-        "print(rlg.diagnose(simulator, case.train, case.test, black_box=False).to_mapping())\n"
+        "from tests.small_chamber_runs import SIMULATOR, runs\n"
+        "made = []\n"
+        "for run in runs(seed=5, hours=8.0):\n"
+        "    product = (run.column('supply_voltage_V') - 15.0) * (run.column('pressure_hPa') - 1010.0)\n"
+        "    made.append(run.replace(table=run.table.assign(gyro_deg_h=run.column('gyro_deg_h') + 0.05 * product)))\n"
+        "print(rlg.diagnose(SIMULATOR, made[:1], made[1:], window_s=100.0, black_box=False).to_mapping())\n"
     )
     orders = [os.environ | {"PYTHONHASHSEED": seed} for seed in ("0", "1")]
     processes = [subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=env) for env in orders]
