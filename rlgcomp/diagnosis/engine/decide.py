@@ -18,6 +18,8 @@ EXCHANGED: Final = 0.1
 """Probability, over that of the likeliest set, of a set with one member exchanged, from which on the two cannot be told apart."""
 SURE: Final = 0.8
 """Probability from which on a member is named without its exchanges."""
+MORE_LEFT: Final = 1.005
+"""Error of the training runs with a set, over that with none, from which on the set is not named, were it ever so probable."""
 TELEGRAPH: Final = "random_telegraph"
 
 

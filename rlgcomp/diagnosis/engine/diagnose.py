@@ -12,7 +12,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.baseline import Baseline
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
-from rlgcomp.diagnosis.engine.decide import Decision, decided
+from rlgcomp.diagnosis.engine.decide import MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.engine.design import likely, next_experiment
 from rlgcomp.diagnosis.engine.drivers import Driver
 from rlgcomp.diagnosis.engine.evidence import Bank
@@ -24,6 +24,7 @@ from rlgcomp.diagnosis.engine.prepare import SIMULATED, AnySimulator, Prepared
 from rlgcomp.diagnosis.engine.record import Request
 from rlgcomp.diagnosis.engine.regions import Setting, laws, named, own_bases
 from rlgcomp.diagnosis.engine.result import Diagnosis
+from rlgcomp.diagnosis.engine.scores import score
 from rlgcomp.diagnosis.engine.search import State
 from rlgcomp.diagnosis.programmes.feasible import ChamberRange
 from rlgcomp.errors import InputError
@@ -32,6 +33,7 @@ from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_seed
+from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
 
 Array = npt.NDArray[np.float64]
@@ -162,6 +164,10 @@ class _Engine:
         baseline = baseline.linearised(data)
         bank = Bank(data, baseline.design(data), baseline)
         before, after = (self._in_training(state, bank) for state in (_null(posterior), _best(posterior, decision)))
+        refused = self._refused(decision, Fit(data, baseline, bank, before), Fit(data, baseline, bank, after))
+        if refused is not None:
+            decision = Decision("none", ())
+            after = self._in_training(_best(posterior, decision), bank)
         states = likely(posterior) if decision.verdict == "ambiguous" else []
         rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
         following, promise = next_experiment(posterior, rivals, states, self.chamber)
@@ -176,8 +182,19 @@ class _Engine:
             self.request,
             self.runs.messages,
             following,
-            promise,
+            promise if refused is None else refused,
         )
+
+    def _refused(self, decision: Decision, before: Fit, after: Fit) -> Message | None:
+        """That a set is not named because it leaves more of the training runs than none does; None where it leaves less."""
+        if not decision.named or after.state.key[1]:
+            return None
+        found = score(before, after, before.data.runs, self.request.unit)
+        if found is None or found.augmented_rms <= MORE_LEFT * found.baseline_rms:
+            return None
+        names = [one.mechanism or one.region for one in decision.named]
+        sizes = {"before": found.baseline_rms, "after": found.augmented_rms, "unit": found.unit}
+        return message("diagnosis.worse_in_training", mechanisms=names, **sizes)
 
     def _in_training(self, state: State, bank: Bank) -> State:
         """A state of all runs that choose, as one of the training runs."""

@@ -16,8 +16,8 @@ from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
 
 _POSSIBLE: Final = 0.05  # probability that nothing is missing from which that is told beside a finding
+_AS_LIKELY: Final = 0.5  # probability that nothing is missing, below which something probably is
 _UNCERTAIN: Final = 0.8  # of the set, below which the next one is told
-_WORSE: Final = 1.02  # times as much left in training
 _BEYOND: Final = 0.2  # of a driver's range
 _CANCEL: Final = -0.97  # correlation of two terms,
 _LARGE: Final = 4.0  # each so many times as large as their sum
@@ -29,6 +29,8 @@ def headline(record: Record) -> Message:
     """The verdict with what is named."""
     causes = [_cause(one) for one in record.causes]
     simulator = record.request.simulator
+    if record.verdict == "none" and record.healthy < _AS_LIKELY:
+        return message("diagnosis.nothing_named", simulator=simulator, probability=record.healthy)
     if record.verdict == "none":
         return message("diagnosis.nothing_missing", simulator=simulator, probability=record.healthy, p_value=record.p_value)
     if record.laws:
@@ -85,9 +87,6 @@ def remarks(record: Record) -> tuple[Message, ...]:
 def _doubts(record: Record) -> Iterator[Message]:
     if record.verdict == "none":
         return
-    train = record.train
-    if train.augmented_rms > _WORSE * train.baseline_rms:
-        yield message("diagnosis.worse_in_training", before=train.baseline_rms, after=train.augmented_rms, unit=train.unit)
     if record.healthy > _POSSIBLE:
         yield message("diagnosis.null_possible", probability=record.healthy)
     for cause in record.members:

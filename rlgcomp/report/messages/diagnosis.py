@@ -162,6 +162,20 @@ def _nothing(simulator: str, probability: float, p_value: float) -> str:
     )
 
 
+def _worse_in_training(mechanisms: Sequence[str], before: float, after: float, unit: str) -> str:
+    return (
+        f"{listing(list(mechanisms))} is not named although probable: the error of the training runs would be {after:.4g} {unit} "
+        f"with it and is {before:.4g} {unit} without."
+    )
+
+
+def _nothing_named(simulator: str, probability: float) -> str:
+    return (
+        f"{simulator[:1].upper()}{simulator[1:]} lacks nothing that these runs can name, though something may be missing "
+        f"(probability {probability_text(1.0 - probability, 2)})."
+    )
+
+
 def _undecided(sets: Sequence[str], separation: float) -> str:
     return (
         f"No programme within the recorded ranges can part {listing(list(sets), 'or')}: their predictions differ by "
@@ -182,6 +196,7 @@ def _unidentified(mechanism: str, parameters: Sequence[str]) -> str:
 
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.nothing_missing": _nothing,
+    "diagnosis.nothing_named": _nothing_named,
     "diagnosis.causes": _causes,
     "diagnosis.law": _law,
     "diagnosis.wander": _wander,
@@ -189,9 +204,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.no_gain": _no_gain,
     "diagnosis.loss": _loss,
     "diagnosis.no_test_runs": "No run was given with --test, so nothing is proven: the numbers are those of the training runs.",
-    "diagnosis.worse_in_training": (
-        "The training runs' error is {after:.3g} {unit} with the findings and {before:.3g} {unit} without: the set is doubtful."
-    ),
+    "diagnosis.worse_in_training": _worse_in_training,
     "diagnosis.null_possible": _possible_null,
     "diagnosis.set_uncertain": ("The set named has the probability {probability:.2f}; the next, {other}, {of_other:.2f}."),
     "diagnosis.indistinguishable": _alike,
