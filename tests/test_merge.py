@@ -14,6 +14,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.recording import Metadata, Recording
+from rlgcomp.recording.formats import recording_of
 from rlgcomp.recording.merge import ClockOffset, clock_offset, fast_share, merge
 
 register_commands()
@@ -166,6 +167,21 @@ def test_rows_that_the_second_does_not_cover_are_left_out() -> None:
     assert "recording.merged_uncovered" in codes(run)
     with pytest.raises(rlg.InputError, match="covers 0 % of the rows of gyro"):
         merge(gyro, other, offset_s=1e6)
+
+
+def test_dates_of_both_files_give_the_offset() -> None:
+    start = pd.Timestamp("2026-03-01 08:00:00")
+    gyro = gyro_file().table[["time_s", "gyro_deg_h"]]
+    shell = thermometers(0.0, 0.0, start_s=-90.0).table[["time_s", "temperature_shell_degC"]]
+    dated = [table.assign(time_s=start + pd.to_timedelta(table["time_s"], unit="s")) for table in (gyro, shell)]
+    first = rlg.recording(dated[0], name="gyro")
+    second = recording_of(dated[1], {}, name="shell", stem="shell", columns={}, gyro_required=False)
+    run = merge(first, second)
+    assert np.abs(run["temperature_shell_degC"] - chamber_degC(run.time_s - 300.0)).max() < 0.01
+    assert codes(run)[0] == "recording.merged_dates"
+    zoned = dated[1].assign(time_s=dated[1]["time_s"].dt.tz_localize("UTC"))
+    with pytest.raises(rlg.InputError, match="share no channel that changes"):
+        merge(first, recording_of(zoned, {}, name="shell", stem="shell", columns={}, gyro_required=False))
 
 
 def test_the_command(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ The clock of the second file reads :math:`t_2` where that of the first reads :ma
 offset :math:`o` and the drift :math:`d`. Where both logged one quantity they are found from it: the lag of the largest
 cross-correlation over all lags, then least squares of :math:`x_1(t_1) = a + b\,x_2(t_2)` in a, b, o and d by Gauss and Newton,
 with standard errors that allow for the correlation of the residual. Where more than one lag fits, as of a periodic signal, none is
-taken.
+taken. Without a common quantity the dates of both files, where they have them, give the offset.
 
 Rows are those of the first file. A channel of the second is interpolated only where it is slow for its logger: where nearly all its
 power lies in the lower half of the band up to its Nyquist rate. Samples of a faster logger are averaged over the first's period.
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from typing import Final
 
 import numpy as np
@@ -32,6 +33,7 @@ LEAST_CORRELATION: Final = 0.9
 RIVAL_CORRELATION: Final = 0.98  # of the residual's decrease: a second lag as good as this makes the first ambiguous
 FASTEST_SHARE: Final = 0.1  # of a channel's variance that may lie above half its Nyquist rate
 _STEPS: Final = 20
+_ZONE: Final = re.compile(r":\d\d(?:[.,]\d+)?\s*(?:Z|[+-]\d\d:?\d\d)$")
 _MOST_GRID: Final = 1 << 20
 
 
@@ -79,7 +81,7 @@ def merge(
     other : Recording
         It need have no gyro; see `gyro_required` of :func:`rlgcomp.recording.formats.read`.
     offset_s : float, optional
-        To be added to the second's time; by default found from a channel that both have.
+        To be added to the second's time; by default found from a channel that both have, or else from the dates of both.
     drift_ppm : float, optional
         By how much the second's clock is slow; by default found with the offset, or zero where the offset is given.
     shared : (str, str), optional
@@ -134,6 +136,10 @@ def _clock(
         recording.column(own)
         other.column(theirs)
     moving = [(own, theirs) for own, theirs in pairs if min(np.ptp(recording.column(own)), np.ptp(other.column(theirs))) > 0.0]
+    if not moving and (dated := _by_dates(recording, other)) is not None:
+        return dated, [
+            Finding("noted", message("recording.merged_dates", other=other.name, name=recording.name, offset_s=dated.offset_s))
+        ]
     if not moving:
         raise InputError(
             f"{recording.name} and {other.name} share no channel that changes, so their clocks cannot be compared: state the "
@@ -143,6 +149,17 @@ def _clock(
     clock = clock_offset(recording, other, own, theirs, drift_ppm)
     data = {key: value for key, value in dataclasses.asdict(clock).items() if key != "column"}
     return clock, [Finding("repaired", message("recording.merged_clock", other=other.name, column=theirs, **data), own)]
+
+
+def _by_dates(recording: Recording, other: Recording) -> ClockOffset | None:
+    """The offset by the dates of both files, whose times are counted from the first; None where only one has them, or a zone."""
+    dates = [[f.message.data for f in run.findings if f.message.code == "recording.dates"] for run in (recording, other)]
+    if not all(dates):
+        return None
+    own, theirs = (found[0] for found in dates)
+    if bool(_ZONE.search(own["written"])) != bool(_ZONE.search(theirs["written"])):
+        return None
+    return ClockOffset((pd.Timestamp(theirs["first"]) - pd.Timestamp(own["first"])).total_seconds())
 
 
 def clock_offset(recording: Recording, other: Recording, own: str, theirs: str, drift_ppm: float | None = None) -> ClockOffset:

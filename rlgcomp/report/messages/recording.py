@@ -249,6 +249,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.merged_stated_clock": (
         "{offset_s:.6g} s are added to the time of {other}, whose clock is taken to be slow by {drift_ppm:.4g} ppm, as stated"
     ),
+    "recording.merged_dates": (
+        "by the dates of both files {other} begins {offset_s:.6g} s after {name}; the two share no channel that would show whether "
+        "their clocks agree"
+    ),
     "recording.merged_twice": "both files have it; that of {name} stays",
     "recording.merged_uncovered": "{rows} rows are left out, which {other} does not cover",
     "recording.merged_interpolated": _merged_interpolated,
