@@ -184,3 +184,10 @@ def test_a_recording_is_no_sequence_of_columns() -> None:
         list(run)
     with pytest.raises(rlg.InputError, match="no column 'x'; it has time_s, gyro_deg_h"):
         _ = run["x"]
+
+
+def test_a_unit_of_xarray_that_contradicts_the_name_is_refused() -> None:
+    xarray = pytest.importorskip("xarray", reason="xarray is not installed")
+    own = {"gyro_deg_h": ("time_s", RATE / 3600.0, {"units": "deg/s"})}
+    with pytest.raises(rlg.InputError, match="gyro_deg_h is in deg/h by its name and in deg/s"):
+        rlg.recording(xarray.Dataset(own, coords={"time_s": TIME}))

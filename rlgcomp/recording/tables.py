@@ -78,8 +78,9 @@ def recording(
         {key: value for key, value in (metadata or {}).items() if value is not None},
         name=name,
         stem=name,
-        columns=_with_units(data, mapping),
+        columns=mapping,
         drop=drop,
+        file_units=_units(data),
         period_s=period_s,
         simulated=simulated,
     )
@@ -200,12 +201,12 @@ def _is_time(index: pd.Index) -> bool:
     return isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex) or pd.api.types.is_float_dtype(index.dtype)
 
 
-def _with_units(data: Any, mapping: dict[str, str]) -> dict[str, str]:
-    """The mapping with the units that variables of xarray state in their attributes, where it states none."""
-    if _library(data) != "xarray" or not hasattr(data, "data_vars"):
-        return mapping
-    stated = {str(key): variable.attrs["units"] for key, variable in data.variables.items() if "units" in variable.attrs}
-    return {target: f"{source} [{stated[source]}]" if source in stated else source for target, source in mapping.items()}
+def _units(data: Any) -> dict[str, str] | None:
+    """Units that variables of xarray state in their attributes, as a file may state those of its columns."""
+    if _library(data) != "xarray":
+        return None
+    variables = data.variables if hasattr(data, "data_vars") else {str(data.name): data, **data.coords}
+    return {str(key): str(variable.attrs["units"]) for key, variable in variables.items() if "units" in variable.attrs}
 
 
 def _library(data: object) -> str:
