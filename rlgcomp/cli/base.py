@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import functools
 import logging
 import math
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,6 +20,7 @@ from rlgcomp import __version__
 from rlgcomp.cli.ending import ending, notify
 from rlgcomp.errors import InputError
 
+_arguments: contextvars.ContextVar[str] = contextvars.ContextVar("arguments", default="")  # of the command
 app = typer.Typer(
     name="rlgcomp",
     help="Ring laser gyros: from raw recordings to a deployed bias compensation.",
@@ -80,10 +83,13 @@ def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[...
         def run(*args: Any, **kwargs: Any) -> None:
             _log_to_stderr()
             with ending():
-                _require_numbers(kwargs)
-                function(*args, **kwargs)
+                from rlgcomp.recording.provenance import recorded_command
 
-        app.command(name, cls=_with_list_options(several) if several else None)(run)
+                _require_numbers(kwargs)
+                with recorded_command(f"rlgcomp {_arguments.get() or name}", kwargs.get("seed")):
+                    function(*args, **kwargs)
+
+        app.command(name, cls=_with_list_options(name, several))(run)
         return run
 
     return register
@@ -309,9 +315,12 @@ def _require_numbers(options: Mapping[str, Any]) -> None:
             raise InputError(f"--{name.replace('_', '-')} is nan, which is no number; give a number, or leave it out")
 
 
-def _with_list_options(several: Sequence[str]) -> type[TyperCommand]:
+def _with_list_options(name: str, several: Sequence[str]) -> type[TyperCommand]:
+    """A command that knows its own arguments, in which options take all values up to the next one."""
+
     class WithListOptions(TyperCommand):
         def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+            _arguments.set(shlex.join([name, *args]))
             return super().parse_args(ctx, repeated_options(args, several))
 
     return WithListOptions

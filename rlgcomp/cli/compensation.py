@@ -6,6 +6,7 @@ import dataclasses
 import glob
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -25,6 +26,7 @@ from rlgcomp.cli.base import (
     calibrated_name,
     command,
     compared,
+    interval_of,
     progress,
     read_runs,
     require_folder,
@@ -131,6 +133,7 @@ def train(
         )
         with progress("selecting") as advance:
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
+    _state_inputs(compensator, runs)
     if export is not None and _lies_in(export, out):
         _require_folders(out, export)  # the work may have taken hours
         shutil.rmtree(export, ignore_errors=True)  # code of the model that is replaced
@@ -173,6 +176,15 @@ def train(
         for title, rows in () if exported is None else exported.tables:
             show_table(title, rows)
         notify(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
+
+
+def _state_inputs(compensator: Compensator, runs: Sequence[str]) -> None:
+    """Record the SHA-256 of each training run's file with what else is known of the run."""
+    from rlgcomp.files import sha256
+
+    if len(compensator.provenance_) == len(runs):
+        pairs = zip(compensator.provenance_, runs, strict=True)
+        compensator.provenance_ = [entry | {"sha256": sha256(interval_of(spec)[0])} for entry, spec in pairs]
 
 
 def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | None) -> None:
@@ -251,7 +263,7 @@ def evaluate(
     from rlgcomp.compensation.compensator import load
     from rlgcomp.evaluation.evaluation import evaluate as evaluate_runs
     from rlgcomp.evaluation.page import write_report
-    from rlgcomp.files import whole_folder
+    from rlgcomp.files import from_json, read_text, whole_folder
 
     require_folder(out, EVALUATION, model, runs, calibration)
     compensator = load(model)
@@ -259,11 +271,14 @@ def evaluate(
     _require_the_same_calibration(compensator, recordings)
     differences = compared(recordings, compensator.gyro)
     evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)
+    inputs = [model, *(interval_of(spec)[0] for spec in runs), *filter(None, [calibration])]
     evaluation = dataclasses.replace(evaluation, input_remarks=(*differences, *evaluation.input_remarks))
     with whole_folder(out, writes=EVALUATION) as folder:
-        write_report(folder, evaluation, compensator, title=f"Bias compensation: {model.name}", simulated=recordings[:1])
+        write_report(
+            folder, evaluation, compensator, title=f"Bias compensation: {model.name}", simulated=recordings[:1], inputs=inputs
+        )
     if as_json:
-        show_json(evaluation.to_mapping())
+        show_json(from_json(read_text(out / EVALUATION[0])))
         return
     show_evaluation(evaluation)
     notify(f"{out / 'report.html'}: written")

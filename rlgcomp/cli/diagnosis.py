@@ -144,7 +144,7 @@ def diagnose(
     Example: `rlgcomp diagnose --simulator gyro.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
     """
     from rlgcomp.errors import InputError
-    from rlgcomp.files import whole_folder
+    from rlgcomp.files import from_json, read_text, whole_folder
 
     require_folder(out, FILES, train, test, confirm, simulator, simulated, mechanisms, noise, calibration)
     if averaging_s is not None and not 0.0 < averaging_s < math.inf:
@@ -207,7 +207,7 @@ def diagnose(
             diagnosis.save(folder)
             diagnosis.report(folder / "report.html", None if mechanisms else executor)  # the worker cannot import a user's file
     if as_json:
-        show_json(diagnosis.to_mapping())
+        show_json(from_json(read_text(out / "diagnosis.json")))
         return
     show_text(str(diagnosis))
     notify(f"{out / 'report.html'}: written, with diagnosis.json and augmented.yaml beside it")

@@ -7,7 +7,6 @@ import logging
 import platform
 import textwrap
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
@@ -23,6 +22,7 @@ from rlgcomp.compensation.selection import Selection
 from rlgcomp.compensation.window_means import Scaling, WindowMeans
 from rlgcomp.errors import InputError
 from rlgcomp.recording import is_gyro
+from rlgcomp.recording.provenance import made_at, provenance
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
@@ -63,7 +63,8 @@ def manifest_of(compensator: Fitted) -> dict[str, Any]:
     """Description of a fitted compensator and of its training, as plain data; without the numbers of its model."""
     scaling, specification = compensator.scaling_, compensator.specification_
     return {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "created": made_at(),
+        "provenance": provenance(),
         "versions": {"python": platform.python_version()}
         | {name: importlib.metadata.version(name) for name in ("rlgcomp", "numpy", "scikit-learn")},
         "model": {"name": type(compensator.model_).__name__ if specification is None else specification.name},

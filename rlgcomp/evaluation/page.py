@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import importlib.resources
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import jinja2
 import pandas as pd
@@ -16,6 +17,7 @@ from rlgcomp.evaluation import figures
 from rlgcomp.evaluation.record import EvaluationRecord
 from rlgcomp.files import write_json, write_text
 from rlgcomp.recording import Recording
+from rlgcomp.recording.provenance import provenance
 
 
 def write_report(
@@ -25,6 +27,7 @@ def write_report(
     *,
     title: str = "Bias compensation",
     simulated: Sequence[Recording] = (),
+    inputs: Sequence[str | Path] = (),
 ) -> None:
     """Write `report.html` and `evaluation.json` into a folder.
 
@@ -37,13 +40,21 @@ def write_report(
     title : str
     simulated : sequence of Recording
         Simulated runs whose components are to be shown.
+    inputs : sequence of path
+        Files that were read, whose SHA-256 is recorded.
     """
-    write_json(folder / "evaluation.json", evaluation.to_mapping())
-    write_text(folder / "report.html", render(evaluation, compensator, title=title, simulated=simulated))
+    made = provenance(inputs)
+    write_json(folder / "evaluation.json", evaluation.to_mapping() | {"provenance": made})
+    write_text(folder / "report.html", render(evaluation, compensator, title=title, simulated=simulated, made=made))
 
 
 def render(
-    evaluation: EvaluationRecord, compensator: Compensator, *, title: str = "Bias compensation", simulated: Sequence[Recording] = ()
+    evaluation: EvaluationRecord,
+    compensator: Compensator,
+    *,
+    title: str = "Bias compensation",
+    simulated: Sequence[Recording] = (),
+    made: Mapping[str, Any] | None = None,
 ) -> str:
     """The page as HTML text.
 
@@ -54,6 +65,8 @@ def render(
     title : str
     simulated : sequence of Recording
         Simulated runs whose components are to be shown.
+    made : mapping, optional
+        Provenance, as :func:`rlgcomp.recording.provenance.provenance` gives it.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
@@ -63,6 +76,7 @@ def render(
         title=title,
         style=style,
         version=rlgcomp.__version__,
+        made=made,
         evaluation=evaluation,
         correlation=evaluation.correlation.assign(correlation=[f"{value:.3f}" for value in evaluation.correlation["correlation"]]),
         model=type(compensator.model_).__name__,

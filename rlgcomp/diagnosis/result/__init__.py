@@ -32,6 +32,7 @@ from rlgcomp.diagnosis.result.findings import (
 from rlgcomp.diagnosis.result.fits import Alignment, Fit, RunFit, Trace, contradicted
 from rlgcomp.diagnosis.result.record import DiagnosisRecord, Verdict
 from rlgcomp.files import sha256, to_json, write_json
+from rlgcomp.recording.provenance import provenance
 from rlgcomp.report.notebook import ShownAsTable
 
 __all__ = [
@@ -156,7 +157,7 @@ class Diagnosis(DiagnosisRecord, ShownAsTable):
 
     def save(self, folder: str | Path) -> None:
         """Write `diagnosis.json` and `augmented.yaml` into a folder, which must exist."""
-        write_json(Path(folder) / "diagnosis.json", self.to_mapping())
+        write_json(Path(folder) / "diagnosis.json", self.to_mapping() | {"provenance": provenance()})
         self.augmented.to_yaml(Path(folder) / "augmented.yaml")
 
     def report(self, path: str | Path, executor: Executor | None = None) -> None:

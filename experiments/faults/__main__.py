@@ -1,0 +1,33 @@
+"""Kill commands, fill their disk, close their streams; print the counts and what went wrong."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import tempfile
+from pathlib import Path
+
+from experiments.faults import kills, others, prepare, table
+
+
+def main() -> None:
+    """Parse the options and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=120)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only-kills", action="store_true")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="faults-") as scratch:
+        folder = Path(scratch)
+        prepare(folder / "inputs")
+        more = iter(()) if options.only_kills else others(folder)
+        trials = []
+        for trial in itertools.chain(kills(folder, options.kills, options.seed), more):
+            trials.append(trial)
+            if trial.problems:
+                print(f"- {trial.command}, {trial.fault}, {trial.seconds:.2f} s: {'; '.join(trial.problems)}", flush=True)
+    print(table(trials))
+
+
+if __name__ == "__main__":
+    main()

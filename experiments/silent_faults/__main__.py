@@ -1,0 +1,38 @@
+"""Print a table of faults by commands: the codes of the messages that notice each, beyond those of healthy runs."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import tempfile
+from pathlib import Path
+
+from experiments.silent_faults import FAULTS, noticed
+
+COMMANDS = ("inspect", "train", "evaluate", "diagnose")
+
+
+def main() -> None:
+    """Parse the options and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--diagnose", action="store_true", help="make a diagnosis of each fault as well")
+    options = parser.parse_args()
+    logging.disable(logging.WARNING)
+    commands = COMMANDS if options.diagnose else COMMANDS[:3]
+    print(f"| fault of one run | {' | '.join(commands)} |\n|---|{'---|' * len(commands)}")
+    healthy: dict[str, list[str]] = {}
+    unnoticed = []
+    for name in FAULTS:
+        with tempfile.TemporaryDirectory(prefix="silent-") as folder:
+            codes = noticed(name, Path(folder), diagnosed=options.diagnose)
+        if name == "none":
+            healthy = codes
+        new = {command: [code for code in codes[command] if code not in healthy[command]] for command in commands}
+        print(f"| {name} | {' | '.join(', '.join(new[command]) or '-' for command in commands)} |", flush=True)
+        if not any(new.values()) and name != "none":
+            unnoticed.append(name)
+    print(f"\nNoticed nowhere: {', '.join(unnoticed) or 'none'}.")
+
+
+if __name__ == "__main__":
+    main()
