@@ -189,7 +189,6 @@ _SUFFIXES: Final[dict[str, str]] = {
 # Words before `_s` with which it stands for "per second" of a unit that is not known, not for seconds.
 _PER: Final = frozenset({"per", "kg", "l", "m", "mm"}.union(*(units for units in _DIMENSIONS.values())))
 _INVERSE: Final = re.compile(r"(?P<base>\S+)[ *·](?P<per>\S+?)\s*(\^|\*\*)?\s*[-−⁻](?P<power>[123¹²³])")
-_HEADER_UNIT: Final = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]+)[\])]\s*$")
 _LONGEST_UNIT: Final = 40  # letters
 _RAISED: Final = dict(zip("23456789", "²³⁴⁵⁶⁷⁸⁹", strict=True))
 
@@ -256,8 +255,15 @@ def header_unit(header: str) -> tuple[str, str | None]:
     >>> header_unit("gyro_z")
     ('gyro_z', None)
     """
-    match = _HEADER_UNIT.match(header)
-    return (match["name"], match["unit"].strip()) if match else (header, None)
+    text = header.rstrip()
+    if not text.endswith(("]", ")")):
+        return header, None
+    inside = text[:-1]
+    earlier = 1 + max(inside.rfind("]"), inside.rfind(")"))
+    openings = [place for place in (inside.find("[", earlier), inside.find("(", earlier)) if place >= 0]
+    opening = min(openings, default=len(inside))
+    unit = inside[opening + 1 :].strip()
+    return (inside[:opening].rstrip(), unit) if unit else (header, None)
 
 
 def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.float64]:

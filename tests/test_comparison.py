@@ -168,3 +168,20 @@ def test_commands_say_what_differs_before_they_go_on(healthy: list[rlg.Recording
         result = CliRunner().invoke(app, arguments)
         assert result.exit_code == 0
         assert "light_intensity_V: its noise from sample to sample" in result.output
+
+
+def test_a_table_that_turns_is_no_chamber() -> None:
+    rng = np.random.default_rng(0)
+    time_s = np.arange(4000.0)
+    rate = np.repeat(rng.choice([-10.0, -5.0, 0.0, 5.0, 10.0], 40), 100) * 3600.0
+    runs = [
+        rlg.Recording(
+            pd.DataFrame(
+                {"time_s": time_s, "gyro_deg_h": rate + rng.normal(size=4000), "temperature_block_degC": 20.0 + 1e-3 * time_s + k}
+            ),
+            name=f"run{k}",
+        )
+        for k in range(2)
+    ]
+    compensator = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(runs)
+    assert "compensation.turning" in {one.code for one in compensator.remarks_}

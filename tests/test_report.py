@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import rlgcomp as rlg
 from rlgcomp.evaluation import figures
 from rlgcomp.evaluation.evaluation import Trace
 from rlgcomp.evaluation.page import render, write_report
+from rlgcomp.report.drawing import svg
 
 # Put into a copy of the page, it writes into the title what a browser made of it.
 PROBE = """<script>
@@ -114,3 +116,12 @@ def test_pictures_show_what_they_are_given(evaluation: rlg.Evaluation) -> None:
     )
     assert figures.over_time(moved, 0.002) != figures.over_time(trace, 0.002)
     assert figures.loop(moved) != figures.loop(trace)
+
+
+def test_a_dollar_sign_in_a_name_is_no_formula() -> None:
+    figure = Figure()
+    axes = figure.add_subplot()
+    axes.loglog([1.0, 100.0], [1.0, 100.0], label="gyro_$x^{_deg_h")
+    axes.set_title("run $a^{")
+    axes.legend()
+    assert "<svg" in svg(figure)

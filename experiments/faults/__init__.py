@@ -64,7 +64,7 @@ COMMANDS: Final = (
     Command("compensate", ("compensate", "cubic", "run{variant}.parquet", "--out", "c.parquet"), ("c.parquet",)),
     Command("follow", _FOLLOW, ("f.csv",)),
     Command("evaluate", ("evaluate", "cubic", "run{variant}.parquet", "--no-comparison", "--out", "report"), ("report",)),
-    Command("export", ("export", "cubic{variant}", "--to", "c", "--out", "code"), ("code",)),
+    Command("export", ("export", "cubic{variant}", "--to", "c", "--name", "m", "--out", "code"), ("code",)),
     Command("conceal", _CONCEAL, ("challenge",)),
     Command("allan", ("allan", "run{variant}.parquet", "--out", "allan"), ("allan",)),
 )

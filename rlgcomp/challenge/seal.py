@@ -31,6 +31,7 @@ FILES: Final = (CHALLENGE, TRUTH, SIMULATOR, *(f"{name}.parquet" for name in RUN
 CHALLENGE_SCHEMA: Final = "rlgcomp.challenge/1"
 TRUTH_SCHEMA: Final = "rlgcomp.truth/1"
 _SALT_BYTES: Final = 32
+_LONGEST_NAME: Final = 200
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +121,7 @@ def reveal(folder: str | Path, diagnosis: str | Path, *, truth: str | Path | Non
     """
     folder, diagnosis = Path(folder), Path(diagnosis)
     challenge = _content(folder / CHALLENGE, CHALLENGE_SCHEMA)
-    truth_file = folder / str(challenge.get("truth", TRUTH)) if truth is None else Path(truth)
+    truth_file = folder / _plain_name(challenge.get("truth", TRUTH), folder / CHALLENGE) if truth is None else Path(truth)
     if not truth_file.is_file():
         raise InputError(
             f"{truth_file} does not exist: the truth of the challenge; give it with --truth where it was kept elsewhere"
@@ -150,7 +151,8 @@ def _scored(folder: Path, challenge: Mapping[str, Any], sealed: Mapping[str, Any
         raise InputError(
             f"{folder / CHALLENGE} is not as it was written: {', '.join(edited)} changed since it was sealed; nothing is scored"
         )
-    changed = [name for name, digest in sealed["files"].items() if not (folder / name).is_file() or sha256(folder / name) != digest]
+    names = {_plain_name(name, folder / TRUTH): digest for name, digest in sealed["files"].items()}
+    changed = [name for name, digest in names.items() if not (folder / name).is_file() or sha256(folder / name) != digest]
     if changed:
         raise InputError(f"{folder}: {', '.join(changed)} changed or gone since the challenge was sealed; nothing is scored")
     _require_same_recordings(challenge, sealed["files"], answer)
@@ -188,6 +190,13 @@ def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple
     if not before > 0.0:
         return None, None
     return 1.0 - after / before, 1.0 - possible_rms_deg_h / before
+
+
+def _plain_name(name: Any, stated_in: Path) -> str:
+    """A name of a file in the challenge's own folder."""
+    if not isinstance(name, str) or Path(name).name != name or len(name) > _LONGEST_NAME or not name.isprintable():
+        raise InputError(f"{stated_in} names the file {str(name)[:80]!r}, which lies in no challenge; give the files unchanged")
+    return name
 
 
 def _content(path: Path, schema: str) -> dict[str, Any]:

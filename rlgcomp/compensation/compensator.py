@@ -25,7 +25,7 @@ from rlgcomp.compensation.models.specification import cross_validation_residuals
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
-from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
+from rlgcomp.recording import DEFAULT_AVERAGING_S, ENCODERS, TIME, Recording
 from rlgcomp.recording.argument_checks import require_recording, require_recordings, require_workers
 from rlgcomp.recording.comparison import noise_of_means_deg_h
 from rlgcomp.recording.outliers import without_outliers
@@ -36,6 +36,7 @@ from rlgcomp.units import EARTH_RATE_DEG_H
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
 BLOCKS_OF_ONE_RUN: Final = 5
+TURNING_DEG_H: Final = 360.0  # spread of the means of a gyro that no bias has: 0.1 deg/s
 BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
 _BATCH_ROWS: Final = 2048
 _MUCH_OF_EARTH_RATE: Final = 0.1
@@ -192,6 +193,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             *omitted_groups(runs, self.features),
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
             *self._below_noise(raw),
+            *self._turning(raw),
         )
         for remark in self.remarks_:
             logger.warning("%s", remark)
@@ -417,6 +419,12 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         return pd.DataFrame(
             {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
         )
+
+    def _turning(self, runs: Sequence[Recording]) -> list[Message]:
+        """A message where the gyro turns as no chamber lets it, and no column says how the table turns."""
+        encoded = any(column in run for run in runs for column in (*ENCODERS, "table_rate_deg_s"))
+        spread = self.scaling_.y_scale_deg_h
+        return [] if encoded or spread < TURNING_DEG_H else [message("compensation.turning", spread_deg_h=spread)]
 
     def _below_noise(self, runs: Sequence[Recording]) -> list[Message]:
         """A message where the error with runs left out is less than the noise of the means: the runs know each other."""

@@ -18,6 +18,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from rlgcomp.errors import InputError
@@ -110,6 +111,8 @@ def panels(ax: Any, heights: Sequence[float], *, width_in: float = WIDTH_IN, sha
 
 def returned(axes: Sequence[Axes]) -> Any:
     """What `plot` returns: the axes, or an array of them where there are several."""
+    for figure in {one.get_figure(root=True) for one in axes} - {None}:
+        names_as_they_are(figure)
     if len(axes) == 1:
         return axes[0]
     array = np.empty(len(axes), dtype=object)
@@ -394,8 +397,16 @@ class Powers(LogFormatterSciNotation):
         return raised.replace(r"\times", "×")
 
 
+def names_as_they_are(figure: Any) -> None:
+    """Take a dollar sign in the name of a run or a column for one, not for the beginning of a formula."""
+    for text in figure.findobj(Text):
+        if "$" in text.get_text() and "\\mathdefault" not in text.get_text():
+            text.set_parse_math(False)
+
+
 def svg(figure: Figure) -> str:
     """The figure as SVG text."""
+    names_as_they_are(figure)
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
@@ -404,6 +415,7 @@ def svg(figure: Figure) -> str:
 
 def png(figure: Figure) -> bytes:
     """The figure as PNG."""
+    names_as_they_are(figure)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN
+from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN, names_as_they_are
 
 Array = npt.NDArray[np.float64]
 _MOST: Final = 0.9  # share of trials at which intervals are drawn
@@ -70,5 +70,6 @@ def curves_picture(title: str, white_deg_h: float, detected: FoundCurve, named: 
         axes.set_title(title, loc="left")
         axes.legend(loc="lower right")
         buffer = io.BytesIO()
+        names_as_they_are(figure)
         figure.savefig(buffer, format="png", metadata={"Software": None})
         return buffer.getvalue()

@@ -1,0 +1,121 @@
+"""What files of strangers cannot do: name files out of their folder, steer a terminal; and how commands end."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from rlgcomp.challenge import seal
+from rlgcomp.errors import InputError
+from rlgcomp.files import sha256
+from rlgcomp.scratch import PREFIX
+
+COMMAND = [sys.executable, "-m", "rlgcomp"]
+SIMULATOR = "kind: chamber\nmechanisms:\n  - thermal_polynomial: {degree: 3}\nnoise: {angle_random_walk_deg_sqrt_h: 0.0003}\n"
+
+
+@pytest.mark.parametrize("name", ["../truth.json", "/etc/passwd", "a" * 5000, "", "a/b", "\x1b[2J", 3, None, ["truth.json"]])
+def test_a_challenge_names_files_of_its_own_folder_alone(tmp_path: Path, name: object) -> None:
+    (tmp_path / "truth.json").write_text(json.dumps({"schema": seal.TRUTH_SCHEMA, "files": {}}))
+    folder = tmp_path / "challenge"
+    folder.mkdir()
+    content = {"schema": seal.CHALLENGE_SCHEMA, "truth": name, "truth_sha256": sha256(tmp_path / "truth.json")}
+    (folder / "challenge.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"lies in no challenge"):
+        seal.reveal(folder, folder)
+
+
+@pytest.fixture
+def simulator(tmp_path: Path) -> Path:
+    (tmp_path / "gyro.yaml").write_text(SIMULATOR)
+    return tmp_path / "gyro.yaml"
+
+
+def test_a_signal_leaves_no_scratch(simulator: Path, tmp_path: Path) -> None:
+    """A long simulation is stopped while it writes or before: what is there is whole, and nothing else is."""
+    out = tmp_path / "out"
+    out.mkdir()
+    line = [
+        *COMMAND,
+        "simulate",
+        str(simulator),
+        "--profile",
+        "start 20, hold 3000",
+        "--step-s",
+        "0.2",
+        "--out",
+        str(out / "run.csv"),
+    ]
+    for number in (signal.SIGTERM, signal.SIGINT):
+        process = subprocess.Popen(line, stderr=subprocess.PIPE)
+        until = time.monotonic() + 120.0
+        while not any(out.iterdir()) and process.poll() is None and time.monotonic() < until:
+            time.sleep(0.02)
+        process.send_signal(number)
+        _, error = process.communicate(timeout=120)
+        assert process.returncode in (0, 128 + number)
+        assert b"Traceback" not in error
+        assert not [path for path in out.iterdir() if path.name.startswith(PREFIX)]
+        for path in out.iterdir():
+            path.unlink()
+
+
+def test_closed_and_narrow_streams_are_no_fault(simulator: Path, tmp_path: Path) -> None:
+    simulate = [
+        *COMMAND,
+        "simulate",
+        str(simulator),
+        "--profile",
+        "short",
+        "--step-s",
+        "20",
+        "--out",
+        str(tmp_path / "run.parquet"),
+    ]
+    assert subprocess.run(["bash", "-c", '"$@" >&- 2>&- <&-', "-", *simulate], check=False).returncode == 0
+    inspect = [*COMMAND, "inspect", str(tmp_path / "run.parquet")]
+    narrow = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C"}
+    done = subprocess.run(inspect, env=narrow, capture_output=True, check=False)
+    assert done.returncode == 0
+    assert done.stdout.isascii()
+    as_json = subprocess.run([*inspect, "--json"], env=narrow, capture_output=True, check=False)
+    assert json.loads(as_json.stdout)[0]["name"] == "run"
+    assert subprocess.run(["bash", "-c", '"$@" > /dev/full', "-", *inspect], capture_output=True, check=False).returncode == 2
+
+
+def test_names_do_not_steer_the_terminal(simulator: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run\x1b[2J.csv"
+    subprocess.run([*COMMAND, "simulate", str(simulator), "--profile", "short", "--step-s", "20", "--out", str(path)], check=True)
+    done = subprocess.run([*COMMAND, "inspect", str(path), str(tmp_path / "absent\x1b[2J.csv")], capture_output=True, check=False)
+    assert b"\x1b[2J" not in done.stdout + done.stderr
+
+
+def test_a_full_disk_is_one_message(simulator: Path, tmp_path: Path) -> None:
+    for name in ("run.h5", "run.parquet", "run.csv", "run.mat"):
+        line = [*COMMAND, "simulate", str(simulator), "--profile", "short", "--step-s", "5", "--out", str(tmp_path / name)]
+        limited = 'trap "" XFSZ; ulimit -f 8; exec "$@"'
+        done = subprocess.run(["bash", "-c", limited, "-", *line], capture_output=True, text=True, check=False)
+        assert done.returncode == 2, done.stderr
+        assert done.stderr.count("error:") == 1
+        assert "Traceback" not in done.stderr
+        assert {path.name for path in tmp_path.iterdir()} == {"gyro.yaml"}
+
+
+def test_the_threat_model_names_tests_that_exist() -> None:
+    root = Path(__file__).parents[1]
+    text = (root / "docs" / "threat_model.md").read_text(encoding="utf-8")
+    tests = "".join(path.read_text(encoding="utf-8") for path in (root / "tests").glob("test_*.py"))
+    assert not [name for name in re.findall(r"`(test_[a-z_0-9]+)`", text) if f"def {name}(" not in tests]
+    sentences = [line for line in text.splitlines() if line.startswith("- ")]
+    assert len(sentences) > 20
+    assert all(
+        "(" in line for line in sentences if "model's SHA-256" not in line and "large honest" not in line and "invented" not in line
+    )
