@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import gzip
 import os
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.io
 
 import rlgcomp as rlg
 from experiments.fuzz import cases
@@ -117,3 +119,30 @@ def test_numbers_that_no_float_can_hold_are_no_numbers(tmp_path: Path, table: pd
     text[5] = text[5].rpartition(",")[0] + "," + "9" * 400
     (tmp_path / "run.csv").write_text("\n".join(text))
     assert len(rlg.read(tmp_path / "run.csv")) == 300
+
+
+def test_a_damaged_matlab_file_is_refused_before_scipy_crashes(tmp_path: Path, table: pd.DataFrame) -> None:
+    nested = {
+        "log": {
+            "time_s": table["time_s"].to_numpy(),
+            "gyro_deg_h": table["gyro_deg_h"].to_numpy(),
+            "who": "a",
+            "cell": np.array([1, "x"], object),
+        }
+    }
+    for compressed in (False, True):
+        scipy.io.savemat(
+            tmp_path / "good.mat", nested | {"z": np.array([1 + 2j]), "flags": np.array([True])}, do_compression=compressed
+        )
+        assert len(rlg.read(tmp_path / "good.mat")) == 300
+    matlab.save(tmp_path / "run.mat", table, {})
+    content = (tmp_path / "run.mat").read_bytes()
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        damaged = bytearray(content)
+        damaged[int(rng.integers(128, len(content)))] ^= 1 << int(rng.integers(0, 8))
+        (tmp_path / "run.mat").write_bytes(
+            bytes(damaged[: int(rng.integers(100, len(content) + 1))] if rng.random() < 0.5 else damaged)
+        )
+        with contextlib.suppress(rlg.InputError):
+            rlg.read(tmp_path / "run.mat")

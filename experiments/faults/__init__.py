@@ -32,6 +32,8 @@ mechanisms:
 noise: {angle_random_walk_deg_sqrt_h: 0.0003}
 """
 SIGNALS: Final = {"SIGKILL": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
+# files that state how long the work took, or hold a random salt
+TIMED: Final = ("unit.json", "SHA256SUMS", "report.md", "report.json", "challenge.json", "truth.json")
 DISK_BYTES: Final = (0, 1000, 20_000)
 _FRACTIONS: Final = 0.02, 1.05  # of the time that a command takes, between which it is killed
 _LONGEST_S: Final = 600.0
@@ -53,7 +55,7 @@ class Command:
 _SHORT: Final = ("simulate", "gyro.yaml", "--profile", "short", "--seed", "{variant}", "--out")
 _FLEET: Final = ("fleet", "train", "units{variant}.csv", "--model", "cubic", "--jobs", "2", "--out", "fleet")
 _FOLLOW: Final = ("compensate", "cubic", "run3.csv", "--follow", "--idle-s", "0", "--out", "f.csv")
-_CONCEAL: Final = ("conceal", "gyro.yaml", "--hide", "temperature_rate", "--seed", "{variant}", "--out", "challenge")
+_CONCEAL: Final = ("conceal", "gyro.yaml", "--hide", "temperature_rate", "--seed", "{variant}", "--out", "challenge{variant}")
 COMMANDS: Final = (
     Command("simulate csv", (*_SHORT, "o.csv"), ("o.csv", "o.yaml")),
     Command("simulate parquet", (*_SHORT, "o.parquet"), ("o.parquet",)),
@@ -65,7 +67,7 @@ COMMANDS: Final = (
     Command("follow", _FOLLOW, ("f.csv",)),
     Command("evaluate", ("evaluate", "cubic", "run{variant}.parquet", "--no-comparison", "--out", "report"), ("report",)),
     Command("export", ("export", "cubic{variant}", "--to", "c", "--name", "m", "--out", "code"), ("code",)),
-    Command("conceal", _CONCEAL, ("challenge",)),
+    Command("conceal", _CONCEAL, ("challenge2",)),
     Command("allan", ("allan", "run{variant}.parquet", "--out", "allan"), ("allan",)),
 )
 
@@ -183,7 +185,7 @@ def contents(folder: Path, writes: tuple[str, ...]) -> str | None:
         path = folder / name
         files = sorted(path.rglob("*")) if path.is_dir() else [path] if path.exists() else []
         for file in files:
-            if file.is_file() and file.name not in ("unit.json", "SHA256SUMS"):
+            if file.is_file() and file.name not in TIMED:
                 found = True
                 digest.update(file.relative_to(folder).as_posix().encode() + hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest() if found else None

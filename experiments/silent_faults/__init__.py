@@ -156,4 +156,4 @@ def _or_refused(work: Callable[[], Iterable[Message]]) -> list[str]:
 
 
 def _codes(messages: Iterable[Message]) -> list[str]:
-    return sorted({one.code for one in messages})
+    return sorted({one.code for one in messages if isinstance(one, Message)})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 from pathlib import Path
@@ -14,11 +15,11 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
 from rlgcomp.recording.formats import hdf5
 from rlgcomp.recording.formats.limits import inflated_bytes, largest_bytes, require_expandable
+from rlgcomp.recording.matlab_elements import COMPRESSED, MATRIX, Elements
 
 SUFFIXES: Final = (".mat",)
 _METADATA: Final = "rlgcomp_metadata"
 _HEADER_BYTES: Final = 128
-_COMPRESSED: Final = 15  # miCOMPRESSED, in the tag of a variable
 
 
 def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -56,17 +57,40 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 
 
 def _require_expandable(path: Path) -> None:
-    """Raise where the compressed variables of a file would become too large in memory: each is expanded and counted."""
-    limit, total = largest_bytes(path), 0.0
-    with path.open("rb") as stream:
-        stream.seek(_HEADER_BYTES)
-        while len(tag := stream.read(8)) == 8 and total <= limit:
-            kind, size = struct.unpack("<II", tag)
-            end = stream.tell() + size
-            if kind == _COMPRESSED:
-                total += inflated_bytes(lambda most: stream.read(max(0, min(most, end - stream.tell()))), limit, zlib.MAX_WBITS)  # noqa: B023
-            stream.seek(end)
-    require_expandable(path, total)
+    """Raise where a file would become too large in memory, or where its elements are not what they say: SciPy would crash.
+
+    Raises
+    ------
+    InputError
+        It is so.
+    """
+    content, total = path.read_bytes(), 0.0
+    if b"\x00" in content[:4] or len(content) < _HEADER_BYTES:
+        return  # version 4, which has no elements
+    order = {b"IM": "<", b"MI": ">"}.get(content[_HEADER_BYTES - 2 : _HEADER_BYTES], "<")
+    place = _HEADER_BYTES
+    try:
+        while place < len(content):
+            kind, size = struct.unpack(f"{order}II", content[place : place + 8])
+            body = content[place + 8 : place + 8 + size]
+            if len(body) < size:
+                raise ValueError("it is cut off")
+            if kind == COMPRESSED:
+                total += inflated_bytes(io.BytesIO(body).read, largest_bytes(path) - total, zlib.MAX_WBITS)
+                require_expandable(path, total)
+                inflate = zlib.decompressobj()
+                body = Elements(inflate.decompress(body), order).next({MATRIX})
+                if not inflate.eof:
+                    raise ValueError("a compressed variable is cut off")
+            elif kind != MATRIX:
+                raise ValueError(f"it has a variable of kind {kind}")
+            if body:
+                Elements(body, order).matrix()
+            place += 8 + size
+    except InputError:
+        raise
+    except (ValueError, struct.error, zlib.error) as error:
+        raise InputError(f"{path} is a damaged MATLAB file: {error}") from None
 
 
 def is_written(path: Path) -> bool:
@@ -74,6 +98,7 @@ def is_written(path: Path) -> bool:
     from scipy.io import whosmat
 
     try:
+        _require_expandable(path)
         return any(name == _METADATA for name, _, _ in whosmat(path))
     except Exception:  # noqa: BLE001  a damaged file can make the reader fail in any way
         return False
