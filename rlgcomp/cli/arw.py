@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PulseArcsec, Runs, command, progress, read_runs, require_folder
+from rlgcomp.cli.base import AsJson, Drop, Map, PeriodS, PulseArcsec, Runs, command, progress, read_runs, require_folder
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_remarks, show_table, show_text
 from rlgcomp.errors import InputError
@@ -23,6 +23,7 @@ def arw(
     drop: Drop = None,
     gyro: Gyros = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     trend: Annotated[str, typer.Option(help="Variable of the fifth-order trend: time or temperature.")] = "time",
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, JSON and figures, replaced as a whole.")
@@ -43,7 +44,7 @@ def arw(
         require_folder(out, FILES, runs)
     results = []
     for spec in runs:  # one at a time: a run of five hours fills a gigabyte while it is read
-        (recording,) = read_runs([spec], mapping, drop, pulse_arcsec, history=False)
+        (recording,) = read_runs([spec], mapping, drop, pulse_arcsec, history=False, period_s=period_s)
         with progress(f"harmonics and noise of {recording.name}") as advance:
             results.append(angle_random_walk(recording, gyros=gyro, trend=trend, advance=advance))  # type: ignore[arg-type]
         del recording

@@ -13,6 +13,7 @@ from rlgcomp.cli.base import (
     Drop,
     Map,
     Overwrite,
+    PeriodS,
     PulseArcsec,
     Runs,
     command,
@@ -42,6 +43,7 @@ def calibrate(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
@@ -66,7 +68,7 @@ def calibrate(
         if out.resolve().parent == report.resolve():
             writes.append(glob.escape(out.name))
         require_folder(report, writes, runs)
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec, history=False)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, history=False, period_s=period_s)
     with progress("calibrating") as advance:
         calibration = calibrate_turntable(
             recordings,

@@ -82,6 +82,7 @@ def train(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     calibration: CalibrationFile = None,
     device: Annotated[
         str | None,
@@ -116,8 +117,14 @@ def train(
         raise InputError(f"--export: a {model} model has no sample-by-sample form; train another model to export one")
     estimator = _estimator(model, device, adapted=adapt is not None)
     fleet = None if adapt is None else load(adapt)
+<<<<<<< HEAD
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=gyro if fleet is None else fleet.gyro)
     differences = compared(recordings, calibrated_name(gyro, calibration) if fleet is None else fleet.gyro)
+=======
+    recordings = read_runs(
+        runs, mapping, drop, pulse_arcsec, calibration, gyro=gyro if fleet is None else fleet.gyro, period_s=period_s
+    )
+>>>>>>> c50090d (Impossible numbers, counters without sign, repeated values, blanks between readings and bursts are undone, reported or refused; few lost samples cut no Allan curve; --period-s wherever --map is)
     _warn_of_long_fit(device, recordings, averaging_s)
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
     if fleet is not None:
@@ -252,6 +259,7 @@ def evaluate(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     calibration: CalibrationFile = None,
     jobs: Jobs = 1,
     as_json: AsJson = False,
@@ -267,7 +275,7 @@ def evaluate(
 
     require_folder(out, EVALUATION, model, runs, calibration)
     compensator = load(model)
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, recordings)
     differences = compared(recordings, compensator.gyro)
     evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)

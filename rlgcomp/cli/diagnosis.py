@@ -19,6 +19,7 @@ from rlgcomp.cli.base import (
     Map,
     MechanismFiles,
     OnlyOwn,
+    PeriodS,
     PulseArcsec,
     calibrated_name,
     candidates_of,
@@ -134,6 +135,7 @@ def diagnose(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -166,7 +168,7 @@ def diagnose(
             averaging_s=averaging_s,
             chamber=chamber,
             seed=seed,
-            reading=(mapping, drop, pulse_arcsec, calibration),
+            reading=(mapping, drop, pulse_arcsec, calibration, period_s),
             as_json=as_json,
         )
         return
@@ -180,11 +182,19 @@ def diagnose(
         chosen = _simulator(simulator, simulated, catalogue)
         measured = None if noise is None else measured_noise(noise, gyro)
         specs = [*train, *(test or [])]
+<<<<<<< HEAD
         runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or ()))
         compared(runs, calibrated_name(gyro, calibration))
+=======
+        runs = told_apart(
+            specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or (), period_s=period_s)
+        )
+>>>>>>> c50090d (Impossible numbers, counters without sign, repeated values, blanks between readings and bursts are undone, reported or refused; few lost samples cut no Allan curve; --period-s wherever --map is)
         own = None
         if simulated:
-            own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs))
+            own = told_apart(
+                simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs, period_s=period_s)
+            )
         with progress("diagnosing", 100) as advance:
             diagnosis = diagnose_runs(
                 chosen,
@@ -248,7 +258,7 @@ def _diagnose_on_one_model(
     averaging_s: float | None,
     chamber: tuple[float, float, float] | None,
     seed: int,
-    reading: tuple[list[str] | None, list[str] | None, float | None, Path | None],
+    reading: tuple[list[str] | None, list[str] | None, float | None, Path | None, float | None],
     as_json: bool,
 ) -> None:
     """`diagnose` by the engine of one model; parameters are those of the command."""
@@ -257,16 +267,20 @@ def _diagnose_on_one_model(
     from rlgcomp.files import whole_folder
     from rlgcomp.physics import CATALOGUE
 
-    mapping, drop, pulse_arcsec, calibration = reading
+    mapping, drop, pulse_arcsec, calibration, period_s = reading
     chosen = _simulator(simulator, simulated, {**CATALOGUE, **candidates})
     specs = [*train, *confirm, *test]
     mapping = [*(mapping or []), *_mapped_output(output, specs)]
-    runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or ()))
+    runs = told_apart(
+        specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or (), period_s=period_s)
+    )
     if output is not None:
         runs = [run if output in run else run.replace(table=run.table.assign(**{output: run.rate_deg_h()})) for run in runs]
     own = None
     if simulated:
-        own = told_apart(simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs))
+        own = told_apart(
+            simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs, period_s=period_s)
+        )
     with progress("diagnosing", 100) as advance:
         diagnosis = diagnose_runs(
             chosen,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs, require_folder
+from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PeriodS, PulseArcsec, command, read_runs, require_folder
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_remarks, show_table
 
@@ -37,6 +37,7 @@ def export(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -57,7 +58,7 @@ def export(
     (model,) = models
     require_folder(out, written(model, to, name), model, test, calibration)
     gyro = load(model).gyro if test and calibration is not None else None
-    runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration, gyro=gyro)
+    runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration, gyro=gyro, period_s=period_s)
     options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name, not no_board)  # type: ignore[arg-type]
     exported = export_model(model, out, to, options)
     if as_json:

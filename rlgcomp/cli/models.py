@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PulseArcsec, command, read_runs
+from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PeriodS, PulseArcsec, command, read_runs
 from rlgcomp.cli.ending import BAD_INPUT, notify
 from rlgcomp.cli.show import show_json, show_remarks, show_table
 
@@ -21,6 +21,7 @@ def models(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -32,7 +33,7 @@ def models(
     """
     from rlgcomp.evaluation.model_registry import survey
 
-    registry = survey(folder, read_runs(on or [], mapping, drop, pulse_arcsec, calibration))
+    registry = survey(folder, read_runs(on or [], mapping, drop, pulse_arcsec, calibration, period_s=period_s))
     if as_json:
         show_json(registry.to_mapping())
     else:

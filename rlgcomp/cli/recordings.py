@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
+<<<<<<< HEAD
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from rlgcomp.cli.base import AsJson, Drop, Map, Overwrite, PulseArcsec, Runs, command, compared, read_runs, require_recording
+=======
+from rlgcomp.cli.base import AsJson, Drop, Map, PeriodS, PulseArcsec, Runs, command, read_runs
+>>>>>>> c50090d (Impossible numbers, counters without sign, repeated values, blanks between readings and bursts are undone, reported or refused; few lost samples cut no Allan curve; --period-s wherever --map is)
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table, show_text
 
 
 @command("inspect")
-def inspect(runs: Runs, mapping: Map = None, drop: Drop = None, pulse_arcsec: PulseArcsec = None, as_json: AsJson = False) -> None:
+def inspect(
+    runs: Runs,
+    mapping: Map = None,
+    drop: Drop = None,
+    pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
+    as_json: AsJson = False,
+) -> None:
     """What a recording holds and what is wrong with it.
 
     Example: `rlgcomp inspect cold.parquet hot.csv --map gyro_deg_h='Gyro Z [deg/s]'`
     """
     from rlgcomp.report.inspection import outlier_findings, summarise
 
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, period_s=period_s)
     for recording in recordings:
         for finding in outlier_findings(recording):
             notify(f"{recording.name}: {finding}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, Overwrite, PulseArcsec, Runs, command, read_runs, require_unread
+from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, Overwrite, PeriodS, PulseArcsec, Runs, command, read_runs, require_unread
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_remarks, show_table, show_text
 
@@ -40,6 +40,7 @@ def scale_factor(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
@@ -60,7 +61,7 @@ def scale_factor(
         require_replaceable(out, overwrite=overwrite, written=is_result)
     errors = _stated(stated or [])
     calibration = calibrate_scale_factor(
-        read_runs(runs, mapping, drop, pulse_arcsec, history=False),
+        read_runs(runs, mapping, drop, pulse_arcsec, history=False, period_s=period_s),
         gyro=gyro,
         revolutions=revolutions,
         reference_deg=reference_deg,

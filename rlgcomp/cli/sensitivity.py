@@ -15,6 +15,7 @@ from rlgcomp.cli.base import (
     Map,
     MechanismFiles,
     OnlyOwn,
+    PeriodS,
     PulseArcsec,
     Runs,
     candidates_of,
@@ -54,7 +55,11 @@ def sensitivity(
     drop: Drop = None,
     gyro: Gyro = None,
     pulse_arcsec: PulseArcsec = None,
+<<<<<<< HEAD
     engine: Annotated[str, typer.Option("--engine", metavar="catalogue|one-model", help="As of diagnose.")] = "catalogue",
+=======
+    period_s: PeriodS = None,
+>>>>>>> c50090d (Impossible numbers, counters without sign, repeated values, blanks between readings and bursts are undone, reported or refused; few lost samples cut no Allan curve; --period-s wherever --map is)
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -77,7 +82,7 @@ def sensitivity(
     if out is not None:
         require_folder(out, FILES, simulator, runs, mechanisms)
     candidates = candidates_of(mechanisms, only_own)
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec)
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, period_s=period_s)
     with progress("diagnosing") as advance:
         result = measure(
             Simulator.from_yaml(simulator, {**CATALOGUE, **candidates}),

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, MechanismFiles, Overwrite, PulseArcsec, command, read_runs, require_recording
+from rlgcomp.cli.base import (
+    AsJson,
+    Drop,
+    Map,
+    MechanismFiles,
+    Overwrite,
+    PeriodS,
+    PulseArcsec,
+    command,
+    read_runs,
+    require_recording,
+)
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json
 
@@ -85,6 +96,7 @@ def predict(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: PeriodS = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
@@ -100,7 +112,7 @@ def predict(
     from rlgcomp.simulation.simulator import Simulator
 
     require_recording(out, simulator, mechanisms, run, overwrite=overwrite)
-    (recording,) = read_runs([run], mapping, drop, pulse_arcsec)
+    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
     recording, remarks = without_monitor_outliers(recording, made.driver_columns(recording))
     predicted = made.predict(recording)

@@ -33,6 +33,7 @@ from rlgcomp.recording.columns import (
 )
 from rlgcomp.recording.metadata import PREDICTED, Finding, Kind, Metadata
 from rlgcomp.recording.sampling import DEFAULT_AVERAGING_S, GAP_PERIODS, LEAST_COVERAGE, FullWindows, Sampling
+from rlgcomp.report.messages import message
 from rlgcomp.report.notebook import table_html
 
 __all__ = [
@@ -300,7 +301,8 @@ class Recording:
 
         Pulses of unknown size stay pulses where another gyro can be given in deg/h.
 
-        A window counts only if at least 80 % of its samples are there, so that a gap shortens the result instead of bending it.
+        A window counts only if at least 80 % of its samples are there, so that a gap shortens the result instead of bending it. Of
+        shorter bursts with pauses between them, each is a window.
 
         Parameters
         ----------
@@ -324,7 +326,11 @@ class Recording:
             averaged = pd.concat([averaged, windows.means(extra[scored])], axis=1)
         truth = None if self._truth is None else windows.means(self._truth[scored])
         metadata = dataclasses.replace(self.metadata, lead_in_s=0.0)
-        return Recording(averaged, metadata, name=self.name, truth=truth, findings=self.findings)
+        findings = self.findings
+        if windows.bursts_s is not None:
+            about = message("recording.bursts", bursts=len(averaged), length_s=windows.bursts_s, window_s=window_s)
+            findings = (*findings, Finding("noted", about, TIME))
+        return Recording(averaged, metadata, name=self.name, truth=truth, findings=findings)
 
     # --- showing it ----------------------------------------------------------------------------------------------------
 

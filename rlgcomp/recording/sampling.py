@@ -83,6 +83,7 @@ class FullWindows:
     counts: IntArray
     full: npt.NDArray[np.bool_]
     middles_s: Array  # of the full ones
+    bursts_s: float | None = None  # length of bursts, where each of them is a window
 
     @classmethod
     def of(cls, time_s: Array, window_s: float, period_s: float, *, name: str) -> Self:
@@ -110,6 +111,8 @@ class FullWindows:
         starts = np.flatnonzero(np.r_[len(window) > 0, np.diff(window) > 0])
         counts = np.diff(np.r_[starts, len(window)])
         full = counts >= LEAST_COVERAGE * window_s / period_s
+        if full.sum() < FEWEST_ROWS and (bursts := cls._of_bursts(time_s, window_s, period_s)) is not None:
+            return bursts
         if full.sum() < FEWEST_ROWS:
             raise InputError(
                 f"{name} is too short to average over {window_s:g} s: {len(time_s) * period_s:g} s of it "
@@ -117,6 +120,21 @@ class FullWindows:
             )
         middles_s = time_s[0] + (window[starts][full] + 0.5) * window_s - 0.5 * period_s
         return cls(starts, counts, full, middles_s)
+
+    @classmethod
+    def _of_bursts(cls, time_s: Array, window_s: float, period_s: float) -> Self | None:
+        """The bursts of a run that is recorded now and then, each as one window; None of any other run."""
+        gaps = _gaps(time_s, np.diff(time_s), period_s)
+        starts = np.r_[0, gaps + 1]
+        counts = np.diff(np.r_[starts, len(time_s)])
+        usual = float(np.median(counts))
+        full = counts >= LEAST_COVERAGE * usual
+        apart_s = np.diff(time_s[starts])
+        regular = len(starts) >= FEWEST_ROWS and float(np.mean(full)) >= LEAST_COVERAGE and usual >= FEWEST_ROWS
+        if not (regular and usual * period_s < LEAST_COVERAGE * window_s and float(np.median(apart_s)) >= 2.0 * usual * period_s):
+            return None
+        middles_s = np.add.reduceat(time_s, starts) / counts
+        return cls(starts, counts, full, middles_s[full], bursts_s=usual * period_s)
 
     def means(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Mean of every column in every full window."""

@@ -111,7 +111,7 @@ def names_of(written: Dialect, path: str | Path) -> list[str]:
     names = []
     for place, name in enumerate(written.names, start=1):
         seen[name] += 1
-        names.append(f"{name} ({seen[name]})" if name in twice else name or f"column {place}")
+        names.append(f"{name}.{seen[name]}" if name in twice else name or f"column {place}")
     return names
 
 

@@ -83,7 +83,7 @@ class Dialect:
 
 def dialect_of(lines: Sequence[str]) -> Dialect:
     """Dialect of a file's first lines."""
-    places = [place for place, line in enumerate(lines) if line.strip() and not line.startswith("#")]
+    places = [place for place, line in enumerate(lines) if line.strip() and not line.startswith(REMARK)]
     top = [lines[place] for place in places[:_SHOWING]]
     separator = _separator(top)
     rows = [entries(line, separator) for line in top]
@@ -103,8 +103,6 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
         above = list(lines[:first])
     else:
         names = [name.lstrip("\ufeff") for name in rows[named]]
-        if names[0].startswith(REMARK[1:]):  # a line that begins with % may name the columns as any other
-            names = _without_mark(names)
         below = _below(rows[named + 1 : named + 1 + _MOST_BELOW])
         at = named + 1 + len(below)
         first = places[at] if at < len(places) else len(lines)
@@ -136,7 +134,7 @@ def entries(line: str, separator: str) -> list[str]:
     """Entries of a line, without the blanks and quotes around them."""
     if separator == BLANKS:
         return line.split()
-    if '"' in line:
+    if '"' in line and "\r" not in line:
         return [entry.strip() for entry in next(text.reader([line], delimiter=separator, skipinitialspace=True), [])]
     return [entry.strip() for entry in line.split(separator)]
 
@@ -195,11 +193,6 @@ def _named_in_remark(above: Sequence[str], width: int, separator: str) -> list[s
                 if len(names) == width and all(names) and not any(map(is_value, names)):
                     return names
     return None
-
-
-def _without_mark(names: Sequence[str]) -> list[str]:
-    first = re.sub(r"^(%|//)+\s*", "", names[0])
-    return [first, *names[1:]] if first else list(names[1:])
 
 
 def _below(rows: Sequence[Sequence[str]]) -> list[list[str]]:

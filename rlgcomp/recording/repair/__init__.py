@@ -32,6 +32,7 @@ from rlgcomp.recording.repair.entries import ROUNDING as ROUNDING
 from rlgcomp.recording.repair.entries import dark_readouts, empty_channels, missing_values, numbers, structure
 from rlgcomp.recording.repair.entries import without_light as without_light
 from rlgcomp.recording.repair.roll_over import roll_overs
+from rlgcomp.recording.repair.sense import counter_overflows, error_values, impossible_temperatures, repeated_values
 from rlgcomp.recording.repair.wrong_units import units_meant
 from rlgcomp.report.messages import message
 
@@ -43,7 +44,11 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     time_unit,
     roll_overs,
     time_order,
+    error_values,
+    counter_overflows,
+    impossible_temperatures,
     empty_channels,  # again, now that rows have gone
+    repeated_values,
     units_meant,
     running_sums,
     stuck_gyros,

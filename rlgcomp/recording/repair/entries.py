@@ -18,6 +18,8 @@ from rlgcomp.units import SECONDS_PER_HOUR
 
 LARGEST_VALUE: Final = 1e15  # in any unit of any column
 LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long, and for the next in any case
+_BLANK: Final = 0.5  # share of blank rows between readings
+_IN_STEP: Final = 0.8  # of the readings come one usual interval after the last
 ROUNDING: Final = 1e-9
 READOUTS: Final = ["readout_a_V", "readout_b_V"]
 
@@ -144,12 +146,21 @@ def without_light(table: pd.DataFrame) -> Mask:
     return np.asarray(table[READOUTS[0]].to_numpy() + table[READOUTS[1]].to_numpy() == 0.0)
 
 
+def _reading_interval_s(at_s: Array, missing_share: float) -> float:
+    """Interval of a monitor that is read now and then, its rows in between being blank; zero where it is not read so."""
+    if missing_share < _BLANK or len(at_s) < FEWEST_ROWS:
+        return 0.0
+    steps_s = np.diff(at_s)
+    usual_s = float(np.median(steps_s))
+    return usual_s if np.mean(np.abs(steps_s - usual_s) <= 0.5 * usual_s) >= _IN_STEP else 0.0
+
+
 def missing_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if not any(extent.missing for extent in context.extents(table).values()):
         return table
     missing = table.isna()
     time_s = table[TIME]
-    latest_s = np.minimum(time_s - LONGEST_HOLD_S * (1.0 + ROUNDING), time_s.shift(1, fill_value=-np.inf))
+    before_s = time_s.shift(1, fill_value=-np.inf)
     filled = table.copy()
     for column in table.columns[missing.any()]:
         gone = missing[column].to_numpy()
@@ -158,7 +169,13 @@ def missing_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             context.add("repaired", message("recording.missing_gyro_values", values=int(gone.sum())), str(column), row)
             continue
         known_s = time_s.where(~missing[column]).ffill()
-        filled[column] = table[column].ffill().where(known_s >= latest_s)
+        interval_s = _reading_interval_s(time_s.to_numpy()[~gone], float(gone.mean()))
+        longest_s = max(LONGEST_HOLD_S, 1.5 * interval_s)
+        filled[column] = table[column].ffill().where(known_s >= np.minimum(time_s - longest_s * (1.0 + ROUNDING), before_s))
+        if interval_s:
+            about = message("recording.blanks_between_readings", interval_s=interval_s, left_out=int(filled[column].isna().sum()))
+            context.add("noted", about, str(column), row)
+            continue
         left_out = int(filled[column].isna().sum())
         held = int(gone.sum()) - left_out
         context.add("repaired", message("recording.missing_values", held=held, left_out=left_out), str(column), row)

@@ -190,6 +190,9 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     ),
     "recording.gaps": "{gaps} gaps, the longest {longest_s:.6g} s; averages leave out windows less than 80 % full",
     "recording.uneven_steps": _uneven_steps,
+    "recording.bursts": (
+        "{bursts} bursts of {length_s:.4g} s with pauses between them: each is a window, in place of windows of {window_s:.4g} s"
+    ),
     "recording.dates": "dates such as {written!r} counted in seconds from {first}",
     "recording.clock_times": "clock times such as {written!r} counted in seconds from midnight",
     "recording.ambiguous_dates": (
@@ -220,6 +223,9 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.dark_readouts": "its sum with {other} is 0 in {rows} rows: both count as missing",
     "recording.missing_gyro_values": "{values} values missing, rows left out",
     "recording.missing_values": _missing_values,
+    "recording.blanks_between_readings": (
+        "is read every {interval_s:.6g} s and blank in between: the readings are held, and {left_out} rows without one are left out"
+    ),
     "recording.mostly_missing": _mostly_missing,
     # units
     "recording.kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{column} [K]'",
@@ -228,6 +234,18 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.mean_above_earth_rate": (
         "the mean is {mean_deg_h:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map"
     ),
+    "recording.error_values": "{values} values are {written}, which loggers write for no reading: they count as missing",
+    "recording.counter_overflow": (
+        "jumps {jumps} times by {modulus:.0f}, as a counter of few bits read without its sign: undone, the values now run on"
+    ),
+    "recording.impossible_temperatures": (
+        "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: they count as missing"
+    ),
+    "recording.no_temperatures": (
+        "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: state the unit, or the step of "
+        "the converter, with --map {column}='{column} [0.01 degC]'"
+    ),
+    "recording.repeated_values": "every value is written {times} times: one row of each remains, every {period_s:.6g} s",
     # channels
     "recording.dead_channel": "never changes from {value:.6g}: the channel is dead; choose another with --map or --drop",
     "recording.stuck_gyro": _stuck_gyro,

@@ -1,0 +1,166 @@
+"""Checks of the sense of numbers: impossible temperatures, error values of loggers, counters of few bits, repeated values."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.recording import ENCODERS, TIME, is_compensation, is_gyro
+from rlgcomp.recording.repair.context import Array, Context, Mask
+from rlgcomp.report.messages import message
+
+ABSOLUTE_ZERO_DEGC: Final = -273.15
+HOTTEST_DEGC: Final = 300.0  # of any chamber, and of the adhesives and solder of a gyro
+# Numbers that loggers, converters and thermometers write for no reading.
+ERROR_VALUES: Final = (
+    -9999.0, -999.0, -99999.0, -999.9, -999.99, -9999.9, -8888.0, -7999.0, 7999.0, 9999.0, 99999.0, 999.9, 9999.9, 850.0, -127.0,
+    32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0, 1e6, -1e6, 1e9, -1e9,
+)  # fmt: skip
+_ISOLATED: Final = 1.5  # ranges of the other values that an error value lies away from them
+_MODULI: Final = (2.0**32, 2.0**16, 2.0**8)
+_CLOSE: Final = 0.02  # of the modulus: steps besides the jumps are smaller
+_ROOM_DEGC: Final = 20.0
+_FEWEST_GROUPS: Final = 50
+_IN_GROUPS: Final = 0.995  # of the changes come after a whole number of rows
+_MOST_TIMES: Final = 1000
+_FEW_IMPOSSIBLE: Final = 0.2  # of a thermometer's values: more are another quantity or unit
+
+
+def counter_overflows(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Let columns that jump by 2^8, 2^16 or 2^32 run on, as of a counter that was read without its sign."""
+    changed = {}
+    for column in _measured(table):
+        values = table[column].to_numpy()
+        extent = context.extents(table)[column]
+        for modulus in _MODULI:
+            spread = extent.greatest - extent.least
+            if not 0.9 * modulus <= spread < (1.0 + _CLOSE) * modulus:
+                continue
+            jumps, undone = _unwrapped(values, modulus, _centre(column, modulus))
+            if len(jumps):
+                changed[column] = undone
+                found = message("recording.counter_overflow", jumps=len(jumps), modulus=modulus)
+                context.add("repaired", found, column, jumps[0] + 1)
+                break
+    return table.assign(**changed) if changed else table
+
+
+def _unwrapped(values: Array, modulus: float, centre: float | None) -> tuple[npt.NDArray[np.intp], Array]:
+    """Rows before the jumps of a modulus, and the values that run on over them; no rows where other steps are as wide."""
+    known = np.flatnonzero(np.isfinite(values))
+    steps = np.diff(values[known])
+    wide = np.abs(steps) > 0.5 * modulus
+    rest = steps - modulus * np.round(steps / modulus)
+    if not wide.any() or np.abs(rest).max(initial=0.0) > _CLOSE * modulus:
+        return known[:0], values
+    turns = np.cumsum(np.r_[0.0, -np.round(steps / modulus)])
+    place, count = np.unique(turns, return_counts=True)
+    running = values.copy()
+    running[known] += modulus * turns
+    most = float(place[np.argmax(count)])  # most values are right
+    right = most if centre is None else float(np.rint((np.median(running[known]) - centre) / modulus))
+    running[known] -= modulus * right
+    return known[np.flatnonzero(wide)], running
+
+
+def _centre(column: str, modulus: float) -> float | None:
+    """Value near which a column's values lie where nothing else shows how often its counter overflowed."""
+    if column.endswith("_degC"):
+        return _ROOM_DEGC
+    return 0.0 if modulus > _MODULI[-1] else None
+
+
+def error_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Take numbers that loggers write for no reading, far from all others, as missing."""
+    changed = {}
+    for column in _measured(table):
+        extent = context.extents(table)[column]
+        candidates = [
+            value for value in ERROR_VALUES if value in (extent.least, extent.greatest) or extent.least < value < extent.greatest
+        ]
+        if not candidates or (is_gyro(column) and column.endswith("_pulses")):
+            continue
+        values = table[column].to_numpy()
+        marked = np.isin(values, candidates)
+        if not marked.any() or marked.all():
+            continue
+        others = values[~marked & np.isfinite(values)]
+        if not len(others):
+            continue
+        least, greatest = float(others.min()), float(others.max())
+        away = np.maximum(values - greatest, least - values) > _ISOLATED * max(greatest - least, 1e-12)
+        if column.endswith("_degC"):
+            away |= (values < ABSOLUTE_ZERO_DEGC) | (values > HOTTEST_DEGC)
+        marked &= away
+        if marked.any():
+            written = sorted({float(value) for value in np.unique(values[marked])})
+            context.add(
+                "repaired", message("recording.error_values", values=int(marked.sum()), written=written), column, marked.argmax()
+            )
+            changed[column] = np.where(marked, np.nan, values)
+    return table.assign(**changed) if changed else table
+
+
+def impossible_temperatures(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Take temperatures that no gyro has as missing; refuse a thermometer that has many."""
+    changed = {}
+    for column in (name for name in _measured(table) if name.endswith("_degC")):
+        extent = context.extents(table)[column]
+        if extent.least >= ABSOLUTE_ZERO_DEGC and extent.greatest <= HOTTEST_DEGC:
+            continue
+        values = table[column].to_numpy()
+        impossible: Mask = (values < ABSOLUTE_ZERO_DEGC) | (values > HOTTEST_DEGC)
+        known = int(np.isfinite(values).sum())
+        if not impossible.any():
+            continue
+        about = {
+            "values": int(impossible.sum()),
+            "least": float(np.nanmin(values)),
+            "greatest": float(np.nanmax(values)),
+            "column": column,
+        }
+        if impossible.sum() > _FEW_IMPOSSIBLE * known:
+            if not 180.0 < float(np.nanmedian(values)) < 400.0:  # kelvin is told by its own check
+                context.add("refused", message("recording.no_temperatures", **about), column, impossible.argmax())
+            continue
+        context.add("repaired", message("recording.impossible_temperatures", **about), column, impossible.argmax())
+        changed[column] = np.where(impossible, np.nan, values)
+    return table.assign(**changed) if changed else table
+
+
+def repeated_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Keep one row of each value where a logger writes every value of its gyros several times."""
+    gyros = [column for column in map(str, table.columns) if is_gyro(column)]
+    if context.simulated or len(table) < 2 * _FEWEST_GROUPS:
+        return table
+    if "table_rate_deg_s" in table or any(encoder in table for encoder in ENCODERS) or context.metadata.kind == "turntable":
+        return table
+    values = table[gyros].to_numpy()
+    few = values[: 4 * _FEWEST_GROUPS]
+    if np.mean((few[1:] == few[:-1]).all(axis=1)) < 0.45:  # of twice or more written values every second one repeats
+        return table
+    changed = np.flatnonzero((values[1:] != values[:-1]).any(axis=1)) + 1
+    if len(changed) < _FEWEST_GROUPS:
+        return table
+    time_s = table[TIME].to_numpy()
+    number = np.rint((time_s - time_s[changed[0]]) / float(np.median(np.diff(time_s)))).astype(np.int64)
+    times = int(np.median(np.diff(number[changed])))
+    if (
+        not 2 <= times <= _MOST_TIMES
+        or np.mean(number[changed] % times == 0) < _IN_GROUPS
+        or np.mean(np.diff(number[changed]) == times) < 0.9
+    ):
+        return table
+    group = number // times
+    first = np.r_[True, group[1:] != group[:-1]] & (number >= 0)
+    period_s = times * float(np.median(np.diff(time_s)))
+    context.add("repaired", message("recording.repeated_values", times=times, period_s=period_s), gyros[0])
+    return table[first].reset_index(drop=True)
+
+
+def _measured(table: pd.DataFrame) -> list[str]:
+    """Columns that an instrument measured and that are no angle of a table."""
+    return [name for name in map(str, table.columns) if name not in (TIME, *ENCODERS) and not is_compensation(name)]

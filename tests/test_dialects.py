@@ -1,0 +1,322 @@
+"""Tables as loggers, spreadsheets and other programs write them: each is read as it is, and what was done is reported."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import rlgcomp as rlg
+from rlgcomp.cli import app, register_commands
+from rlgcomp.recording.formats import csv
+from rlgcomp.recording.formats.dialect import dialect_of
+from rlgcomp.recording.formats.mapping import sources_of
+from tests.cases import by_code, case
+
+ROWS = 300
+GYRO = 1.0 + 0.5 * np.random.default_rng(1).standard_normal(ROWS)
+BLOCK = 20.0 + 0.01 * np.arange(ROWS)
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_bytes(gzip.compress(text.encode()) if path.suffix == ".gz" else text.encode())
+    return path
+
+
+def rows(separator: str, decimal: str = ".", time: Callable[[int], str] = lambda k: f"{k}", end: str = "") -> list[str]:
+    numbers = zip(GYRO.tolist(), BLOCK.tolist(), strict=True)
+    return [
+        separator.join([time(k), f"{w:.6f}".replace(".", decimal), f"{T:.3f}".replace(".", decimal)]) + end
+        for k, (w, T) in enumerate(numbers)
+    ]
+
+
+def expect(run: rlg.Recording) -> dict[str, object]:
+    """The run holds the numbers; its findings by code."""
+    assert run.time_s - run.time_s[0] == pytest.approx(np.arange(float(ROWS)), abs=1e-6)
+    assert run.rate_deg_h() == pytest.approx(GYRO, abs=1e-6)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK, abs=1e-3)
+    return by_code(run.findings)
+
+
+NAMES = ["time_s", "gyro_deg_h", "temperature_block_degC"]
+OWN = {"time_s": "t", "gyro_deg_h": "w", "temperature_block_degC": "T"}
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.txt", "run.csv.gz", "run.dat"])
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|", " ", "   ", " ; "])
+def test_separators(tmp_path: Path, separator: str, name: str) -> None:
+    expect(rlg.read(written(tmp_path / name, "\n".join([separator.join(NAMES), *rows(separator)]) + "\n")))
+
+
+def test_blanks_align_columns(tmp_path: Path) -> None:
+    lines = [f"{k:8d} {w:14.6f}   {T:10.3f}" for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))]
+    expect(rlg.read(written(tmp_path / "run.txt", "\r\n".join(["  " + "    ".join(NAMES), *lines]) + "\r\n")))
+
+
+@pytest.mark.parametrize(
+    "time",
+    [
+        lambda k: f"{20 + (k + 280) // 300:02d}.01.2021 {23 if k < 20 else 0:02d}:{(3580 + k) // 60 % 60:02d}:{(k + 40) % 60:02d}",
+        lambda k: f"08:{k // 60:02d}:{k % 60:02d}.000",
+        lambda k: f"2021-01-20 22:{k // 60:02d}:{k % 60:02d},250",
+        lambda k: f"20.01.2021 22:{k // 60:02d}:{k % 60:02d},250",
+    ],
+)
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_dots_and_commas_of_times_are_no_decimal_signs(tmp_path: Path, separator: str, time: Callable[[int], str]) -> None:
+    lines = rows(separator, ",", time)
+    found = expect(rlg.read(written(tmp_path / "run.csv", "\n".join([separator.join(NAMES), *lines]) + "\n")))
+    assert "decimal_comma" in found
+    points = rows(separator, ".", time)
+    assert "decimal_comma" not in expect(
+        rlg.read(written(tmp_path / "run.csv", "\n".join([separator.join(NAMES), *points]) + "\n"))
+    )
+
+
+def test_a_decimal_comma_that_comes_late(tmp_path: Path) -> None:
+    """Whole numbers alone in the first 400 lines: the column's own entries decide."""
+    lines = [f"{k};{k % 7};20" if k < 9000 else f"{k};{k % 7},5;20,5" for k in range(12000)]
+    run = rlg.read(written(tmp_path / "run.csv", "\n".join([";".join(NAMES), *lines]) + "\n"))
+    assert run.rate_deg_h()[9000:9003] == pytest.approx([9000 % 7 + 0.5, 9001 % 7 + 0.5, 9002 % 7 + 0.5])
+    assert "decimal_comma" in by_code(run.findings)
+
+
+@pytest.mark.parametrize("mark", ["# ", "#", "% ", "%", "// ", "## "])
+@pytest.mark.parametrize(("separator", "of_names"), [(",", ","), (" ", " "), ("\t", " "), (",", " ")])
+def test_names_behind_a_mark(tmp_path: Path, mark: str, separator: str, of_names: str) -> None:
+    text = f"# made by a logger\n{mark}{of_names.join(NAMES)}\n" + "\n".join(rows(separator)) + "\n"
+    expect(rlg.read(written(tmp_path / "run.txt", text)))
+
+
+@pytest.mark.parametrize("separator", [",", " ", "\t"])
+def test_columns_without_names_are_mapped_by_place(tmp_path: Path, separator: str) -> None:
+    path = written(tmp_path / "run.txt", "\n".join(rows(separator)) + "\n")
+    with pytest.raises(rlg.InputError, match="name one by its place, as in --map gyro_z_deg_s=3"):
+        rlg.read(path)
+    assert "no_names" in expect(rlg.read(path, columns=dict(zip(NAMES, "123", strict=True))))
+    with pytest.raises(rlg.InputError, match="no column '4' to map"):
+        rlg.read(path, columns=dict(zip(NAMES, "124", strict=True)))
+
+
+def test_places_count_where_there_are_names_too(tmp_path: Path) -> None:
+    path = written(tmp_path / "run.csv", "\n".join(["t,w,T", *rows(",")]) + "\n")
+    expect(rlg.read(path, columns=dict(zip(NAMES, ["1", "2 [deg/h]", "3 [degC]"], strict=True))))
+
+
+@pytest.mark.parametrize(
+    ("below", "count"),
+    [(["s;°/h;°C"], 1), (["[s];(deg/h);[degC]", ";;"], 2), ([";;", "sec;deg/hr;Celsius"], 2), (["-;°/h;Deg C"], 1)],
+)
+def test_a_row_of_units_states_the_units(tmp_path: Path, below: list[str], count: int) -> None:
+    found = expect(rlg.read(written(tmp_path / "run.csv", "\n".join(["t;w;T", *below, *rows(";", ",")]) + "\n"), columns=OWN))
+    assert found["units_row"].message.data["rows"] == count
+    assert list(found["units_row"].message.data["units"])[-2:] == ["w", "T"]
+
+
+def test_units_of_a_row_convert_and_contradictions_are_refused(tmp_path: Path) -> None:
+    lines = [f"{1000 * k};{w * 3600:.6f};{T + 273.15:.3f}" for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))]
+    path = written(tmp_path / "run.csv", "\n".join(["t;w;T", "ms;arcsec/h;K".replace("arcsec/h", "°/h"), *lines]) + "\n")
+    run = rlg.read(path, columns=OWN)
+    assert run.time_s == pytest.approx(np.arange(float(ROWS)))
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK, abs=2e-3)
+    path = written(tmp_path / "run.csv", "\n".join([";".join(NAMES), "s;rad/s;°C", *rows(";")]) + "\n")
+    with pytest.raises(rlg.InputError, match=r"in deg/h by its name and in rad/s by the row of units; state which is right"):
+        rlg.read(path)
+    expect(rlg.read(path, columns={"gyro_deg_h": "gyro_deg_h [deg/h]"}))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize("every", [7, 100])
+@pytest.mark.parametrize("units_row", [False, True])
+def test_names_that_come_again_are_left_out(tmp_path: Path, separator: str, every: int, units_row: bool) -> None:
+    top = [separator.join(NAMES), *([separator.join(["s", "deg/h", "degC"])] if units_row else [])]
+    lines = rows(separator)
+    blocks = [line for k in range(0, ROWS, every) for line in (*top, *lines[k : k + every])]
+    found = expect(rlg.read(written(tmp_path / "run.csv", "\n".join(blocks) + "\n")))
+    assert found["repeated_header"].message.data["rows"] == (len(range(0, ROWS, every)) - 1) * len(top)
+
+
+LVM = """LabVIEW Measurement\t
+Writer_Version\t2
+Reader_Version\t2
+Separator\tTab
+Decimal_Separator\t{decimal}
+Multi_Headings\tNo
+X_Columns\t{x}
+Time_Pref\tRelative
+Date\t2024/03/11
+***End_of_Header***\t
+\t
+Channels\t2\t\t
+Samples\t300\t300\t
+Y_Unit_Label\tdeg/h\tDeg C\t
+X_Dimension\tTime\tTime\t
+X0\t0{decimal}5\t0{decimal}5\t
+Delta_X\t1{decimal}000000\t1{decimal}000000\t
+***End_of_Header***\t\t\t
+X_Value\tGyro\tBlock\tComment
+"""
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("x", ["One", "No"])
+@pytest.mark.parametrize("name", ["run.lvm", "run.txt"])
+def test_labview_measurements(tmp_path: Path, decimal: str, x: str, name: str) -> None:
+    lines = rows("\t", decimal, (lambda k: f"{k}{decimal}000") if x == "One" else (lambda k: ""), "\t")
+    text = LVM.format(decimal=decimal, x=x) + "\n".join(lines) + "\n"
+    mapping = {"time_s": "X_Value", "gyro_deg_h": "Gyro", "temperature_block_degC": "Block"}
+    run = rlg.read(written(tmp_path / name, text), columns=mapping)
+    found = expect(run)
+    assert run.time_s[0] == (0.0 if x == "One" else 0.5)
+    assert found["units_row"].message.data["units"]["Block"] == "Deg C"
+
+
+def test_rows_that_end_in_a_separator(tmp_path: Path) -> None:
+    for separator, end in ((",", ","), (";", ";"), ("\t", "\t")):
+        expect(rlg.read(written(tmp_path / "run.csv", "\n".join([separator.join(NAMES), *rows(separator, end=end)]) + "\n")))
+    with pytest.raises(rlg.InputError, match="rows have 4 entries and 3 columns have names"):
+        rlg.read(written(tmp_path / "run.csv", "\n".join([",".join(NAMES), *rows(",", end=",7")]) + "\n"))
+
+
+def test_names_that_stand_twice(tmp_path: Path) -> None:
+    lines = [f"{line},5" for line in rows(",")]
+    with pytest.raises(rlg.InputError, match="column names appear twice: gyro_deg_h; rename one"):
+        rlg.read(written(tmp_path / "run.csv", "\n".join(["time_s,gyro_deg_h,temperature_block_degC,gyro_deg_h", *lines]) + "\n"))
+    path = written(tmp_path / "run.csv", "\n".join(["t,w,T,w", *lines]) + "\n")
+    with pytest.raises(rlg.InputError, match=r"the columns are t, w.1, T, w.2"):
+        rlg.read(path, columns=OWN)
+    expect(rlg.read(path, columns=OWN | {"gyro_deg_h": "w.1"}))
+
+
+def test_a_number_sign_in_a_name_is_no_remark(tmp_path: Path) -> None:
+    path = written(tmp_path / "run.csv", "\n".join(["time_s,Gyro #1 [deg/h],T#2", *rows(",")]) + "\n")
+    expect(rlg.read(path, columns={"gyro_deg_h": "Gyro #1", "temperature_block_degC": "T#2"}))
+
+
+@pytest.mark.parametrize("source", ["w", "w [deg/h]", "2", "2 [deg/h]"])
+@pytest.mark.parametrize(("bad", "severity"), [(2, "repaired"), (100, "refused")])
+def test_words_among_numbers_are_reported_alike_with_and_without_a_unit(
+    tmp_path: Path, source: str, bad: int, severity: str
+) -> None:
+    lines = [f"{k},{'OVERRANGE' if k < bad else f'{w:.6f}'},{T:.3f}" for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))]
+    path = written(tmp_path / "run.csv", "\n".join(["t,w,T", *lines]) + "\n")
+    try:
+        findings = rlg.read(path, columns=OWN | {"gyro_deg_h": source}).findings
+    except rlg.recording.repair.UnusableRecordingError as error:
+        findings = error.findings
+    (finding,) = [one for one in findings if one.message.code == "recording.not_numbers"]
+    assert (finding.severity, finding.row, finding.message.data) == (severity, 0, {"entries": bad, "first": "OVERRANGE"})
+
+
+# --- the language of maps ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("source", "unit", "factor", "offset"),
+    [
+        ("gz", None, 1.0, 0.0),
+        ("gz [rad/s]", "rad/s", 1.0, 0.0),
+        ("gz [0.00122 rad/s]", "rad/s", 0.00122, 0.0),
+        ("gz [-1e-3 deg/s]", "deg/s", -1e-3, 0.0),
+        ("gz [-deg/s]", "-deg/s", 1.0, 0.0),
+        ("gz (0.1 degC) - 40", "degC", 0.1, -40.0),
+        ("gz [K] + 1.5", "K", 1.0, 1.5),
+        ("gz [degC]+2", "degC", 1.0, 2.0),
+    ],
+)
+def test_sources_state_unit_factor_and_offset(source: str, unit: str | None, factor: float, offset: float) -> None:
+    (found,) = sources_of(["t", "gz"], source, "file")
+    assert found == ("gz", unit, factor, offset)
+
+
+def test_names_of_the_file_come_before_the_language() -> None:
+    columns = ["a + b", "T [0.1 degC] - 40", "4", "x", "%time", "Gyro Z [deg/s]"]
+    for source in columns[:4]:
+        assert sources_of(columns, source, "file", parts=True)[0].column == source
+    assert sources_of(columns, "3", "file")[0].column == "4"
+    assert sources_of(columns, "Gyro Z", "file")[0][:2] == ("Gyro Z [deg/s]", "deg/s")
+    assert sources_of(["time"], "%time [ns]", "file")[0][:2] == ("time", "ns")
+    for wrong in ("0", "9", "y", "Gyro"):
+        with pytest.raises(rlg.InputError, match="to map; the columns are"):
+            sources_of(columns, wrong, "file")
+
+
+def test_factors_and_offsets_give_the_numbers(tmp_path: Path) -> None:
+    counts = [f"{k},{round(w / 0.00122)},{round((T + 40) / 0.1)}" for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))]
+    path = written(tmp_path / "run.csv", "\n".join(["t,gz,T", *counts]) + "\n")
+    mapping = {"time_s": "t", "gyro_deg_h": "gz [0.00122 deg/h]", "temperature_block_degC": "T [0.1 degC] - 40"}
+    run = rlg.read(path, columns=mapping)
+    assert run.rate_deg_h() == pytest.approx(GYRO, abs=0.00062)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK, abs=0.051)
+    with pytest.raises(rlg.InputError, match="unknown unit"):
+        rlg.read(path, columns=mapping | {"gyro_deg_h": "gz [0.00122 furlong]"})
+
+
+# --- commands ---------------------------------------------------------------------------------------------------------------
+
+
+def test_a_file_without_time_is_read_by_every_command_that_maps(tmp_path: Path) -> None:
+    register_commands()
+    path = written(tmp_path / "run.csv", "\n".join(["w;T", *(line.partition(";")[2] for line in rows(";", ","))]) + "\n")
+    maps = ["--map", "gyro_deg_h=w", "--map", "temperature_block_degC=T"]
+    failed = CliRunner().invoke(app, ["inspect", str(path), *maps])
+    assert failed.exit_code == 2
+    assert "--period-s" in failed.output
+    done = CliRunner().invoke(app, ["inspect", str(path), *maps, "--period-s", "0.5"])
+    assert done.exit_code == 0
+    assert "300 rows every 0.5 s" in done.output
+    for name in (
+        "train",
+        "evaluate",
+        "compensate",
+        "diagnose",
+        "predict",
+        "calibrate",
+        "scale-factor",
+        "arw",
+        "allan",
+        "sensitivity",
+    ):
+        assert "--period-s" in CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "200"}).output, name
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text(alphabet=" \t,;|#%\"'.:-+eE0123456789aZ°\n", max_size=300))
+def test_any_text_has_a_dialect_or_is_refused(text: str) -> None:
+    lines = text.split("\n")
+    written_as = dialect_of(lines)
+    assert 0 <= written_as.first <= len(lines)
+    try:
+        table = csv.parse(lines[written_as.first :], written_as, "text")
+    except (rlg.InputError, ValueError):
+        return
+    assert len(table) <= len(lines)
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "rows_read"),
+    [
+        ("09-header-behind-hash-or-none/euroc.csv", {"time_s": "timestamp", "gyro_z_deg_h": "w_RS_S_z"}, 1800),
+        ("09-header-behind-hash-or-none/savetxt.txt", {}, 1800),
+        ("09-header-behind-hash-or-none/savetxt_space.txt", {}, 1800),
+        ("09-header-behind-hash-or-none/noheader.txt", {"time_s": "1", "gyro_z_deg_h": "3"}, 600),
+        (
+            "12-units-row-repeated-header-lvm/unitsrow.csv",
+            {"time_s": "date", "gyro_deg_h": "gyro", "temperature_block_degC": "temp"},
+            1800,
+        ),
+        ("12-units-row-repeated-header-lvm/headereach100.csv", {}, 1800),
+        ("12-units-row-repeated-header-lvm/chamber.lvm", {"time_s": "X_Value", "gyro_deg_h": "Gyro"}, 1800),
+        ("12-units-row-repeated-header-lvm/chamber_lvm.txt", {"time_s": "X_Value", "gyro_deg_h": "Gyro"}, 1800),
+        ("20-trailing-comma/trail.csv", {}, 4000),
+    ],
+)
+def test_shared_cases(name: str, columns: dict[str, str], rows_read: int) -> None:
+    assert len(rlg.read(case(name), columns=columns)) == rows_read

@@ -1,0 +1,193 @@
+"""Numbers that cannot be what they claim: undone and reported, taken as missing, or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.recording import Finding
+from rlgcomp.recording.repair import UnusableRecordingError, repair
+from tests.cases import by_code, case
+
+ROWS = 3000
+TIME = np.arange(float(ROWS))
+BLOCK = 20.0 + 30.0 * np.sin(2 * np.pi * TIME / ROWS)
+
+
+def table(**columns: object) -> pd.DataFrame:
+    rng = np.random.default_rng(2)
+    own = {"time_s": TIME, "gyro_deg_h": 0.01 + 0.02 * rng.standard_normal(ROWS), "temperature_block_degC": BLOCK}
+    return pd.DataFrame(own | columns)
+
+
+def repaired(frame: pd.DataFrame, **metadata: object) -> tuple[pd.DataFrame, dict[str, Finding]]:
+    result, findings = repair(frame, rlg.Metadata(**metadata), name="file")
+    return result, by_code(findings)
+
+
+def refused(frame: pd.DataFrame) -> dict[str, Finding]:
+    with pytest.raises(UnusableRecordingError) as caught:
+        repair(frame, rlg.Metadata(), name="file")
+    return by_code(caught.value.findings)
+
+
+@pytest.mark.parametrize("value", [-9999.0, 850.0, 32767.0, -127.0, -999.0])
+@pytest.mark.parametrize("rows", [[700], [500, 900, 901], list(range(400, 430))])
+def test_error_values_of_loggers_count_as_missing(value: float, rows: list[int]) -> None:
+    spoilt = BLOCK.copy()
+    spoilt[rows] = value
+    result, found = repaired(table(temperature_block_degC=spoilt))
+    assert (found["error_values"].row, found["error_values"].message.data) == (rows[0], {"values": len(rows), "written": [value]})
+    assert result["temperature_block_degC"].to_numpy() == pytest.approx(BLOCK, abs=3.0)
+
+
+def test_error_values_of_other_columns_and_of_the_gyro() -> None:
+    gyro = table()["gyro_deg_h"].to_numpy(copy=True)
+    gyro[[5, 800]] = -9999.0
+    light = 2.5 + 0.01 * np.sin(TIME)
+    light[100:110] = 999.9
+    result, found = repaired(table(gyro_deg_h=gyro, light_intensity_V=light))
+    assert len(result) == ROWS - 2
+    assert result["light_intensity_V"].max() < 3.0
+    assert found["error_values"].message.data == {"values": 2, "written": [-9999.0]}
+
+
+def test_readings_that_reach_such_a_value_are_left_as_they_are() -> None:
+    pressure = np.linspace(700.0, 1000.0, ROWS)
+    pressure[1500] = 850.0
+    result, found = repaired(table(pressure_hPa=pressure))
+    assert "error_values" not in found
+    assert result["pressure_hPa"].to_numpy() == pytest.approx(pressure)
+
+
+def test_impossible_temperatures_are_missing_where_few_and_refused_where_many() -> None:
+    few = BLOCK.copy()
+    few[[10, 2000]] = [-300.0, 1234.5]
+    result, found = repaired(table(temperature_block_degC=few))
+    assert found["impossible_temperatures"].message.data["values"] == 2
+    assert result["temperature_block_degC"].between(-11, 51).all()
+    data = refused(table(temperature_block_degC=100.0 * BLOCK))["no_temperatures"].message.data
+    assert data["greatest"] == pytest.approx(5000.0, abs=1.0)
+
+
+@pytest.mark.parametrize(("steps", "modulus"), [(256.0, 256.0), (100.0, None)])
+def test_a_converter_of_sixteen_bits_without_its_sign(steps: float, modulus: float | None) -> None:
+    """Signed readings, of 1/256 K or 1/100 K, that a logger takes for unsigned ones."""
+    counts = np.round(steps * (BLOCK - 25.0)).astype(int)
+    unsigned = (counts % 65536) / steps + (25.0 if modulus else 0.0)
+    if modulus:
+        result, found = repaired(table(temperature_block_degC=unsigned))
+        assert result["temperature_block_degC"].to_numpy() == pytest.approx(BLOCK, abs=0.01)
+        assert found["counter_overflow"].message.data["modulus"] == 256.0
+    else:
+        assert "no_temperatures" in refused(table(temperature_block_degC=counts % 65536))
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_pulses_without_their_sign(bits: int) -> None:
+    pulses = np.random.default_rng(3).integers(-40, 41, ROWS)
+    result, found = repaired(table(gyro_deg_h=None).drop(columns="gyro_deg_h").assign(gyro_pulses=(pulses % 2**bits).astype(float)))
+    assert result["gyro_pulses"].to_numpy() == pytest.approx(pulses)
+    assert found["counter_overflow"].message.data["modulus"] == 2.0**bits
+
+
+def test_a_monitor_that_counts_on_over_its_range() -> None:
+    running = 60000.0 + 10.0 * TIME
+    result, _ = repaired(table(flow_counts=running % 65536))
+    assert np.diff(result["flow_counts"]) == pytest.approx(10.0)
+
+
+def test_a_range_of_256_with_other_steps_as_wide_is_no_overflow() -> None:
+    values = np.random.default_rng(4).uniform(0.0, 256.0, ROWS)
+    result, found = repaired(table(field_uT=values))
+    assert "counter_overflow" not in found
+    assert result["field_uT"].to_numpy() == pytest.approx(values)
+
+
+@pytest.mark.parametrize("times", [2, 5, 10])
+@pytest.mark.parametrize("lost", [False, True])
+def test_values_that_are_written_several_times_have_their_true_period(times: int, lost: bool) -> None:
+    gyro = np.repeat(np.random.default_rng(5).standard_normal(ROWS // times), times)
+    frame = table(gyro_deg_h=gyro, temperature_block_degC=BLOCK + 0.01 * np.random.default_rng(6).standard_normal(ROWS))
+    result, found = repaired(frame.drop(index=[301, 302, 1700]).reset_index(drop=True) if lost else frame)
+    assert found["repeated_values"].message.data == {"times": times, "period_s": float(times)}
+    run = rlg.Recording(result)
+    assert run.period_s == pytest.approx(times)
+    assert abs(len(run) - ROWS // times) <= 2
+
+
+def test_chance_repeats_are_no_repeated_values() -> None:
+    coarse = np.round(np.random.default_rng(7).standard_normal(ROWS) * 0.4)
+    assert "repeated_values" not in repaired(table(gyro_deg_h=coarse))[1]
+    assert "repeated_values" not in repaired(table())[1]
+
+
+@pytest.mark.parametrize("every", [30, 300])
+def test_blanks_between_readings_and_held_readings_are_one(every: int) -> None:
+    rows = 30 * every
+    rng = np.random.default_rng(8)
+    readings = np.round(20.0 + 10.0 * np.sin(np.arange(30) / 5.0), 2)
+    frame = pd.DataFrame({"time_s": np.arange(float(rows)), "gyro_deg_h": rng.standard_normal(rows)})
+    held = frame.assign(temperature_block_degC=np.repeat(readings, every))
+    blank = held.assign(temperature_block_degC=held["temperature_block_degC"].where(np.arange(rows) % every == 0))
+    first, second = (repaired(one) for one in (held, blank))
+    pd.testing.assert_frame_equal(first[0], second[0])
+    assert second[1]["blanks_between_readings"].message.data["interval_s"] == float(every)
+
+
+def bursts(count: int = 25, samples: int = 250, period_s: float = 0.02, every_s: float = 305.0) -> rlg.Recording:
+    rng = np.random.default_rng(9)
+    time_s = (every_s * np.arange(count)[:, None] + period_s * np.arange(samples)).ravel()
+    temperature = 20.0 + 0.004 * time_s
+    return rlg.Recording(
+        pd.DataFrame(
+            {"time_s": time_s, "gyro_deg_h": rng.standard_normal(len(time_s)) + temperature, "temperature_block_degC": temperature}
+        )
+    )
+
+
+@pytest.mark.parametrize(("count", "samples", "every_s"), [(25, 250, 305.0), (12, 500, 60.0)])
+def test_a_burst_is_a_window(count: int, samples: int, every_s: float) -> None:
+    run = bursts(count, samples, every_s=every_s)
+    averaged = run.averaged(100.0)
+    assert len(averaged) == count
+    assert np.diff(averaged.time_s) == pytest.approx(every_s)
+    assert averaged.rate_deg_h() == pytest.approx(averaged.column("temperature_block_degC"), abs=0.3)
+    data = by_code(averaged.findings)["bursts"].message.data
+    assert (data["bursts"], data["length_s"]) == (count, pytest.approx(0.02 * samples))
+    assert len(run.averaged(1.0)) >= 4 * count
+
+
+@pytest.mark.parametrize("lost", [[5000], [2000, 2001, 2002, 9000], [100, 5000, 5003, 15000]])
+def test_few_lost_samples_do_not_cut_an_allan_curve(lost: list[int]) -> None:
+    rate = np.random.default_rng(10).standard_normal(20_000)
+    time_s = np.arange(20_000.0)
+    whole = rlg.allan_deviation(rate, time_s)
+    kept = np.delete(np.arange(20_000), lost)
+    curve = rlg.allan_deviation(rate[kept], time_s[kept])
+    assert curve.tau_s == pytest.approx(whole.tau_s)
+    assert curve.deviation_deg_h == pytest.approx(whole.deviation_deg_h, rel=0.03)
+    given = rlg.allan_deviation(rate[kept], time_s[kept], [1.0, 100.0, 3000.0])
+    assert given.tau_s == pytest.approx([1.0, 100.0, 3000.0])
+
+
+def test_a_long_gap_still_ends_the_curve() -> None:
+    rate = np.random.default_rng(11).standard_normal(20_000)
+    kept = np.r_[0:9000, 11000:20000]
+    assert rlg.allan_deviation(rate[kept], kept.astype(float)).tau_s[-1] <= 9000 / 2
+
+
+def test_shared_cases() -> None:
+    assert (
+        by_code(rlg.read(case("03-impossible-temperatures/sentinel9999.csv")).findings)["error_values"].message.data["values"] == 4
+    )
+    assert rlg.read(case("03-impossible-temperatures/temp16scaled.csv")).column("temperature_block_degC").min() < 25.0
+    with pytest.raises(rlg.InputError, match="no temperatures of a gyro"):
+        rlg.read(case("03-impossible-temperatures/temp16.csv"))
+    for name in ("cold", "hot", "new"):
+        assert (
+            abs(np.median(rlg.read(case(f"03-impossible-temperatures/w16_{name}.parquet")).column("temperature_block_degC"))) < 80
+        )
+    assert len(rlg.read(case("14-duty-cycled-bursts/bursts.csv")).averaged()) == 25
