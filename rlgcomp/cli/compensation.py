@@ -117,14 +117,10 @@ def train(
         raise InputError(f"--export: a {model} model has no sample-by-sample form; train another model to export one")
     estimator = _estimator(model, device, adapted=adapt is not None)
     fleet = None if adapt is None else load(adapt)
-<<<<<<< HEAD
-    recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=gyro if fleet is None else fleet.gyro)
-    differences = compared(recordings, calibrated_name(gyro, calibration) if fleet is None else fleet.gyro)
-=======
     recordings = read_runs(
         runs, mapping, drop, pulse_arcsec, calibration, gyro=gyro if fleet is None else fleet.gyro, period_s=period_s
     )
->>>>>>> c50090d (Impossible numbers, counters without sign, repeated values, blanks between readings and bursts are undone, reported or refused; few lost samples cut no Allan curve; --period-s wherever --map is)
+    differences = compared(recordings, calibrated_name(gyro, calibration) if fleet is None else fleet.gyro)
     _warn_of_long_fit(device, recordings, averaging_s)
     journal = out.absolute().with_name(f".{out.name}.selection.jsonl")
     if fleet is not None:

@@ -182,14 +182,10 @@ def diagnose(
         chosen = _simulator(simulator, simulated, catalogue)
         measured = None if noise is None else measured_noise(noise, gyro)
         specs = [*train, *(test or [])]
-<<<<<<< HEAD
-        runs = told_apart(specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or ()))
-        compared(runs, calibrated_name(gyro, calibration))
-=======
         runs = told_apart(
             specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or (), period_s=period_s)
         )
->>>>>>> c50090d (Impossible numbers, counters without sign, repeated values, blanks between readings and bursts are undone, reported or refused; few lost samples cut no Allan curve; --period-s wherever --map is)
+        compared(runs, calibrated_name(gyro, calibration))
         own = None
         if simulated:
             own = told_apart(

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-<<<<<<< HEAD
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, Overwrite, PulseArcsec, Runs, command, compared, read_runs, require_recording
-=======
-from rlgcomp.cli.base import AsJson, Drop, Map, PeriodS, PulseArcsec, Runs, command, read_runs
->>>>>>> c50090d (Impossible numbers, counters without sign, repeated values, blanks between readings and bursts are undone, reported or refused; few lost samples cut no Allan curve; --period-s wherever --map is)
+from rlgcomp.cli.base import (
+    AsJson,
+    Drop,
+    Map,
+    Overwrite,
+    PeriodS,
+    PulseArcsec,
+    Runs,
+    command,
+    compared,
+    read_runs,
+    require_recording,
+)
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table, show_text
 

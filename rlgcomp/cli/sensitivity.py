@@ -55,11 +55,8 @@ def sensitivity(
     drop: Drop = None,
     gyro: Gyro = None,
     pulse_arcsec: PulseArcsec = None,
-<<<<<<< HEAD
-    engine: Annotated[str, typer.Option("--engine", metavar="catalogue|one-model", help="As of diagnose.")] = "catalogue",
-=======
     period_s: PeriodS = None,
->>>>>>> c50090d (Impossible numbers, counters without sign, repeated values, blanks between readings and bursts are undone, reported or refused; few lost samples cut no Allan curve; --period-s wherever --map is)
+    engine: Annotated[str, typer.Option("--engine", metavar="catalogue|one-model", help="As of diagnose.")] = "catalogue",
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:

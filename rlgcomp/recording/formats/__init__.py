@@ -1,8 +1,9 @@
 """Reading and writing recordings. One file here = one file format; to add one, write it and name it in `FORMATS`.
 
 A format is a module with `SUFFIXES`, the endings that it reads and writes; `READ_ONLY`, where it has any, those that it only
-reads; `load(path) -> Contents`; `save(path, table, metadata mapping)`; and `is_written(path)`, whether `save` wrote the file. What
-all formats share stands in this file: column mapping, repair, truth, whole writing.
+reads; `load(path) -> Contents`; and, where it writes, `save(path, table, metadata mapping)` and `is_written(path)`, whether `save`
+wrote the file. A `CONTAINER` of several groups takes the sources of the mapping besides, `load(path, wanted)`. What all formats
+share stands in this file: column mapping, repair, truth, whole writing.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ import yaml
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, read_text, require_replaceable, require_writable, sha256, whole_file, write_text
 from rlgcomp.recording import TIME, Finding, Metadata, Recording
-from rlgcomp.recording.formats import csv, hdf5, matlab, parquet
+from rlgcomp.recording.formats import csv, excel, feather, hdf5, matlab, mdf, npz, parquet, rosbag, tdms, ulog
 from rlgcomp.recording.formats.contents import Contents
 from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable
 from rlgcomp.recording.repair import UnusableRecordingError, repair
 from rlgcomp.scratch import recover
 from rlgcomp.units import column_unit
 
-FORMATS: Final[tuple[ModuleType, ...]] = (parquet, csv, hdf5, matlab)
+FORMATS: Final[tuple[ModuleType, ...]] = (parquet, csv, hdf5, matlab, npz, feather, excel, tdms, mdf, ulog, rosbag)
 _WRITTEN: Final = "# written by rlgcomp beside"  # first line of a .yaml that :func:`write` wrote, with the digest of its CSV file
 _LONGEST_NAME: Final = 4096  # bytes of that line
 TRUTH_PREFIX: Final = "truth_"
@@ -78,9 +79,10 @@ def read(
     """
     path = Path(path)
     form = _readable(path)
-    table, stored, file_units, reading = Contents(*form.load(path))
     sidecar_values = read_sidecar(path)
     mapping = column_mapping(sidecar_values, path) | dict(columns or {})
+    wanted = (list(mapping.values()),) if getattr(form, "CONTAINER", False) else ()
+    table, stored, file_units, reading, _ = Contents(*form.load(path, *wanted))
     period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
     stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
     return recording_of(
@@ -174,7 +176,10 @@ def column_names(path: str | Path) -> list[str]:
     form = _readable(path)
     if form is parquet:
         return parquet.header(path)[0]
-    return csv.header(path) if form is csv else [str(name) for name in form.load(path)[0].columns]
+    if form is csv:
+        return csv.header(path)
+    contents = Contents(*form.load(path))
+    return [*map(str, contents.table.columns), *contents.other]
 
 
 def write(recording: Recording, path: str | Path, *, overwrite: bool = False) -> None:

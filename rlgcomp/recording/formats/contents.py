@@ -21,9 +21,12 @@ class Contents(NamedTuple):
         Units that the file states beside the names of its columns, such as in a row of units.
     findings : tuple of Finding
         What was reinterpreted or left out when the file was read.
+    other : tuple of str
+        Channels that are on another time base, so that the table has none of them.
     """
 
     table: pd.DataFrame
     metadata: Mapping[str, Any] = {}
     units: Mapping[str, str] = {}
     findings: tuple[Finding, ...] = ()
+    other: tuple[str, ...] = ()

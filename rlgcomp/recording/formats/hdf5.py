@@ -1,8 +1,12 @@
-"""HDF5: one dataset a column, the metadata as attributes of the root. MATLAB's -v7.3 files are read here too."""
+"""HDF5: datasets, matrices and fields of compound datasets as columns, the metadata as attributes of the root.
+
+MATLAB's -v7.3 files are read here too.
+"""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,44 +15,73 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
+from rlgcomp.recording.formats.channels import Channel, columns_of, contents_of
+from rlgcomp.recording.formats.contents import Contents
 from rlgcomp.recording.formats.limits import require_expandable
+from rlgcomp.units import is_unit
 
+CONTAINER: Final = True
 SUFFIXES: Final = (".h5", ".hdf5")
 _ATTRIBUTE: Final = "rlgcomp.recording"
 _COLUMNS: Final = "columns"  # their order, which HDF5 does not keep
 
 
-def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Table and metadata: every one-dimensional numeric dataset of the commonest length, in the root or in one group."""
+def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
+    """Contents: vectors, columns of matrices and fields of compound datasets, in the root or in groups with times of their own.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : sequence of str
+        Sources of a mapping, which choose among groups.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, holds no channel, or refers to other files.
+    """
     import h5py
 
-    columns: dict[str, np.ndarray] = {}
+    channels: list[Channel] = []
+    passed_over: list[str] = []
     metadata: dict[str, Any] = {}
     declared: list[int] = []
 
     def visit(name: str, item: Any) -> None:
-        if not (isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and item.size == max(item.shape or (0,), default=0)):
+        if not isinstance(item, h5py.Dataset) or name.startswith("#"):
             return
         if item.external or item.is_virtual:
             raise InputError(f"{path}: {name} lies in other files, which are not read; copy the numbers into this one")
-        declared.append(8 * item.size)
+        if item.dtype.kind not in "fiuV" or not item.size:
+            passed_over.append(name)
+            return
+        declared.append(max(8, item.dtype.itemsize) * item.size)
         require_expandable(path, sum(declared))
-        if item.size:
-            columns[name.rsplit("/", 1)[-1]] = np.asarray(item[()], dtype=np.float64).ravel()
+        group, _, leaf = name.rpartition("/")
+        found = columns_of(group, leaf, item[()]) if item.shape else []
+        unit = _plain(item.attrs.get("units", item.attrs.get("unit", "")))
+        channels.extend(one._replace(unit=unit) if isinstance(unit, str) and is_unit(unit) else one for one in found)
+        if not found and item.size == 1 and item.dtype.kind in "fiu":
+            metadata.setdefault(name, np.asarray(item[()]).item())
+        elif not found:
+            passed_over.append(name)
 
+    stored: dict[str, Any] = {}
     try:
         with h5py.File(path, "r") as file:
             file.visititems(visit)
             for key, value in file.attrs.items():
-                metadata.update(from_json(_plain(value)) if key == _ATTRIBUTE else {key: _plain(value)})
+                stored.update(from_json(_plain(value)) if key == _ATTRIBUTE else {key: _plain(value)})
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is not readable as HDF5: {(str(error).splitlines() or ['damaged'])[0]}") from None
-    stored = metadata.pop(_COLUMNS, [])
-    order = stored if isinstance(stored, list) else []  # another program's attribute of that name may hold anything
-    table = commonest_length(columns, path)
-    return table[sorted(table.columns, key=lambda column: order.index(column) if column in order else len(order))], metadata
+    columns = stored.pop(_COLUMNS, [])
+    order = columns if isinstance(columns, list) else []  # another program's attribute of that name may hold anything
+    contents = contents_of(channels, path, passed_over, wanted)
+    table = contents.table
+    table = table[sorted(table.columns, key=lambda column: order.index(column) if column in order else len(order))]
+    return contents._replace(table=table, metadata={**metadata, **stored})
 
 
 def is_written(path: Path) -> bool:
@@ -91,12 +124,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     return value if isinstance(value, str | int | float) else str(value)  # references and their like
-
-
-def commonest_length(columns: dict[str, np.ndarray], path: Path) -> pd.DataFrame:
-    """Table of those vectors that share the commonest length; single numbers beside them are settings, not channels."""
-    lengths = [len(values) for values in columns.values() if len(values) > 1]
-    if not lengths:
-        raise InputError(f"{path} holds no columns: no vector of numbers was found")
-    rows = max(sorted(set(lengths), reverse=True), key=lengths.count)
-    return pd.DataFrame({name: values for name, values in columns.items() if len(values) == rows})

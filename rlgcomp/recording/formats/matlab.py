@@ -1,10 +1,11 @@
-"""MATLAB .mat files: one variable a column, or one struct of columns; metadata as a JSON text in `rlgcomp_metadata`."""
+"""MATLAB .mat files: variables, also in structs, as columns; metadata as a JSON text in `rlgcomp_metadata`."""
 
 from __future__ import annotations
 
 import io
 import struct
 import zlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,30 +15,37 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
 from rlgcomp.recording.formats import hdf5
+from rlgcomp.recording.formats.channels import Channel, columns_of, contents_of
+from rlgcomp.recording.formats.contents import Contents
 from rlgcomp.recording.formats.limits import inflated_bytes, largest_bytes, require_expandable
 from rlgcomp.recording.matlab_elements import COMPRESSED, MATRIX, Elements
 
+CONTAINER: Final = True
 SUFFIXES: Final = (".mat",)
 _METADATA: Final = "rlgcomp_metadata"
 _HEADER_BYTES: Final = 128
 
 
-def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Table and metadata of a .mat file of any version."""
+def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
+    """Contents of a .mat file of any version: vectors, columns of matrices, and those of structs in any depth.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : sequence of str
+        Sources of a mapping, which choose among structs.
+    """
     from scipy.io import loadmat
 
     with path.open("rb") as stream:
         if b"MATLAB 7.3" in stream.read(128):
-            return hdf5.load(path)
+            return hdf5.load(path, wanted)
     _require_expandable(path)
     try:
         content = loadmat(path, simplify_cells=True)
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is not readable as a MATLAB file: {(str(error).splitlines() or ['damaged'])[0]}") from None
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
-    structs = [value for value in variables.values() if isinstance(value, dict)]
-    if len(structs) == 1:
-        variables = {**variables, **structs[0]}
     metadata: dict[str, Any] = {}
     stored = variables.pop(_METADATA, None)
     if isinstance(stored, str):
@@ -47,13 +55,28 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
             raise InputError(f"{path}: {_METADATA} is no JSON text") from None
         if not isinstance(metadata, dict):
             raise InputError(f"{path}: {_METADATA} holds a {type(metadata).__name__}, no mapping; leave it out")
-    columns: dict[str, np.ndarray] = {}
+    channels: list[Channel] = []
+    passed_over: list[str] = []
+    _walk("", variables, channels, passed_over, metadata)
+    return contents_of(channels, path, passed_over, wanted)._replace(metadata=metadata)
+
+
+def _walk(
+    group: str, variables: Mapping[str, Any], channels: list[Channel], passed_over: list[str], metadata: dict[str, Any]
+) -> None:
+    """Collect the channels of a struct, the names of what is none, and its single numbers and texts."""
     for name, value in variables.items():
-        if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size == max(value.shape, default=0):
-            columns[name] = value.astype(np.float64).ravel()
+        if isinstance(value, dict):
+            _walk(f"{group}/{name}".strip("/"), value, channels, passed_over, metadata)
+        elif isinstance(value, np.ndarray):
+            found = columns_of(group, name, value)
+            channels += found
+            if not found:
+                passed_over.append(f"{group}/{name}".strip("/"))
         elif isinstance(value, int | float | str) and not isinstance(value, bool):
             metadata.setdefault(name, value)
-    return hdf5.commonest_length(columns, path), metadata
+        else:
+            passed_over.append(f"{group}/{name}".strip("/"))
 
 
 def _require_expandable(path: Path) -> None:

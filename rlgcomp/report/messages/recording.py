@@ -38,6 +38,11 @@ def _no_names(*, columns: Sequence[str]) -> str:
     )
 
 
+def _left_out(*, rows: int, names: Sequence[str], count: int) -> str:
+    more = f" and {count - len(names)} more" if count > len(names) else ""
+    return f"the table has {rows} rows; not taken: {_listed(names)}{more}"
+
+
 def _units_row(*, rows: int, units: Mapping[str, str], other: Sequence[str]) -> str:
     stated = ", ".join(f"{name} in {unit}" for name, unit in units.items())
     text = f"{rows} row{'s' if rows > 1 else ''} below the names hold{'' if rows > 1 else 's'} no numbers"
@@ -210,6 +215,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.repeated_header": "{rows} rows repeat the names or units of the columns, left out",
     "recording.empty_time": "every value is missing (NaN); mend the file",
     # columns and entries
+    "recording.left_out": _left_out,
+    "recording.other_time_base": (
+        "{columns} have {rows} rows on a time base of their own: interpolated at the {of} times of the others"
+    ),
     "recording.repeated_columns": _repeated_columns,
     "recording.no_time_column": _no_time_column,
     "recording.no_gyro_column": _no_gyro_column,

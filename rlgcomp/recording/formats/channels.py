@@ -1,0 +1,195 @@
+"""Channels of a container, each in a group with a time base of its own or none, as one table.
+
+The table is that of the gyros: its rows are those of the time base on which they were recorded. Slower channels are interpolated
+onto it; what does not fit is left out by name.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from rlgcomp.errors import InputError
+from rlgcomp.recording import TIME, Finding, is_gyro
+from rlgcomp.recording.formats.contents import Contents
+from rlgcomp.report.messages import message
+
+TIMES: Final = (TIME, "time", "timestamp", "timestamps", "stamp", "x_value")  # names of a group's own time, in small letters
+MOST_COLUMNS: Final = 256  # of a matrix; a wider one is a picture or a spectrum
+_PRINTED: Final = 20  # names of a message
+
+
+def is_time(name: str) -> bool:
+    """Whether a name is that of a group's own time; T is a temperature."""
+    return name == "t" or name.lower() in TIMES
+
+
+class Channel(NamedTuple):
+    """A vector of a container.
+
+    Parameters
+    ----------
+    group : str
+        Path of what it lies in, with slashes; empty for the container itself.
+    name : str
+    values : ndarray
+    unit : str, optional
+        As the container states it.
+    """
+
+    group: str
+    name: str
+    values: npt.NDArray[np.generic]
+    unit: str | None = None
+
+
+class _Base(NamedTuple):
+    """A time base: its length, and its times where a channel holds them."""
+
+    rows: int
+    time: npt.NDArray[np.generic] | None
+    channels: list[Channel]
+
+
+def columns_of(group: str, name: str, values: npt.NDArray[Any]) -> list[Channel]:
+    """Channels of an array: a vector, the columns of a matrix, counted from 1, or the fields of a structured array."""
+    if values.dtype.names is not None:
+        inside = f"{group}/{name}".strip("/")
+        return [channel for field in values.dtype.names for channel in columns_of(inside, field, values[field])]
+    if values.dtype.kind not in "fiu":
+        return []
+    values = np.squeeze(values) if values.ndim > 1 else values
+    if values.ndim == 1:
+        return [Channel(group, name, values)] if len(values) > 1 else []
+    if values.ndim != 2 or min(values.shape) > MOST_COLUMNS:
+        return []
+    rows = values if values.shape[0] >= values.shape[1] else values.T
+    return [Channel(group, f"{name}_{k + 1}", rows[:, k]) for k in range(rows.shape[1])]
+
+
+def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[str] = (), wanted: Sequence[str] = ()) -> Contents:
+    """The table of a container's channels, and findings of what was left out or interpolated.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    path : Path
+        For messages.
+    passed_over : sequence of str
+        Names of what is no channel.
+    wanted : sequence of str
+        Sources of a mapping: the time base is that of the channels that they name, first of all of the gyros.
+
+    Raises
+    ------
+    InputError
+        There is no channel.
+    """
+    if not channels:
+        there = f"; it holds {_listed(passed_over)}" if passed_over else ""
+        raise InputError(f"{path} holds no columns: no vector of numbers was found{there}")
+    bases = _bases(channels)
+    asked = [_bare(part) for source in wanted for part in (source, *source.split("+"))]
+
+    def merit(base: _Base) -> tuple[int, bool, int, int]:
+        named = sum(one.name in asked or _full(one) in asked for one in base.channels)
+        return named, any(is_gyro(one.name) for one in base.channels), len(base.channels), base.rows
+
+    main = max(bases, key=merit)
+    names = {name if _full(one) not in asked else _full(one): one for name, one in _names(main.channels).items()}
+    table = {name: np.asarray(channel.values) for name, channel in names.items()}
+    findings: list[Finding] = []
+    left_out, other = list(passed_over), []
+    for base in (base for base in bases if base is not main):
+        if main.time is None or base.time is None or base.rows >= main.rows or not _overlap(main.time, base.time):
+            other += [_full(one) for one in base.channels]
+            left_out += [f"{_full(one)} ({base.rows} rows)" for one in base.channels]
+            continue
+        measured = [one for one in base.channels if not (_is_time(one) or is_gyro(one.name))]
+        for channel in measured:
+            name = channel.name if channel.name not in table and _full(channel) not in asked else _full(channel)
+            names[name] = channel
+            at, own = _number(main.time), _number(base.time)
+            within = (at >= own[0] - (own[1] - own[0])) & (at <= own[-1] + (own[-1] - own[-2]))
+            table[name] = np.where(within, np.interp(at, own, channel.values.astype(np.float64)), np.nan)
+        gyros = [one for one in base.channels if is_gyro(one.name)]
+        other += [_full(one) for one in gyros]
+        left_out += [f"{_full(one)} ({base.rows} rows)" for one in gyros]
+        about = message("recording.other_time_base", columns=[one.name for one in measured], rows=base.rows, of=main.rows)
+        if measured:
+            findings.append(Finding("repaired", about))
+    if left_out:
+        findings.append(
+            Finding("noted", message("recording.left_out", rows=main.rows, names=left_out[:_PRINTED], count=len(left_out)))
+        )
+    units = {name: channel.unit for name, channel in names.items() if channel.unit}
+    return Contents(pd.DataFrame(table), {}, units, tuple(findings), tuple(other))
+
+
+def _bases(channels: Sequence[Channel]) -> list[_Base]:
+    """Time bases of the channels: groups with a time of their own, equal ones taken together, and lengths without a time."""
+    times = {one.group: one for one in channels if _is_time(one)}
+    bases: list[_Base] = []
+    for channel in channels:
+        own = times.get(channel.group)
+        time = own.values if own is not None and len(own.values) == len(channel.values) else None
+        for base in bases:
+            same = time is None or base.time is None or np.array_equal(base.time, time)
+            if base.rows == len(channel.values) and same:
+                if base.time is None and time is not None:
+                    bases[bases.index(base)] = base._replace(time=time)
+                base.channels.append(channel)
+                break
+        else:
+            bases.append(_Base(len(channel.values), time, [channel]))
+    return bases
+
+
+def _names(channels: Sequence[Channel]) -> dict[str, Channel]:
+    """Channels by name: a name that several have is written with its group; of equal times one remains."""
+    names: dict[str, Channel] = {}
+    times: list[Channel] = []
+    count = Counter(one.name for one in channels)
+    for one in channels:
+        if _is_time(one):
+            if any(one.name == other.name and np.array_equal(one.values, other.values) for other in times):
+                continue
+            times.append(one)
+        alone = count[one.name] == 1 or (_is_time(one) and one.name not in names)
+        names[one.name if alone else _full(one)] = one
+    return names
+
+
+def _bare(source: str) -> str:
+    """Name that a source of a mapping means, without its unit and offset."""
+    return re.sub(r"\s*\[[^\]]*\](\s*[+-]\s*[\d.eE]+)?\s*$", "", source).strip()
+
+
+def _is_time(channel: Channel) -> bool:
+    return is_time(channel.name)
+
+
+def _overlap(main: npt.NDArray[np.generic], other: npt.NDArray[np.generic]) -> bool:
+    """Whether a time base covers at least half of another and increases."""
+    first, second = _number(main), _number(other)
+    common = min(first[-1], second[-1]) - max(first[0], second[0])
+    return bool(np.all(np.diff(second) > 0.0) and common >= 0.5 * (first[-1] - first[0]))
+
+
+def _number(time: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
+    return time.astype("datetime64[ns]").astype(np.float64) * 1e-9 if time.dtype.kind == "M" else time.astype(np.float64)
+
+
+def _full(channel: Channel) -> str:
+    return f"{channel.group}/{channel.name}".strip("/")
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_PRINTED]) + (f" and {len(names) - _PRINTED} more" if len(names) > _PRINTED else "")

@@ -1,0 +1,289 @@
+"""Containers with groups, matrices and time bases of their own: what is in them is read, interpolated with a message, or named."""
+
+from __future__ import annotations
+
+import gc
+import struct
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+import rlgcomp as rlg
+from rlgcomp.recording.formats import column_names
+from tests.cases import by_code, case
+
+ROWS = 600
+TIME = np.arange(ROWS) / 10.0
+RATES = 1.0 + 0.3 * np.random.default_rng(1).standard_normal((ROWS, 3))
+SLOW_TIME = np.arange(0.0, 61.0, 2.0)
+SLOW = 20.0 + 0.1 * SLOW_TIME
+BLOCK = 20.0 + 0.1 * TIME
+MAPPED = {"time_s": "t", "gyro_x_deg_h": "wb_1", "gyro_z_deg_h": "wb_3 [deg/h]"}
+
+
+def expect(run: rlg.Recording) -> None:
+    assert run.time_s - run.time_s[0] == pytest.approx(TIME, abs=1e-6)
+    assert run.column("gyro_x_deg_h") == pytest.approx(RATES[:, 0], rel=1e-6)
+    assert run.column("gyro_z_deg_h") == pytest.approx(RATES[:, 2], rel=1e-6)
+
+
+# --- groups and time bases --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("deep", ["", "data/"])
+def test_equal_names_are_told_apart_by_their_groups(tmp_path: Path, deep: str) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for k, axis in enumerate("xyz"):
+            file[f"{deep}unit_{axis}/time_s"] = TIME
+            file[f"{deep}unit_{axis}/rate"] = RATES[:, k]
+    names = {f"gyro_{axis}_deg_h": f"{deep}unit_{axis}/rate" for axis in "xyz"}
+    expect(rlg.read(tmp_path / "a.h5", columns=names))
+    with pytest.raises(rlg.InputError, match=f"no gyro column; the columns are .*{deep}unit_y/rate"):
+        rlg.read(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("named", ["gyro_x_deg_h", "wx"])
+def test_slower_channels_on_their_own_time_are_interpolated(tmp_path: Path, named: str) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["imu/time"], file[f"imu/{named}"], file["imu/gyro_z_deg_h"] = TIME, RATES[:, 0], RATES[:, 2]
+        file["temp/time"], file["temp/T"] = SLOW_TIME, SLOW
+        file["fast/time"], file["fast/vibration"] = np.arange(6000) / 100.0, np.zeros(6000)
+    run = rlg.read(tmp_path / "a.h5", columns={"time_s": "time", "gyro_x_deg_h": named, "temperature_block_degC": "T"})
+    expect(run)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK)
+    found = by_code(run.findings)
+    assert found["other_time_base"].message.data == {"columns": ["T"], "rows": len(SLOW_TIME), "of": ROWS}
+    assert found["left_out"].message.data["names"] == ["fast/time (6000 rows)", "fast/vibration (6000 rows)"]
+    assert "fast/vibration" in column_names(tmp_path / "a.h5")
+
+
+def test_a_mapping_chooses_among_groups(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for k, run in enumerate(("first", "second")):
+            file[f"{run}/time_s"], file[f"{run}/gyro_z_deg_h"] = TIME[: ROWS - 100 * k], RATES[: ROWS - 100 * k, k]
+    for k, (run, rows) in enumerate((("first", ROWS), ("second", ROWS - 100))):
+        read = rlg.read(tmp_path / "a.h5", columns={"gyro_x_deg_h": f"{run}/gyro_z_deg_h [deg/h]"})
+        assert read.column("gyro_x_deg_h") == pytest.approx(RATES[:rows, k])
+        assert "left_out" in by_code(read.findings)
+
+
+def test_channels_of_another_length_are_named(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time_s"], file["gyro_x_deg_h"], file["gyro_z_deg_h"] = TIME, RATES[:, 0], RATES[:, 2]
+        file["temperature_block_degC"], file["comment"] = BLOCK[:-1], "warm"
+    run = rlg.read(tmp_path / "a.h5")
+    expect(run)
+    assert by_code(run.findings)["left_out"].message.data["names"] == ["comment", "temperature_block_degC (599 rows)"]
+
+
+@pytest.mark.parametrize("shape", ["n x k", "k x n"])
+def test_compound_datasets_matrices_and_units_of_hdf5(tmp_path: Path, shape: str) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        records = np.empty(ROWS, dtype=[("t", "<f8"), ("T", "<f4"), ("name", "S4")])
+        records["t"], records["T"] = TIME, BLOCK + 273.15
+        file["log"] = records
+        file["wb"] = RATES if shape == "n x k" else RATES.T
+        file["wb"].attrs["units"] = "deg/h"
+        file["frequency"] = 10.0
+    run = rlg.read(tmp_path / "a.h5", columns=MAPPED | {"temperature_block_degC": "T [K]"})
+    expect(run)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK, abs=1e-3)
+    assert run.metadata.notes["frequency"] == 10.0
+
+
+@pytest.mark.parametrize("nested", [False, True])
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_matrices_of_matlab(tmp_path: Path, nested: bool, version: str) -> None:
+    content = {"t": TIME, "wb": RATES, "freq": 10.0}
+    path = tmp_path / "a.mat"
+    if version == "5":
+        savemat(path, {"imu": {"data": content}, "kind": "static"} if nested else content)
+    else:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            for name, values in content.items():
+                file[f"imu/data/{name}" if nested else name] = (
+                    np.atleast_2d(values).T if np.ndim(values) > 1 else np.atleast_2d(values)
+                )
+        with path.open("r+b") as stream:
+            stream.write(b"MATLAB 7.3 MAT-file".ljust(128))
+    expect(rlg.read(path, columns=MAPPED))
+    savemat(tmp_path / "b.mat", {"data_imu": np.column_stack([TIME, RATES])})
+    expect(rlg.read(tmp_path / "b.mat", columns={"time_s": "1", "gyro_x_deg_h": "data_imu_2", "gyro_z_deg_h": "4"}))
+
+
+# --- other formats ----------------------------------------------------------------------------------------------------------
+
+
+def test_archives_of_numpy(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", t=TIME, wb=RATES, note=np.array("warm"), name=np.array([{"a": 1}], dtype=object))
+    run = rlg.read(tmp_path / "a.npz", columns=MAPPED)
+    expect(run)
+    assert (run.metadata.notes["note"], by_code(run.findings)["left_out"].message.data["names"]) == ("warm", ["name"])
+    np.savez_compressed(tmp_path / "b.npz", log=np.rec.fromarrays([TIME, *RATES.T], names="t,wb_1,wb_2,wb_3"))
+    expect(rlg.read(tmp_path / "b.npz", columns=MAPPED))
+
+
+@pytest.mark.parametrize("suffix", [".feather", ".arrow"])
+def test_feather(tmp_path: Path, suffix: str) -> None:
+    pd.DataFrame({"t": TIME, "wb_1": RATES[:, 0], "wb_3": RATES[:, 2]}).to_feather(tmp_path / f"a{suffix}")
+    expect(rlg.read(tmp_path / f"a{suffix}", columns=MAPPED))
+
+
+@pytest.mark.parametrize("dates", [False, True])
+@pytest.mark.parametrize("above", [[], [["Recorder", 17], []]])
+def test_excel(tmp_path: Path, dates: bool, above: list[list[object]]) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="openpyxl is not installed")
+    book = openpyxl.Workbook()
+    sheet = book.active
+    for row in (*above, ["t", "wb_1", "wb_3"], [None if dates else "s", "°/h", "°/h"]):
+        sheet.append(row)
+    for k in range(ROWS):
+        moment = pd.Timestamp("2021-01-20 22:09:43") + pd.Timedelta(seconds=TIME[k])
+        sheet.append([moment.round("ms").to_pydatetime() if dates else TIME[k], RATES[k, 0], RATES[k, 2]])
+    book.create_sheet("notes").append(["made in May"])
+    book.save(tmp_path / "a.xlsx")
+    run = rlg.read(tmp_path / "a.xlsx", columns={"time_s": "t", "gyro_x_deg_h": "wb_1", "gyro_z_deg_h": "wb_3"})
+    assert run.time_s - run.time_s[0] == pytest.approx(TIME, abs=2e-3)
+    assert run.column("gyro_z_deg_h") == pytest.approx(RATES[:, 2])
+    found = by_code(run.findings)
+    assert found["left_out"].message.data["names"] == ["notes"]
+    assert found["units_row"].message.data["units"]["wb_1"] == "°/h"
+
+
+@pytest.mark.parametrize("clock", ["channel", "increment"])
+def test_tdms(tmp_path: Path, clock: str) -> None:
+    nptdms = pytest.importorskip("nptdms", reason="npTDMS is not installed")
+    stated = {"wf_increment": 0.1, "wf_start_offset": 0.0} if clock == "increment" else {}
+    objects = [
+        nptdms.ChannelObject("imu", f"w{axis}", RATES[:, k], stated | {"unit_string": "deg/h"}) for k, axis in enumerate("xyz")
+    ]
+    objects += [nptdms.ChannelObject("imu", "time", TIME)] if clock == "channel" else []
+    objects += [nptdms.ChannelObject("temp", "time", SLOW_TIME), nptdms.ChannelObject("temp", "T", SLOW)]
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment([nptdms.RootObject({"operator": "lab"}), *objects])
+    mapping = {"time_s": "time", "gyro_x_deg_h": "wx", "gyro_z_deg_h": "wz", "temperature_block_degC": "T"}
+    run = rlg.read(tmp_path / "a.tdms", columns=mapping)
+    expect(run)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK)
+    assert run.metadata.notes["tdms"] == {"operator": "lab"}
+
+
+def test_mdf(tmp_path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed")
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(RATES[:, k].copy(), TIME, name=f"w{axis}", unit="deg/h") for k, axis in enumerate("xyz")])
+        file.append([asammdf.Signal(SLOW, SLOW_TIME, name="T", unit="degC")])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    mapping = {"time_s": "time", "gyro_x_deg_h": "wx", "gyro_z_deg_h": "wz", "temperature_block_degC": "T"}
+    run = rlg.read(tmp_path / "a.mf4", columns=mapping)
+    expect(run)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK)
+
+
+def ulog_of(topics: dict[str, tuple[list[str], np.ndarray]]) -> bytes:
+    """A ULog file of topics of doubles, after PX4's specification of the format."""
+
+    def record(kind: str, content: bytes) -> bytes:
+        return struct.pack("<HB", len(content), ord(kind)) + content
+
+    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + record("B", bytes(40))
+    for name, (fields, _) in topics.items():
+        declared = "uint64_t timestamp;" + "".join(f"double {field};" for field in fields)
+        content += record("F", f"{name}:{declared}".encode())
+    for number, (name, (_, rows)) in enumerate(topics.items()):
+        content += record("A", struct.pack("<BH", 0, number) + name.encode())
+        for row in rows:
+            content += record("D", struct.pack(f"<HQ{len(row) - 1}d", number, round(1e6 * row[0]), *row[1:]))
+    return content
+
+
+def test_ulog(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason="pyulog is not installed")
+    gyro, temperature = np.column_stack([TIME, RATES]), np.column_stack([SLOW_TIME, SLOW])
+    content = ulog_of({"sensor_gyro": (["x", "y", "z"], gyro), "sensor_baro": (["temperature"], temperature)})
+    (tmp_path / "a.ulg").write_bytes(content)
+    mapping = {"time_s": "timestamp", "gyro_x_deg_h": "x", "gyro_z_deg_h": "z", "temperature_block_degC": "temperature"}
+    run = rlg.read(tmp_path / "a.ulg", columns=mapping)
+    expect(run)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_bags_of_ros(tmp_path: Path, version: int) -> None:
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
+    types = store.types
+    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+
+    def imu(k: int) -> object:
+        stamp = types["builtin_interfaces/msg/Time"](sec=1_611_180_583 + k // 10, nanosec=k % 10 * 10**8)
+        head = {"stamp": stamp, "frame_id": "imu"} | ({"seq": k} if version == 1 else {})
+        header = types["std_msgs/msg/Header"](**head)
+        nine = np.zeros(9)
+        return types["sensor_msgs/msg/Imu"](
+            header, quaternion, nine, vector(*RATES[k]), nine, vector(0.0, 0.0, 9.8 + 0.01 * k), nine
+        )
+
+    path = tmp_path / ("a.bag" if version == 1 else "bag")
+    writer = rosbag1.Writer(path) if version == 1 else rosbag2.Writer(path, version=9)
+    with writer as bag:
+        connection = bag.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
+        for k in range(ROWS):
+            raw = (
+                store.serialize_ros1(imu(k), connection.msgtype)
+                if version == 1
+                else store.serialize_cdr(imu(k), connection.msgtype)
+            )
+            bag.write(connection, 10**17 + k, raw)
+    file = path if version == 1 else next(path.glob("*.db3"))
+    mapping = {"time_s": "time", "gyro_x_deg_h": "angular_velocity.x", "gyro_z_deg_h": "angular_velocity.z"}
+    run = rlg.read(file, columns=mapping)
+    expect(run)
+    assert by_code(run.findings)["dates"].message.data["first"].startswith("2021-01-20T22:09:43")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".feather", ".xlsx", ".tdms", ".mf4", ".ulg", ".bag"])
+@settings(max_examples=20, deadline=None)
+@given(content=st.binary(min_size=1, max_size=400))
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of libraries that leave a damaged file open
+def test_no_bytes_make_a_traceback(tmp_path_factory: pytest.TempPathFactory, suffix: str, content: bytes) -> None:
+    path = tmp_path_factory.mktemp("bytes") / f"a{suffix}"
+    magic = {".npz": b"PK\x03\x04", ".feather": b"ARROW1\0\0", ".xlsx": b"PK\x03\x04", ".tdms": b"TDSm", ".mf4": b"MDF     4.10",
+             ".ulg": b"ULog\x01\x12\x35\x01", ".bag": b"#ROSBAG V2.0\n"}[suffix]  # fmt: skip
+    for head in (b"", magic):
+        path.write_bytes(head + content)
+        with pytest.raises(rlg.InputError):
+            rlg.read(path)
+    gc.collect()  # here, where what such a library left open is expected
+
+
+def test_recordings_are_not_written_in_formats_that_are_only_read(tmp_path: Path) -> None:
+    run = rlg.Recording(pd.DataFrame({"time_s": TIME, "gyro_deg_h": RATES[:, 0]}))
+    for suffix in (".lvm", ".npz", ".xlsx", ".tdms"):
+        with pytest.raises(rlg.InputError, match="is no known format; known endings are"):
+            rlg.write(run, tmp_path / f"a{suffix}")
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "rows"),
+    [
+        ("05-hdf5-groups-same-names/groups.h5", {}, 1800),
+        ("05-hdf5-groups-same-names/rates.h5", {}, 6000),
+        ("10-matrix-in-mat/struct_wb.mat", {"time_s": "t", "gyro_deg_h": "wb_1 [rad/s]"}, 1800),
+        ("10-matrix-in-mat/struct73.mat", {"time_s": "t", "gyro_deg_h": "wb_1 [rad/s]"}, 1800),
+        ("10-matrix-in-mat/compound.h5", {}, 1800),
+    ],
+)
+def test_shared_cases(name: str, columns: dict[str, str], rows: int) -> None:
+    assert len(rlg.read(case(name), columns=columns)) == rows
+    with pytest.raises(rlg.InputError, match="run_b/gyro_deg_h"):
+        rlg.read(case("22-hdf5-columns/dupgroups.h5"))
