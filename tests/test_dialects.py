@@ -105,6 +105,15 @@ def test_columns_without_names_are_mapped_by_place(tmp_path: Path, separator: st
         rlg.read(path, columns=dict(zip(NAMES, "124", strict=True)))
 
 
+def test_words_among_the_numbers_make_the_first_row_no_names(tmp_path: Path) -> None:
+    lines = [f"{line},OK" for line in rows(",")]
+    expect(rlg.read(written(tmp_path / "run.csv", "\n".join(lines) + "\n"), columns=dict(zip(NAMES, "123", strict=True))))
+    named = "\n".join(["%" + ",".join([*NAMES, "status"]), *lines]) + "\n"
+    expect(rlg.read(written(tmp_path / "run.csv", named)))
+    numbered = "\n".join([",".join([*NAMES, "4"]), *(f"{line},1" for line in rows(","))]) + "\n"
+    expect(rlg.read(written(tmp_path / "run.csv", numbered)))
+
+
 def test_places_count_where_there_are_names_too(tmp_path: Path) -> None:
     path = written(tmp_path / "run.csv", "\n".join(["t,w,T", *rows(",")]) + "\n")
     expect(rlg.read(path, columns=dict(zip(NAMES, ["1", "2 [deg/h]", "3 [degC]"], strict=True))))

@@ -247,9 +247,9 @@ def clock_of(values: pd.Series) -> pd.Series | None:
 
 def compact_dates(values: pd.Series) -> pd.Series | None:
     """Dates of numbers such as 20210120220943; None of any others."""
-    present = values.dropna()
-    if not len(present) or not 19e12 < float(present.iloc[0]) < 21e12:
+    if not len(values) or not 19e12 < float(values.iloc[0]) < 21e12:
         return None
+    present = values.dropna()
     text = present.map(lambda value: f"{int(value)}")
     if not text.str.fullmatch(_COMPACT).all():
         return None

@@ -178,9 +178,10 @@ def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
         if any(map(is_value, row)) or wide < _NEARLY_ALL * len(after) or (len(row) < 2 and after) or not any(row):
             continue
         return place
-    if rows and not all(not entry or is_value(entry) for entry in rows[0]):
-        return 0
-    return None
+    if not rows or all(not entry or is_value(entry) for entry in rows[0]):
+        return None
+    kinds = [[is_value(entry) for entry in row] for row in rows[:2]]
+    return None if len(rows) > 1 and any(kinds[0]) and kinds[0] == kinds[1] else 0  # words among numbers, as in the row after it
 
 
 def _named_in_remark(above: Sequence[str], width: int, separator: str) -> list[str] | None:

@@ -134,14 +134,14 @@ def impossible_temperatures(table: pd.DataFrame, context: Context) -> pd.DataFra
 def repeated_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     """Keep one row of each value where a logger writes every value of its gyros several times."""
     gyros = [column for column in map(str, table.columns) if is_gyro(column)]
-    if context.simulated or len(table) < 2 * _FEWEST_GROUPS:
+    if context.simulated or not gyros or len(table) < 2 * _FEWEST_GROUPS:
         return table
     if "table_rate_deg_s" in table or any(encoder in table for encoder in ENCODERS) or context.metadata.kind == "turntable":
         return table
-    values = table[gyros].to_numpy()
-    few = values[: 4 * _FEWEST_GROUPS]
+    few = np.column_stack([table[gyro].to_numpy()[: 4 * _FEWEST_GROUPS] for gyro in gyros])
     if np.mean((few[1:] == few[:-1]).all(axis=1)) < 0.45:  # of twice or more written values every second one repeats
         return table
+    values = table[gyros].to_numpy()
     changed = np.flatnonzero((values[1:] != values[:-1]).any(axis=1)) + 1
     if len(changed) < _FEWEST_GROUPS:
         return table
