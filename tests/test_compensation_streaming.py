@@ -390,3 +390,42 @@ def test_a_row_far_ahead_is_believed_only_if_the_next_one_follows(compensators: 
             fed = [stream.feed(chosen[k : k + size]) for k in range(0, 60, size)]
             assert sum(map(len, fed)) == rows
             assert sum(stream.left_out.values()) == 60 - rows
+
+
+# --- dialects ---------------------------------------------------------------------------------------------------------------
+
+
+def german(lines: list[str], dates: bool) -> list[str]:
+    """Lines with semicolons, decimal commas and, where asked for, dates as dd.mm.yyyy that begin shortly before midnight."""
+    start, rows = pd.Timestamp("2021-01-20 23:59:00"), []
+    for line in lines[1:]:
+        time_s, *rest = line.split(",")
+        moment = (
+            (start + pd.Timedelta(seconds=float(time_s))).strftime("%d.%m.%Y %H:%M:%S.%f") if dates else time_s.replace(".", ",")
+        )
+        rows.append(";".join([moment, *(entry.replace(".", ",") for entry in rest)]))
+    return [lines[0].replace(",", ";"), *rows]
+
+
+@pytest.mark.parametrize("dates", [False, True])
+@pytest.mark.parametrize("above", [[], ["# logger 7"], ["Recorder v2;7", ""]])
+def test_a_growing_file_is_read_in_any_dialect(saved: Path, csv: Path, tmp_path: Path, dates: bool, above: list[str]) -> None:
+    source, out, expected = tmp_path / "run.csv", tmp_path / "out.csv", tmp_path / "expected.csv"
+    lines = csv.read_text().splitlines()
+    assert follow(saved, csv, "--out", expected)[0] == 0
+    source.write_text("\n".join([*above, *german(lines, dates)]) + "\n")
+    code, output = follow(saved, source, "--out", out)
+    assert (code, "decimal comma" in output) == (0, True)
+    first, second = (pd.read_csv(path) for path in (expected, out))
+    shift_s = 0.0 if not dates else first["time_s"][0]
+    assert second["time_s"].to_numpy() == pytest.approx(first["time_s"].to_numpy() - shift_s, abs=1e-5)
+    assert second["compensation_deg_h"].to_numpy() == pytest.approx(first["compensation_deg_h"].to_numpy(), rel=1e-6, abs=1e-9)
+
+
+def test_dates_that_may_be_read_two_ways_and_rows_without_use_end_a_stream_with_2(saved: Path, csv: Path, tmp_path: Path) -> None:
+    lines = csv.read_text().splitlines()
+    source = tmp_path / "run.csv"
+    for stamp, text in (("01/02/2021 08:00:00", "may begin with the day or with the month"), ("soon", "no row could be used")):
+        source.write_text("\n".join([lines[0], *(f"{stamp},{line.partition(',')[2]}" for line in lines[1:50])]) + "\n")
+        code, output = follow(saved, source, "--out", tmp_path / f"{len(text)}.csv")
+        assert (code, text in " ".join(output.split())) == (2, True)

@@ -139,7 +139,7 @@ def compensate_stream(
     rows, stream, written = 0, None, None
     head: list[str] = []
 
-    def begin(dialect: Dialect) -> tuple[StreamCompensator, GrowingOutput]:
+    def begin(dialect: Dialect, lines: Sequence[str]) -> tuple[StreamCompensator, GrowingOutput]:
         stream = StreamCompensator(
             compensator,
             dialect,
@@ -149,6 +149,8 @@ def compensate_stream(
             period_s=period_s,
             calibration=calibration,
         )
+        if lines:
+            stream.begin(dialect, lines)
         written = GrowingOutput(out, ",".join(stream.columns), sys.stdout)
         if writes_sidecar:
             write_sidecar(out, metadata.to_mapping())
@@ -163,15 +165,19 @@ def compensate_stream(
                 lines = head[dialect.first :]
                 if stream is None:
                     with contextlib.nullcontext() if lines else contextlib.suppress(InputError):  # more lines may name the columns
-                        stream, written = begin(dialect)
+                        stream, written = begin(dialect, lines)
                 if not lines or stream is None or written is None:
                     continue
-                stream.begin(dialect, lines)
+                if not stream.begun:
+                    with contextlib.ExitStack() as closing:
+                        closing.callback(written.close)
+                        stream.begin(dialect, lines)
+                        closing.pop_all()
                 for finding in dialect.findings:
                     notify(finding.message)
             rows += written.add(to_lines(stream.feed(lines)))
         if any(line.strip() for line in head) and stream is None:
-            stream, written = begin(csv.dialect_of_text(head))
+            stream, written = begin(csv.dialect_of_text(head), [])
         if stream is None or written is None:
             raise InputError(f"{source}: no line with the names of the columns came")
         written.close()
