@@ -50,7 +50,8 @@ class TabulatedLaw(Mechanism):
     wave           :math:`\sum_j w_j \cos 2\pi k_j t + w'_j \sin 2\pi k_j t`; a growing one times 2 t / (length of the run) - 1
     =============  =====================================================================================================
 
-    and `change` "derivative" (per step: the term a little earlier or later) or "glitch" (the magnitude of that, column by column).
+    times the column `factor` where one is named;
+    `change` is "derivative" (per step: the term a little earlier or later) or "glitch" (the magnitude of that, column by column).
     """
 
     name = "tabulated_law"
@@ -67,6 +68,7 @@ class TabulatedLaw(Mechanism):
     cause: str = setting("")
     driver: str = setting("")
     driver_2: str = setting("")
+    factor: str = setting("")
     combination: str = setting("column", choices=COMBINATIONS)
     memory: str = setting("time", choices=MEMORIES)
     change: str = setting("none", choices=CHANGES)
@@ -106,7 +108,7 @@ class TabulatedLaw(Mechanism):
         return {name: value for name, value in super().to_mapping().items() if name not in usual or value != usual[name]}
 
     def driver_names(self) -> tuple[str, ...]:
-        return tuple(name for name in (self.driver, self.driver_2) if name)
+        return tuple(name for name in (self.driver, self.driver_2, self.factor) if name)
 
     def basis(self, recording: Recording) -> Array:
         bins = _Bins.of(recording, self.step_s)
@@ -114,7 +116,8 @@ class TabulatedLaw(Mechanism):
         if self.change != "none":
             table = np.gradient(table, axis=0) if len(table) > 1 else np.zeros_like(table)
             table = np.abs(table) if self.change == "glitch" else table
-        return np.interp(bins.rows_s, bins.elapsed_s, table @ weights)[:, None]
+        found = np.interp(bins.rows_s, bins.elapsed_s, table @ weights)
+        return (found * recording.column(self.factor) if self.factor else found)[:, None]
 
     def _columns(self, bins: _Bins) -> tuple[Array, Array]:
         """Columns on bins, shape (bins, k), and their weights."""
@@ -199,7 +202,8 @@ class TabulatedLaw(Mechanism):
             "time": "time since the run's start",
         }.get(self.memory, f"{len(self.knots)} waves of the time since the run's start")
         part = {"none": "", "derivative": ", its derivative", "glitch": ", pulses where it changes"}[self.change]
-        return f"b = {self.scale:.4g} * table of {what}{part}{f' (part of {self.cause})' * bool(self.cause)}"
+        factor = f"{self.factor} * " * bool(self.factor)
+        return f"b = {self.scale:.4g} * {factor}table of {what}{part}{f' (part of {self.cause})' * bool(self.cause)}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -261,6 +261,16 @@ class Recording:
 
     # --- making others -------------------------------------------------------------------------------------------------
 
+    def with_column(self, name: str, values: Array) -> Recording:
+        """The same with other values of one of its columns, which are finite; neither checked again nor with a truth."""
+        recording = Recording.__new__(Recording)
+        table = self._table.copy(deep=False)
+        table[name] = values
+        fields = {field: getattr(self, field) for field in Recording.__slots__}
+        for field, value in (fields | {"_table": table, "_arrays": {}, "_truth": None}).items():
+            object.__setattr__(recording, field, value)
+        return recording
+
     def replace(self, **changes: Any) -> Recording:
         """A recording like this one, with `table`, `metadata`, `name`, `truth` or `findings` changed."""
         fields: dict[str, Any] = {

@@ -6,6 +6,7 @@ Rooms, each importing only from those before it:
     priors      every number of the prior, with its reason
     readings    noise and rounding of what is read, and the smooth behind it
     data        window means of runs, and their columns on a finer grid
+    hashed      hashes of frozen objects, kept
     drivers     what acts: recorded columns, differences, time since switch-on
     bases       forms of drivers as columns with Gaussian weights
     memories    bases with a memory: lags, plays, relays
@@ -13,6 +14,7 @@ Rooms, each importing only from those before it:
     terms       forms and regions: a mechanism is the name of a region
     regions     the regions that are searched
     baseline    the simulator, linearised in its free numbers
+    turning     rows and regions where a table turns
     nuisances   steps of the bias, biases of runs, stated numbers that are wrong
     errors      errors of drivers, which join the noise
     noise       hypotheses of the noise, whitening
@@ -22,6 +24,7 @@ Rooms, each importing only from those before it:
     telegraph   a two-state process beside a set
     posterior   probabilities of sets and regions
     fit         weights, predictions
+    mismatch    whether anything is missing, and where
     decide      what is stated: every threshold
     simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term
     findings    members with their parameters and their functions as tables

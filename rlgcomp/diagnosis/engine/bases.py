@@ -16,12 +16,14 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.data import Run
 from rlgcomp.diagnosis.engine.drivers import Path
+from rlgcomp.diagnosis.engine.hashed import Hashed
 
 Array = npt.NDArray[np.float64]
 _JITTER: Final = 1e-6
+_SHAPE_RATIO: Final = 1.5  # of a mechanism's own shape, from one point of the grid to the next
 
 
-class Basis(abc.ABC):
+class Basis(Hashed, abc.ABC):
     """Columns of a run; hashable, so that equal ones are computed once."""
 
     @abc.abstractmethod
@@ -110,6 +112,19 @@ class Own(Basis):
     def columns(self, run: Run) -> Array:
         table = run.on_bins(self.mechanism.basis(run.binned))
         return table if self.column is None else table[:, self.column : self.column + 1]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        found = []
+        for shape in self.mechanism.shape_parameters():
+            value = float(getattr(self.mechanism, shape.name))
+            for factor in (_SHAPE_RATIO**step, _SHAPE_RATIO**-step):
+                moved = min(max(value * factor, shape.low), shape.high)
+                if moved != value:
+                    found.append(dataclasses.replace(self, mechanism=dataclasses.replace(self.mechanism, **{shape.name: moved})))
+        return tuple(found)
+
+    def parameters(self) -> dict[str, float]:
+        return {shape.name: float(getattr(self.mechanism, shape.name)) for shape in self.mechanism.shape_parameters()}
 
 
 @dataclasses.dataclass(frozen=True)

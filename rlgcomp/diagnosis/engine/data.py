@@ -41,19 +41,35 @@ class Grid:
     bins: int
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording]) -> Grid:
-        """The grid that training runs ask for."""
+    def of(cls, recordings: Sequence[Recording], *, every_sample: bool = False) -> Grid:
+        """The grid that training runs ask for; bins are samples where so is said, as on a turntable."""
         longest = max(recording.duration_s for recording in recordings)
         total = sum(recording.duration_s for recording in recordings)
         period = max(recording.period_s for recording in recordings)
         windows = min(float(priors.WINDOWS), priors.WINDOWS_OF_ALL * longest / total)
         samples = max(1, math.ceil(longest / period / windows - 1e-6))
-        in_bin = max(1, samples // priors.BINS)
+        in_bin = 1 if every_sample else max(1, samples // priors.BINS)
         return cls(in_bin * period, math.ceil(samples / in_bin))
 
     @property
     def window_s(self) -> float:
         return self.bin_s * self.bins
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Within:
+    """Rows for what varies within windows.
+
+    Parameters
+    ----------
+    waves : ndarray, shape (bins, k)
+        Orthogonal to window means and to each other, so long that white noise has in the rows the variance of a window's mean.
+    encoder : ndarray, shape (k, k)
+        Covariance in the rows of unit noise of the encoder's readings, over that of white noise of the same size.
+    """
+
+    waves: Array
+    encoder: Array
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,6 +104,7 @@ class Run:
     readings: Mapping[str, Readings]
     recording: Recording
     cache: dict[object, Array] = dataclasses.field(default_factory=dict, repr=False)
+    within: Within | None = None
 
     @classmethod
     def of(cls, recording: Recording, grid: Grid, output: Callable[[Recording], Array], outputs: Collection[str] = ()) -> Run:
@@ -147,8 +164,8 @@ class Run:
         """The same run with other values of a column on its bins."""
         kept = np.rint((self.binned.time_s - self.binned.time_s[0]) / self.grid.bin_s).astype(np.intp)
         column = np.where(kept < self.bins, values[np.minimum(kept, self.bins - 1)], self.binned.column(name))
-        binned = self.binned.replace(table=self.binned.table.assign(**{name: column}), truth=None)
-        cache: dict[object, Array] = {key: one for key, one in self.cache.items() if isinstance(key, tuple) and key[0] == "column"}
+        binned = self.binned.with_column(name, column)
+        cache: dict[object, Array] = {key: one for key, one in self.cache.items() if not _follows(key, name)}
         cache[("column", name)] = values
         return dataclasses.replace(self, binned=binned, cache=cache)
 
@@ -169,10 +186,21 @@ class Run:
         held = counts > 0.0
         return np.interp(self.elapsed_s, self.elapsed_s[held], sums[held] / counts[held])
 
-    def means(self, values: Array) -> Array:
+    def window_means(self, values: Array) -> Array:
         """Means of values on bins, shape (bins,) or (bins, k), over the counted windows."""
         shape = (len(self.full), self.grid.bins, *values.shape[1:])
         return np.asarray(values.reshape(shape).mean(axis=1)[self.full])
+
+    def means(self, values: Array) -> Array:
+        """All rows of values on bins: window means, then what varies within windows where there are rows for it."""
+        means = self.window_means(values)
+        return means if self.within is None else np.concatenate([means, self.within.waves.T @ values])
+
+
+def _follows(key: object, column: str) -> bool:
+    """Whether what a run keeps under a key follows a column: a path, or a driver beside other things."""
+    of = key[1] if isinstance(key, tuple) and len(key) > 1 else getattr(key, "driver", None)
+    return of == column if isinstance(of, str) else column in getattr(of, "columns", ())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -209,6 +237,17 @@ class Data:
     def means(self, of_run: Callable[[Run], Array]) -> Array:
         """Window means of a function of a run that gives values on its bins."""
         return np.concatenate([run.means(of_run(run)) for run in self.runs])
+
+    @property
+    def turns(self) -> bool:
+        """Whether there are rows for what varies within windows."""
+        return any(run.within is not None for run in self.runs)
+
+    @functools.cached_property
+    def of_windows(self) -> IntArray:
+        """The rows that are window means."""
+        parts = zip(self.runs, self.slices, strict=True)
+        return np.concatenate([np.arange(rows.start, rows.start + len(run.windows)) for run, rows in parts])
 
     @property
     def longest_s(self) -> float:

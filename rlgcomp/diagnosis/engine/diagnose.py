@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.baseline import Baseline
+from rlgcomp.diagnosis.engine.bases import Basis
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
 from rlgcomp.diagnosis.engine.decide import MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.engine.design import likely, next_experiment
@@ -26,6 +27,8 @@ from rlgcomp.diagnosis.engine.regions import Setting, laws, named, own_bases
 from rlgcomp.diagnosis.engine.result import Diagnosis
 from rlgcomp.diagnosis.engine.scores import score
 from rlgcomp.diagnosis.engine.search import State
+from rlgcomp.diagnosis.engine.terms import Region
+from rlgcomp.diagnosis.engine.turning import turning_regions, with_angle_rows
 from rlgcomp.diagnosis.programmes.feasible import ChamberRange
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
@@ -57,12 +60,12 @@ def diagnose(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Diagnosis:
-    """Diagnose what physics a simulator of chamber runs is missing.
+    """Diagnose what physics a simulator is missing.
 
     Parameters
     ----------
     simulator : Simulator, UserSimulator or callable, optional
-        Of kind "chamber", its free numbers are calibrated; or the user's own: anything with `predict_deg_h(recording)`, or a
+        Its free numbers are calibrated; or the user's own: anything with `predict_deg_h(recording)`, or a
         function of a recording.
     train : sequence of Recording
         Runs that name and fit.
@@ -130,7 +133,12 @@ class _Engine:
 
     @property
     def grid(self) -> Grid:
-        return _grid(self.runs.train, self.window_s)
+        return _grid(self.runs.train, self.window_s, every_sample=self.turns)
+
+    @property
+    def turns(self) -> bool:
+        """Whether a table turns."""
+        return self.runs.base.kind == "turntable"
 
     def output(self, binned: Recording) -> Array:
         """Bin means of the output less what the simulator states."""
@@ -147,28 +155,35 @@ class _Engine:
     def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline]:
         """The posterior of all sets, and the simulator with its free shapes calibrated."""
         data, simulator = self.data(recordings), self.runs.base
-        setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
-        present = [mechanism.name for mechanism in simulator.mechanisms]
         baseline = Baseline.calibrated(simulator, data)
-        baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
-        bank = Bank(data, baseline.design(data), baseline)
-        known = list(named(setting, self.candidates, present))
-        regions = [*known, *laws(setting, known), *nuisances(data, baseline)]
-        return Posterior.of(bank, regions), baseline
+        if self.turns:
+            regions = list(turning_regions(data, self.candidates, baseline, _temperature(self.runs.train[0])))
+            data = with_angle_rows(data, _bases(regions), self.output)
+        else:
+            setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
+            present = [mechanism.name for mechanism in simulator.mechanisms]
+            baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
+            regions = list(named(setting, self.candidates, present))
+            regions += laws(setting, regions)
+        bank = Bank(data, baseline.design(data), None if self.turns else baseline)
+        return Posterior.of(bank, [*regions, *nuisances(data, baseline)]), baseline
 
     def fitted(self, chosen: tuple[Posterior, Baseline]) -> Diagnosis:
         """The decision, fitted to the training runs alone."""
         posterior, baseline = chosen
         decision = decided(posterior)
-        data = self.data(self.runs.train)
+        data, best = self.data(self.runs.train), _best(posterior, decision)
         baseline = baseline.linearised(data)
-        bank = Bank(data, baseline.design(data), baseline)
-        before, after = (self._in_training(state, bank) for state in (_null(posterior), _best(posterior, decision)))
+        if self.turns:
+            own = (basis for member in best.members for basis in member.form.bases)
+            data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
+        bank = Bank(data, baseline.design(data), None if self.turns else baseline)
+        before, after = (self._in_training(state, bank) for state in (_null(posterior), best))
         refused = self._refused(decision, Fit(data, baseline, bank, before), Fit(data, baseline, bank, after))
         if refused is not None:
             decision = Decision("none", ())
             after = self._in_training(_best(posterior, decision), bank)
-        states = likely(posterior) if decision.verdict == "ambiguous" else []
+        states = likely(posterior) if decision.verdict == "ambiguous" and not self.turns else []
         rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
         following, promise = next_experiment(posterior, rivals, states, self.chamber)
         return Diagnosis(
@@ -221,15 +236,24 @@ def _best(posterior: Posterior, decision: Decision) -> State:
     return best
 
 
-def _grid(train: Sequence[Recording], window_s: float | None) -> Grid:
+def _grid(train: Sequence[Recording], window_s: float | None, *, every_sample: bool) -> Grid:
     if window_s is None:
-        return Grid.of(train)
+        return Grid.of(train, every_sample=every_sample)
     if not 0.0 < window_s < math.inf:
         raise InputError(f"the averaging time is {window_s:g} s; it must be positive and finite")
     period = max(recording.period_s for recording in train)
     samples = max(1, round(window_s / period))
-    in_bin = max(1, samples // priors.BINS)
+    in_bin = 1 if every_sample else max(1, samples // priors.BINS)
     return Grid(in_bin * period, math.ceil(samples / in_bin))
+
+
+def _temperature(run: Recording) -> str | None:
+    """The column that the catalogue means by temperature, where a table has a thermometer."""
+    return run.temperature_column if any(column.startswith("temperature_") for column in run.columns) else None
+
+
+def _bases(regions: Iterable[Region]) -> list[Basis]:
+    return [basis for region in regions for form in region.forms for basis in form.bases]
 
 
 def _thermometer(data: Data, recording: Recording) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine.data import Data, Run
+from rlgcomp.diagnosis.engine.hashed import Hashed
 from rlgcomp.numerics.filters import rate_per_min, read_noise
 
 Array = npt.NDArray[np.float64]
@@ -21,7 +22,7 @@ _RATE_BINS: Final = (3, 5, 9, 17, 33, 65)  # odd numbers of bins of which a slop
 
 
 @dataclasses.dataclass(frozen=True)
-class Driver:
+class Driver(Hashed):
     """A quantity that acts, (raw - centre) / half with the range of the training runs as -1 to 1.
 
     Parameters
@@ -73,7 +74,7 @@ class Driver:
 
 
 @dataclasses.dataclass(frozen=True)
-class Path:
+class Path(Hashed):
     """A driver after its memory, again in units of the range of the training runs.
 
     Parameters

@@ -239,13 +239,6 @@ class Conditional:
         vector = block.T @ self.evidence.output - cross.T @ self.weights_half
         return self.of_sizes(gram[None], vector[None])[0]
 
-    def gains_of_columns(self, columns: Array) -> Array:
-        """Log evidence with each of some columns, shape (k,); each has a weight of unit variance."""
-        cross = self._half @ (self.table.T @ columns)
-        values = 1.0 + np.sum(columns**2, axis=0) - np.sum(cross**2, axis=0)
-        along = columns.T @ self.evidence.output - cross.T @ self.weights_half
-        return np.asarray(self.of(self.log_det + np.log(values), np.maximum(self.square - along**2 / values, 1e-12 * self.square)))
-
     def of_sizes(self, gram: Array, vector: Array) -> Array:
         """Log evidence with further forms of each size, shape (forms, sizes).
 

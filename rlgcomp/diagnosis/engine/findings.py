@@ -17,6 +17,7 @@ from rlgcomp.diagnosis.engine.fit import Estimate, Fit
 from rlgcomp.diagnosis.engine.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.engine.posterior import Posterior
 from rlgcomp.diagnosis.engine.times import Since, SmoothSince
+from rlgcomp.diagnosis.engine.turning import TimesRate
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import column_unit
 
@@ -158,7 +159,7 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
     mechanism = None if one.mechanism is None else catalogue.get(one.mechanism)
     estimates = fit.parameters(k, mechanism)
     estimates = {name: dataclasses.replace(each, unit=in_unit(each.unit, unit)) for name, each in estimates.items()}
-    contribution = fit.data.means(functools.partial(fit.term, k))
+    contribution = fit.data.means(functools.partial(fit.term, k))[fit.data.of_windows]
     return Cause(
         parameters={name: each for name, each in estimates.items() if each.sd <= abs(each.value)},
         undetermined=tuple(name for name, each in estimates.items() if each.sd > abs(each.value)),
@@ -230,15 +231,16 @@ def _tabulated(fit: Fit, k: int, columns: Mapping[int, Array], about: Mapping[in
 
 
 def _static(fit: Fit, k: int, path: Path) -> Function:
-    """Bases of one path over the range of the training runs, about their mean there."""
+    """Bases of one path over the range of the training runs, about their mean there; of a scale factor, at the highest rate."""
     _, bases = fit.parts[k]
     values = np.concatenate([path.values(run)[np.repeat(run.full, run.grid.bins)] for run in fit.data.runs])
     low, high = np.quantile(values, [0.005, 0.995])
     at = np.asarray(np.linspace(float(low), float(high), _PLACES))
     run: Any = SimpleNamespace(cache={path: at}, bins=len(at))
-    same = {j: basis for j, (basis, _) in enumerate(bases) if getattr(basis, "path", None) == path}
+    plain = [basis.basis if isinstance(basis, TimesRate) else basis for basis, _ in bases]
+    same = {j: basis for j, basis in enumerate(plain) if getattr(basis, "path", None) == path}
     columns = {j: basis.columns(run) for j, basis in same.items()}
-    means = {j: fit.bank.columns(basis).mean(axis=0) for j, basis in same.items()}
+    means = {j: fit.data.means(basis.columns)[fit.data.of_windows].mean(axis=0) for j, basis in same.items()}
     value, sd = _tabulated(fit, k, columns, means)
     driver = path.driver
     raw = driver.half * (path.centre + path.half * at) + (0.0 if path.memory == "rate" else driver.centre)
@@ -279,7 +281,7 @@ def _loop(fit: Fit, k: int, driver: Driver) -> Function:
     columns = {j: fit.bank.columns(basis)[rows][places] for j, (basis, _) in enumerate(bases)}
     means = {j: fit.bank.columns(basis)[rows].mean(axis=0) for j, (basis, _) in enumerate(bases)}
     value, sd = _tabulated(fit, k, columns, means)
-    u = run.means(driver.raw(run))[places]
+    u = run.window_means(driver.raw(run))[places]
     return dataclasses.replace(_made("loop", driver.symbol, column_unit(driver.columns[0]) or "", u, value, sd), run=run.name)
 
 

@@ -109,7 +109,8 @@ class Fit:
     def noise_rms(self) -> float:
         """Root mean square of all noise of window means about the mean of their run."""
         total, count = 0.0, 0
-        for covariance in self.state.noise.covariances(self.data):
+        for run, all_rows in zip(self.data.runs, self.state.noise.covariances(self.data), strict=True):
+            covariance = all_rows[: len(run.windows), : len(run.windows)]
             total += float(np.trace(covariance) - covariance.mean() * len(covariance))
             count += len(covariance)
         return self.white * math.sqrt(total / count)
@@ -187,7 +188,7 @@ class Fit:
 
     def residual(self, run: Run) -> Array:
         """What a run's window means hold beyond the fit; a two-state path is not predicted."""
-        return np.asarray(run.output - run.means(self.predicted(run)))
+        return np.asarray(run.output[: len(run.windows)] - run.window_means(self.predicted(run)))
 
     def rate_deg_h(self, recording: Recording, grid: Grid) -> Array:
         """The output predicted at each sample of a recording, in deg/h, shape (n,)."""
@@ -239,8 +240,9 @@ class Fit:
         path = next((getattr(basis, "path", None) for basis, _ in bases), None)
         if path is None or path.memory != "none":
             return {}
-        u = self.data.means(path.driver.raw)
-        table = np.hstack([scale * self.bank.columns(basis) for basis, scale in bases])
+        rows = self.data.of_windows
+        u = self.data.means(path.driver.raw)[rows]
+        table = np.hstack([scale * self.bank.columns(basis) for basis, scale in bases])[rows]
         table = table - table.mean(axis=0)
         at = sum(self._width(j) for j in range(k))
         inside = slice(at, at + self._width(k))

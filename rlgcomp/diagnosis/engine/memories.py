@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Final, Literal, Self
 
@@ -203,18 +204,7 @@ class Preisach(Basis):
 
     def densities(self) -> Array:
         """Weights of the relays, shape (relays, k)."""
-        up, down = plane(self.levels)
-        weights = np.exp(-(up - down) / self.radius)[:, None]
-        if not self.free:
-            return weights
-        middles, widths = 0.5 * (up + down), up - down
-        one = kernel_root(kernel(np.linspace(-PLANE, PLANE, 12) / self.width))
-        other = kernel_root(kernel(np.linspace(0.0, 2.0 * PLANE, 12) / self.width))
-        of_middle = np.column_stack([np.interp(middles, np.linspace(-PLANE, PLANE, 12), column) for column in one.T])
-        of_width = np.column_stack([np.interp(widths, np.linspace(0.0, 2.0 * PLANE, 12), column) for column in other.T])
-        both = (of_middle[:, :, None] * of_width[:, None, :]).reshape(len(up), -1)
-        sizes = np.sum(both**2, axis=0)
-        return np.asarray(weights * both[:, sizes > _SMALL * sizes.max()])
+        return _densities(self.radius, self.free, self.width, self.levels)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,6 +220,22 @@ class Undecided(Basis):
         values = self.driver.values(run)
         left = relays(values, up, down, "above") - relays(values, up, down, "below")
         return (left @ np.exp(-(up - down) / self.radius))[:, None]
+
+
+@functools.lru_cache(maxsize=64)
+def _densities(radius: float, free: bool, width: float, levels: int) -> Array:
+    up, down = plane(levels)
+    weights = np.exp(-(up - down) / radius)[:, None]
+    if not free:
+        return weights
+    middles, widths = 0.5 * (up + down), up - down
+    one = kernel_root(kernel(np.linspace(-PLANE, PLANE, 12) / width))
+    other = kernel_root(kernel(np.linspace(0.0, 2.0 * PLANE, 12) / width))
+    of_middle = np.column_stack([np.interp(middles, np.linspace(-PLANE, PLANE, 12), column) for column in one.T])
+    of_width = np.column_stack([np.interp(widths, np.linspace(0.0, 2.0 * PLANE, 12), column) for column in other.T])
+    both = (of_middle[:, :, None] * of_width[:, None, :]).reshape(len(up), -1)
+    sizes = np.sum(both**2, axis=0)
+    return np.asarray(weights * both[:, sizes > _SMALL * sizes.max()])
 
 
 def plane(count: int, reach: float = PLANE) -> tuple[Array, Array]:

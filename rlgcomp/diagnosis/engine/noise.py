@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
-from rlgcomp.diagnosis.engine.data import Data
+from rlgcomp.diagnosis.engine.data import Data, Run
 from rlgcomp.diagnosis.engine.errors import Errors
 
 Array = npt.NDArray[np.float64]
@@ -40,6 +40,8 @@ class Noise:
         Standard deviation of what wanders unrecorded.
     wander_time : float
         Its correlation time over the length of the longest run.
+    encoder : float
+        Noise of one reading of a table's angle, per sample, over the white noise of a sample.
     errors : Errors, optional
         What errors of the drivers of a set bring.
     """
@@ -48,6 +50,7 @@ class Noise:
     walk: float = 0.0
     wander: float = 0.0
     wander_time: float = 0.1
+    encoder: float = 0.0
     errors: Errors | None = None
 
     @property
@@ -60,10 +63,23 @@ class Noise:
         return self if self.errors is None else dataclasses.replace(self, errors=Errors(self.errors.blocks[:count]))
 
     def covariances(self, data: Data) -> list[Array]:
-        """Of the windows of each run."""
+        """Of all rows of each run."""
         length = max(len(run.full) for run in data.runs)
-        found = [self.covariance(run.windows, run.white, length) for run in data.runs]
+        found = [self._of_run(run, length) for run in data.runs]
         return found if self.errors is None else [a + b for a, b in zip(found, self.errors.blocks, strict=True)]
+
+    def _of_run(self, run: Run, length: float) -> Array:
+        count = len(run.windows)
+        found = self.covariance(run.windows, run.white[:count], length)
+        if self.encoder:
+            apart = np.abs(np.subtract.outer(run.windows, run.windows))
+            found = found + self.encoder**2 / run.grid.bins * (2.0 * (apart == 0) - (apart == 1))
+        if run.within is None:
+            return found
+        total = np.diag(run.white)
+        total[:count, :count] = found
+        total[count:, count:] += self.encoder**2 * run.within.encoder
+        return total
 
     def covariance(self, places: npt.NDArray[np.intp], white: Array, length: float) -> Array:
         """Of the windows of one run, without errors of drivers.
@@ -105,6 +121,7 @@ def neighbours(noise: Noise) -> tuple[Noise, ...]:
     axes: tuple[tuple[str, tuple[float, ...]], ...] = (("flicker", tuple(priors.FLICKERS)), ("walk", tuple(priors.WALKS)))
     if noise.wander:
         axes = (("wander", tuple(priors.WANDERS)), ("wander_time", priors.WANDER_TIMES))
+    axes = (*axes, ("encoder", tuple(priors.ENCODERS)))
     found = []
     for name, values in axes:
         at = values.index(getattr(noise, name))
@@ -115,8 +132,8 @@ def neighbours(noise: Noise) -> tuple[Noise, ...]:
     return tuple(found)
 
 
-def hypotheses() -> tuple[tuple[Noise, ...], Array]:
-    """All hypotheses and the logarithm of their prior probabilities."""
+def hypotheses(*, turns: bool = False) -> tuple[tuple[Noise, ...], Array]:
+    """All hypotheses and the logarithm of their prior probabilities; where a table turns, with noise of its encoder."""
     found = {
         Noise(flicker, walk): share * part
         for (flicker, share), (walk, part) in itertools.product(priors.FLICKERS.items(), priors.WALKS.items())
@@ -126,6 +143,11 @@ def hypotheses() -> tuple[tuple[Noise, ...], Array]:
     found = {noise: share / total for noise, share in found.items()}
     for (size, share), time in itertools.product(priors.WANDERS.items(), priors.WANDER_TIMES):
         found[Noise(wander=size, wander_time=time)] = priors.WANDER_ODDS * share / len(priors.WANDER_TIMES)
+    if turns:
+        found = {
+            dataclasses.replace(noise, encoder=size): share * part
+            for (noise, share), (size, part) in itertools.product(found.items(), priors.ENCODERS.items())
+        }
     return tuple(found), np.log(list(found.values()))
 
 
@@ -160,7 +182,7 @@ class Whitened:
 
     def project(self, columns: Array) -> Array:
         """Columns of window means, whitened, less what the baseline absorbs."""
-        return self._off(self.whiten(columns))
+        return self.off(self.whiten(columns))
 
     def whiten(self, columns: Array) -> Array:
         """Columns of window means, whitened."""
@@ -171,12 +193,13 @@ class Whitened:
 
     def adjoint(self, table: Array) -> Array:
         """A table that has with columns of window means the products that whitened tables have with projected columns."""
-        left, found = self._off(table), np.empty(table.shape)
+        left, found = self.off(table), np.empty(table.shape)
         for rows, factor in zip(self._slices, self._factors, strict=True):
             found[rows] = left[rows] * factor[:, None] if factor.ndim == 1 else factor.T @ left[rows]
         return found
 
-    def _off(self, white: Array) -> Array:
+    def off(self, white: Array) -> Array:
+        """Whitened columns less what the baseline absorbs."""
         return np.asarray(white - self.basis @ (self.basis.T @ white))
 
 

@@ -56,7 +56,8 @@ def _steps(data: Data) -> Callable[[Array], tuple[Form, ...]]:
     def propose(residual: Array) -> tuple[Form, ...]:
         found, likeliest = [], []
         for run, rows in zip(data.runs, data.slices, strict=True):
-            left = residual[rows] - residual[rows].mean()
+            left = residual[rows][: len(run.windows)]
+            left = left - left.mean()
             n = len(left)
             if n <= 2 * _END:
                 continue

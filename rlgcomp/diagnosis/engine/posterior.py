@@ -35,6 +35,8 @@ class Posterior:
         """The posterior of a search; with a two-state process, of a second one beside its path."""
         search = Search(bank, regions)
         states = search.run()
+        if bank.data.turns:
+            return cls(tuple(states), search.regions)
         jumping = search.with_telegraph([*states[:_PROVED], *(state for state in states if not state.members)])
         best = max(jumping, key=lambda state: state.log_posterior, default=None)
         if best is not None and best.log_posterior > states[0].log_posterior:

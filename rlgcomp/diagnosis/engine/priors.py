@@ -10,8 +10,8 @@ import numpy as np
 
 WINDOWS: Final = 400
 """Windows of the longest run: a hop or a reversal is placed to a fraction of a per cent of a run; a Cholesky factor is small."""
-WINDOWS_OF_ALL: Final = 1800
-"""Windows of all runs: the time of a diagnosis grows with their square."""
+WINDOWS_OF_ALL: Final = 1000
+"""Windows of all runs: the time of a diagnosis grows with their number and the length of a run's Cholesky factor."""
 BINS: Final = 5
 """Bins of a window, on which memories and forms are evaluated: a form does not commute with an average."""
 
@@ -68,5 +68,7 @@ WALKS: Final = {0.0: 0.45, 0.3: 0.2, 1.0: 0.2, 3.0: 0.11, 10.0: 0.03, 30.0: 0.01
 """Random walk gathered in a run of usual length, over the white noise of a window mean."""
 WANDERS: Final = {1.5: 0.4, 4.0: 0.3, 10.0: 0.2, 25.0: 0.1}
 """Size of a wander of something unrecorded over the white noise of a window mean: a smaller one cannot be told from flicker."""
+ENCODERS: Final = {0.0: 0.5, 0.3: 0.17, 0.7: 0.17, 1.5: 0.1, 4.0: 0.06}
+"""Noise of one reading of a table's angle over its period, over the white noise of a sample: half of all tables show none."""
 WANDER_TIMES: Final = (0.01, 0.03, 0.1, 0.3)
 """Correlation time of a wander over the length of a run."""

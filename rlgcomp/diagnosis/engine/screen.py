@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -33,7 +33,7 @@ _ALIKE: Final = 4  # forms that share them, at least
 
 
 @dataclasses.dataclass(frozen=True)
-class _Panel:
+class Panel:
     """Forms of equally many columns that share some: numbers of the forms, places among a section's columns, and scales.
 
     Parameters
@@ -57,11 +57,11 @@ class _Panel:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Section:
+class Section:
     """Columns side by side, shape (n, C), and the forms that are made of them."""
 
     table: Array
-    panels: tuple[_Panel, ...]
+    panels: tuple[Panel, ...]
     forms: IntArray
 
     @classmethod
@@ -77,21 +77,22 @@ class _Section:
             index = np.concatenate([np.empty(0, np.intp), *(place[basis] for basis, _ in parts)])
             return index, np.concatenate([np.empty(0), *(np.full(len(place[basis]), scale) for basis, scale in parts)])
 
+        widths = {basis: len(index) for basis, index in place.items()}
         panels = []
-        for (shared, _), alike in _families(forms, scaled, place).items():
+        for (shared, _), alike in _families(forms, scaled, widths).items():
             rows = [places(own) for _, own in alike]
             index, scale = (np.array(part) for part in zip(*rows, strict=True))
-            panels.append(_Panel(np.array([numbers[k] for k, _ in alike]), index, scale, *places(shared)))
+            panels.append(Panel(np.array([numbers[k] for k, _ in alike]), index, scale, *places(shared)))
         return cls(np.hstack(tables), tuple(panels), np.array(numbers))
 
 
 def _families(
-    forms: Sequence[Form], scaled: Sequence[Scaled], place: dict[Basis, IntArray]
+    forms: Sequence[Form], scaled: Sequence[Scaled], widths: Mapping[Basis, int]
 ) -> dict[tuple[Scaled, int], list[tuple[int, Scaled]]]:
     """Forms by what they share and the number of their own columns: number of each form, and its own bases."""
 
     def width(parts: Scaled) -> int:
-        return sum(len(place[basis]) for basis, _ in parts)
+        return sum([widths[basis] for basis, _ in parts])
 
     split = []
     for form, parts in zip(forms, scaled, strict=True):
@@ -126,11 +127,11 @@ class Layout:
         by_label: dict[Hashable, list[int]] = defaultdict(list)
         for k in range(len(forms)):
             by_label[labels[k] if labels else None].append(k)
-        self.sections = tuple(_Section.of(bank, [forms[k] for k in numbers], numbers) for numbers in by_label.values())
+        self.sections = tuple(Section.of(bank, [forms[k] for k in numbers], numbers) for numbers in by_label.values())
 
 
 @dataclasses.dataclass(frozen=True)
-class _Products:
+class Products:
     """Products of a panel's columns under a noise.
 
     Parameters
@@ -157,7 +158,7 @@ class _Grams:
     """Products of a section's columns under a noise: with the data, and those of each panel."""
 
     vector: Array
-    panels: tuple[_Products, ...]
+    panels: tuple[Products, ...]
 
 
 class Screen:
@@ -189,7 +190,7 @@ class Screen:
         return found
 
     def _fill(self, found: Array, given: Conditional, number: int, wanted: npt.NDArray[np.bool_] | None) -> None:
-        section, grams = self.layout.sections[number], self._of(number)
+        section, grams = self.layout.sections[number], self.products(number)
         cross = given.cross(section.table)
         vector = grams.vector - cross.T @ given.weights_half
         for panel, products in zip(section.panels, grams.panels, strict=True):
@@ -199,12 +200,13 @@ class Screen:
             elif kept.any():
                 found[panel.forms[kept]] = _panel_gains(given, panel.only(kept), products.only(kept), cross, vector)
 
-    def _of(self, number: int) -> _Grams:
+    def products(self, number: int) -> _Grams:
+        """Of the section of a number."""
         if number not in self._grams:
             self._grams[number] = self._made(self.layout.sections[number])
         return self._grams[number]
 
-    def _made(self, section: _Section) -> _Grams:
+    def _made(self, section: Section) -> _Grams:
         whitened = self.evidence.whitened
         white = whitened.whiten(section.table)
         absorbed = whitened.basis.T @ white
@@ -215,18 +217,18 @@ class Screen:
             gram = np.matmul(np.swapaxes(own, 1, 2), own) - np.matmul(np.swapaxes(of_own, 1, 2), of_own)
             shared, of_shared = white[:, panel.shared] * panel.shared_scale, absorbed[:, panel.shared] * panel.shared_scale
             both = np.moveaxis(shared.T @ own - of_shared.T @ of_own, 1, 0)  # (k, f, l)
-            panels.append(_Products(gram, both, shared.T @ shared - of_shared.T @ of_shared))
+            panels.append(Products(gram, both, shared.T @ shared - of_shared.T @ of_shared))
         return _Grams(section.table.T @ self.evidence.adjoint_output, tuple(panels))
 
 
-def _panel_gains(given: Conditional, panel: _Panel, products: _Products, cross: Array, vector: Array) -> Array:
+def _panel_gains(given: Conditional, panel: Panel, products: Products, cross: Array, vector: Array) -> Array:
     """Log evidence with each form of a panel and of each size, shape (forms, sizes).
 
     Parameters
     ----------
     given : Conditional
-    panel : _Panel
-    products : _Products
+    panel : Panel
+    products : Products
     cross : ndarray, shape (r, C)
         L⁻¹ AᵀB of the section's columns.
     vector : ndarray, shape (C,)
@@ -256,25 +258,29 @@ def _of_sizes(given: Conditional, shared: Array, both: Array, own: Array, v_shar
     k, f, width = both.shape
     turned = (vectors.T @ both.reshape(k, -1)).reshape(k, f, width)
     along = vectors.T @ v_shared
-    log_dets, falls = np.empty((f, len(priors.SIZES))), np.empty((f, len(priors.SIZES)))
-    for j, size in enumerate(priors.SIZES):
-        share = size**2 / (1.0 + size**2 * values)
-        heavy = np.moveaxis(turned * share[:, None, None], 0, 2)  # (f, l, k)
-        schur = np.eye(width) + size**2 * (own - np.matmul(heavy, np.moveaxis(turned, 1, 0)))
-        vector = size * (v_own - heavy @ along)
-        roots = np.linalg.cholesky(_safe(schur))
-        half = np.linalg.solve(roots, vector[:, :, None])[:, :, 0]
-        log_dets[:, j] = np.sum(np.log1p(size**2 * values)) + 2.0 * np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
-        falls[:, j] = float(share @ along**2) + np.sum(half**2, axis=1)
-    return given.of_changes(log_dets, falls)
+    squares = priors.SIZES**2
+    grown = 1.0 + squares[:, None] * values  # (sizes, k)
+    share = squares[:, None] / grown
+    products = (turned[:, :, :, None] * turned[:, :, None, :]).reshape(k, -1)
+    schur = np.eye(width) + squares[:, None, None, None] * (own - (share @ products).reshape(-1, f, width, width))
+    left = v_own - ((share * along) @ turned.reshape(k, -1)).reshape(-1, f, width)
+    roots = _roots(schur)
+    half = np.linalg.solve(roots, (priors.SIZES[:, None, None] * left)[..., None])[..., 0]
+    log_dets = np.sum(np.log(grown), axis=1)[:, None] + 2.0 * np.sum(np.log(np.diagonal(roots, axis1=2, axis2=3)), axis=2)
+    falls = (share @ along**2)[:, None] + np.sum(half**2, axis=2)
+    return given.of_changes(log_dets.T, falls.T)
 
 
-def _safe(schur: Array) -> Array:
-    """Matrices that are at least one, of which rounding may have taken a little."""
-    if np.all(np.diagonal(schur, axis1=1, axis2=2) > 0.5) and schur.shape[1] == 1:
-        return schur
-    values, vectors = np.linalg.eigh(schur)
-    return np.asarray(np.matmul(vectors * np.maximum(values, 1.0)[:, None, :], np.swapaxes(vectors, 1, 2)))
+def _roots(schur: Array) -> Array:
+    """Cholesky factors of matrices that are at least one, of which rounding may have taken a little."""
+    if schur.shape[-1] == 1:
+        return np.asarray(np.sqrt(np.maximum(schur, 1.0)))
+    try:
+        return np.asarray(np.linalg.cholesky(schur))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(schur)
+        safe = np.matmul(vectors * np.maximum(values, 1.0)[..., None, :], np.swapaxes(vectors, -1, -2))
+        return np.asarray(np.linalg.cholesky(safe))
 
 
 def gains(given: Conditional, forms: Iterable[Form]) -> tuple[tuple[Form, ...], Array]:

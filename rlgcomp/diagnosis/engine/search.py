@@ -23,6 +23,7 @@ Latent = Literal["", "wander", "telegraph"]
 Key = tuple[frozenset[str], Latent]
 _WHITE: Final = Noise()
 _MANY_FORMS: Final = 4  # of a law whose Gram matrices are made by themselves
+_NEAR: Final = 25.0  # nats behind the best beside the null or the best set, beyond which a law is not tried beside others
 _BEAM: Final = 4  # states that are expanded at each size
 _FIRST: Final = 6  # and of one member: what shows only beside another is found from there
 _WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expanded
@@ -91,19 +92,21 @@ class Search:
         self.forms = tuple(form for region in self.regions.values() for form in region.forms)
         self._region_of = np.array([form.region for form in self.forms])
         self.layout = Layout(bank, self.forms, [self._section(form.region) for form in self.forms])
-        noises, log_prior = hypotheses()
+        noises, log_prior = hypotheses(turns=bank.data.turns)
         self.noise_log_prior = dict(zip(noises, log_prior.tolist(), strict=True))
         self._evidences: dict[Noise, Evidence] = {}
         self._screens: dict[Noise, Screen] = {}
         self.visited: dict[Key, State] = {}
+        self._near: set[str] = set()
         self._grown: set[tuple[frozenset[str], str, Errors | None]] = set()
         self._errors: list[Errors] = []
 
     def _section(self, key: str) -> str:
         """Of the layout: laws of which there are many forms by themselves, other laws together, and what is not a law together."""
-        region = self.regions[key]
-        law = region.mechanism is None and not region.nuisance
-        return "" if not law else key if len(region.forms) > _MANY_FORMS else "law"
+        return "" if not self._is_law(key) else key if len(self.regions[key].forms) > _MANY_FORMS else "law"
+
+    def _is_law(self, key: str) -> bool:
+        return self.regions[key].mechanism is None and not self.regions[key].nuisance
 
     def _possible(self, region: Region) -> Region:
         forms = tuple(form for form in region.forms if self.bank.scaled(form) is not None)
@@ -134,8 +137,8 @@ class Search:
         beam, best = [null, *([wander] if wander.log_posterior > null.log_posterior else [])], null.log_posterior
         for size in range(1, _MOST + 1):
             children: dict[frozenset[str], State] = {}
-            for state in beam:
-                for child in self.expanded(state):
+            for k, state in enumerate(beam):
+                for child in self.expanded(state, every=k == 0):
                     key = child.key[0]
                     if key not in children or child.log_point > children[key].log_point:
                         children[key] = child
@@ -242,22 +245,27 @@ class Search:
     def core(self, state: State) -> list[Noise]:
         """Noises under which a state is expanded: its own, white noise, and less of what is slow."""
         own = state.noise
-        fewer = [one for one in neighbours(own) if one.flicker <= own.flicker and one.walk <= own.walk and one.wander <= own.wander]
+        fewer = [
+            one
+            for one in neighbours(own)
+            if one.flicker <= own.flicker and one.walk <= own.walk and one.wander <= own.wander and one.encoder <= own.encoder
+        ]
         return list(dict.fromkeys([own, Noise(errors=own.errors), *fewer[:1]]))
 
-    def expanded(self, state: State) -> list[State]:
-        """A state with each further region, at its likeliest form, size and noise."""
+    def expanded(self, state: State, every: bool = False) -> list[State]:
+        """A state with each further region, at its likeliest form, size and noise; laws only where they come near, or all."""
         taken = {member.form.region for member in state.members}
+        tried = {key for key in self.regions if every or key in self._near or not self._is_law(key)} - taken
         log_prior = self.log_prior(state.members)
         found: dict[str, list[tuple[float, Form, float, Noise]]] = {}
         sums: dict[str, list[float]] = {}
         shares = np.array([form.log_share for form in self.forms])
-        wanted = np.array([region not in taken for region in self._region_of])
+        wanted = np.isin(self._region_of, list(tried))
         for noise in self.core(state):
             given = self.evidence(noise).given(state.members)
             offset = log_prior + self.noise_log_prior[noise.of_gyro] + LOG_SIZE
             of_forms = self.screen(noise).gains(given, wanted) + shares[:, None] + offset
-            for key in set(self.regions) - taken:
+            for key in tried:
                 region = self.regions[key]
                 if region.propose is not None:
                     forms, table = gains(given, region.propose(given.residual()))
@@ -277,6 +285,10 @@ class Search:
             log_point, form, strength, likeliest = max(options, key=lambda option: option[0])
             volume = _log_sum(sums[key]) - log_point
             children.append(State((*state.members, Member(form, strength)), likeliest, log_point, volume + state.log_volume))
+        if every:
+            top = max(child.log_posterior for child in children)
+            near = [child for child in children if child.log_posterior > top - _NEAR]
+            self._near |= {child.members[-1].form.region for child in near}
         return children
 
     # --- one state -------------------------------------------------------------------------------------------------------------
@@ -403,16 +415,10 @@ class Search:
 
     def _promising(self, forms: Iterable[Form], members: Set, noise: Noise) -> list[Form]:
         """Of forms with one leading basis more than the last member has, those whose further basis gains most beside it."""
-        listed = list(forms)
-        own = members[-1]
-        further = [dataclasses.replace(form, lead=form.lead[-1:], smooth=(), own=()) for form in listed]
-        self.bank.prepare(further)
-        shown = [k for k, form in enumerate(further) if self.bank.scaled(form) is not None]
-        if not shown:
-            return []
-        columns = np.hstack([self.evidence(noise).block(Member(further[k], own.size)) for k in shown])
-        found = self.evidence(noise).given(members).gains_of_columns(columns)
-        return [listed[shown[k]] for k in np.argsort(found)[::-1][:_PROMISING]]
+        further = {dataclasses.replace(form, lead=form.lead[-1:], smooth=(), own=()): form for form in forms}
+        possible, table = gains(self.evidence(noise).given(members), further)
+        at = int(np.argmin(np.abs(priors.SIZES - members[-1].size)))
+        return [further[possible[k]] for k in np.argsort(table[:, at])[::-1][:_PROMISING]]
 
     def _polished(self, value: float, member: Member, given: Conditional, last: bool = False) -> tuple[float, Member]:
         """A form moved by ever smaller steps; while it grows coarsely and its last leading basis alone."""
@@ -421,12 +427,39 @@ class Search:
             forms = member.form.nearby(step)
             if last:
                 forms = tuple(form for form in forms if form.lead[:-1] == member.form.lead[:-1])
-            found = self._likeliest(given, forms) or (value, member)
-            if found[0] > value + _WORTH:
-                value, member = found
+            better = self._better(value, member, forms, given)
+            if better is not None:
+                value, member = better
             else:
                 step *= 0.5
         return value, member
+
+    def _better(self, value: float, member: Member, forms: Sequence[Form], given: Conditional) -> tuple[float, Member] | None:
+        """The likeliest of some moves of a form, or of those of several leading bases together; None if none is worth it.
+
+        Parameters
+        ----------
+        value : float
+            Of the member as it is.
+        member : Member
+        forms : sequence of Form
+            Moves of one leading basis each.
+        given : Conditional
+        """
+        possible, table = gains(given, forms)
+        moves: dict[int, tuple[float, Form]] = {}
+        for form, row in zip(possible, table, strict=True):
+            k = next(k for k, (one, other) in enumerate(zip(form.lead, member.form.lead, strict=True)) if one != other)
+            moves[k] = max(moves.get(k, (value + _WORTH, form)), (float(row.max()) + form.log_share, form), key=lambda one: one[0])
+        worth = sorted(((v, k, form) for k, (v, form) in moves.items() if v > value + _WORTH), key=lambda one: one[0], reverse=True)
+        if not worth:
+            return None
+        lead, together = list(member.form.lead), [worth[0][2]]
+        for j, (_, k, form) in enumerate(worth):
+            lead[k] = form.lead[k]
+            if j > 0:
+                together.append(dataclasses.replace(form, lead=tuple(lead)))
+        return self._likeliest(given, together)
 
     def _volume(self, members: Set, k: int, noise: Noise) -> float:
         """Log of the posterior of all forms and sizes of one member over that of its own."""

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -20,9 +20,11 @@ from rlgcomp.diagnosis.engine.drivers import Driver, Path
 from rlgcomp.diagnosis.engine.fit import Fit
 from rlgcomp.diagnosis.engine.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, plane
 from rlgcomp.diagnosis.engine.times import Since, SmoothSince, Wave
+from rlgcomp.diagnosis.engine.turning import TimesRate
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.rotation_harmonics import RotationHarmonics
 from rlgcomp.physics.tabulated_law import TabulatedLaw
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
@@ -161,11 +163,11 @@ class _Written:
         parts = [(basis, scale * weights[a:b]) for (basis, scale), a, b in zip(bases, edges[:-1], edges[1:], strict=True)]
         mechanisms: list[Mechanism] = []
         constant = 0.0
-        named = self._named(k, parts[0], name) if lead == 1 and name else None
+        named = self._named(k, parts[0], name) if lead == 1 and name else _orders([*parts[:lead]])
         if named is not None:
             mechanism, constant = named
             mechanisms.append(mechanism)
-            parts = parts[1:]
+            parts = parts[lead:]
         pieces, whole = self._all(parts, name or member.form.region)
         return [*mechanisms, *pieces], constant, whole
 
@@ -264,6 +266,10 @@ class _Written:
                 of = {"memory": "growing wave" if basis.growing else "wave", "knots": (basis.frequency_hz,)}
                 cosine, sine = weights.tolist()
                 return [law(**of, weights=(cosine,), weights_2=(sine,))], True
+            case TimesRate():
+                pieces, whole = self._pieces(basis.basis, weights, cause)
+                rate = basis.rate.driver
+                return [dataclasses.replace(one, factor=rate.columns[0], scale=one.scale / rate.half) for one in pieces], whole
             case Since() | SmoothSince():
                 return [self._table_of_time(basis, weights, law)], True
         return [], False
@@ -309,6 +315,17 @@ class _Zero:
 
 
 _ZERO: Final = _Zero()
+
+
+def _orders(parts: Sequence[tuple[Basis, Array]]) -> tuple[Mechanism, float] | None:
+    """Several orders of a table's angle as one mechanism, and no constant; None where they are something else."""
+    found: RotationHarmonics | None = None
+    for j, (basis, weights) in enumerate(parts, 1):
+        if not isinstance(basis, Own) or not isinstance(basis.mechanism, RotationHarmonics) or len(basis.mechanism.orders) > 1:
+            return None
+        numbers = {f"cosine_{j}_deg_h": float(weights[0]), f"sine_{j}_deg_h": float(weights[1])}
+        found = dataclasses.replace(found or basis.mechanism, **{f"order_{j}": basis.mechanism.order_1}, **numbers)  # type: ignore[arg-type]
+    return None if found is None else (found, 0.0)
 
 
 def tabulated(function: Any, knots: Array, precision: float) -> Array:

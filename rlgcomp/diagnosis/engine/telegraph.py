@@ -26,6 +26,8 @@ from rlgcomp.diagnosis.engine.data import Data
 from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+_ONE_CHAIN: Final = np.zeros(1, np.intp)
 _DWELLS: Final = 5  # from a few windows to a run length, in equal ratios
 _SHORTEST: Final = 4.0  # windows
 _ROUNDS: Final = 40
@@ -103,20 +105,16 @@ def _fitted(
     path = np.sign(start - np.median(start)) + 0.0
     size, before = float(np.std(start)), -math.inf
     freedom = len(output) - int(len(precision) - precision.trace())
-    scale = np.zeros(1)
+    scale, inverse = np.zeros(1), 1.0 / root**2
+    begins = np.array([rows.start for rows in data.slices])
     for _ in range(_ROUNDS):
         weights = solve @ (output - size * path / root)
         left = (output - columns @ weights) * root  # in the unit of the output
-        size = max(float(np.sum(path * left / root**2) / np.sum(1.0 / root**2)), 1e-300)
-        square = np.sum((left**2 - 2.0 * size * path * left + size**2) / root**2) + weights @ precision @ weights
+        size = max(float(np.sum(path * left * inverse) / np.sum(inverse)), 1e-300)
+        square = np.sum((left**2 - 2.0 * size * path * left + size**2) * inverse) + weights @ precision @ weights
         variance = float(square) / freedom
-        log_likelihood, path, jumps = 0.0, np.empty_like(path), 0.0
-        for rows in data.slices:
-            ratio = 2.0 * size * left[rows] / (variance * (root[rows] ** 2))
-            found, smoothed, changes = two_state(ratio, flip)
-            log_likelihood += found
-            path[rows], jumps = smoothed, jumps + changes
-        square_about = np.sum((left**2 + size**2) / root**2)
+        log_likelihood, path, jumps = two_state(2.0 * size / variance * left * inverse, flip, begins)
+        square_about = np.sum((left**2 + size**2) * inverse)
         log_likelihood -= 0.5 * float(square_about) / variance
         scale = weights
         if log_likelihood - before < _SAME and log_likelihood >= before:
@@ -151,7 +149,7 @@ def _log_evidence(
     return total - (math.lgamma(0.5 * freedom) - math.log(2.0) - 0.5 * freedom * math.log(math.pi))
 
 
-def two_state(log_ratio: Array, flip: float) -> tuple[float, Array, float]:
+def two_state(log_ratio: Array, flip: float, begins: IntArray = _ONE_CHAIN) -> tuple[float, Array, float]:
     """Forward and backward recursions of a symmetric two-state chain.
 
     Parameters
@@ -160,6 +158,8 @@ def two_state(log_ratio: Array, flip: float) -> tuple[float, Array, float]:
         Log likelihood of state +1 over that of -1; half of it is taken for each, with opposite signs.
     flip : float
         Probability of a change between neighbours.
+    begins : ndarray of int
+        Where chains that are independent begin.
 
     Returns
     -------
@@ -171,20 +171,21 @@ def two_state(log_ratio: Array, flip: float) -> tuple[float, Array, float]:
     """
     half = 0.5 * np.clip(log_ratio, -600.0, 600.0)
     mean, scales = np.empty(len(half)), np.empty(len(half))
-    changes = _recursions(np.exp(half - np.abs(half)), np.exp(-half - np.abs(half)), flip, mean, scales)
+    flips = np.full(len(half), flip)
+    flips[begins] = 0.5  # from one run to the next nothing is known
+    changes = _recursions(np.exp(half - np.abs(half)), np.exp(-half - np.abs(half)), flips, mean, scales)
     return float(np.sum(np.log(scales)) + np.sum(np.abs(half))), mean, float(changes)
 
 
 @compiled()
-def _recursions(up: Array, down: Array, flip: float, mean: Array, scales: Array) -> float:
+def _recursions(up: Array, down: Array, flips: Array, mean: Array, scales: Array) -> float:
     """Fill posterior means and scales of the forward recursion; the number of changes."""
     n = len(up)
-    stay = 1.0 - flip
     forward = np.empty(n)
     plus = 0.5
     for k in range(n):
         if k > 0:
-            plus = stay * plus + flip * (1.0 - plus)
+            plus = (1.0 - flips[k]) * plus + flips[k] * (1.0 - plus)
         a, b = plus * up[k], (1.0 - plus) * down[k]
         scales[k] = a + b
         plus = a / (a + b)
@@ -194,11 +195,13 @@ def _recursions(up: Array, down: Array, flip: float, mean: Array, scales: Array)
         on, off = forward[k] * beta_up, (1.0 - forward[k]) * beta_down
         mean[k] = (on - off) / (on + off)
         if k > 0:
+            flip, stay = flips[k], 1.0 - flips[k]
             to_up, to_down = up[k] * beta_up / scales[k], down[k] * beta_down / scales[k]
             before = forward[k - 1]
             crossing = flip * (before * to_down + (1.0 - before) * to_up)
             staying = stay * (before * to_up + (1.0 - before) * to_down)
-            changes += crossing / (crossing + staying)
+            if flip < 0.5:
+                changes += crossing / (crossing + staying)
             beta_up, beta_down = stay * to_up + flip * to_down, stay * to_down + flip * to_up
             largest = max(beta_up, beta_down)
             beta_up, beta_down = beta_up / largest, beta_down / largest

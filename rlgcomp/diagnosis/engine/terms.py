@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine.bases import Basis
+from rlgcomp.diagnosis.engine.hashed import Hashed
 
 Array = npt.NDArray[np.float64]
 
@@ -18,7 +19,7 @@ MemoryClass = Literal["static", "dynamic", "rate-independent", "none"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Form:
+class Form(Hashed):
     """One family of functions, s (B₀ w₀ + δ B₁ w₁) with Gaussian weights.
 
     Parameters
@@ -43,6 +44,11 @@ class Form:
     smooth: tuple[Basis, ...] = ()
     own: tuple[Callable[[Basis], Basis], ...] = ()
     log_share: float = 0.0
+
+    @property
+    def bases(self) -> tuple[Basis, ...]:
+        """All of them."""
+        return *self.lead, *self.departures
 
     @property
     def departures(self) -> tuple[Basis, ...]:

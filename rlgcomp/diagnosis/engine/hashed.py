@@ -1,0 +1,22 @@
+"""Hashes of frozen objects, computed once: bases are keys of many look-ups, and made of drivers and long tuples."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, cast
+
+
+class Hashed:
+    """A frozen dataclass that keeps its hash."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        setattr(cls, "__hash__", Hashed.__hash__)  # noqa: B010  (so that dataclass makes none)
+
+    def __hash__(self) -> int:
+        kept = self.__dict__.get("_hash")
+        if kept is None:
+            fields = dataclasses.fields(cast("Any", self))
+            kept = hash((type(self), *(getattr(self, field.name) for field in fields)))
+            object.__setattr__(self, "_hash", kept)
+        return int(kept)
