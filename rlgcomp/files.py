@@ -115,7 +115,10 @@ def write_text(path: str | Path, text: str) -> None:
 
 def to_json(value: Any, *, indent: int | None = 2) -> str:
     """JSON text of plain data, numpy values and dates. What is not a finite number becomes null: JSON has no NaN."""
-    return json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
+    plain = _plain(value)
+    text = json.dumps(plain, indent=indent, ensure_ascii=False, allow_nan=False)
+    half = any("\ud800" <= one <= "\udfff" for one in text) if not text.isascii() else False  # of a pair: no UTF-8 can hold it
+    return json.dumps(plain, indent=indent, allow_nan=False) if half else text
 
 
 def from_json(text: str | bytes, **hooks: Any) -> Any:

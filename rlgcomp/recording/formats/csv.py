@@ -129,7 +129,11 @@ def parse(lines: Sequence[str], written: Dialect, source: str) -> pd.DataFrame:
     content = io.StringIO("".join(f"{line}\n" for line in lines))
     if not any(line.strip() for line in lines):
         return pd.DataFrame({name: np.empty(0) for name in names_of(written, source)})
-    return tidied(_pandas(content, dataclasses.replace(written, first=0), name=source), written, source)[0]
+    try:
+        table = _pandas(content, dataclasses.replace(written, first=0), name=source)
+    except pd.errors.ParserError as error:
+        raise InputError(f"{source} is not readable as CSV: {_parser_message(error)}") from None
+    return tidied(table, written, source)[0]
 
 
 def tidied(table: pd.DataFrame, written: Dialect, path: str | Path) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
