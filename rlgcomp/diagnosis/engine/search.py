@@ -459,7 +459,8 @@ class Search:
             lead[k] = form.lead[k]
             if j > 0:
                 together.append(dataclasses.replace(form, lead=tuple(lead)))
-        return self._likeliest(given, together)
+        found = self._likeliest(given, together)
+        return found if found is not None and found[0] > value + _WORTH else None  # rounding may part two products of one form
 
     def _volume(self, members: Set, k: int, noise: Noise) -> float:
         """Log of the posterior of all forms and sizes of one member over that of its own."""
