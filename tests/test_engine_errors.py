@@ -9,9 +9,16 @@ import pandas as pd
 import pytest
 
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
+from rlgcomp.diagnosis.engine.decide import decided
 from rlgcomp.diagnosis.engine.diagnose import diagnose
 from rlgcomp.diagnosis.engine.drivers import Driver
-from rlgcomp.diagnosis.engine.errors import errors_of
+from rlgcomp.diagnosis.engine.errors import Errors, errors_of
+from rlgcomp.diagnosis.engine.evidence import Member
+from rlgcomp.diagnosis.engine.memories import Relays
+from rlgcomp.diagnosis.engine.noise import Noise
+from rlgcomp.diagnosis.engine.posterior import Posterior
+from rlgcomp.diagnosis.engine.search import State
+from rlgcomp.diagnosis.engine.terms import Form, Region
 from rlgcomp.numerics.readings import noise_variance, rounding_step, smoothed
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
@@ -115,3 +122,54 @@ def test_a_thermometer_that_rounds_is_no_physics(step_K: float) -> None:
         for run, other in zip(runs, made(7, slope=0.0, read_noise=0.0, step_K=step_K), strict=True)
     ]
     assert diagnose(Simulator.from_mapping(STATIC), rounded).verdict == "none"
+
+
+def test_a_wild_window_is_an_outlier_and_no_physics() -> None:
+    runs = made(8, slope=0.0, read_noise=0.0)
+    wild = runs[0].column("gyro_deg_h").copy()
+    wild[1200:1215] += 60.0
+    wild[2210:2222] -= 80.0
+    runs[0] = runs[0].replace(table=runs[0].table.assign(gyro_deg_h=wild))
+    found = diagnose(Simulator.from_mapping(STATIC), runs)
+    assert found.verdict == "none"
+    assert found.posterior.null > 0.9
+
+
+def test_outliers_are_windows_that_no_other_foretells() -> None:
+    none = Errors((np.zeros((50, 50)), np.zeros((50, 50))))
+    residual, usual = np.random.default_rng(4).standard_normal(100).clip(-3.0, 3.0), np.ones(100)
+    assert none.with_outliers(residual, usual, ()).outliers == ()
+    residual[60] = 9.0
+    found = none.with_outliers(residual, usual, ())
+    assert found.outliers == (60,)
+    assert found.variances[60] > 20.0
+    spread = np.sqrt(1.0 + found.variances)
+    assert none.with_outliers(residual, spread, found.outliers).outliers == (60,)
+    residual[60] = 1.0  # a set that explains the window
+    assert none.with_outliers(residual, spread, found.outliers).outliers == ()
+    assert found.without_outliers.variances == pytest.approx(0.0)
+
+
+def test_a_law_of_columns_that_a_named_mechanism_reads_belongs_to_it() -> None:
+    regions = {
+        "readout_incoherence": Region("readout_incoherence", "readout_incoherence", 0.0, (), ("readout_a_V", "readout_b_V")),
+        "loop:readout_a_V": Region("loop:readout_a_V", None, 0.0, (), ("readout_a_V",), "rate-independent"),
+        "loop:pressure_hPa": Region("loop:pressure_hPa", None, 0.0, (), ("pressure_hPa",), "rate-independent"),
+    }
+
+    def verdict(*keys: str) -> tuple[str, list[str]]:
+        state = State(tuple(Member(Form(key, key, ()), 1.0) for key in keys), Noise(), 0.0)
+        found = decided(Posterior((state,), regions))
+        return found.verdict, [one.region for one in found.named]
+
+    assert verdict("readout_incoherence", "loop:readout_a_V") == ("explained", ["readout_incoherence"])
+    assert verdict("readout_incoherence", "loop:pressure_hPa")[0] == "unknown"
+    assert verdict("loop:readout_a_V")[0] == "unknown"
+
+
+def test_a_relay_of_a_hop_stays_narrow() -> None:
+    relay = Relays(Driver(("temperature_block_degC",)), (0.1,), (0.0,), widest=0.17)
+    for _ in range(20):
+        moved = relay.nearby(0.5)
+        assert all(one.up[0] - one.down[0] <= 0.17 for one in moved)
+        relay = max(moved, key=lambda one: one.up[0] - one.down[0])

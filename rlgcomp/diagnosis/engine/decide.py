@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Final, Literal
 
 from rlgcomp.diagnosis.engine.posterior import Posterior
-from rlgcomp.diagnosis.engine.terms import MemoryClass
+from rlgcomp.diagnosis.engine.terms import MemoryClass, Region
 
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]
 
@@ -80,6 +81,8 @@ def decided(posterior: Posterior) -> Decision:
         partners = {other: p for other, p in partners.items() if not posterior.regions[other].nuisance}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
+        if _owned(region, [posterior.regions[other] for other in regions]):
+            continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
         named.append(Named(key, region.mechanism, min(probability, 1.0), alike))
     if latent == "telegraph":
@@ -89,3 +92,9 @@ def decided(posterior: Posterior) -> Decision:
         drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
         return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", latent == "wander")
     return Decision("ambiguous" if any(one.indistinguishable_from for one in named) else "explained", tuple(named))
+
+
+def _owned(law: Region, regions: Sequence[Region]) -> bool:
+    """Whether a law is one of columns that a named mechanism of the set reads: a richer form of that."""
+    owners = (set(region.drivers) for region in regions if region.mechanism is not None)
+    return law.mechanism is None and any(set(law.drivers) <= drivers for drivers in owners)

@@ -11,6 +11,7 @@ constant while it rests. A rate of change has the error of its slope.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final
@@ -18,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.data import Data, Run
 from rlgcomp.diagnosis.engine.drivers import Driver, Path
 from rlgcomp.physics.mechanism import Mechanism
@@ -25,16 +27,70 @@ from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 _CORRELATED: Final = 1.0 / 6.0  # of a step: the way after which errors of rounding are independent
-_SHOWN: Final = 0.02  # of the white noise of a window mean, in variance, from which on errors count
+_SHOWN: Final = 0.05  # of the white noise of a window mean, in variance, from which on errors count
 _MOVED: Final = 0.05  # of a rate's range, for the slope of what follows it
-_SAME: Final = 0.1  # relative difference of variances that is none
+_MOST_OUTLIERS: Final = 0.02  # of all windows
+_SAME: Final = 0.1  # of logarithms of variances, on average, is no difference
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Errors:
-    """Covariance of the errors of drivers, run by run, over the variance of the white noise of a window mean."""
+    """Covariance of the errors of drivers, run by run, over the variance of the white noise of a window mean.
+
+    Parameters
+    ----------
+    blocks : tuple of ndarray
+    outliers : tuple of int
+        Windows that are outliers, which have a variance of their own.
+    """
 
     blocks: tuple[Array, ...] = dataclasses.field(repr=False)
+    outliers: tuple[int, ...] = ()
+
+    def with_outliers(self, residual: Array, spread: Array, known: tuple[int, ...]) -> Errors:
+        """The same with windows as outliers where that is likelier.
+
+        Parameters
+        ----------
+        residual, spread : ndarray, shape (n,)
+            Of each window given all others, and its standard deviation over the white noise.
+        known : tuple of int
+            Windows that the spread has as outliers.
+        """
+        usual = spread**2
+        usual[list(known)] = np.maximum(usual[list(known)] - priors.OUTLIER_SIZE**2, 1.0)
+        clear = 2.0 * (math.log(1.0 / priors.OUTLIER_ODDS) + math.log(priors.OUTLIER_SIZE))
+        found = np.flatnonzero(residual**2 > clear * usual).tolist()
+        if len(found) > _MOST_OUTLIERS * len(residual):
+            return self
+        blocks, first = [], 0
+        for block in self.blocks:
+            more = np.zeros(len(block))
+            more[[k - first for k in found if first <= k < first + len(block)]] = priors.OUTLIER_SIZE**2
+            blocks.append(block + np.diag(more))
+            first += len(block)
+        return Errors(tuple(blocks), tuple(found))
+
+    def of_runs(self, count: int) -> Errors:
+        """The same for the first runs of so many."""
+        windows = sum(len(block) for block in self.blocks[:count])
+        return Errors(self.blocks[:count], tuple(k for k in self.outliers if k < windows))
+
+    @functools.cached_property
+    def without_outliers(self) -> Errors:
+        """The same with no outliers."""
+        blocks, first = [], 0
+        for block in self.blocks:
+            more = np.zeros(len(block))
+            more[[k - first for k in self.outliers if first <= k < first + len(block)]] = priors.OUTLIER_SIZE**2
+            blocks.append(block - np.diag(more))
+            first += len(block)
+        return Errors(tuple(blocks))
+
+    @property
+    def log_prior(self) -> float:
+        """Of the windows that are outliers."""
+        return len(self.outliers) * math.log(priors.OUTLIER_ODDS)
 
     @property
     def variances(self) -> Array:
@@ -44,12 +100,12 @@ class Errors:
     @property
     def count(self) -> bool:
         """Whether they are more than nothing."""
-        return bool(self.variances.mean() > _SHOWN)
+        return bool(self.variances.mean() > _SHOWN) or bool(self.outliers)
 
     def like(self, other: Errors) -> bool:
         """Whether another is next to the same."""
-        one, two = 1.0 + self.variances, 1.0 + other.variances
-        return bool(np.mean(np.abs(one - two) / np.minimum(one, two)) < _SAME)
+        apart = np.mean(np.abs(np.log1p(self.variances) - np.log1p(other.variances)))
+        return bool(apart < _SAME) and self.outliers == other.outliers
 
 
 def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[object], variance: float) -> Errors:

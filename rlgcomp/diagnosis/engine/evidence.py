@@ -165,7 +165,10 @@ class Evidence:
             return np.asarray(sum((basis.columns(run) @ w for (basis, _), w in zip(parts, weights, strict=True)), total))
 
         made_of = (baseline.simulator.mechanisms, baseline.own, [basis for basis, _ in parts])
-        found = errors_of(bank.data, predicted, made_of, given.square / self.whitened.freedom)
+        variance = given.square / self.whitened.freedom
+        found = errors_of(bank.data, predicted, made_of, variance)
+        known = () if self.noise.errors is None else self.noise.errors.outliers
+        found = found.with_outliers(*self.whitened.given_others(given.residual() / math.sqrt(variance)), known)
         return found if found.count else None
 
     def block(self, member: Member) -> Array:

@@ -112,12 +112,15 @@ class Relays(Basis):
         In units of the driver's range.
     start : {"rested", "below", "above"}
         What was before the run: from where the driver came to its first value; rested, the nearer level decides.
+    widest : float
+        Dead band that is still the same cause.
     """
 
     driver: Driver
     up: tuple[float, ...]
     down: tuple[float, ...]
     start: Start = "rested"
+    widest: float = math.inf
 
     def columns(self, run: Run) -> Array:
         return relays(self.driver.values(run), np.array(self.up), np.array(self.down), self.start)
@@ -127,7 +130,7 @@ class Relays(Basis):
         for move in (2.0 * step / priors.THRESHOLDS, -2.0 * step / priors.THRESHOLDS):
             up = tuple(level + move for level in self.up)
             found.append(dataclasses.replace(self, up=up, down=tuple(level + move for level in self.down)))
-            if up[0] >= self.down[0]:
+            if self.down[0] <= up[0] <= self.down[0] + self.widest:
                 found.append(dataclasses.replace(self, up=up))
         return tuple(found)
 

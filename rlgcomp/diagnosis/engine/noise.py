@@ -60,7 +60,7 @@ class Noise:
 
     def of_runs(self, count: int) -> Noise:
         """The same for the first runs of so many."""
-        return self if self.errors is None else dataclasses.replace(self, errors=Errors(self.errors.blocks[:count]))
+        return self if self.errors is None else dataclasses.replace(self, errors=self.errors.of_runs(count))
 
     def covariances(self, data: Data) -> list[Array]:
         """Of all rows of each run."""
@@ -183,6 +183,16 @@ class Whitened:
     def project(self, columns: Array) -> Array:
         """Columns of window means, whitened, less what the baseline absorbs."""
         return self.off(self.whiten(columns))
+
+    def given_others(self, whitened: Array) -> tuple[Array, Array]:
+        """Residual of each window given all others, and its standard deviation, of whitened residuals; shapes (n,)."""
+        residuals, spreads = [], []
+        for rows, factor in zip(self._slices, self._factors, strict=True):
+            precision = factor**2 if factor.ndim == 1 else np.sum(factor**2, axis=0)
+            along = factor * whitened[rows] if factor.ndim == 1 else factor.T @ whitened[rows]
+            residuals.append(along / precision)
+            spreads.append(1.0 / np.sqrt(precision))
+        return np.concatenate(residuals), np.concatenate(spreads)
 
     def whiten(self, columns: Array) -> Array:
         """Columns of window means, whitened."""

@@ -47,6 +47,8 @@ THRESHOLDS: Final = 36
 """Levels of a relay that are tried over the range of its driver: polished afterwards."""
 DEAD_BANDS: Final = (0.0, 0.03, 0.08, 0.16)
 """Dead bands of a relay over half the driver's range."""
+WIDEST_DEAD_BAND: Final = 0.17
+"""Over half the driver's range: a relay with a wider one is a hysteresis, whose relays are laid a twelfth of the range apart."""
 RADII: Final = tuple(float(r) for r in np.geomspace(0.04, 0.8, 7))
 """Radii of a play, over half the driver's range."""
 PREISACH_LEVELS: Final = 44
@@ -70,5 +72,9 @@ WANDERS: Final = {1.5: 0.4, 4.0: 0.3, 10.0: 0.2, 25.0: 0.1}
 """Size of a wander of something unrecorded over the white noise of a window mean: a smaller one cannot be told from flicker."""
 ENCODERS: Final = {0.0: 0.5, 0.3: 0.17, 0.7: 0.17, 1.5: 0.1, 4.0: 0.06}
 """Noise of one reading of a table's angle over its period, over the white noise of a sample: half of all tables show none."""
+OUTLIER_ODDS: Final = 1e-3
+"""Odds that a window is an outlier: a knock, a glitch of a readout or of a monitor; one or two in a thousand windows."""
+OUTLIER_SIZE: Final = 8.0
+"""Its standard deviation over the white noise: from five on one is seen, beyond thirty it is repaired or a saturation."""
 WANDER_TIMES: Final = (0.01, 0.03, 0.1, 0.3)
 """Correlation time of a wander over the length of a run."""

@@ -188,7 +188,7 @@ def _hops(setting: Setting) -> list[Family]:
     for band in priors.DEAD_BANDS:
         for start in tuple(STARTS) if band else ("rested",):
             single = [
-                (Relays(driver, (float(level),), (float(level - band),), start),)
+                (Relays(driver, (float(level),), (float(level - band),), start, priors.WIDEST_DEAD_BAND),)
                 for level in levels
                 if start == "rested" or _begins_within(setting, level - band, level)
             ]

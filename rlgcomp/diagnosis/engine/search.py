@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,8 @@ _WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expan
 _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _USUAL_WANDER: Final = 1.5  # from which its size is climbed
 _MOST: Final = 6  # members of a set
+_SCREENS: Final = 16  # of all forms under a noise, that are kept
+_EVIDENCES: Final = 80
 _ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 _WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
@@ -115,14 +117,20 @@ class Search:
     def evidence(self, noise: Noise) -> Evidence:
         """The evidence under a noise."""
         if noise not in self._evidences:
-            self._evidences[noise] = Evidence(self.bank, noise, self.noise_log_prior[noise.of_gyro])
+            _forget_oldest(self._evidences, _EVIDENCES)
+            self._evidences[noise] = Evidence(self.bank, noise, self.log_prior_of(noise))
         return self._evidences[noise]
 
     def screen(self, noise: Noise) -> Screen:
         """All forms under a noise."""
         if noise not in self._screens:
+            _forget_oldest(self._screens, _SCREENS)
             self._screens[noise] = Screen(self.evidence(noise), self.layout)
         return self._screens[noise]
+
+    def log_prior_of(self, noise: Noise) -> float:
+        """Of a noise; of windows that are outliers as well."""
+        return self.noise_log_prior[noise.of_gyro] + (0.0 if noise.errors is None else noise.errors.log_prior)
 
     def log_prior(self, members: Set) -> float:
         """Of the regions, forms and sizes of a set."""
@@ -176,7 +184,10 @@ class Search:
         found = []
         for members in dict.fromkeys(state.members for state in states):
             table = np.hstack([np.empty((len(self.bank.data), 0)), *(self._unwhitened(member) for member in members)])
-            errors = self._errors_of(State(members, _WHITE, 0.0))
+            errors: Errors | None = None
+            for _ in range(_ROUNDS_OF_ERRORS):
+                found_errors = self._errors_of(State(members, Noise(errors=errors), 0.0))
+                errors = None if found_errors is None else found_errors.without_outliers
             white = self.bank.data.white + (0.0 if errors is None else errors.variances)
             seen = telegraph(self.bank.data, self.bank.design, table, self._slow(table), white)
             if seen is None:
@@ -213,7 +224,7 @@ class Search:
 
         def value(one: Noise) -> float:
             if one not in found:
-                found[one] = self.evidence(one).log_evidence(members) + log_prior + self.noise_log_prior[one.of_gyro]
+                found[one] = self.evidence(one).log_evidence(members) + log_prior + self.log_prior_of(one)
             return found[one]
 
         best = max((noise, *self._climbed_from(noise)), key=value)
@@ -263,7 +274,7 @@ class Search:
         wanted = np.isin(self._region_of, list(tried))
         for noise in self.core(state):
             given = self.evidence(noise).given(state.members)
-            offset = log_prior + self.noise_log_prior[noise.of_gyro] + LOG_SIZE
+            offset = log_prior + self.log_prior_of(noise) + LOG_SIZE
             of_forms = self.screen(noise).gains(given, wanted) + shares[:, None] + offset
             for key in tried:
                 region = self.regions[key]
@@ -297,7 +308,8 @@ class Search:
         """A state at its best; errors of its drivers join the noise, if they are there."""
         best: State | None = None
         for _ in range(_ROUNDS_OF_ERRORS):
-            errors = self._errors_of(state)
+            top = max((other.log_posterior for other in self.visited.values()), default=-math.inf)
+            errors = self._errors_of(state) if state.log_posterior > top - _WITHIN_REACH else state.noise.errors
             if best is not None and errors is state.noise.errors:
                 break
             state = self._refined(dataclasses.replace(state, noise=dataclasses.replace(state.noise, errors=errors)))
@@ -477,6 +489,12 @@ class Search:
             ]
         at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
         return _log_sum(values) - float(at)
+
+
+def _forget_oldest(kept: dict[Noise, Any], most: int) -> None:
+    """Make room for one more."""
+    while len(kept) >= most:
+        kept.pop(next(iter(kept)))
 
 
 def _log_sum(values: Iterable[float]) -> float:
