@@ -173,3 +173,22 @@ def test_a_relay_of_a_hop_stays_narrow() -> None:
         moved = relay.nearby(0.5)
         assert all(one.up[0] - one.down[0] <= 0.17 for one in moved)
         relay = max(moved, key=lambda one: one.up[0] - one.down[0])
+
+
+def test_without_a_thermometer_nothing_is_thermal() -> None:
+    runs = [
+        run.replace(
+            table=run.table[["time_s", "gyro_deg_h"]].assign(
+                angle_rad=run.column("supply_voltage_V") - 15.0, gyro_deg_h=3.0 * (run.column("supply_voltage_V") - 15.0) ** 3
+            )
+        )
+        for run in made(9, slope=0.0, read_noise=0.0)
+    ]
+    rng = np.random.default_rng(9)
+    noisy = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + rng.standard_normal(len(run)))) for run in runs
+    ]
+    content = diagnose(lambda run: 0.5 * run.column("angle_rad"), noisy).to_mapping()
+    assert content["findings"] == []
+    assert content["verdict"] == "unknown"
+    assert content["unexplained"]["drivers"] == ["angle_rad"]

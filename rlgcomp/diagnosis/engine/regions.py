@@ -48,6 +48,11 @@ class Setting:
         return tuple(Driver.of(self.data, column) for column in columns)
 
     @property
+    def has_thermometer(self) -> bool:
+        """Whether what stands for the temperature is one."""
+        return self.temperature.columns[0].startswith("temperature_")
+
+    @property
     def thermal(self) -> Path:
         return Path(self.temperature)
 
@@ -371,6 +376,8 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
             yield Region(name, name, _NAMED, (), (), "none", None, _lines(setting, name))
         elif name in _THERMAL:
             builder, memory = _THERMAL[name]
+            if memory != "none" and not setting.has_thermometer:
+                continue
             forms = forms_of(name, builder(setting))
             drivers = () if memory == "none" else setting.temperature.columns
             if name == "thermal_gradient":
@@ -405,7 +412,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
     """
     held = {region.drivers for region in taken if region.memory == "static"}
     drivers = [Driver.of(setting.data, column) for column in setting.data.columns]
-    own = setting.temperature
+    own = setting.temperature if setting.has_thermometer else None
     for driver in drivers:
         (column,), path = driver.columns, Path(driver)
         kin = departures(path)
