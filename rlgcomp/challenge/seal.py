@@ -194,7 +194,7 @@ def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple
 
 def _plain_name(name: Any, stated_in: Path) -> str:
     """A name of a file in the challenge's own folder."""
-    if not isinstance(name, str) or Path(name).name != name or len(name) > _LONGEST_NAME or not name.isprintable():
+    if not isinstance(name, str) or not name or Path(name).name != name or len(name) > _LONGEST_NAME or not name.isprintable():
         raise InputError(f"{stated_in} names the file {str(name)[:80]!r}, which lies in no challenge; give the files unchanged")
     return name
 
