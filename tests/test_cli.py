@@ -462,7 +462,9 @@ def test_demo_quick(tmp_path: Path) -> None:
     rlg.load(tmp_path / "demo" / "model")
     diagnosis = tmp_path / "demo" / "diagnosis"
     assert {item.name for item in diagnosis.iterdir()} == {"report.html", "diagnosis.json", "augmented.yaml", "simulator.yaml"}
-    assert json.loads((diagnosis / "diagnosis.json").read_text()) == reported["diagnosis"]
+    written = json.loads((diagnosis / "diagnosis.json").read_text())
+    assert written.pop("provenance")["command"].startswith("rlgcomp demo")
+    assert written == reported["diagnosis"]
     lacking, augmented = (rlg.Simulator.from_yaml(diagnosis / f"{name}.yaml") for name in ("simulator", "augmented"))
     assert {m.name for m in augmented.mechanisms} - {m.name for m in lacking.mechanisms} == {reported["concealed"]}
     again = run("demo", "--quick", "--out", tmp_path / "demo")  # its own folder may be made again

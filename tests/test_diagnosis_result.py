@@ -112,7 +112,9 @@ def test_it_is_json_even_where_a_number_is_not_finite(diagnosis: Diagnosis) -> N
 
 def test_files_read_back(diagnosis: Diagnosis, tmp_path: Path) -> None:
     diagnosis.save(tmp_path)
-    assert json.loads((tmp_path / "diagnosis.json").read_text()) == diagnosis.to_mapping()
+    written = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert written.pop("provenance")["version"] == rlg.__version__
+    assert written == diagnosis.to_mapping()
     assert rlg.Simulator.from_yaml(tmp_path / "augmented.yaml").mechanisms == diagnosis.augmented.mechanisms
 
 

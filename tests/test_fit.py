@@ -16,14 +16,26 @@ from rlgcomp.diagnosis.noise.whitening import NoiseShape
 from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.diagnosis.result import Estimate
 from rlgcomp.physics.empirical_law import EmpiricalLaw
+from rlgcomp.physics.mechanism import amplitude
 from rlgcomp.physics.mode_hop import ModeHop
 from rlgcomp.physics.periodic_interference import PeriodicInterference
+from rlgcomp.physics.thermal_polynomial import ThermalPolynomial
 
 STEP_S = 20.0
 TAU_S = 900.0
 WHITE_DEG_H = 0.0003  # standard deviation of a 100 s mean
 SIZE_DEG_H = 0.04
 LAW = EmpiricalLaw(amplitude_deg_h=1.0, driver="supply_voltage_V", form="above", low=14.94, high=15.06, at=15.01)
+
+COEFFICIENTS = ("c0_deg_h", "c1_deg_h_K", "c2_deg_h_K2", "c3_deg_h_K3")
+
+
+@dataclasses.dataclass(frozen=True)
+class Limited(ThermalPolynomial):
+    """A polynomial whose cubic coefficient has a narrow limit."""
+
+    c3_deg_h_K3: float = amplitude(2e-8, "deg/h/K^3", limit=0.02)
+
 
 HOP = ModeHop(step_deg_h=0.001, threshold_degC=21.0, dead_band_K=2.0)
 
@@ -180,7 +192,7 @@ def test_an_amplitude_at_its_limit_leaves_the_others_what_they_are_best_beside_i
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(time_s))
     table = {"time_s": time_s, "temperature_block_degC": warm, "gyro_deg_h": 0.02 + 0.05 * (warm - 25.8) ** 3 + noise}
     rest = rlg.Recording(pd.DataFrame(table), rlg.Metadata(kind="chamber"), name="rest")
-    base = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    base = rlg.Simulator(kind="chamber", mechanisms=(Limited(),), free={"thermal_polynomial": frozenset(COEFFICIENTS)})
     problem = Problem.of(base, [rest])
     fitted = fit(problem, [], NoiseShape())
     assert fitted.baseline["thermal_polynomial"]["c3_deg_h_K3"].value == 0.02  # 0.05 were it allowed

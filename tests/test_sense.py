@@ -160,25 +160,6 @@ def test_a_burst_is_a_window(count: int, samples: int, every_s: float) -> None:
     assert len(run.averaged(1.0)) >= 4 * count
 
 
-@pytest.mark.parametrize("lost", [[5000], [2000, 2001, 2002, 9000], [100, 5000, 5003, 15000]])
-def test_few_lost_samples_do_not_cut_an_allan_curve(lost: list[int]) -> None:
-    rate = np.random.default_rng(10).standard_normal(20_000)
-    time_s = np.arange(20_000.0)
-    whole = rlg.allan_deviation(rate, time_s)
-    kept = np.delete(np.arange(20_000), lost)
-    curve = rlg.allan_deviation(rate[kept], time_s[kept])
-    assert curve.tau_s == pytest.approx(whole.tau_s)
-    assert curve.deviation_deg_h == pytest.approx(whole.deviation_deg_h, rel=0.03)
-    given = rlg.allan_deviation(rate[kept], time_s[kept], [1.0, 100.0, 3000.0])
-    assert given.tau_s == pytest.approx([1.0, 100.0, 3000.0])
-
-
-def test_a_long_gap_still_ends_the_curve() -> None:
-    rate = np.random.default_rng(11).standard_normal(20_000)
-    kept = np.r_[0:9000, 11000:20000]
-    assert rlg.allan_deviation(rate[kept], kept.astype(float)).tau_s[-1] <= 9000 / 2
-
-
 def test_shared_cases() -> None:
     assert (
         by_code(rlg.read(case("03-impossible-temperatures/sentinel9999.csv")).findings)["error_values"].message.data["values"] == 4

@@ -33,5 +33,5 @@ def test_jumps_are_as_many_as_they_should_be() -> None:
 def test_the_program_prints_its_tables(capsys: pytest.CaptureFixture[str]) -> None:
     main(["--draws", "2"])
     said = capsys.readouterr().out
-    assert said.count("told, twenty to one") == 2
+    assert said.count("decided at 20 to 1") == 2
     assert "| 0.25 |" in said

@@ -122,9 +122,12 @@ def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int
 
 
 def state_bytes(design: Design) -> int:
-    """Bytes of the state, the only memory that lasts, on a machine with 4-byte integers and doubles aligned to 8 bytes."""
+    """Bytes of the state, the only memory that lasts, on a machine with 4-byte integers and doubles aligned to 8 bytes.
+
+    The time of the last sample, two answers and the memory; the time of a sample that was refused, aligned, and two integers.
+    """
     numbers = 2 + feature_code(design.compensator.pipeline_, "", design.precision, str).slots
-    return -(-(8 + BYTES[design.precision] * numbers + 4) // 8) * 8
+    return -(-(8 + BYTES[design.precision] * numbers) // 8) * 8 + 8 + 2 * 4
 
 
 def operations(design: Design) -> dict[str, int]:

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -33,15 +32,13 @@ from rlgcomp.noise.allan_sums import angle_of, plain_sum_of_squares, starts_of_s
 from rlgcomp.noise.coefficients import NoiseCoefficients, fit_noises, white_noise_floor
 from rlgcomp.noise.power_law import NAMES, degrees_of_freedom_with_gaps, identify
 from rlgcomp.recording import Recording
-from rlgcomp.recording.sampling import LEAST_COVERAGE, Sampling
+from rlgcomp.recording.sampling import Sampling
 from rlgcomp.report.notebook import ShownAsTable
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Estimator = Literal["overlapping", "plain", "hadamard", "plain-hadamard"]
 FEWEST_SAMPLES: Final = 5
-_LONGEST_BRIDGE, _MOST_LOST = 0.01, 0.05  # of a record: samples lost at one place, and in all, that end no curve
-_AROUND: Final = 10  # samples on either side whose mean stands for those that were lost
 _ORDER: Final = {"overlapping": 2, "plain": 2, "hadamard": 3, "plain-hadamard": 3}
 MEANS_FOR_IDENTIFICATION: Final = 1 << 20  # they give the autocorrelation to a thousandth
 _ROUNDING: Final = 1e-9  # of averaging times
@@ -265,52 +262,9 @@ def allan_deviation(
     if not np.isfinite(rate).all():
         raise InputError("some rates are not finite; leave those samples out: gaps are allowed")
     period_s, ends = _parts(time)
-    options: dict[str, Any] = {"estimator": estimator, "confidence": confidence, "per_decade": per_decade}
-    bridged = _bridged(rate, time, period_s, ends)
-    if bridged is None or estimator not in get_args(Estimator) or not 0.0 < per_decade < math.inf:
-        return deviation_of_angle(angle_of(rate), ends, period_s, tau_s, **options)
-    filled, filled_ends, least = bridged
-    counts = _counts(tau_s, period_s, int(np.diff(np.r_[0, filled_ends]).max()), per_decade)
-    short, long = counts[counts < least] * period_s, counts[counts >= least] * period_s
-    fits = len(short) and _ORDER[estimator] * round(short[0] / period_s) <= int(np.diff(np.r_[0, ends]).max())
-    halves = [deviation_of_angle(angle_of(rate), ends, period_s, short, **options)] if fits else []
-    if len(long) or not halves:
-        halves.append(deviation_of_angle(angle_of(filled), filled_ends, period_s, long if len(long) else short, **options))
-    return _joined(halves)
-
-
-def _joined(halves: Sequence[AllanDeviation]) -> AllanDeviation:
-    """One deviation of those at short and at long averaging times; the parts are those of the long ones."""
-    columns = ("tau_s", "deviation_deg_h", "differences", "edf", "lower_deg_h", "upper_deg_h", "alpha")
-    together: dict[str, Any] = {name: np.concatenate([getattr(half, name) for half in halves]) for name in columns}
-    return dataclasses.replace(halves[-1], **together)
-
-
-def _bridged(rate: Array, time: Array, period_s: float, ends: Whole) -> tuple[Array, Whole, int] | None:
-    """A record whose few lost samples are interpolated, its parts, and the samples of the shortest window that is 80 % there.
-
-    None where no sample is lost, or too many are.
-    """
-    lost = np.rint(np.diff(time)[ends[:-1] - 1] / period_s).astype(np.intp) - 1
-    few = (lost >= 1) & (lost <= _LONGEST_BRIDGE * len(rate))
-    if not few.any() or lost[few].sum() > _MOST_LOST * len(rate):
-        return None
-    before = ends[:-1][few]
-    pieces, filled_before = [], 0
-    for end, count in zip(before.tolist(), lost[few].tolist(), strict=True):
-        around = max(count, _AROUND)
-        first, last = float(rate[max(0, end - around) : end].mean()), float(rate[end : end + around].mean())
-        pieces += [rate[filled_before:end], np.interp(np.arange(1, count + 1), [0, count + 1], [first, last])]
-        filled_before = end
-    filled = np.concatenate([*pieces, rate[filled_before:]])
-    shift = np.cumsum(np.where(few, lost, 0))
-    part_ends = np.r_[(ends[:-1] + shift)[~few], len(filled)]
-    missing = np.concatenate([np.full(len(piece), k % 2) for k, piece in enumerate(pieces)])
-    counted = np.r_[0, np.cumsum(missing)]
-    least = int(lost[few].max() / (1.0 - LEAST_COVERAGE)) + 1
-    while least < len(counted) and (counted[least:] - counted[:-least]).max() > (1.0 - LEAST_COVERAGE) * least:
-        least *= 2
-    return filled, part_ends, least
+    return deviation_of_angle(
+        angle_of(rate), ends, period_s, tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade
+    )
 
 
 def deviation_of_angle(

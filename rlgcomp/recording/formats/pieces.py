@@ -117,7 +117,7 @@ def _opened(path: Path, drop: Sequence[str]) -> tuple[list[str], dict[str, Any]]
         names, stored = csv.header(path), {}
     else:
         raise InputError(f"{path}: only .parquet and plain .csv files are read in pieces; write it as one of these")
-    require_droppable(drop, names, path)
+    require_droppable(drop, names, path.name)
     return [name for name in names if name not in drop], stored
 
 
