@@ -111,7 +111,7 @@ def panels(ax: Any, heights: Sequence[float], *, width_in: float = WIDTH_IN, sha
 
 def returned(axes: Sequence[Axes]) -> Any:
     """What `plot` returns: the axes, or an array of them where there are several."""
-    for figure in {one.get_figure(root=True) for one in axes} - {None}:
+    for figure in {_figure(one) for one in axes} - {None}:
         names_as_they_are(figure)
     if len(axes) == 1:
         return axes[0]
@@ -120,9 +120,15 @@ def returned(axes: Sequence[Axes]) -> Any:
     return array
 
 
+def _figure(axes: Axes) -> Figure | None:
+    """The figure that holds axes, also those of a part of it."""
+    parent = axes.figure
+    return None if parent is None else parent.figure  # a part of a figure names the whole one, which names itself
+
+
 def legend(axes: Axes) -> None:
     """A legend beside the axes where the figure's layout makes room for it, within them elsewhere."""
-    figure = axes.get_figure(root=True)
+    figure = _figure(axes)
     roomy = figure is not None and isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
     axes.legend(**(BESIDE if roomy else {"loc": "best"}))
 
