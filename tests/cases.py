@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -10,14 +9,14 @@ import pytest
 
 from rlgcomp.recording import Finding
 
-CASES = Path(os.environ.get("RLGCOMP_CASES", "/work/shared/cases"))
+CASES = Path(__file__).resolve().parents[2] / "shared" / "cases"
 
 
 def case(name: str) -> Path:
     """The path of an input of shared cases."""
     path = CASES / name
     if not path.exists():
-        pytest.skip(f"{name} is not here: RLGCOMP_CASES names the folder of shared cases")
+        pytest.skip(f"no shared inputs beside the project (../shared/cases/{name})")
     return path
 
 

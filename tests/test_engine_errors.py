@@ -150,10 +150,12 @@ def test_outliers_are_windows_that_no_other_foretells() -> None:
     assert found.without_outliers.variances == pytest.approx(0.0)
 
 
-def test_a_law_of_columns_that_a_named_mechanism_reads_belongs_to_it() -> None:
+def test_a_law_within_the_region_of_a_named_mechanism_belongs_to_it() -> None:
+    """A region is drivers and memory: a monitor with a rate that washes out beside it has that law missing."""
     regions = {
         "readout_incoherence": Region("readout_incoherence", "readout_incoherence", 0.0, (), ("readout_a_V", "readout_b_V")),
-        "loop:readout_a_V": Region("loop:readout_a_V", None, 0.0, (), ("readout_a_V",), "rate-independent"),
+        "law:readout_a_V": Region("law:readout_a_V", None, 0.0, (), ("readout_a_V",), "static"),
+        "rate:readout_a_V": Region("rate:readout_a_V", None, 0.0, (), ("readout_a_V",), "dynamic"),
         "loop:pressure_hPa": Region("loop:pressure_hPa", None, 0.0, (), ("pressure_hPa",), "rate-independent"),
     }
 
@@ -162,9 +164,10 @@ def test_a_law_of_columns_that_a_named_mechanism_reads_belongs_to_it() -> None:
         found = decided(Posterior((state,), regions))
         return found.verdict, [one.region for one in found.named]
 
-    assert verdict("readout_incoherence", "loop:readout_a_V") == ("explained", ["readout_incoherence"])
+    assert verdict("readout_incoherence", "law:readout_a_V") == ("explained", ["readout_incoherence"])
+    assert verdict("readout_incoherence", "rate:readout_a_V")[0] == "unknown"
     assert verdict("readout_incoherence", "loop:pressure_hPa")[0] == "unknown"
-    assert verdict("loop:readout_a_V")[0] == "unknown"
+    assert verdict("law:readout_a_V")[0] == "unknown"
 
 
 def test_a_relay_of_a_hop_stays_narrow() -> None:

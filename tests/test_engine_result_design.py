@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rlgcomp.diagnosis.engine import design
 from rlgcomp.diagnosis.engine.design import distances, expected, next_experiment
 from rlgcomp.diagnosis.engine.diagnose import diagnose
 from rlgcomp.diagnosis.engine.fit import Fit
@@ -78,3 +79,10 @@ def test_it_is_told_where_no_programme_parts_the_sets() -> None:
     assert found.next_experiment is None
     (told,) = [one for one in found.remarks if one.code == "diagnosis.no_programme_parts"]
     assert told.data["separation"] < 3.0
+
+
+def test_programmes_are_on_the_scale_of_the_runs(found: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs of seconds had programmes of hours, of a hundred thousand windows."""
+    fits = fits_of(found, "thermal_lag", "ageing")
+    monkeypatch.setattr(design, "LONGEST", 1e-3)
+    assert next_experiment(found.posterior, fits, [fit.state for fit in fits], None) == (None, None)

@@ -39,9 +39,11 @@ if TYPE_CHECKING:
     from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator
     from rlgcomp.noise.processes import NoiseModel
     from rlgcomp.physics.mechanism import Mechanism
+    from rlgcomp.recording import Recording
     from rlgcomp.simulation.simulator import Simulator
 
 RUNS = "RUN..."
+Reading = tuple[list[str] | None, list[str] | None, float | None, Path | None, float | None]  # --map --drop --pulse-arcsec, …
 ONE_MODEL: Final = "one-model"
 ENGINES: Final = ("catalogue", ONE_MODEL)
 FILES: Final = ("diagnosis.json", "augmented.yaml", "report.html")  # what `diagnose` writes
@@ -174,7 +176,6 @@ def diagnose(
         return
     with background_process(_SLOW_IMPORTS) as executor:
         from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
-        from rlgcomp.diagnosis.question.held_out import told_apart
         from rlgcomp.physics import CATALOGUE
 
         candidates = candidates_of(mechanisms, only_own)
@@ -182,15 +183,8 @@ def diagnose(
         chosen = _simulator(simulator, simulated, catalogue)
         measured = None if noise is None else measured_noise(noise, gyro)
         specs = [*train, *(test or [])]
-        runs = told_apart(
-            specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or (), period_s=period_s)
-        )
+        runs, own = _runs(specs, simulated, gyro, (mapping, drop, pulse_arcsec, calibration, period_s))
         compared(runs, calibrated_name(gyro, calibration))
-        own = None
-        if simulated:
-            own = told_apart(
-                simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs, period_s=period_s)
-            )
         with progress("diagnosing", 100) as advance:
             diagnosis = diagnose_runs(
                 chosen,
@@ -238,6 +232,20 @@ def _require_of_engine(engine: str, **given: object) -> None:
         raise InputError(f"{', '.join(foreign)} goes with --engine {owner}; this is --engine {engine}")
 
 
+def _runs(
+    specs: Sequence[str], simulated: Sequence[str] | None, gyro: str | None, reading: Reading
+) -> tuple[list[Recording], list[Recording] | None]:
+    """Runs as the options of reading state, and simulated ones beside them, each by a name of its own."""
+    from rlgcomp.diagnosis.question.held_out import told_apart
+
+    mapping, drop, pulse_arcsec, calibration, period_s = reading
+    runs = read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or (), period_s=period_s)
+    own = None
+    if simulated:
+        own = read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs, period_s=period_s)
+    return told_apart(specs, runs), None if own is None or simulated is None else told_apart(simulated, own)
+
+
 def _diagnose_on_one_model(
     train: Sequence[str],
     test: Sequence[str],
@@ -254,12 +262,11 @@ def _diagnose_on_one_model(
     averaging_s: float | None,
     chamber: tuple[float, float, float] | None,
     seed: int,
-    reading: tuple[list[str] | None, list[str] | None, float | None, Path | None, float | None],
+    reading: Reading,
     as_json: bool,
 ) -> None:
     """`diagnose` by the engine of one model; parameters are those of the command."""
     from rlgcomp.diagnosis.engine.diagnose import diagnose as diagnose_runs
-    from rlgcomp.diagnosis.question.held_out import told_apart
     from rlgcomp.files import whole_folder
     from rlgcomp.physics import CATALOGUE
 
@@ -267,16 +274,9 @@ def _diagnose_on_one_model(
     chosen = _simulator(simulator, simulated, {**CATALOGUE, **candidates})
     specs = [*train, *confirm, *test]
     mapping = [*(mapping or []), *_mapped_output(output, specs)]
-    runs = told_apart(
-        specs, read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or (), period_s=period_s)
-    )
+    runs, own = _runs(specs, simulated, gyro, (mapping, drop, pulse_arcsec, calibration, period_s))
     if output is not None:
         runs = [run if output in run else run.replace(table=run.table.assign(**{output: run.rate_deg_h()})) for run in runs]
-    own = None
-    if simulated:
-        own = told_apart(
-            simulated, read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs, period_s=period_s)
-        )
     with progress("diagnosing", 100) as advance:
         diagnosis = diagnose_runs(
             chosen,

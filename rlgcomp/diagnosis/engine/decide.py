@@ -95,6 +95,6 @@ def decided(posterior: Posterior) -> Decision:
 
 
 def _owned(law: Region, regions: Sequence[Region]) -> bool:
-    """Whether a law is one of columns that a named mechanism of the set reads: a richer form of that."""
-    owners = (set(region.drivers) for region in regions if region.mechanism is not None)
+    """Whether a law lies within the region of a named mechanism of the set, columns and memory: a richer form of that."""
+    owners = (set(region.drivers) for region in regions if region.mechanism is not None and region.memory == law.memory)
     return law.mechanism is None and any(set(law.drivers) <= drivers for drivers in owners)

@@ -37,6 +37,7 @@ from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 _MOST: Final = 4  # sets that are parted
+LONGEST: Final = 8.0  # longest recorded runs that a programme may take: the plant is known on their scale
 _PARTED: Final = 3.0  # standard deviations from which a programme parts two sets
 _ENOUGH: Final = 0.99  # expected probability from which the shorter programme is preferred
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(21)
@@ -70,7 +71,8 @@ def next_experiment(
     names = _names(posterior, states)
     grid, plant = fits[0].data.runs[0].grid, fits[0].baseline.simulator.monitors.plant
     tried = []
-    for programme in programmes:
+    longest_s = LONGEST * fits[0].data.longest_s
+    for programme in (one for one in programmes if one.duration_s <= longest_s):
         foreseen = laboratory.foreseen(programme, plant, grid.bin_s)
         run = Run.of(foreseen, grid, lambda binned: np.zeros(len(binned)))
         squares = distances(fits, run)
@@ -120,13 +122,18 @@ class _Whitened:
         if table.shape[1]:
             values, vectors = np.linalg.eigh(fit.solution.covariance)
             table = table @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-        free = independent(np.linalg.solve(self._root, run.means(fit.baseline.columns(run))))
-        own = np.linalg.solve(self._root, table)
+        free = independent(self._whitened(run.means(fit.baseline.columns(run))))
+        own = self._whitened(table)
         self._free, self._own = free, own - free @ (free.T @ own)
+
+    def _whitened(self, columns: Array) -> Array:
+        from scipy.linalg import solve_triangular
+
+        return np.asarray(solve_triangular(self._root, columns, lower=True, check_finite=False))
 
     def square(self, difference: Array) -> float:
         """D² of a difference of predictions."""
-        d = np.linalg.solve(self._root, difference)
+        d = self._whitened(difference)
         d = d - self._free @ (self._free.T @ d)
         along = self._own.T @ d
         inner = np.eye(len(along)) + self._own.T @ self._own
