@@ -153,7 +153,7 @@ def diagnose(
     require_folder(out, FILES, train, test, confirm, simulator, simulated, mechanisms, noise, calibration)
     if averaging_s is not None and not 0.0 < averaging_s < math.inf:
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
-    _require_of_engine(engine, confirm=confirm, without=without, only=only, output=output, noise=noise, no_confirm=no_confirm)
+    _require_of_engine(engine, confirm=confirm, without=without, only=only, output=output, no_confirm=no_confirm)
     if engine == ONE_MODEL:
         _diagnose_on_one_model(
             train,
@@ -168,6 +168,7 @@ def diagnose(
             gyro=gyro,
             output=output,
             averaging_s=averaging_s,
+            noise=None if noise is None else measured_noise(noise, gyro),
             chamber=chamber,
             seed=seed,
             reading=(mapping, drop, pulse_arcsec, calibration, period_s),
@@ -225,7 +226,7 @@ def _require_of_engine(engine: str, **given: object) -> None:
 
     if engine not in ENGINES:
         raise InputError(f"--engine is {engine!r}; it must be one of {', '.join(ENGINES)}")
-    other = ("noise", "no_confirm") if engine == ONE_MODEL else ("confirm", "without", "only", "output")
+    other = ("no_confirm",) if engine == ONE_MODEL else ("confirm", "without", "only", "output")
     foreign = [f"--{name.replace('_', '-')}" for name in other if given[name]]
     if foreign:
         owner = next(name for name in ENGINES if name != engine)
@@ -260,6 +261,7 @@ def _diagnose_on_one_model(
     gyro: str | None,
     output: str | None,
     averaging_s: float | None,
+    noise: NoiseModel | None,
     chamber: tuple[float, float, float] | None,
     seed: int,
     reading: Reading,
@@ -290,6 +292,7 @@ def _diagnose_on_one_model(
             gyro=calibrated_name(gyro, calibration),
             output=output,
             window_s=averaging_s,
+            noise=noise,
             chamber=chamber,
             seed=seed,
             progress=lambda fraction: advance(round(100 * fraction), 100),
@@ -383,9 +386,9 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
     """
     from rlgcomp.errors import InputError
     from rlgcomp.files import from_yaml, read_text
-    from rlgcomp.noise.processes import NoiseModel, upper_limits
+    from rlgcomp.noise.processes import SLOW, NoiseModel, upper_limits
 
-    limits = (0.0, 0.0)
+    limits, errors = (0.0, 0.0), (0.0, 0.0, 0.0)
     try:
         content = from_yaml(read_text(path))  # JSON is YAML
     except (OSError, ValueError) as error:
@@ -397,12 +400,14 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
             raise InputError(f"--noise {path}: coefficients of {', '.join(by_gyro) or 'no gyro'}; choose one of them with --gyro")
         # a fit without flicker bounds it from above and does not exclude it
         limits = upper_limits(chosen)
+        sds = [chosen.get(f"{name}_sd") or 0.0 for name in ("angle_random_walk_deg_sqrt_h", *SLOW)]
+        errors = sds[0], sds[1], sds[2]
         content = {key: value for key, value in chosen.items() if key in NoiseModel().strengths() and value}
     if not isinstance(content, dict) or not content:
         raise InputError(f"--noise {path}: expected coefficients.json of rlgcomp allan, or 'angle_random_walk_deg_sqrt_h: 0.0003'")
     section = content.get("noise", content)
     try:
-        strengths = dataclasses.replace(NoiseModel.from_mapping(section), at_most=limits)
+        strengths = dataclasses.replace(NoiseModel.from_mapping(section), at_most=limits, sds=errors)
     except (InputError, TypeError) as error:
         raise InputError(f"--noise {path}: {error}") from None
     if strengths.angle_random_walk_deg_sqrt_h == 0.0:

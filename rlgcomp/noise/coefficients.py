@@ -188,6 +188,7 @@ class NoiseCoefficients(ShownAsTable):
             rate_random_walk_deg_h_sqrt_h=self.rate_random_walk_deg_h_sqrt_h,
             quantization_arcsec=self.quantization_arcsec,
             at_most=upper_limits(dataclasses.asdict(self)),
+            sds=(self.angle_random_walk_deg_sqrt_h_sd, self.bias_instability_deg_h_sd, self.rate_random_walk_deg_h_sqrt_h_sd),
         )
 
     def terms(self, tau_s: npt.ArrayLike, order: int = 2) -> Array:

@@ -100,6 +100,8 @@ class NoiseModel:
         B and K are known to be zero, rather than unknown. A simulator file states this by giving both as zero.
     at_most : tuple of float
         Upper limits of B and K where a measurement did not detect them; zero without a limit.
+    sds : tuple of float
+        Standard errors of N, B and K; zero where none is known.
     measured : bool
         The strengths were measured on this gyro at rest, rather than taken from a simulator file or a data sheet.
 
@@ -117,6 +119,7 @@ class NoiseModel:
     dither_residual_frequency_hz: float = 0.1
     white: bool = dataclasses.field(default=False, kw_only=True)
     at_most: tuple[float, float] = dataclasses.field(default=(0.0, 0.0), kw_only=True)
+    sds: tuple[float, float, float] = dataclasses.field(default=(0.0, 0.0, 0.0), kw_only=True)
     measured: bool = dataclasses.field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:

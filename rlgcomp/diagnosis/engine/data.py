@@ -17,8 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
+from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.numerics.readings import Readings
 from rlgcomp.recording import TIME, Recording
+from rlgcomp.units import arw_rate_sd_deg_h
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -203,6 +205,27 @@ def _follows(key: object, column: str) -> bool:
     return of == column if isinstance(of, str) else column in getattr(of, "columns", ())
 
 
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """White noise that is known before the runs are seen, as if of so many windows more.
+
+    Parameters
+    ----------
+    white : float
+        Standard deviation of a window mean.
+    windows : float
+        What its error is worth; zero where nothing is known.
+    """
+
+    white: float = 0.0
+    windows: float = 0.0
+
+    @property
+    def square(self) -> float:
+        """Of all these windows."""
+        return self.windows * self.white**2
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Data:
     """The training runs together: n window means.
@@ -212,10 +235,22 @@ class Data:
     runs : tuple of Run
     other : tuple of str
         Recorded columns that drive nothing: the output, a user's simulation of it.
+    noise : NoiseModel, optional
+        As stated.
     """
 
     runs: tuple[Run, ...]
     other: tuple[str, ...] = ()
+    noise: NoiseModel | None = None
+
+    @functools.cached_property
+    def known(self) -> Known:
+        """What the stated noise says of the white one."""
+        if self.noise is None:
+            return Known()
+        strength = self.noise.angle_random_walk_deg_sqrt_h
+        error = max(self.noise.sds[0] / strength or priors.STATED_ERROR, priors.LEAST_STATED_ERROR)
+        return Known(arw_rate_sd_deg_h(strength, self.runs[0].grid.window_s), 0.5 / error**2)
 
     @functools.cached_property
     def output(self) -> Array:

@@ -21,6 +21,8 @@ SURE: Final = 0.8
 """Probability from which on a member is named without its exchanges."""
 MORE_LEFT: Final = 1.005
 """Error of the training runs with a set, over that with none, from which on the set is not named, were it ever so probable."""
+LOUDER: Final = 1e-3
+"""Probability of noise as large as it is under what is stated, below which that does not explain the runs."""
 TELEGRAPH: Final = "random_telegraph"
 
 
@@ -58,6 +60,8 @@ class Decision:
         Of the first of them.
     wander : bool
         Something unrecorded wanders.
+    louder : bool
+        The runs are noisier than stated.
     """
 
     verdict: Verdict
@@ -65,6 +69,7 @@ class Decision:
     drivers: tuple[str, ...] = ()
     memory: MemoryClass = "none"
     wander: bool = False
+    louder: bool = False
 
 
 def decided(posterior: Posterior) -> Decision:

@@ -13,7 +13,7 @@ from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.baseline import Baseline
 from rlgcomp.diagnosis.engine.bases import Basis
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
-from rlgcomp.diagnosis.engine.decide import MORE_LEFT, Decision, decided
+from rlgcomp.diagnosis.engine.decide import LOUDER, MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.engine.design import likely, next_experiment
 from rlgcomp.diagnosis.engine.drivers import Driver
 from rlgcomp.diagnosis.engine.evidence import Bank
@@ -31,6 +31,7 @@ from rlgcomp.diagnosis.engine.terms import Region
 from rlgcomp.diagnosis.engine.turning import turning_regions, with_angle_rows
 from rlgcomp.diagnosis.programmes.feasible import ChamberRange
 from rlgcomp.errors import InputError
+from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
@@ -56,6 +57,7 @@ def diagnose(
     output: str | None = None,
     unit: str | None = None,
     window_s: float | None = None,
+    noise: NoiseModel | None = None,
     chamber: Sequence[float] | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
@@ -89,6 +91,8 @@ def diagnose(
         Unit of the output, by default that of its column's name; "deg/h" of a gyro.
     window_s : float, optional
         Averaging time; by default such that the longest run has 400 windows.
+    noise : NoiseModel, optional
+        Of this gyro at rest, measured: the runs are held against it. By default it is estimated from the runs.
     chamber : (float, float, float), optional
         Lowest and highest temperature in degC and fastest ramp in degC/min for the next experiment; by default as recorded.
     seed : int
@@ -100,7 +104,7 @@ def diagnose(
     ------
     InputError
         No training run is given, or one is a test run as well; a run lacks a monitor of the simulator; a name of a candidate is
-        unknown; the output is no column.
+        unknown; the output is no column; the noise has no angle random walk, or the output is no gyro's.
     """
     train, test = require_recordings(train, "train"), require_recordings(test, "test") if test else []
     confirm, seed = require_recordings(confirm, "confirm") if confirm else [], require_seed(seed)
@@ -111,7 +115,8 @@ def diagnose(
     request = _request(runs, candidates, gyro, output, unit)
     request = dataclasses.replace(request, without=tuple(without), only=tuple(only), seed=seed)
     tell(0.05)
-    engine = _Engine(runs, candidates, request, gyro, output, window_s, None if chamber is None else ChamberRange.of(chamber))
+    limits = None if chamber is None else ChamberRange.of(chamber)
+    engine = _Engine(runs, candidates, request, gyro, output, window_s, _measured(noise, output), limits)
     chosen = engine.posterior([*runs.train, *runs.confirm])
     tell(0.9)
     found = engine.fitted(chosen)
@@ -129,6 +134,7 @@ class _Engine:
     gyro: str | None
     column: str | None
     window_s: float | None
+    noise: NoiseModel | None
     chamber: ChamberRange | None
 
     @property
@@ -150,7 +156,7 @@ class _Engine:
     def data(self, recordings: Sequence[Recording]) -> Data:
         """Recordings on the grid of the training runs."""
         other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
-        return Data(tuple(Run.of(recording, self.grid, self.output, other) for recording in recordings), other)
+        return Data(tuple(Run.of(recording, self.grid, self.output, other) for recording in recordings), other, self.noise)
 
     def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline]:
         """The posterior of all sets, and the simulator with its free shapes calibrated."""
@@ -183,6 +189,8 @@ class _Engine:
         if refused is not None:
             decision = Decision("none", ())
             after = self._in_training(_best(posterior, decision), bank)
+        if decision.verdict == "none" and Fit(data, baseline, bank, after).excess[1] < LOUDER:
+            decision = Decision("unknown", (), louder=True)
         states = likely(posterior) if decision.verdict == "ambiguous" and not self.turns else []
         rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
         following, promise = next_experiment(posterior, rivals, states, self.chamber)
@@ -234,6 +242,16 @@ def _best(posterior: Posterior, decision: Decision) -> State:
             (state for state in posterior.states if not posterior.effects(state.key) and not state.key[1]), _null(posterior)
         )
     return best
+
+
+def _measured(noise: NoiseModel | None, output: str | None) -> NoiseModel | None:
+    if noise is None:
+        return None
+    if output is not None:
+        raise InputError(f"the noise given is that of a gyro, and the output is {output!r}; leave the noise out")
+    if noise.angle_random_walk_deg_sqrt_h == 0.0:
+        raise InputError("the noise has no angle_random_walk_deg_sqrt_h; the other noises are judged beside it")
+    return noise
 
 
 def _grid(train: Sequence[Recording], window_s: float | None, *, every_sample: bool) -> Grid:

@@ -90,8 +90,8 @@ class Fit:
         table = self._evidence.all_columns(self.state.members)
         inverse = np.linalg.inv(np.eye(table.shape[1]) + table.T @ table)
         weights = inverse @ (table.T @ output)
-        square = float(output @ output - output @ table @ weights)
-        variance = max(square, 0.0) / whitened.freedom
+        square = max(float(output @ output - output @ table @ weights), 0.0) + self.data.known.square
+        variance = square / whitened.freedom
         plain = [scale * self.bank.columns(basis) for _, bases in self.parts for basis, scale in bases]
         terms = np.hstack([np.empty((len(self.data), 0)), *plain]) @ weights
         design = whitened.whiten(self.data.means(self.baseline.columns))
@@ -104,6 +104,18 @@ class Fit:
     def white(self) -> float:
         """Standard deviation of the white noise of a window mean."""
         return self.solution.white
+
+    @functools.cached_property
+    def excess(self) -> tuple[float, float]:
+        """White noise that these runs alone show, over what is stated, and the probability of as much; (1, 1) of none stated."""
+        from scipy.stats import f
+
+        known = self.data.known
+        if not known.windows:
+            return 1.0, 1.0
+        freedom = self._evidence.whitened.freedom - known.windows
+        ratio = (self.white**2 * (freedom + known.windows) - known.square) / (freedom * known.white**2)
+        return math.sqrt(ratio), float(f.sf(ratio, freedom, known.windows))
 
     @property
     def noise_rms(self) -> float:

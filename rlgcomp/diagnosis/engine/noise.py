@@ -10,14 +10,12 @@ independent. Windows are few, so each run has a Cholesky factor.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.data import Data, Run
 from rlgcomp.diagnosis.engine.errors import Errors
 
@@ -116,43 +114,10 @@ def relaxation(lags: int, windows: float) -> Array:
     return np.asarray(found)
 
 
-def neighbours(noise: Noise) -> tuple[Noise, ...]:
-    """Hypotheses next to one on the grid."""
-    axes: tuple[tuple[str, tuple[float, ...]], ...] = (("flicker", tuple(priors.FLICKERS)), ("walk", tuple(priors.WALKS)))
-    if noise.wander:
-        axes = (("wander", tuple(priors.WANDERS)), ("wander_time", priors.WANDER_TIMES))
-    axes = (*axes, ("encoder", tuple(priors.ENCODERS)))
-    found = []
-    for name, values in axes:
-        at = values.index(getattr(noise, name))
-        for k in (at - 1, at + 1):
-            if 0 <= k < len(values):
-                moved: dict[str, Any] = {name: values[k]}
-                found.append(dataclasses.replace(noise, **moved))
-    return tuple(found)
-
-
-def hypotheses(*, turns: bool = False) -> tuple[tuple[Noise, ...], Array]:
-    """All hypotheses and the logarithm of their prior probabilities; where a table turns, with noise of its encoder."""
-    found = {
-        Noise(flicker, walk): share * part
-        for (flicker, share), (walk, part) in itertools.product(priors.FLICKERS.items(), priors.WALKS.items())
-        if not (flicker and walk > 3.0)
-    }
-    total = sum(found.values()) / (1.0 - priors.WANDER_ODDS)
-    found = {noise: share / total for noise, share in found.items()}
-    for (size, share), time in itertools.product(priors.WANDERS.items(), priors.WANDER_TIMES):
-        found[Noise(wander=size, wander_time=time)] = priors.WANDER_ODDS * share / len(priors.WANDER_TIMES)
-    if turns:
-        found = {
-            dataclasses.replace(noise, encoder=size): share * part
-            for (noise, share), (size, part) in itertools.product(found.items(), priors.ENCODERS.items())
-        }
-    return tuple(found), np.log(list(found.values()))
-
-
 class Whitened:
     """Data whitened under one hypothesis and projected off the baseline, whose numbers are flat.
+
+    White noise that is stated counts as so many windows more: a prior of the variance that is conjugate.
 
     Parameters
     ----------
@@ -176,9 +141,9 @@ class Whitened:
         log_det = -sum(np.sum(np.log(np.diag(f) if f.ndim == 2 else f)) for f in self._factors)
         log_det += np.sum(np.log(np.abs(np.diag(triangle)))) + np.sum(np.log(size))
         self.log_normaliser = -float(log_det)
-        self.freedom = len(data) - design.shape[1]
+        self.freedom = len(data) - design.shape[1] + data.known.windows
         self.output = self.project(data.output[:, None])[:, 0]
-        self.square = float(self.output @ self.output)
+        self.square = float(self.output @ self.output) + data.known.square
 
     def project(self, columns: Array) -> Array:
         """Columns of window means, whitened, less what the baseline absorbs."""

@@ -70,6 +70,14 @@ WALKS: Final = {0.0: 0.45, 0.3: 0.2, 1.0: 0.2, 3.0: 0.11, 10.0: 0.03, 30.0: 0.01
 """Random walk gathered in a run of usual length, over the white noise of a window mean."""
 WANDERS: Final = {1.5: 0.4, 4.0: 0.3, 10.0: 0.2, 25.0: 0.1}
 """Size of a wander of something unrecorded over the white noise of a window mean: a smaller one cannot be told from flicker."""
+WANDERS_BESIDE_STATED: Final = {0.6: 0.25, 1.5: 0.3, 4.0: 0.2, 10.0: 0.15, 25.0: 0.1}
+"""The same where flicker and random walk are stated, so that a small one can be told from them."""
+STATED_ERROR: Final = 0.1
+"""Relative error of a stated angle random walk without an error of its own: of a data sheet, or of half an hour's Allan curve."""
+LEAST_STATED_ERROR: Final = 0.03
+"""And the least: what was measured at rest holds no better in a chamber."""
+STATED_SLOW_ERROR: Final = 0.25
+"""Of bias instability and rate random walk: Allan curves end where these begin."""
 ENCODERS: Final = {0.0: 0.5, 0.3: 0.17, 0.7: 0.17, 1.5: 0.1, 4.0: 0.06}
 """Noise of one reading of a table's angle over its period, over the white noise of a sample: half of all tables show none."""
 OUTLIER_ODDS: Final = 1e-3

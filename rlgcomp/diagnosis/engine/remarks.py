@@ -33,6 +33,9 @@ def headline(record: Record) -> Message:
         return message("diagnosis.nothing_named", simulator=simulator, probability=record.healthy)
     if record.verdict == "none":
         return message("diagnosis.nothing_missing", simulator=simulator, probability=record.healthy, p_value=record.p_value)
+    if record.decision.louder:
+        ratio, p_value = record.after.excess
+        return message("diagnosis.louder", simulator=simulator, ratio=ratio, p_value=p_value)
     if record.laws:
         laws = [{"drivers": one.drivers, "memory": one.memory, "probability": one.probability} for one in record.laws]
         return message("diagnosis.law", simulator=simulator, causes=causes, laws=laws)
@@ -202,7 +205,7 @@ def _file(record: Record) -> Iterator[Message]:
 
 def _choices(record: Record) -> Iterator[Message]:
     """Which runs and candidates took part, and whether the noise is the stated one."""
-    stated = record.after.baseline.simulator.noise
+    stated = record.after.data.noise or record.after.baseline.simulator.noise
     if stated is not None and stated.angle_random_walk_deg_sqrt_h > 0.0:
         ratio = record.noise.angle_random_walk_deg_sqrt_h / stated.angle_random_walk_deg_sqrt_h
         if not 1.0 / _OTHER_NOISE < ratio < _OTHER_NOISE:

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.errors import Errors
 from rlgcomp.diagnosis.engine.evidence import LOG_SIZE, Bank, Conditional, Evidence, Member, Set
-from rlgcomp.diagnosis.engine.noise import Noise, hypotheses, neighbours
+from rlgcomp.diagnosis.engine.hypotheses import Hypotheses
+from rlgcomp.diagnosis.engine.noise import Noise
 from rlgcomp.diagnosis.engine.screen import Layout, Screen, gains
 from rlgcomp.diagnosis.engine.telegraph import Telegraph, telegraph
 from rlgcomp.diagnosis.engine.terms import Form, Region
@@ -21,14 +22,12 @@ from rlgcomp.diagnosis.engine.terms import Form, Region
 Array = npt.NDArray[np.float64]
 Latent = Literal["", "wander", "telegraph"]
 Key = tuple[frozenset[str], Latent]
-_WHITE: Final = Noise()
 _MANY_FORMS: Final = 4  # of a law whose Gram matrices are made by themselves
 _NEAR: Final = 25.0  # nats behind the best beside the null or the best set, beyond which a law is not tried beside others
 _BEAM: Final = 4  # states that are expanded at each size
 _FIRST: Final = 6  # and of one member: what shows only beside another is found from there
 _WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expanded
 _WITH_WANDER: Final = 3  # sets beside which a wander is tried
-_USUAL_WANDER: Final = 1.5  # from which its size is climbed
 _MOST: Final = 6  # members of a set
 _SCREENS: Final = 16  # of all forms under a noise, that are kept
 _EVIDENCES: Final = 80
@@ -94,8 +93,8 @@ class Search:
         self.forms = tuple(form for region in self.regions.values() for form in region.forms)
         self._region_of = np.array([form.region for form in self.forms])
         self.layout = Layout(bank, self.forms, [self._section(form.region) for form in self.forms])
-        noises, log_prior = hypotheses(turns=bank.data.turns)
-        self.noise_log_prior = dict(zip(noises, log_prior.tolist(), strict=True))
+        self.hypotheses = Hypotheses.of(bank.data)
+        self.noise_log_prior = self.hypotheses.log_prior()
         self._evidences: dict[Noise, Evidence] = {}
         self._screens: dict[Noise, Screen] = {}
         self.visited: dict[Key, State] = {}
@@ -130,7 +129,7 @@ class Search:
 
     def log_prior_of(self, noise: Noise) -> float:
         """Of a noise; of windows that are outliers as well."""
-        return self.noise_log_prior[noise.of_gyro] + (0.0 if noise.errors is None else noise.errors.log_prior)
+        return self.noise_log_prior.get(noise.of_gyro, -math.inf) + (0.0 if noise.errors is None else noise.errors.log_prior)
 
     def log_prior(self, members: Set) -> float:
         """Of the regions, forms and sizes of a set."""
@@ -217,7 +216,7 @@ class Search:
             )
         return courses
 
-    def converged(self, members: Set, noise: Noise = _WHITE) -> State:
+    def converged(self, members: Set, noise: Noise | None = None) -> State:
         """A set at its likeliest noise, climbing over the grid of hypotheses from one; and the volume of the noises passed."""
         log_prior = self.log_prior(members)
         found: dict[Noise, float] = {}
@@ -227,9 +226,10 @@ class Search:
                 found[one] = self.evidence(one).log_evidence(members) + log_prior + self.log_prior_of(one)
             return found[one]
 
+        noise = self.hypotheses.calmest if noise is None else noise
         best = max((noise, *self._climbed_from(noise)), key=value)
         while True:
-            around = [one for one in neighbours(best) if one.of_gyro in self.noise_log_prior]
+            around = [one for one in self.hypotheses.neighbours(best) if one.of_gyro in self.noise_log_prior]
             nearer = max((best, *around), key=value)
             if nearer == best:
                 break
@@ -240,13 +240,12 @@ class Search:
 
     def _wandering(self, state: State) -> State:
         """A set beside something unrecorded that wanders."""
-        usual = [one for one in self.noise_log_prior if one.wander == _USUAL_WANDER]
-        starts = [dataclasses.replace(one, errors=state.noise.errors) for one in usual[1::2]]
+        starts = [dataclasses.replace(one, errors=state.noise.errors) for one in self.hypotheses.wander_starts]
         return max((self.converged(state.members, start) for start in starts), key=lambda found: found.log_posterior)
 
     def _climbed_from(self, noise: Noise) -> tuple[Noise, ...]:
         """Starts of a climb beside one."""
-        return () if noise.wander else (Noise(errors=noise.errors), Noise(walk=1.0, errors=noise.errors))
+        return () if noise.wander else tuple(dataclasses.replace(one, errors=noise.errors) for one in self.hypotheses.starts)
 
     def _visit(self, state: State) -> None:
         known = self.visited.get(state.key)
@@ -258,10 +257,13 @@ class Search:
         own = state.noise
         fewer = [
             one
-            for one in neighbours(own)
+            for one in self.hypotheses.neighbours(own)
             if one.flicker <= own.flicker and one.walk <= own.walk and one.wander <= own.wander and one.encoder <= own.encoder
         ]
-        return list(dict.fromkeys([own, Noise(errors=own.errors), *fewer[:1]]))
+        return list(dict.fromkeys([own, self._calmest(own.errors), *fewer[:1]]))
+
+    def _calmest(self, errors: Errors | None) -> Noise:
+        return dataclasses.replace(self.hypotheses.calmest, errors=errors)
 
     def expanded(self, state: State, every: bool = False) -> list[State]:
         """A state with each further region, at its likeliest form, size and noise; laws only where they come near, or all."""
@@ -396,7 +398,7 @@ class Search:
         """The likeliest form of a member under white noise, for a loud noise hides what it stands in for; and a grown one."""
         members = state.members
         others, own = (*members[:k], *members[k + 1 :]), members[k]
-        white = Noise(errors=state.noise.errors)
+        white = self._calmest(state.noise.errors)
         known = frozenset(member.form.region for member in others), own.form.region, white.errors
         top = max(other.log_posterior for other in self.visited.values())
         if known in self._grown or state.log_posterior < top - _WITHIN_REACH:

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
-from rlgcomp.diagnosis.engine.data import Data
+from rlgcomp.diagnosis.engine.data import Data, Known
 from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
@@ -112,7 +112,7 @@ def _fitted(
         left = (output - columns @ weights) * root  # in the unit of the output
         size = max(float(np.sum(path * left * inverse) / np.sum(inverse)), 1e-300)
         square = np.sum((left**2 - 2.0 * size * path * left + size**2) * inverse) + weights @ precision @ weights
-        variance = float(square) / freedom
+        variance = (float(square) + data.known.square) / (freedom + data.known.windows)
         log_likelihood, path, jumps = two_state(2.0 * size / variance * left * inverse, flip, begins)
         square_about = np.sum((left**2 + size**2) * inverse)
         log_likelihood -= 0.5 * float(square_about) / variance
@@ -126,16 +126,25 @@ def _fitted(
         1.0 / flip,
         path,
         jumps,
-        _log_evidence(log_likelihood, variance, size, freedom, columns, precision, scale, root),
+        _log_evidence(log_likelihood, variance, size, freedom, columns, precision, scale, root, data.known),
     )
 
 
 def _log_evidence(
-    log_likelihood: float, variance: float, size: float, freedom: int, columns: Array, precision: Array, weights: Array, root: Array
+    log_likelihood: float,
+    variance: float,
+    size: float,
+    freedom: int,
+    columns: Array,
+    precision: Array,
+    weights: Array,
+    root: Array,
+    known: Known,
 ) -> float:
     """Laplace's approximation of the integral over β, w, a and σ; constants as in a Gaussian evidence without its own.
 
-    The Gaussian evidence leaves out log Γ(f/2) - log 2 - (f/2) log π of f degrees of freedom.
+    The Gaussian evidence leaves out log Γ(g/2) - log 2 - (f/2) log π + (g - f)/2 log 2 of f degrees of freedom, of g with the
+    windows that stated noise counts for.
     """
     n = len(root)
     flat = n - freedom
@@ -143,10 +152,13 @@ def _log_evidence(
     total -= 0.5 * float(weights @ precision @ weights) / variance
     _, log_det = np.linalg.slogdet(columns.T @ columns + precision)
     total += 0.5 * flat * math.log(2.0 * math.pi * variance) - 0.5 * float(log_det)
-    total += 0.5 * math.log(math.pi / freedom)  # of log σ
+    all_of_them = freedom + known.windows
+    total -= 0.5 * (known.windows * math.log(variance) + known.square / variance)
+    total += 0.5 * math.log(math.pi / all_of_them)  # of log σ
     relative_error = math.sqrt(variance / n) / size  # of log a
     total += math.log(math.sqrt(2.0 * math.pi) * relative_error / math.log(priors.SIZES[-1] / priors.SIZES[0]))
-    return total - (math.lgamma(0.5 * freedom) - math.log(2.0) - 0.5 * freedom * math.log(math.pi))
+    left_out = math.lgamma(0.5 * all_of_them) - math.log(2.0) - 0.5 * freedom * math.log(math.pi)
+    return total - (left_out + 0.5 * known.windows * math.log(2.0))
 
 
 def two_state(log_ratio: Array, flip: float, begins: IntArray = _ONE_CHAIN) -> tuple[float, Array, float]:

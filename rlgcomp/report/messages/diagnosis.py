@@ -52,6 +52,13 @@ def _wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: fl
     )
 
 
+def _louder(simulator: str, ratio: float, p_value: float) -> str:
+    return (
+        f"{simulator[:1].upper()}{simulator[1:]} leaves {ratio:.3g} times the white noise that is stated ({p_text(p_value)}), and "
+        "no recorded column explains the excess."
+    )
+
+
 def _gain(
     before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], averaging_s: float
 ) -> str:
@@ -124,7 +131,7 @@ def _extrapolated(run: str, column: str, recorded: Sequence[float], learnt: Sequ
 def _noise(stated: float, found: float) -> str:
     return (
         f"The angle random walk that these runs show is {found:.2g} deg/√h, {found / stated:.2g} times the {stated:.2g} deg/√h "
-        "that the simulator states."
+        "that is stated."
     )
 
 
@@ -200,6 +207,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.causes": _causes,
     "diagnosis.law": _law,
     "diagnosis.wander": _wander,
+    "diagnosis.louder": _louder,
     "diagnosis.gain": _gain,
     "diagnosis.no_gain": _no_gain,
     "diagnosis.loss": _loss,
