@@ -69,7 +69,8 @@ def test_an_error_of_what_is_stated_lets_it_be_wrong() -> None:
 
 def test_limits_bound_slow_noise_from_above(walking: list[Recording]) -> None:
     grid = Grid.of(walking)
-    data = Data(tuple(Run.of(run, grid, Recording.rate_deg_h) for run in walking), noise=dataclasses.replace(CALM, at_most=(0.001, np.inf)))
+    limited = dataclasses.replace(CALM, at_most=(0.001, np.inf))
+    data = Data(tuple(Run.of(run, grid, Recording.rate_deg_h) for run in walking), noise=limited)
     found = Hypotheses.of(data)
     assert max(found.flickers) == pytest.approx(0.001 / data.known.white)
     assert {0.0, 30.0} <= set(found.walks)

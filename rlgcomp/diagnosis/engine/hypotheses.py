@@ -13,7 +13,7 @@ from rlgcomp.diagnosis.engine.data import Data
 from rlgcomp.diagnosis.engine.noise import Noise
 from rlgcomp.noise.processes import NoiseModel
 
-_NODES: Final = {-math.sqrt(3.0): 1.0 / 6.0, 0.0: 2.0 / 3.0, math.sqrt(3.0): 1.0 / 6.0}  # of a normal variable, by Gauss and Hermite
+_NODES: Final = {-math.sqrt(3.0): 1.0 / 6.0, 0.0: 2.0 / 3.0, math.sqrt(3.0): 1.0 / 6.0}  # of a normal variable
 _STEEP_WALK: Final = 3.0  # beside which flicker hardly matters
 _USUAL_WANDER: Final = 1.5  # from which the size of a wander is climbed
 
