@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import logging
 import os
@@ -397,7 +398,8 @@ def test_a_model_of_schema_1_is_migrated(
         old = rlg.load(copy)
     assert "calibrated from the training rows" in caplog.text
     assert old.schema_ == "rlgcomp.model/1"
-    assert old.interval_.to_mapping() == pytest.approx(trained.interval_.to_mapping(), rel=1e-9)
+    assert old.interval_.inside_deg_h == pytest.approx(trained.interval_.inside_deg_h, rel=1e-9)
+    assert old.interval_ == dataclasses.replace(trained.interval_, inside_deg_h=old.interval_.inside_deg_h)
     old.save(copy)
     assert rlg.load(copy).schema_ == json.loads((saved / MANIFEST).read_text())["schema"] == "rlgcomp.model/2"
 

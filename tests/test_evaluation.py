@@ -133,7 +133,8 @@ def test_a_model_that_makes_a_run_worse_has_a_remark(trained: rlg.Compensator, s
     assert result.factor_high < 1.0
     (remark,) = (remark for remark in evaluation.remarks if remark.code in ("evaluation.worse", "evaluation.no_gain"))
     assert remark.code == "evaluation.worse"
-    assert remark.data == {"run": "turned", "factor_low": result.factor_low, "factor_high": result.factor_high}
+    factors = {"times": 1.0 / result.factor, "factor_low": result.factor_low, "factor_high": result.factor_high}
+    assert remark.data == {"run": "turned", **factors}
 
 
 def test_a_run_of_another_unit_than_the_only_one_trained_on_has_a_remark(

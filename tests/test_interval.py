@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from sklearn.neighbors import KNeighborsRegressor
 
 import rlgcomp as rlg
 from experiments.coverage.__main__ import main, programme
-from rlgcomp.compensation.interval import Interval, excess, quantile
+from rlgcomp.compensation.interval import Interval, excess, noise_of_windows_deg_h, quantile
 from rlgcomp.compensation.window_means import window_means
 
 
@@ -118,3 +119,55 @@ def test_the_experiment_prints_its_table(tmp_path: Path, capsys: pytest.CaptureF
     output = capsys.readouterr().out
     assert "windows beyond it" in output
     assert output.count("| dynamic | play |") == 2
+
+
+def _ramp(low: float, high: float, seed: int) -> rlg.Recording:
+    """A warm-up from one temperature to another, of a gyro with a slope of 1 deg/h/K and noise of 1 deg/h."""
+    rng = np.random.default_rng(seed)
+    temperature = np.linspace(low, high, 3000)
+    table = {
+        "time_s": np.arange(3000) * 2.0,
+        "gyro_deg_h": temperature + rng.standard_normal(3000),
+        "temperature_block_degC": temperature,
+    }
+    return rlg.Recording(pd.DataFrame(table), name=f"{low:g} to {high:g}")
+
+
+def test_runs_that_do_not_overlap_give_the_interval_of_their_blocks_and_a_remark() -> None:
+    model = rlg.Compensator(features="temperature").fit([_ramp(-40.0, 0.0, 1), _ramp(20.0, 60.0, 2)])
+    noise_deg_h = 1.0 / np.sqrt(50.0)
+    assert model.interval_.basis == "blocks"
+    assert 1.5 * noise_deg_h < model.interval_.inside_deg_h < 10.0 * noise_deg_h
+    (remark,) = [remark for remark in model.remarks_ if remark.code == "compensation.no_overlap"]
+    assert remark.data["left_out_rms_deg_h"] == pytest.approx(model.selection_.rmse * model.scaling_.y_scale_deg_h)
+
+
+def test_it_is_never_less_than_the_noise_of_the_means() -> None:
+    rng = np.random.default_rng(0)
+    y = rng.standard_normal(200)
+    interval = Interval.calibrated(0.01 * y, np.zeros((200, 1)), y, np.arange(200) // 100, runs=2, noise_deg_h=1.0)
+    assert interval.inside_deg_h == pytest.approx(1.645, rel=1e-3)
+    assert noise_of_windows_deg_h([np.linspace(0.0, 30.0, 200) + y]) == pytest.approx(1.0, rel=0.15)
+
+
+def test_errors_of_zero_without_noise_make_it_unknown_and_not_zero() -> None:
+    y = np.linspace(0.0, 3.0, 40)
+    interval = Interval.calibrated(np.zeros(40), np.tile(y[:20], 2)[:, None], y, np.arange(40) // 20, runs=2)
+    assert (interval.basis, interval.inside_deg_h) == ("unknown", 3.0)
+    constant = Interval.calibrated(np.zeros(40), np.zeros((40, 1)), np.full(40, 2.0), np.arange(40) // 20, runs=2)
+    assert constant.basis == "unknown"
+    assert constant.inside_deg_h > 0.0
+
+
+@pytest.mark.parametrize("runs", [2, 4, 6])
+def test_runs_with_biases_of_their_own_are_covered_on_average(runs: int) -> None:
+    """Each run left out is compared with the mean of the others, and a new run with the mean of all."""
+    rng = np.random.default_rng(5)
+    covered = []
+    for _ in range(400):
+        bias, noise = 5.0 * rng.standard_normal(runs + 1), rng.standard_normal((runs + 1, 40))
+        left_out = [(bias[k] - np.delete(bias[:runs], k).mean()) + noise[k] for k in range(runs)]
+        errors, X = np.concatenate(left_out), rng.uniform(size=(40 * runs, 1))
+        interval = Interval.calibrated(errors, X, errors, np.repeat(np.arange(runs), 40), runs=runs)
+        covered.append(np.mean(np.abs(bias[runs] - bias[:runs].mean() + noise[runs]) <= interval.inside_deg_h))
+    assert 0.87 < np.mean(covered) < 0.94

@@ -163,6 +163,7 @@ def train(
     if as_json:
         show_json(summary)
     else:
+        known = compensator.interval_.basis != "unknown"
         selected = ", ".join(
             f"{key} = {value:.4g}" if isinstance(value, float) else f"{key} = {value}"
             for key, value in compensator.selection_.best.items()
@@ -172,7 +173,7 @@ def train(
             [
                 {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
                 {"": f"with {'runs' if adapt is None else 'units'} left out, deg/h", " ": summary["left_out_rms_deg_h"]},
-                {"": "90 % interval, ± deg/h", " ": summary["half_width_deg_h"]},
+                {"": "90 % interval, ± deg/h", " ": summary["half_width_deg_h"] if known else "not known from these runs"},
                 {"": "selected", " ": selected or "no parameter: one candidate"},
             ],
         )

@@ -161,8 +161,9 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     )
     new.gyro_, new.schema_ = compensator.gyro_, compensator.schema_
     new.model_ = basis.model(population.adapted(design, target))
+    scale_deg_h = compensator.scaling_.y_scale_deg_h
     errors, X, y, owner = _left_out(parts, basis, sum(len(part.y_deg_h) for part in windows))
-    new.interval_ = Interval.calibrated(errors, X, y, owner, runs=len(known))
+    new.interval_ = Interval.calibrated(errors, X, y, owner, runs=len(known), noise_deg_h=population.noise * scale_deg_h)
     rmse = float(np.sqrt(np.mean(errors**2))) / compensator.scaling_.y_scale_deg_h
     new.selection_ = Selection({}, rmse, pd.DataFrame({"rmse": [rmse], "chosen": [True]}))
     hours = float(sum(run["hours"] for run in compensator.provenance_))

@@ -17,7 +17,7 @@ from rlgcomp.compensation import serialisation
 from rlgcomp.compensation.artefact import SCHEMA
 from rlgcomp.compensation.correction import Correction, corrected_table, require_distinct, require_raw
 from rlgcomp.compensation.feature_pipeline import omitted_groups, pipeline_for
-from rlgcomp.compensation.interval import Interval, excess
+from rlgcomp.compensation.interval import Interval, NoOverlapError, excess, noise_of_windows_deg_h
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
@@ -192,6 +192,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             *outliers,
             *omitted_groups(runs, self.features),
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
+            *self._interval_remarks(),
             *self._below_noise(raw),
             *self._turning(raw),
         )
@@ -211,15 +212,23 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         return X, y, groups
 
     def calibrated_interval(self) -> Interval:
-        """From the errors of the selected model on runs left out."""
+        """From the errors of the selected model on runs left out; on blocks of runs where runs do not overlap."""
         X, y, groups = self.training_rows()
-        return Interval.calibrated(
-            cross_validation_residuals(self.model_, X, y, groups) * self.scaling_.y_scale_deg_h,
-            np.vstack([part.X for part in self.training_]),
-            np.concatenate([part.y_deg_h for part in self.training_]),
-            groups,
-            runs=len(self.training_),
-        )
+        inputs = np.vstack([part.X for part in self.training_])
+        y_deg_h = np.concatenate([part.y_deg_h for part in self.training_])
+        noise = noise_of_windows_deg_h([part.y_deg_h for part in self.training_])
+
+        def calibrated(labels: npt.NDArray[np.int64], *, blocks: bool) -> Interval:
+            errors = cross_validation_residuals(self.model_, X, y, labels) * self.scaling_.y_scale_deg_h
+            number = len(self.training_)
+            return Interval.calibrated(errors, inputs, y_deg_h, labels, runs=number, noise_deg_h=noise, blocks=blocks)
+
+        try:
+            return calibrated(groups, blocks=len(self.training_) == 1)
+        except NoOverlapError:
+            counts = [len(part.y_deg_h) for part in self.training_]
+            blocks = np.concatenate([np.arange(count) * BLOCKS_OF_ONE_RUN // count for count in counts])
+            return calibrated(self.run_labels() * BLOCKS_OF_ONE_RUN + blocks, blocks=True)
 
     def run_labels(self) -> npt.NDArray[np.int64]:
         """Number of the run that each training row belongs to."""
@@ -425,6 +434,17 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         encoded = any(column in run for run in runs for column in (*ENCODERS, "table_rate_deg_s"))
         spread = self.scaling_.y_scale_deg_h
         return [] if encoded or spread < TURNING_DEG_H else [message("compensation.turning", spread_deg_h=spread)]
+
+    def _interval_remarks(self) -> list[Message]:
+        """A message where the interval does not show how runs differ, though there are several, or is not known at all."""
+        basis, half_width_deg_h = self.interval_.basis, self.interval_.inside_deg_h
+        if basis == "unknown":
+            return [message("compensation.interval_unknown", half_width_deg_h=half_width_deg_h)]
+        if basis == "runs" or len(self.training_) == 1:
+            return []
+        rmse = self.selection_.rmse
+        left_out_rms_deg_h = None if rmse is None else rmse * self.scaling_.y_scale_deg_h
+        return [message("compensation.no_overlap", left_out_rms_deg_h=left_out_rms_deg_h, half_width_deg_h=half_width_deg_h)]
 
     def _below_noise(self, runs: Sequence[Recording]) -> list[Message]:
         """A message where the error with runs left out is less than the noise of the means: the runs know each other."""

@@ -1,21 +1,27 @@
 r"""How far a gyro may be from its estimated bias: a half width calibrated on runs left out of training.
 
 What is covered is a mean over the averaging time, as in training and in bias stability, noise of that mean included. With run r
-left out of training, :math:`s_i = |y_i - \hat B_{-r}(x_i)|` are the scores of its windows. The interval of a window of a new run is
+left out of training, :math:`e_i = y_i - \hat B_{-r}(x_i)` are the errors of its windows. The interval of a window of a new run is
 
 .. math:: \hat B(x) \pm \big( q + w\, e(x) \big), \qquad e(x) = \sum_j \max(0,\; l_j - x_j,\; x_j - h_j) / (h_j - l_j)
 
-e is the number of spans by which the inputs lie beyond the training range, where no run can calibrate the interval. w is the span
-of the bias in training: a bias that continues to change by its whole span for each span of an input stays inside.
+e(x) is the number of spans by which the inputs lie beyond the training range, where no run can calibrate the interval. w is the
+span of the bias in training: a bias that continues to change by its whole span for each span of an input stays inside.
 
-q is calibrated. The windows of a run resemble each other and runs are independent, so every run counts the same, and leaving runs
-out once more shows how runs differ. With Q the 90 % quantile of the scores of all runs and Q_{-r} that of all but r,
+q is calibrated. A run's errors have a mean :math:`d_r`, in which runs differ (turn-on bias, mounting), and vary about it. With R
+runs a new one is off by :math:`s\,T`, T having Student's distribution with R - 1 degrees of freedom, and, since run r is compared
+with the mean of R - 1 others,
 
-.. math:: q = Q + m, \qquad m \text{ being the 90 % quantile of } s_i - Q_{-r}:
+.. math:: s^2 = \frac{R-1}{R} \Big( 1 + \frac1R \Big) \frac1R \sum_r d_r^2 .
 
-a quantile taken from the other runs, raised by m, covers 90 % of the windows of the run that it has not seen, on average over runs.
-Windows beyond the range of the training runs depend on w, not on q, and are not counted; a run that has hardly any others counts
-with its scores less w e.
+Q is the half width that holds 90 % of :math:`e_i - d_r + s\,T`, every run counting the same. Leaving runs out once more shows how
+the scatter differs from run to run: with :math:`Q_{-r}` the 90 % quantile of :math:`|e_i - d_r|` of all runs but r,
+
+.. math:: q = Q + m, \qquad m \text{ being the 90 % quantile of } |e_i - d_r| - Q_{-r} .
+
+Windows beyond the range of the other runs depend on w, not on q, and are not counted. Where no run lies within the range of the
+others, the errors with blocks of runs left out take the place of those with runs left out, each less w e. q is never less than the
+noise of the means. Where that is zero as well (constant or noiseless data), q is not known, and the span of the bias stands for it.
 
 References
 ----------
@@ -27,19 +33,23 @@ R. Dunn, L. Wasserman, A. Ramdas, Distribution-free prediction sets for two-laye
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy import optimize, stats
 
 from rlgcomp.compensation.models.specification import finite
 from rlgcomp.compensation.window_means import MARGIN
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.robust import SD_OF_MAD
 
 Array = npt.NDArray[np.float64]
 COVERAGE: Final = 0.9
 _FEWEST_INSIDE: Final = 10
+BASES: Final = ("runs", "blocks", "unknown")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,17 +65,29 @@ class Interval:
     coverage : float
         Nominal share of the windows of a new run inside the interval, on average over runs.
     runs : int
-        How many runs it was calibrated on, each left out in turn; 1 where blocks of a single run took their place.
+        How many runs, or units, it was calibrated on, each left out in turn; for the other bases, how many there were.
+    basis : {"runs", "blocks", "unknown"}
+        What was left out in turn: runs; blocks of runs, which do not show how runs differ; or nothing, where no error is known.
     """
 
     inside_deg_h: float
     per_span_deg_h: float
     coverage: float
     runs: int
+    basis: str = "runs"
 
     @classmethod
     def calibrated(
-        cls, errors_deg_h: Array, X: Array, y_deg_h: Array, groups: npt.NDArray[Any], *, runs: int, coverage: float = COVERAGE
+        cls,
+        errors_deg_h: Array,
+        X: Array,
+        y_deg_h: Array,
+        groups: npt.NDArray[Any],
+        *,
+        runs: int,
+        coverage: float = COVERAGE,
+        noise_deg_h: float = 0.0,
+        blocks: bool = False,
     ) -> Self:
         """The interval from errors with each group left out.
 
@@ -77,23 +99,45 @@ class Interval:
             Inputs of the windows, not scaled.
         y_deg_h : ndarray, shape (n,)
         groups : ndarray, shape (n,)
-            Run, or block of a single run, of each window; at least two.
+            Run, or block of a run, of each window; at least two.
         runs : int
         coverage : float
+        noise_deg_h : float
+            Standard deviation of the noise of a window.
+        blocks : bool
+            The groups are blocks of runs.
+
+        Raises
+        ------
+        NoOverlapError
+            The groups are runs, and none of them lies within the range of the others.
         """
         per_span_deg_h = float(np.ptp(y_deg_h))
-        scores = []
+        errors = []
         for label in np.unique(groups):
             out = groups == label
             low, high = X[~out].min(axis=0), X[~out].max(axis=0)
             margin = MARGIN * (high - low)
             beyond = excess(X[out], low - margin, high + margin)
-            score = np.maximum(np.abs(errors_deg_h[out]) - per_span_deg_h * beyond, 0.0)
-            scores.append(score[beyond == 0.0] if (beyond == 0.0).sum() >= _FEWEST_INSIDE else score)
-        others = [quantile([*scores[:k], *scores[k + 1 :]], coverage) for k in range(len(scores))]
+            error = errors_deg_h[out]
+            if (beyond == 0.0).sum() >= _FEWEST_INSIDE:
+                errors.append(error[beyond == 0.0])
+            elif blocks:
+                errors.append(np.sign(error) * np.maximum(np.abs(error) - per_span_deg_h * beyond, 0.0))
+        if not errors:
+            raise NoOverlapError("no run lies within the range of the others")
+        means = np.array([0.0 if blocks else error.mean() for error in errors])
+        within = [error - mean for error, mean in zip(errors, means, strict=True)]
+        scores = [np.abs(error) for error in within]
+        others = [quantile([*scores[:k], *scores[k + 1 :]] or scores, coverage) for k in range(len(scores))]
         margin_deg_h = quantile([score - other for score, other in zip(scores, others, strict=True)], coverage)
-        inside_deg_h = max(0.0, quantile(scores, coverage) + margin_deg_h)
-        return cls(inside_deg_h, per_span_deg_h, coverage, runs)
+        inside_deg_h = _half_width(within, _spread_of_runs(means), max(1, len(means) - 1), coverage) + margin_deg_h
+        inside_deg_h = max(inside_deg_h, float(stats.norm.ppf(0.5 + 0.5 * coverage)) * noise_deg_h)
+        basis = "blocks" if blocks else "runs"
+        if not inside_deg_h > 0.0:
+            basis = "unknown"
+            inside_deg_h = per_span_deg_h or float(np.spacing(np.abs(y_deg_h).max()))
+        return cls(inside_deg_h, per_span_deg_h, coverage, runs if blocks else len(errors), basis)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -112,15 +156,60 @@ class Interval:
         )
         if not 0.0 < coverage < 1.0:
             raise InputError(f"interval: coverage is {coverage:g}; it must lie between 0 and 1")
-        return cls(inside, per_span, coverage, runs)
+        basis = values.get("basis", "runs")
+        if basis not in BASES:
+            raise InputError(f"interval: basis is {str(basis)[:40]!r}; it must be {', '.join(BASES[:-1])} or {BASES[-1]}")
+        return cls(inside, per_span, coverage, runs, basis)
 
     def half_width_deg_h(self, spans_outside: Array) -> Array:
         """Half width for inputs this number of spans beyond the training range, shape (n,); see :func:`excess`."""
         return np.asarray(self.inside_deg_h + self.per_span_deg_h * spans_outside)
 
-    def to_mapping(self) -> dict[str, float | int]:
+    def to_mapping(self) -> dict[str, float | int | str]:
         """Plain data, for the artefact."""
         return dataclasses.asdict(self)
+
+
+class NoOverlapError(ValueError):
+    """Runs of which none lies within the range of the others."""
+
+
+def noise_of_windows_deg_h(runs: Sequence[Array]) -> float:
+    """Standard deviation of white noise of the windows, from their second differences, in which slow changes cancel.
+
+    Parameters
+    ----------
+    runs : sequence of ndarray, shape (windows,)
+    """
+    bends = np.concatenate([np.diff(values, n=2) for values in runs])
+    if not len(bends):
+        return 0.0
+    robust = SD_OF_MAD * float(np.median(np.abs(bends)))
+    return (robust or float(np.sqrt(np.mean(bends**2)))) / math.sqrt(6.0)
+
+
+def _spread_of_runs(means: Array) -> float:
+    """s: scale of the mean error of a new run, from the mean errors of runs left out."""
+    count = len(means)
+    shrink = (count - 1) / count if count > 1 else 0.5  # one run is compared with another one
+    return float(np.sqrt(shrink * (1.0 + 1.0 / count) * np.mean(means**2)))
+
+
+def _half_width(within: Sequence[Array], spread: float, degrees_of_freedom: int, coverage: float) -> float:
+    """Half width that holds this share of errors within runs to which a run's own mean is added."""
+    start = quantile([np.abs(error) for error in within], coverage)
+    if spread == 0.0:
+        return start
+    values = np.concatenate(within)
+    weights = np.concatenate([np.full(len(part), 1.0 / (len(part) * len(within))) for part in within])
+    student = stats.t(degrees_of_freedom)
+
+    def shortfall(half_width: float) -> float:
+        held = student.cdf((half_width - values) / spread) - student.cdf((-half_width - values) / spread)
+        return float(weights @ held) - coverage
+
+    far = start + spread * float(student.ppf(0.5 + 0.5 * coverage))
+    return float(optimize.brentq(shortfall, 0.0, 2.0 * far, rtol=1e-9))
 
 
 def excess(X: Array, low: Array, high: Array) -> Array:

@@ -68,7 +68,7 @@ class RunResult:
         remarks = [message("evaluation.trained_on", run=self.run)] if self.trained_on else []
         interval = {"factor_low": self.factor_low, "factor_high": self.factor_high}
         if self.factor_high < 1.0:
-            remarks.append(message("evaluation.worse", run=self.run, **interval))
+            remarks.append(message("evaluation.worse", run=self.run, times=1.0 / self.factor, **interval))
         elif self.factor_low <= 1.0:
             remarks.append(message("evaluation.no_gain", run=self.run, **interval))
         if abs(self.residual_mean_deg_h) > 2.0 * self.residual_std_deg_h:

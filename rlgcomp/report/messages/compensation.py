@@ -7,8 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 
-def _interval(*, parts: str, number: int, coverage: float) -> str:
+def _interval(*, parts: str, number: int, coverage: float, basis: str) -> str:
     calibrated = f"The interval was calibrated on {number} {parts}, each left out in turn"
+    if basis == "unknown":
+        return "The interval is not known from these runs: their errors and their noise are zero. The span of the bias stands for it."
+    if basis == "blocks" and number > 1:
+        return (
+            f"No run lies within the range of the others, so that the interval was calibrated on blocks of the {number} {parts}, each "
+            f"left out in turn. These {parts} do not show how {parts} differ: for another one no share is promised."
+        )
     if number == 1:
         return (
             "The interval was calibrated on blocks of a single run, each left out in turn. One run does not show how runs differ: "
@@ -20,6 +27,17 @@ def _interval(*, parts: str, number: int, coverage: float) -> str:
             "next, unless it resembles them."
         )
     return f"{calibrated}, and holds on average over {parts} of their kind."
+
+
+def _no_overlap(*, left_out_rms_deg_h: float | None, half_width_deg_h: float) -> str:
+    if left_out_rms_deg_h is None:
+        residual = ""
+    else:
+        residual = f"With each left out the residual is {left_out_rms_deg_h:.3g} deg/h. "
+    return (
+        f"No run lies within the range of the others. {residual}The interval of ± {half_width_deg_h:.3g} deg/h was calibrated on blocks "
+        "of runs, and does not show how runs differ. Add a run whose range overlaps with these."
+    )
 
 
 def _group_omitted(*, group: str, missing: Mapping[str, Sequence[str]]) -> str:
@@ -62,5 +80,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "--averaging-s makes fewer rows; a graphics card is faster."
     ),
     "compensation.interval": _interval,
+    "compensation.no_overlap": _no_overlap,
+    "compensation.interval_unknown": (
+        "The interval is not known from these runs: their errors and their noise are zero. The span of the bias, "
+        "{half_width_deg_h:.3g} deg/h, stands for it."
+    ),
     "compensation.streamed": _streamed,
 }

@@ -9,8 +9,8 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "evaluation.trained_on": "{run} was used for training, at least in part: its residual proves nothing.",
     "evaluation.model_trained_on": "{model}: {run} was used for training, at least in part: its residual proves nothing.",
     "evaluation.worse": (
-        "{run}: compensation makes this run worse; the 95 % interval of the factor, {factor_low:.2f} to {factor_high:.2f}, "
-        "lies below 1."
+        "{run}: this compensation is {times:.3g} times worse than none; the 95 % interval of the factor, {factor_low:.2g} to "
+        "{factor_high:.2g}, lies below 1."
     ),
     "evaluation.no_gain": (
         "{run}: no gain in stability can be claimed; the 95 % interval of the factor, {factor_low:.2f} to {factor_high:.2f}, "
