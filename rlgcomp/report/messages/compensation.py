@@ -10,11 +10,13 @@ from typing import Final
 def _interval(*, parts: str, number: int, coverage: float, basis: str) -> str:
     calibrated = f"The interval was calibrated on {number} {parts}, each left out in turn"
     if basis == "unknown":
-        return "The interval is not known from these runs: their errors and their noise are zero. The span of the bias stands for it."
+        return (
+            "The interval is not known from these runs: their errors and their noise are zero. The span of the bias stands for it."
+        )
     if basis == "blocks" and number > 1:
         return (
-            f"No run lies within the range of the others, so that the interval was calibrated on blocks of the {number} {parts}, each "
-            f"left out in turn. These {parts} do not show how {parts} differ: for another one no share is promised."
+            f"No run lies within the range of the others, so that the interval was calibrated on blocks of the {number} {parts}, "
+            f"each left out in turn. These {parts} do not show how {parts} differ: for another one no share is promised."
         )
     if number == 1:
         return (
@@ -30,13 +32,10 @@ def _interval(*, parts: str, number: int, coverage: float, basis: str) -> str:
 
 
 def _no_overlap(*, left_out_rms_deg_h: float | None, half_width_deg_h: float) -> str:
-    if left_out_rms_deg_h is None:
-        residual = ""
-    else:
-        residual = f"With each left out the residual is {left_out_rms_deg_h:.3g} deg/h. "
+    residual = "" if left_out_rms_deg_h is None else f"With each left out the residual is {left_out_rms_deg_h:.3g} deg/h. "
     return (
-        f"No run lies within the range of the others. {residual}The interval of ± {half_width_deg_h:.3g} deg/h was calibrated on blocks "
-        "of runs, and does not show how runs differ. Add a run whose range overlaps with these."
+        f"No run lies within the range of the others. {residual}The interval of ± {half_width_deg_h:.3g} deg/h was calibrated on "
+        "blocks of runs, and does not show how runs differ. Add a run whose range overlaps with these."
     )
 
 
