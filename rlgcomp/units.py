@@ -190,6 +190,15 @@ _SUFFIXES: Final[dict[str, str]] = {
 _PER: Final = frozenset({"per", "kg", "l", "m", "mm"}.union(*(units for units in _DIMENSIONS.values())))
 _INVERSE: Final = re.compile(r"(?P<base>\S+)[ *·](?P<per>\S+?)\s*(\^|\*\*)?\s*[-−⁻](?P<power>[123¹²³])")
 _LONGEST_UNIT: Final = 40  # letters
+_IN_SMALL_LETTERS: Final = {
+    small: known[0]
+    for small, known in {
+        unit.lower(): [other for table in _DIMENSIONS.values() for other in table if other.lower() == unit.lower()]
+        for table in _DIMENSIONS.values()
+        for unit in table
+    }.items()
+    if len(known) == 1  # G is gauss and g gravity, so that neither stands for the other
+}
 _RAISED: Final = dict(zip("23456789", "²³⁴⁵⁶⁷⁸⁹", strict=True))
 
 
@@ -300,8 +309,8 @@ def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.f
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that can be converted.
 
-    >>> is_unit("°C"), is_unit("rad s^-1"), is_unit("counter")
-    (True, True, False)
+    >>> is_unit("°C"), is_unit("rad s^-1"), is_unit("DEG/H"), is_unit("counter")
+    (True, True, True, False)
     """
     name = _plain_spelling(text.strip().removeprefix("-"))
     return any(name in table for table in _DIMENSIONS.values())
@@ -314,7 +323,9 @@ def _plain_spelling(unit: str) -> str:
     if inverse is not None:
         power = inverse["power"].translate(str.maketrans("¹²³", "123"))
         unit = f"{inverse['base']}/{inverse['per']}{'' if power == '1' else '^' + power}"
-    return _SPELLINGS.get(unit, _SPELLINGS.get(unit.lower(), unit))
+    if any(unit in table for table in _DIMENSIONS.values()):
+        return unit
+    return _SPELLINGS.get(unit, _SPELLINGS.get(unit.lower(), _IN_SMALL_LETTERS.get(unit.lower(), unit)))
 
 
 def _find(unit: str) -> tuple[str, tuple[float, float]]:
@@ -328,8 +339,12 @@ def _find(unit: str) -> tuple[str, tuple[float, float]]:
     for dimension, table in _DIMENSIONS.items():
         if name in table:
             return dimension, table[name]
-    known = ", ".join(known_unit for table in _DIMENSIONS.values() for known_unit in table)
-    raise InputError(f"unknown unit {unit!r}; known units are: {known}")
+    raise InputError(f"unknown unit {unit!r}; known units are: {known()}")
+
+
+def known() -> str:
+    """All units, for messages."""
+    return ", ".join(unit for table in _DIMENSIONS.values() for unit in table)
 
 
 def arw_rate_sd_deg_h(angle_random_walk_deg_sqrt_h: float, averaging_s: float) -> float:

@@ -329,3 +329,120 @@ def test_any_text_has_a_dialect_or_is_refused(text: str) -> None:
 )
 def test_shared_cases(name: str, columns: dict[str, str], rows_read: int) -> None:
     assert len(rlg.read(case(name), columns=columns)) == rows_read
+
+
+def columns_of(width: tuple[int, int, int]) -> list[str]:
+    return [
+        "".join(f"{one:{w}.6f}" for one, w in zip(row, width, strict=True)) for row in zip(range(ROWS), GYRO, BLOCK, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "    TIME(S)    RATE(DEG/HR)       TEMP(DEG C)",  # one blank within a name, wide gaps between
+        "     TIME S     RATE DEG/H        TEMP DEG C",
+        "  Time (s) Gyro Z (deg/h) T block (degC)",  # over their columns alone
+    ],
+)
+def test_names_with_blanks_belong_to_the_columns_below_them(tmp_path: Path, names: str) -> None:
+    path = written(tmp_path / "run.dat", "\n".join([names, *columns_of((11, 16, 18))]) + "\n")
+    expect(rlg.read(path, columns={"time_s": "1", "gyro_deg_h": "2 [deg/h]", "temperature_block_degC": "3 [degC]"}))
+
+
+def test_more_names_than_columns_are_refused(tmp_path: Path) -> None:
+    """Nobody knows which name is whose: the names may not shift."""
+    for header, separator in (("time_s gyro_deg_h temp block degC", " "), ("time_s,sample,gyro_deg_h,temperature_block_degC", ",")):
+        path = written(tmp_path / "run.txt", "\n".join(["A note.", header, *rows(separator)]) + "\n")
+        with pytest.raises(rlg.InputError, match="its line of names has"):
+            rlg.read(path)
+
+
+@pytest.mark.parametrize("mark", ["; ", "! ", "* ", "-- "])
+def test_names_behind_marks_of_other_programs(tmp_path: Path, mark: str) -> None:
+    expect(rlg.read(written(tmp_path / "run.txt", "\n".join([mark + " ".join(NAMES), *rows(" ")]) + "\n")))
+
+
+def test_the_line_of_excel_states_the_separator(tmp_path: Path) -> None:
+    for line in ("sep=;", '"sep=;"', "SEP=;"):
+        expect(rlg.read(written(tmp_path / "run.csv", "\r\n".join([line, ";".join(NAMES), *rows(";", ",")]) + "\r\n")))
+
+
+@pytest.mark.parametrize("width", [4, 8])
+def test_four_lines_of_campbell(tmp_path: Path, width: int) -> None:
+    """TOA5: the logger, names, units and kinds, the logger's line as wide as the rows; NAN in quotes where nothing was read."""
+    head = [
+        '"TOA5","CR1000","CR1000","12345","CR1000.Std.32","CPU:gyro.CR1","1234","Table1"',
+        '"TIMESTAMP","RECORD","Gyro","T"' + "".join(f',"V{k}"' for k in range(width - 4)),
+        '"TS","RN","deg/h","Deg C"' + ',"Volts"' * (width - 4),
+        '"","","Smp","Avg"' + ',"Smp"' * (width - 4),
+    ]
+    body = [
+        f'"2024-03-11 14:{k // 60:02d}:{k % 60:02d}",{k},{w:.6f},{chr(34) + "NAN" + chr(34) if k == 7 else f"{T:.3f}"}'
+        + ",0" * (width - 4)
+        for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))
+    ]
+    path = written(tmp_path / "run.dat", "\r\n".join([*head, *body]) + "\r\n")
+    run = rlg.read(path, columns={"time_s": "TIMESTAMP", "gyro_deg_h": "Gyro", "temperature_block_degC": "T"})
+    assert run.rate_deg_h() == pytest.approx(GYRO, abs=1e-6)
+    found = by_code(run.findings)
+    assert found["units_row"].message.data["units"]["Gyro"] == "deg/h"
+    assert "Avg" in found["units_row"].message.data["other"]
+    assert found["missing_values"].message.data["held"] == 1
+
+
+@pytest.mark.parametrize(
+    ("separator", "number", "first"),
+    [
+        (",", lambda value: f'"{value:,.1f}"', "1,000.0"),
+        (";", lambda value: f"{value:,.1f}".replace(",", "~").replace(".", ",").replace("~", "."), "1.000,0"),
+        (";", lambda value: f"{value:,.1f}".replace(",", "'"), "1'000.0"),
+        ("\t", lambda value: f"{value:,.1f}".replace(",", "\u202f").replace(".", ","), "1\u202f000,0"),
+    ],
+)
+def test_signs_between_thousands(tmp_path: Path, separator: str, number: Callable[[float], str], first: str) -> None:
+    pressure = 995.0 + np.arange(ROWS)
+    lines = [
+        f"{k}{separator}{number(w)}{separator}{number(p)}"
+        for k, (w, p) in enumerate(zip(np.round(1e3 * GYRO, 1), pressure, strict=True))
+    ]
+    run = rlg.read(
+        written(tmp_path / "run.csv", "\n".join([separator.join(["time_s", "gyro_deg_h", "pressure_hPa"]), *lines]) + "\n")
+    )
+    assert run.column("pressure_hPa") == pytest.approx(pressure)
+    assert run.rate_deg_h() == pytest.approx(1e3 * GYRO, abs=0.051)
+    assert any(f.column == "pressure_hPa" and f.message.data.get("written") == first for f in run.findings)
+
+
+def test_a_month_behind_a_dot_and_units_in_capitals(tmp_path: Path) -> None:
+    lines = rows(";", ",", time=lambda k: f"11. März 2024 14:{k // 60:02d}:{k % 60:02d}")
+    path = written(tmp_path / "run.csv", "\n".join(["t;Rate [DEG/H];T [DEG C]", *lines]) + "\n")
+    expect(rlg.read(path, columns={"time_s": "t", "gyro_deg_h": "Rate", "temperature_block_degC": "T"}))
+
+
+def test_few_words_among_a_monitors_numbers_are_missing_values(tmp_path: Path) -> None:
+    texts = [f"{k},{w:.6f},{'OVERRANGE' if k % 30 == 5 else f'{T:.3f}'}" for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))]
+    found = by_code(rlg.read(written(tmp_path / "run.csv", "\n".join([",".join(NAMES), *texts]) + "\n")).findings)
+    assert found["not_numbers"].message.data == {"entries": 10, "first": "OVERRANGE"}
+
+
+def test_a_text_without_a_table_is_refused(tmp_path: Path) -> None:
+    for text in ("T=1.0 G=2.0\n" * 20, "%A,1,2\n" * 20, "a word\nanother word\nand a third\nand more\n"):
+        with pytest.raises(rlg.InputError, match="no line has numbers"):
+            rlg.read(written(tmp_path / "run.txt", text))
+
+
+def test_advice_names_the_files_own_column(tmp_path: Path) -> None:
+    path = written(
+        tmp_path / "run.csv",
+        "clock,w,T1\n"
+        + "".join(
+            f"{1700000000000 + 1000 * k},{w:.6f},{T + 273.15:.3f}\n" for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))
+        ),
+    )
+    own = {"time_s": "clock", "gyro_deg_h": "w", "temperature_block_degC": "T1"}
+    with pytest.raises(rlg.InputError, match=r"--map time_s='clock \[ms\]'"):
+        rlg.read(path, columns=own)
+    with pytest.raises(rlg.InputError, match=r"--map temperature_block_degC='T1 \[K\]'"):
+        rlg.read(path, columns=own | {"time_s": "clock [ms]"})
+    expect(rlg.read(path, columns=own | {"time_s": "clock [ms]", "temperature_block_degC": "T1 [K]"}))

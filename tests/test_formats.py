@@ -117,7 +117,11 @@ def test_text_of_other_countries(tmp_path: Path, suffix: str, encoding: str, sep
 
 def test_a_comma_of_thousands_is_no_decimal_comma(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("time_s;gyro_deg_h\n0;1,500.5\n1;2.5\n2;2.0\n3;1.0\n")
-    assert list(rlg.read(tmp_path / "a.csv").rate_deg_h()) == [2.5, 2.0, 1.0]
+    run = rlg.read(tmp_path / "a.csv")
+    assert list(run.rate_deg_h()) == [1500.5, 2.5, 2.0, 1.0]
+    assert [finding.message.data for finding in run.findings if finding.message.code == "recording.thousands"] == [
+        {"written": "1,500.5"}
+    ]
 
 
 def test_what_is_no_text_is_said_to_be_none(tmp_path: Path) -> None:

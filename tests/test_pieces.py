@@ -57,7 +57,7 @@ def test_faults_are_mended_or_refused_piece_by_piece(tmp_path: Path) -> None:
         ("absent.csv", ROWS, "does not exist"),
         ("run.csv", 10, "too short to detect"),
         ("bad.parquet", ROWS, "no Parquet file"),
-        ("empty.csv", ROWS, "not readable as CSV"),
+        ("empty.csv", ROWS, "is empty: no header and no rows"),
         ("other.csv", ROWS, "no column 'time_s' to map"),
     ],
 )

@@ -177,7 +177,7 @@ def test_dates_that_may_be_read_two_ways_are_refused() -> None:
 
 def test_milliseconds_since_1970_are_recognised() -> None:
     found = refused(table().assign(time_s=1.7e12 + 1000 * np.arange(2000.0)))["time_since_1970"]
-    assert found.message.data == {"first": 1.7e12, "unit": "ms"}
+    assert found.message.data == {"first": 1.7e12, "unit": "ms", "source": "time_s"}
 
 
 def test_kelvin_that_claims_celsius_is_refused() -> None:

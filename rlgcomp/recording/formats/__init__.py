@@ -24,7 +24,7 @@ from rlgcomp.files import from_yaml, read_text, require_replaceable, require_wri
 from rlgcomp.recording import TIME, Finding, Metadata, Recording
 from rlgcomp.recording.formats import csv, excel, feather, hdf5, matlab, mdf, npz, parquet, rosbag, tdms, ulog
 from rlgcomp.recording.formats.contents import Contents
-from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable
+from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable, source_names
 from rlgcomp.recording.repair import UnusableRecordingError, repair
 from rlgcomp.scratch import recover
 from rlgcomp.units import column_unit
@@ -147,6 +147,7 @@ def recording_of(
     merged = Metadata.from_mapping(metadata)
     require_droppable(drop, table.columns, name)
     table = table.drop(columns=list(drop))
+    own = list(map(str, table.columns))
     table, stated_units = apply_mapping(table, columns, name=name, file_units=file_units)
     if period_s is not None:
         table = _with_time(table, period_s, name)
@@ -154,7 +155,13 @@ def recording_of(
         merged = dataclasses.replace(merged, kind="turntable")
     try:
         table, findings = repair(
-            table, merged, name=name, stated_units=stated_units, simulated=simulated, gyro_required=gyro_required
+            table,
+            merged,
+            name=name,
+            stated_units=stated_units,
+            simulated=simulated,
+            gyro_required=gyro_required,
+            sources=source_names(columns, own),
         )
     except UnusableRecordingError as error:
         raise UnusableRecordingError(name, reading + error.findings) from None

@@ -24,7 +24,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding
 from rlgcomp.recording.formats import labview, numbers
 from rlgcomp.recording.formats.contents import Contents
-from rlgcomp.recording.formats.dialect import BLANKS, Dialect, dialect_of, is_decimal_comma
+from rlgcomp.recording.formats.dialect import BLANKS, REMARK, Dialect, dialect_of, is_decimal_comma, without_thousands
 from rlgcomp.recording.formats.limits import require_gunzippable
 from rlgcomp.report.messages import message
 from rlgcomp.units import column_unit
@@ -49,7 +49,7 @@ def load(path: Path) -> Contents:
     try:
         written = _dialect(path)
         if not written.names:
-            raise InputError(f"{path} is empty: no header and no rows")
+            raise InputError(_no_table(path, written))
         table, findings = tidied(_pandas(path, written), written, path)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path} is empty: no header and no rows") from None
@@ -66,8 +66,18 @@ def header(path: Path) -> list[str]:
     except _DAMAGED as error:
         raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
     if not written.names:
-        raise InputError(f"{path} is not readable as CSV: it has no header and no rows")
+        raise InputError(_no_table(path, written))
     return names_of(written, path)
+
+
+def _no_table(path: Path, written: Dialect) -> str:
+    """What is wrong with a text in which no row of numbers was found."""
+    if not any(line.strip() for line in written.above):
+        return f"{path} is empty: no header and no rows"
+    return (
+        f"{path} is not readable as CSV: no line has numbers or times between commas, semicolons, tabs, bars or blanks "
+        f"(lines that begin with {', '.join(REMARK)} are remarks)"
+    )
 
 
 def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
@@ -102,6 +112,11 @@ def names_of(written: Dialect, path: str | Path) -> list[str]:
     InputError
         A name that the package knows stands twice: which of the two is meant?
     """
+    if written.surplus:
+        raise InputError(
+            f"{path}: its line of names has {len(written.names)} entries ({', '.join(written.names)}) and its rows have "
+            f"{len(written.names) - written.surplus}; name each column once, without blanks where blanks separate"
+        )
     count = Counter(name for name in written.names if name)
     twice = [name for name in count if count[name] > 1]
     known = [name for name in twice if name == TIME or column_unit(name) is not None]
@@ -159,6 +174,7 @@ def tidied(table: pd.DataFrame, written: Dialect, path: str | Path) -> tuple[pd.
         raise InputError(
             f"{path}: its rows have {len(names)} entries and {len(names) - written.padded} columns have names; "
             "name every column in the line above the numbers"
+            + ("; numbers with a decimal comma need another separator, such as a semicolon" if written.separator == "," else "")
         )
     unnamed = [name for name, own in zip(names, written.names, strict=True) if not own and name in table]
     table = table.drop(columns=[name for name in unnamed if table[name].isna().all()])
@@ -170,9 +186,11 @@ def tidied(table: pd.DataFrame, written: Dialect, path: str | Path) -> tuple[pd.
             findings.append(Finding("repaired", code, None, int(np.flatnonzero(again)[0])))
             table = table[~again].reset_index(drop=True)
         for name in worded:
-            values, commas = _as_numbers(table[name], written)
+            values, commas, grouped = _as_numbers(table[name], written)
             table = table.assign(**{name: values})
-            if commas and written.decimal != ",":
+            if grouped:
+                findings.append(Finding("noted", message("recording.thousands", written=grouped), name))
+            elif commas and written.decimal != ",":
                 findings.append(Finding("noted", message("recording.decimal_comma"), name))
     if written.clock is not None:
         name, first, step = written.clock
@@ -201,8 +219,9 @@ def _repeats_names(table: pd.DataFrame, names: Sequence[str], written: Dialect) 
     return again
 
 
-def _as_numbers(values: pd.Series, written: Dialect) -> tuple[pd.Series, bool]:
-    """A column of text, as numbers where it holds numbers alone; and whether some were written with a decimal comma."""
+def _as_numbers(values: pd.Series, written: Dialect) -> tuple[pd.Series, bool, str | None]:
+    """A column of text, as numbers where it holds numbers alone; whether some were written with a decimal comma; and the first that
+    has signs between its thousands."""
     present = values.notna()
     known = values[present].astype(str).str.strip()
     commas = np.zeros(len(known), dtype=np.bool_)
@@ -212,13 +231,20 @@ def _as_numbers(values: pd.Series, written: Dialect) -> tuple[pd.Series, bool]:
             commas = np.zeros(len(known), dtype=np.bool_)  # they may as well stand between thousands
     plain = known.where(~commas, known.str.replace(",", ".", regex=False))
     read = pd.to_numeric(plain, errors="coerce")
+    first = None
+    if read.isna().any():
+        grouped = known.map(lambda entry: without_thousands(entry, written))
+        again = pd.to_numeric(grouped, errors="coerce")
+        if again.notna().sum() > read.notna().sum():
+            first = str(known[read.isna() & again.notna()].iloc[0])
+            plain, read = grouped, again
     if read.notna().all():
         result = read.astype(np.float64).reindex(values.index)
-    elif commas.any():
+    elif plain is not known:
         result = plain.astype(object).reindex(values.index)
     else:
         result = values
-    return result, bool(commas.any())
+    return result, bool(commas.any()), first
 
 
 def _pandas(source: Any, written: Dialect, *, name: str | Path | None = None, **named: Any) -> Any:
@@ -232,6 +258,7 @@ def _pandas(source: Any, written: Dialect, *, name: str | Path | None = None, **
         sep=r"\s+" if written.separator == BLANKS else written.separator,
         decimal=written.decimal,
         encoding=written.encoding,
+        na_values=["NAN", "NaT"],
         comment="#",
         skipinitialspace=True,
         low_memory=False,

@@ -1,7 +1,8 @@
 """Dialects of text files of numbers: separator, decimal sign, and where the names and units of the columns stand.
 
 The separator is the one that leaves most numbers, dates and clock times. A decimal comma shows in numbers alone, never in dates
-(`20.01.2021`) or clock times (`08:00:00.000`, `22:09:43,250`).
+(`20.01.2021`) or clock times (`08:00:00.000`, `22:09:43,250`). Names with blanks above columns of fixed width belong to the columns
+that they stand over.
 """
 
 from __future__ import annotations
@@ -27,10 +28,13 @@ _MOST_BELOW: Final = 3  # rows of units, kinds or blanks between the names and t
 _POINT: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _FRACTION: Final = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
+_GROUPED: Final = re.compile(r"[+-]?\d{1,3}(?:(?P<group>[.,'’\s])\d{3})(?:(?P=group)\d{3})*(?:(?P<decimal>[.,])\d*)?")
 _CLOCK: Final = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp]\.?[Mm]\.?)?"
 _DATE: Final = (
-    r"(\d{1,4}[-/.](\d{1,2}|[^\W\d]{3,9}\.?)[-/.]\d{1,4}|\d{1,2} [^\W\d]{3,9}\.?,? \d{4}|[^\W\d]{3,9}\.? \d{1,2},? \d{4})"
+    r"(\d{1,4}[-/.](\d{1,2}|[^\W\d]{3,9}\.?)[-/.]\d{1,4}|\d{1,2}\.? ?[^\W\d]{3,9}\.?,? \d{4}|[^\W\d]{3,9}\.? \d{1,2},? \d{4})"
 )
+_STATED: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)  # the first line of Excel, for itself
+_MARK: Final = re.compile(r"([!*;'\"]|--)$")  # before the names, as other programs begin remarks
 _TIME: Final = re.compile(rf"{_DATE}([T ,_]+{_CLOCK} ?(Z|UTC|[+-]\d\d:?\d\d)?)?|{_CLOCK}")
 
 
@@ -63,6 +67,8 @@ class Dialect:
         Whether a number showed the decimal sign.
     padded : int
         Last columns that have no name: the rows end in a separator.
+    surplus : int
+        Names beyond the entries of the rows: which name is whose is unknown.
     encoding : str
     """
 
@@ -77,6 +83,7 @@ class Dialect:
     below: tuple[tuple[str, ...], ...] = ()
     clock: tuple[str, float, float] | None = None
     padded: int = 0
+    surplus: int = 0
     decimal_seen: bool = True
     encoding: str = "utf-8"
 
@@ -84,13 +91,15 @@ class Dialect:
 def dialect_of(lines: Sequence[str]) -> Dialect:
     """Dialect of a file's first lines."""
     places = [place for place, line in enumerate(lines) if line.strip() and not line.startswith(REMARK)]
+    stated = _STATED.fullmatch(lines[places[0]]) if places else None
+    places = places[1:] if stated else places
     top = [lines[place] for place in places[:_SHOWING]]
-    separator = _separator(top)
+    separator = stated[1] if stated else _separator(top)
     rows = [entries(line, separator) for line in top]
+    if not rows or (len(rows) > _MOST_BELOW and not any(is_value(entry) for row in rows for entry in row)):
+        return Dialect(separator, ".", (), len(lines), above=tuple(lines))
     named = _names_at(rows)
     findings: list[Finding] = []
-    if not rows:
-        return Dialect(separator, ".", (), len(lines))
     if named is None:
         at = 0
         first = places[0]
@@ -103,14 +112,17 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
         above = list(lines[:first])
     else:
         names = [name.lstrip("\ufeff") for name in rows[named]]
-        below = _below(rows[named + 1 : named + 1 + _MOST_BELOW])
+        below = _below(rows[named + 1 :])
         at = named + 1 + len(below)
         first = places[at] if at < len(places) else len(lines)
         above = list(lines[: places[named]])
     data = rows[at:]
+    most = max((len(row) for row in data), default=len(names))
+    if named is not None and len(names) > most:
+        names = _fewer_names(names, most, top[named], top[at:], separator)
     width = max([len(names), *(len(row) for row in data[:1])])
-    stated = _units_of(names, below)
-    findings += _findings_below(names, below, stated)
+    units_below = _units_of(names, below)
+    findings += _findings_below(names, below, units_below)
     seen = decimal_of(separator, (lines[place] for place in places[at:]))
     decimal = seen or "."
     if decimal == ",":
@@ -120,12 +132,13 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
         decimal,
         tuple(names + [""] * (width - len(names))),
         first,
-        stated,
+        units_below,
         tuple(above),
         plain=named == 0 and first == 1,
         findings=tuple(findings),
         below=tuple(map(tuple, below)),
         padded=width - len(names),
+        surplus=sum(map(bool, names[most:])) if data else 0,
         decimal_seen=seen is not None,
     )
 
@@ -141,12 +154,33 @@ def entries(line: str, separator: str) -> list[str]:
 
 def is_value(entry: str) -> bool:
     """Whether an entry is a number, with decimal point or comma, a date or a clock time."""
-    return bool(_POINT.fullmatch(entry) or _COMMA.fullmatch(entry) or _TIME.fullmatch(entry))
+    return bool(_POINT.fullmatch(entry) or _COMMA.fullmatch(entry) or _TIME.fullmatch(entry) or _decimal_of_groups(entry))
 
 
 def is_decimal_comma(entry: str) -> bool:
     """Whether an entry is a number with a decimal comma."""
     return bool(_COMMA.fullmatch(entry))
+
+
+def _decimal_of_groups(entry: str) -> str | None:
+    """Decimal sign of a number with signs between thousands, such as 1.013,25; None of anything else."""
+    grouped = _GROUPED.fullmatch(entry)
+    return grouped["decimal"] if grouped and grouped["decimal"] != grouped["group"] else None
+
+
+def without_thousands(entry: str, written: Dialect) -> str:
+    """A number without signs between its thousands, with a decimal point; anything else as it is.
+
+    A comma or a point alone between thousands may be a decimal sign unless the file's separator or its decimal sign excludes it.
+    """
+    grouped = _GROUPED.fullmatch(entry)
+    if grouped is None:
+        return entry.replace(",", ".") if written.decimal == "," and is_decimal_comma(entry) else entry
+    group, decimal = grouped["group"], grouped["decimal"]
+    certain = group not in ",." or decimal or entry.count(group) > 1 or (group == "," and written.separator == ",")
+    if not certain or group == decimal:
+        return entry
+    return entry.replace(group, "").replace(",", ".")
 
 
 def _separator(lines: Sequence[str]) -> str:
@@ -177,11 +211,55 @@ def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
         wide = sum(len(other) == len(row) or (len(other) == len(row) + 1 and not other[-1]) for other in after)
         if any(map(is_value, row)) or wide < _NEARLY_ALL * len(after) or (len(row) < 2 and after) or not any(row):
             continue
-        return place
+        return _without_repetition(rows, place)
+    worded = next((place for place, row in enumerate(rows) if any(map(is_value, row))), 0) - 1
+    if worded >= 0 and len(rows[worded]) > max(map(len, rows[worded + 1 :])):
+        return worded  # names that hold the separator, or more of them than entries
     if not rows or all(not entry or is_value(entry) for entry in rows[0]):
         return None
     kinds = [[is_value(entry) for entry in row] for row in rows[:2]]
     return None if len(rows) > 1 and any(kinds[0]) and kinds[0] == kinds[1] else 0  # words among numbers, as in the row after it
+
+
+def _without_repetition(rows: Sequence[Sequence[str]], place: int) -> int:
+    """The row of names: the first, or, where an entry repeats in it, a later one above the numbers whose entries all differ."""
+    for later, row in enumerate(rows[place : place + _MOST_BELOW], start=place):
+        if any(map(is_value, row)) or (later > place and (_unit_count(row) or len(row) != len(rows[place]))):
+            break
+        if all(row) and len(set(row)) == len(row):
+            return later
+    return place
+
+
+def _fewer_names(names: list[str], width: int, line: str, data: Sequence[str], separator: str) -> list[str]:
+    """Names as many as the entries of the rows, where more were read: behind a mark, between wide gaps, or over the columns."""
+    if len(names) == width + 1 and (_MARK.match(names[0]) or not names[0]):
+        return names[1:]
+    if separator != BLANKS:
+        return names
+    inside = re.sub(r"^[!*;]\s*", "", line.strip())
+    for between in (r"\s{2,}", r"\t", r"\s*[,;|]\s*"):
+        apart = re.split(between, inside)
+        if len(apart) == width:
+            return apart
+    return _names_over_columns(line, data, width) or names
+
+
+def _names_over_columns(line: str, data: Sequence[str], width: int) -> list[str] | None:
+    """Names of columns of fixed width, each word belonging to the column nearest to it; None where the columns are not aligned."""
+    used = [False] * max(map(len, [line, *data]))
+    for row in data:
+        for place, sign in enumerate(row.expandtabs()[: len(used)]):
+            used[place] = used[place] or sign != " "
+    columns = [(found.start(), found.end()) for found in re.finditer("1+", "".join("01"[one] for one in used))]
+    if len(columns) != width:
+        return None
+    names = [""] * width
+    for word in re.finditer(r"\S+", line.expandtabs()):
+        gaps = [max(start - word.end(), word.start() - stop) for start, stop in columns]
+        nearest = gaps.index(min(gaps))
+        names[nearest] = f"{names[nearest]} {word[0]}".strip()
+    return names if all(names) else None
 
 
 def _named_in_remark(above: Sequence[str], width: int, separator: str) -> list[str] | None:
@@ -198,9 +276,12 @@ def _named_in_remark(above: Sequence[str], width: int, separator: str) -> list[s
 
 def _below(rows: Sequence[Sequence[str]]) -> list[list[str]]:
     """Rows between the names and the numbers: units, kinds of the columns, blanks."""
+    first = next((place for place, row in enumerate(rows[: _MOST_BELOW + 1]) if any(map(is_value, row))), len(rows))
+    if first <= _MOST_BELOW:
+        return [list(row) for row in rows[:first]]
     below: list[list[str]] = []
-    for row in rows:
-        if any(map(is_value, row)) or (not _unit_count(row) and any(row)):
+    for row in rows[:_MOST_BELOW]:
+        if not _unit_count(row) and any(row):
             break
         below.append(list(row))
     return below
@@ -243,5 +324,7 @@ def decimal_of(separator: str, lines: Iterable[str]) -> str | None:
         for entry in entries(line, separator):
             if _FRACTION.fullmatch(entry):
                 return "."
+            if (sign := _decimal_of_groups(entry)) is not None:
+                return sign
             comma = comma or _COMMA.fullmatch(entry) is not None
     return "," if comma else None

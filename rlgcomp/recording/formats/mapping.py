@@ -112,6 +112,11 @@ def _converted(values: pd.Series, source: Source, wanted: str, target: str) -> p
     """Values of a source in the unit of its target; entries that are no numbers as they are."""
     if target == TIME and (source.factor, source.offset) == (1.0, 0.0):
         return times.of_column(values, source.unit, name=source.column)
+    if source.unit is not None and not units.is_unit(source.unit):
+        raise InputError(
+            f"{target}: unknown unit {source.unit!r} of the column {source.column!r}; state the right one behind its name, as in "
+            f"--map {target}='{source.column} [{wanted}]'; known units are: {units.known()}"
+        )
     read = pd.to_numeric(values, errors="coerce")
     scaled = source.factor * read.to_numpy(dtype=np.float64, na_value=np.nan) + source.offset
     result = pd.Series(units.convert(scaled, source.unit or wanted, wanted), index=values.index)
@@ -125,6 +130,20 @@ def _same_unit(unit: str, wanted: str) -> bool:
         return bool(np.allclose(units.convert([0.0, 1.0], unit, wanted), [0.0, 1.0], rtol=1e-12, atol=0.0))
     except InputError:
         return False
+
+
+def source_names(mapping: Mapping[str, str], columns: Collection[str]) -> dict[str, str]:
+    """The file's own names of the columns that a mapping renames, sums of columns left out.
+
+    Parameters
+    ----------
+    mapping : mapping of str to str
+        Target (contract) name to source.
+    columns : collection of str
+        Of the file.
+    """
+    every = {target: sources_of(columns, str(text), "", parts=target == TIME) for target, text in mapping.items()}
+    return {target: sources[0].column for target, sources in every.items() if len(sources) == 1}
 
 
 def parse_mapping(items: list[str]) -> dict[str, str]:

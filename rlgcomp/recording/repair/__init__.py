@@ -7,7 +7,7 @@ To add a check, write the function in the module of its kind, its line in `CHECK
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import pandas as pd
@@ -92,6 +92,7 @@ def repair(
     stated_units: frozenset[str] = frozenset(),
     simulated: bool = False,
     gyro_required: bool = True,
+    sources: Mapping[str, str] | None = None,
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """Repair a table so that it makes a valid recording.
 
@@ -109,6 +110,8 @@ def repair(
         fault.
     gyro_required : bool
         Whether a table without a gyro is refused; one of monitors alone may be merged into another.
+    sources : mapping of str to str, optional
+        The file's own names of mapped columns, for messages.
 
     Returns
     -------
@@ -120,7 +123,9 @@ def repair(
     UnusableRecordingError
         A fault cannot be repaired without guessing; the error lists every finding with its place and what to do.
     """
-    context = Context(metadata, stated_units, simulated or PREDICTED in metadata.notes, gyro_required=gyro_required)
+    context = Context(
+        metadata, stated_units, simulated or PREDICTED in metadata.notes, gyro_required=gyro_required, sources=sources or {}
+    )
     for check in CHECKS:
         table = check(table, context)
         if len(table) < FEWEST_ROWS and not context.refused:

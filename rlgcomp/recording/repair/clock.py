@@ -109,9 +109,11 @@ def time_unit(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     first, last = float(known[0]), float(known[-1])
     if first > 1e11:
         unit = epoch_unit(first) or ("ms" if first < 1e14 else "us")
-        context.add("refused", message("recording.time_since_1970", first=first, unit=unit), TIME, 0)
+        context.add("refused", message("recording.time_since_1970", first=first, unit=unit, source=context.source(TIME)), TIME, 0)
     elif _DAYS[0] <= first <= _DAYS[1] and 0.0 < last - first < _FEW_DAYS and (last - first) / len(known) < SHORTEST_PERIOD_S:
-        context.add("refused", message("recording.time_in_days", first=first, period_s=(last - first) / (len(known) - 1)), TIME, 0)
+        step_s = (last - first) / (len(known) - 1)
+        about = message("recording.time_in_days", first=first, period_s=step_s, source=context.source(TIME))
+        context.add("refused", about, TIME, 0)
     return table
 
 

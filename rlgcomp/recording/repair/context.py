@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Final, Literal
 
 import numpy as np
@@ -33,6 +34,8 @@ class Context:
         Findings of the checks so far.
     gyro_required : bool
         Whether a table without a gyro is refused.
+    sources : mapping of str to str
+        The file's own names of mapped columns, for messages.
     """
 
     metadata: Metadata
@@ -40,6 +43,7 @@ class Context:
     simulated: bool = False
     findings: list[Finding] = dataclasses.field(default_factory=list)
     gyro_required: bool = True
+    sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
     _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
     _steps: tuple[Array, Extent] | None = None
     _last: tuple[pd.DataFrame, dict[str, Extent]] | None = None
@@ -79,6 +83,10 @@ class Context:
         row : int, optional
         """
         self.findings.append(Finding(severity, message, column, None if row is None else int(row)))
+
+    def source(self, column: str) -> str:
+        """The file's own name of a column."""
+        return self.sources.get(column, column)
 
     @property
     def refused(self) -> bool:

@@ -18,6 +18,7 @@ from rlgcomp.units import SECONDS_PER_HOUR
 
 LARGEST_VALUE: Final = 1e15  # in any unit of any column
 LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long, and for the next in any case
+FEW_WORDS: Final = 0.2  # of a monitor's entries that may be words such as OVERRANGE among its numbers
 _BLANK: Final = 0.5  # share of blank rows between readings
 _IN_STEP: Final = 0.8  # of the readings come one usual interval after the last
 ROUNDING: Final = 1e-9
@@ -52,7 +53,8 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             continue
         numbers = _as_numbers(values)
         bad = np.flatnonzero(np.isnan(numbers) & values.notna().to_numpy())
-        if len(bad) <= max(3, FEW * len(values)) and len(bad) < len(values):
+        few = max(3, (FEW if column == TIME or is_gyro(str(column)) else FEW_WORDS) * len(values))
+        if len(bad) <= few and len(bad) < len(values):
             if len(bad):
                 context.add(
                     "repaired", message("recording.not_numbers", entries=len(bad), first=str(values.iloc[bad[0]])), column, bad[0]
@@ -65,7 +67,8 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
                 "refused", message("recording.not_numbers", entries=len(bad), first=str(values.iloc[bad[0]])), column, bad[0]
             )
         else:
-            context.add("noted", message("recording.text_column"), column)
+            about = message("recording.text_column", entries=len(bad), of=len(values), first=str(values.iloc[bad[0]]))
+            context.add("noted", about, column)
     result = pd.DataFrame(numeric, copy=False)
     suspect = [str(name) for name, extent in context.extents(result).items() if not extent.within(LARGEST_VALUE)]
     suspect = [name for name in suspect if name != TIME or _no_epoch(numeric[name])]

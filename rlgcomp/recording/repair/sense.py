@@ -121,6 +121,7 @@ def impossible_temperatures(table: pd.DataFrame, context: Context) -> pd.DataFra
             "least": float(np.nanmin(values)),
             "greatest": float(np.nanmax(values)),
             "column": column,
+            "source": context.source(column),
         }
         if impossible.sum() > _FEW_IMPOSSIBLE * known:
             if not 180.0 < float(np.nanmedian(values)) < 400.0:  # kelvin is told by its own check

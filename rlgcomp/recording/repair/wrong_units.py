@@ -25,7 +25,9 @@ def units_meant(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if column.endswith("_degC") and not extent.greatest <= 180.0:
             median = float(np.nanmedian(values))
             if 180.0 < median < 400.0:
-                context.add("refused", message("recording.kelvin", column=column, median=median), column)
+                context.add(
+                    "refused", message("recording.kelvin", column=column, median=median, source=context.source(column)), column
+                )
         elif is_gyro(column) and not column.endswith("_pulses") and not plainly_in_its_unit(table, column, context):
             _gyro_unit(table, column, context)
     return table
@@ -60,7 +62,14 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
     noise = None if context.simulated else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
     if noise is not None and noise < QUIETEST_DEG_SQRT_H:
         likely = _quiet_enough(noise, unit)
-        finding = message("recording.noise_below_any_gyro", column=column, noise_deg_sqrt_h=noise, unit=unit, likely_units=likely)
+        finding = message(
+            "recording.noise_below_any_gyro",
+            column=column,
+            noise_deg_sqrt_h=noise,
+            unit=unit,
+            likely_units=likely,
+            source=context.source(column),
+        )
         context.add("refused", finding, column)
         return
     if "table_rate_deg_s" in table and (table["table_rate_deg_s"].std() or 0.0) > 0.0:
@@ -69,7 +78,14 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
         for other in ("rad/s", "deg/s", "deg/h", "arcsec/s"):
             expected = float(units.convert(1.0, unit, "deg/h")) / float(units.convert(1.0, other, "deg/h"))
             if other != unit and abs(abs(slope) / expected - 1.0) < 0.05 and abs(expected - 1.0) > 0.1:
-                finding = message("recording.unit_contradicts_table", column=column, slope=slope, unit=unit, likely_unit=other)
+                finding = message(
+                    "recording.unit_contradicts_table",
+                    column=column,
+                    slope=slope,
+                    unit=unit,
+                    likely_unit=other,
+                    source=context.source(column),
+                )
                 context.add("refused", finding, column)
                 return
     mean = float(np.nanmean(rate_deg_h))

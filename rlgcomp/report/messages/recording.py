@@ -70,24 +70,24 @@ def _mostly_missing(*, share: float) -> str:
     return f"values are missing in {100 * share:.0f} % of the rows; mend the file, or --drop the columns above"
 
 
-def _noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, likely_units: Sequence[str]) -> str:
-    maps = " or ".join(_map(column, other) for other in likely_units)
+def _noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, likely_units: Sequence[str], source: str) -> str:
+    maps = " or ".join(_map(column, source, other) for other in likely_units)
     return (
         f"its white noise would be {noise_deg_sqrt_h:.1e} deg/sqrt(h), less than any gyro's, so the unit is hardly {unit}; "
-        f"state the unit: {maps}; if {unit} is right, state that: {_map(column, unit)}"
+        f"state the unit: {maps}; if {unit} is right, state that: {_map(column, source, unit)}"
     )
 
 
-def _unit_contradicts_table(*, column: str, slope: float, unit: str, likely_unit: str) -> str:
+def _unit_contradicts_table(*, column: str, slope: float, unit: str, likely_unit: str, source: str) -> str:
     return (
         f"its slope against the table's rate is {slope:.4g}, as if the gyro were in {likely_unit}: then state "
-        f"{_map(column, likely_unit)}; otherwise table_rate_deg_s may be in another unit; if {unit} is right, state that: "
-        f"{_map(column, unit)}"
+        f"{_map(column, source, likely_unit)}; otherwise table_rate_deg_s may be in another unit; if {unit} is right, state that: "
+        f"{_map(column, source, unit)}"
     )
 
 
-def _map(column: str, unit: str) -> str:
-    return f"--map {column}='{column} [{unit}]'"
+def _map(column: str, source: str, unit: str) -> str:
+    return f"--map {column}='{source} [{unit}]'"
 
 
 def _stuck_gyro(*, value: float, samples: int, saturated: bool) -> str:
@@ -170,7 +170,8 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     # time
     "recording.rows_without_time": "{rows} rows without a time left out",
     "recording.time_too_coarse": (
-        "{repeated} of {rows} time stamps repeat the one before: the time was written with too few digits; write more"
+        "{repeated} of {rows} time stamps repeat the one before: the time was written with too few digits; write more, or "
+        "leave it out and give the sample period with --period-s"
     ),
     "recording.time_runs_backwards": (
         "time runs backwards: {before_s:.9g} s is followed by {after_s:.9g} s, and {rows} rows are out of order; if a second run "
@@ -178,10 +179,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     ),
     "recording.time_stamps_left_out": _time_stamps_left_out,
     "recording.time_since_1970": (
-        "begins at {first:.4g}: that looks like {unit} since 1970; map it with --map time_s='time_s [{unit}]'"
+        "begins at {first:.4g}: that looks like {unit} since 1970; map it with --map time_s='{source} [{unit}]'"
     ),
     "recording.time_in_days": (
-        "begins at {first:.6g} with a step of {period_s:.3g} s: that looks like days; map it with --map time_s='time_s [d]', or "
+        "begins at {first:.6g} with a step of {period_s:.3g} s: that looks like days; map it with --map time_s='{source} [d]', or "
         "with [excel] or [mjd] to know the dates"
     ),
     "recording.roll_over": "the clock begins again {times} times, after {clock} ({range_s:.10g} s): undone, it now runs on",
@@ -209,6 +210,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "01.03.2026 12:00:00"
     ),
     "recording.decimal_comma": "numbers are written with a decimal comma",
+    "recording.thousands": "signs between thousands, as in {written!r}, are no decimal signs",
     "recording.names_in_remark": _names_in_remark,
     "recording.no_names": _no_names,
     "recording.units_row": _units_row,
@@ -225,7 +227,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.too_few_rows": "{rows} rows: too short to average; at least {least} rows are needed",
     "recording.few_usable_rows": "only {rows} usable rows are left; at least {least} are needed to average",
     "recording.not_numbers": "{entries} entries are no numbers, the first {first!r}",
-    "recording.text_column": "holds text, left out",
+    "recording.text_column": "{entries} of {of} entries are no numbers, the first {first!r}: left out",
     "recording.absurd_values": "{values} values are infinite or beyond {largest:.0e}: they count as missing",
     "recording.empty_gyro": "every value is missing (NaN); leave the column out with --drop {column}, or mend the file",
     "recording.empty_monitor": "every value is missing (NaN), left out",
@@ -237,7 +239,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     ),
     "recording.mostly_missing": _mostly_missing,
     # units
-    "recording.kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{column} [K]'",
+    "recording.kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{source} [K]'",
     "recording.noise_below_any_gyro": _noise_below_any_gyro,
     "recording.unit_contradicts_table": _unit_contradicts_table,
     "recording.mean_above_earth_rate": (
@@ -252,7 +254,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     ),
     "recording.no_temperatures": (
         "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: state the unit, or the step of "
-        "the converter, with --map {column}='{column} [0.01 degC]'"
+        "the converter, with --map {column}='{source} [0.01 degC]'"
     ),
     "recording.repeated_values": "every value is written {times} times: one row of each remains, every {period_s:.6g} s",
     # channels
