@@ -239,8 +239,8 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
     InputError
         The unit has no simulator.
     """
-    from rlgcomp.diagnosis.diagnose import diagnose
-    from rlgcomp.diagnosis.question.held_out import told_apart
+    from rlgcomp.diagnosis.engine.diagnose import diagnose
+    from rlgcomp.recording.argument_checks import with_distinct_names
     from rlgcomp.recording.formats import read
     from rlgcomp.simulation.simulator import Simulator
 
@@ -248,7 +248,7 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
         raise InputError(f"unit {unit.name} has no simulator; name its file in the table's column simulator")
     simulator = Simulator.from_yaml(unit.simulator)
     paths = [*unit.train, *unit.test]
-    runs = told_apart([str(path) for path in paths], [read(path) for path in paths])
+    runs = with_distinct_names([str(path) for path in paths], [read(path) for path in paths])
     diagnosis = diagnose(simulator, runs[: len(unit.train)], runs[len(unit.train) :], seed=seed).of_files(unit.train, unit.test)
     diagnosis.save(folder)
     diagnosis.report(folder / "report.html")

@@ -51,7 +51,6 @@ PUBLIC_NAMES = (  # what scripts of users rely on
     "calibrate_turntable", "diagnose", "evaluate", "fit_coefficients", "load", "overlapping_deviation", "read", "recording",
     "simulated_unit", "write",
 )  # fmt: skip
-ROOMS_OF_DIAGNOSIS = ["result", "noise", "question", "naming", "fitting", "laws", "detection", "proof", "simulators", "programmes"]
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))
 
 
@@ -90,17 +89,6 @@ def _imported_files(module: str) -> set[str]:
 def test_imports_only_from_below(module: str) -> None:
     above = {other for other in _imported(module) if _row(other) > _row(module)}
     assert not above
-
-
-@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("rlgcomp.diagnosis.")])
-def test_rooms_of_diagnosis_import_only_from_below(module: str) -> None:
-    """The modules beside the rooms stand above them all."""
-
-    def height(name: str) -> int:
-        room = name.split(".")[2]
-        return ROOMS_OF_DIAGNOSIS.index(room) if room in ROOMS_OF_DIAGNOSIS else len(ROOMS_OF_DIAGNOSIS)
-
-    assert not {name for name in _imported(module) if name.count(".") > 1 and "diagnosis" in name and height(name) > height(module)}
 
 
 def _circles(imports: dict[str, set[str]]) -> list[set[str]]:
@@ -192,12 +180,11 @@ def _modules_imported(tree: ast.Module) -> set[str]:
 
 @pytest.mark.parametrize("path", sorted(Path(__file__).parent.glob("*.py")), ids=lambda path: path.stem)
 def test_tests_use_public_names_and_import_no_other_test(path: Path) -> None:
-    """Names between underscores are protocols of other libraries. The rooms that diagnosis.engine replaces are let be."""
+    """Names between underscores are protocols of other libraries."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     imported = _modules_imported(tree)
     assert not [name for name in imported if name.removeprefix("tests.").startswith(("test_", "conftest"))]
-    if not any(name.startswith("rlgcomp.diagnosis.") and not name.startswith("rlgcomp.diagnosis.engine") for name in imported):
-        assert not [name for name in _names_used(tree) if name.startswith("_") and not name.endswith("_")]
+    assert not [name for name in _names_used(tree) if name.startswith("_") and not name.endswith("_")]
 
 
 @pytest.mark.parametrize(
@@ -205,7 +192,10 @@ def test_tests_use_public_names_and_import_no_other_test(path: Path) -> None:
     [
         ("import rlgcomp", _HEAVY),
         ("import rlgcomp.cli.base", _HEAVY),
-        ("import rlgcomp.diagnosis.diagnose", ["scipy.signal", "scipy.stats", "sklearn", "torch", "matplotlib"]),  # half a second
+        (
+            "import rlgcomp.diagnosis.engine.diagnose",
+            ["scipy.signal", "scipy.stats", "sklearn", "torch", "matplotlib"],
+        ),  # half a second
     ],
 )
 def test_import_brings_no_heavy_library(code: str, heavy: list[str]) -> None:

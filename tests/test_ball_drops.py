@@ -29,7 +29,6 @@ def diagnosed(table: pd.DataFrame, ball: str) -> rlg.Diagnosis:
         train=[drop(table, ball, 1)],
         test=[drop(table, ball, 2)],
         mechanisms={name: catalogue[name] for name in DRAGS},
-        black_box=False,
     )
 
 

@@ -19,12 +19,11 @@ from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
 from rlgcomp.challenge.conceal import PROGRAMMES, RUNS, Challenge, conceal
-from rlgcomp.challenge.injection import drawn, injected, scaled, strongest_intervals, unabsorbed, white_deg_h
+from rlgcomp.challenge.injection import Projection, drawn, injected, scaled, strongest_intervals
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.challenge.seal import reveal, seal
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.files import sha256
 from rlgcomp.physics import CATALOGUE
 from tests.own_mechanism import write_bellows
@@ -46,9 +45,9 @@ def challenge(hide: str, seed: int = 3, strength: float | None = None) -> Challe
 
 
 @functools.cache
-def problem() -> Problem:
+def projection() -> Projection:
     made = challenge("warm_up")
-    return Problem.of(made.simulator, made.train)
+    return Projection.of(made.simulator, made.train)
 
 
 def finding(name: str, *others: str, **parameters: tuple[float, float]) -> dict[str, Any]:
@@ -81,24 +80,24 @@ class TestInjection:
 
     def test_the_unabsorbed_part_is_orthogonal_to_the_baseline(self) -> None:
         rng = np.random.default_rng(0)
-        residual = unabsorbed(problem(), [rng.standard_normal(len(run)) for run in problem().runs])
-        design = problem().baseline / np.linalg.norm(problem().baseline, axis=0)
+        residual = projection().unabsorbed([rng.standard_normal(len(run)) for run in projection().recordings])
+        design = projection().columns
         assert np.abs(design.T @ residual).max() < 1e-8 * np.linalg.norm(residual)
 
     def test_the_simulator_absorbs_its_own_terms(self) -> None:
-        cubic = [1e-6 * run.column("temperature_block_degC") ** 3 for run in problem().runs]
-        assert np.abs(unabsorbed(problem(), cubic)).max() < 1e-6
+        cubic = [1e-6 * run.column("temperature_block_degC") ** 3 for run in projection().recordings]
+        assert np.abs(projection().unabsorbed(cubic)).max() < 1e-6
 
     def test_white_noise_is_estimated_in_spite_of_the_effect(self) -> None:
-        assert white_deg_h(problem()) == pytest.approx(6.0 * 0.0004, rel=0.1)
+        assert projection().white_deg_h == pytest.approx(6.0 * 0.0004, rel=0.1)
 
     def test_the_strongest_intervals_hold_most_of_a_burst(self) -> None:
-        bursts = [np.exp(-0.5 * ((run.time_s - 9000.0) / 600.0) ** 2) for run in problem().runs]
-        effect = unabsorbed(problem(), bursts)
-        spans = strongest_intervals(problem(), effect)
-        for run in problem().runs:
+        bursts = [np.exp(-0.5 * ((run.time_s - 9000.0) / 600.0) ** 2) for run in projection().recordings]
+        effect = projection().unabsorbed(bursts)
+        spans = strongest_intervals(projection(), effect)
+        for run in projection().recordings:
             assert any(start < 9000.0 < end for start, end in spans[run.name])
-        assert strongest_intervals(problem(), np.ones(len(effect))) == {}
+        assert strongest_intervals(projection(), np.ones(len(effect))) == {}
 
     @pytest.mark.parametrize(("column", "factor"), [("gyro_deg_h", 1.0), ("gyro_deg_s", 3600.0)])
     def test_an_error_is_added_in_the_gyros_own_unit(self, column: str, factor: float) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.question.held_out import require_held_out
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.user import require_computable, user_catalogue
+from rlgcomp.recording.argument_checks import require_held_out
 
 OWN = """
 import dataclasses
@@ -97,13 +97,13 @@ def test_a_mechanism_whose_column_is_not_recorded_is_passed_over(run: rlg.Record
     )
     catalogue = own_and_few(tmp_path / "own.py")
     require_computable(catalogue, [run])
-    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=catalogue, black_box=False)
+    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=catalogue)
     assert any("own" in remark and "vibration_m_s2" in remark for remark in found.remarks)
 
 
 def test_a_mechanism_whose_place_the_simulator_takes_is_said_not_to_be_tried(run: rlg.Recording, tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(OWN.replace("BASIS", "np.ones((len(temperature), 1))"))
-    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=own_and_few(tmp_path / "own.py"), black_box=False)
+    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=own_and_few(tmp_path / "own.py"))
     (said,) = [remark for remark in found.remarks if "not tried" in remark]
     assert said == "own was not tried: the simulator's own terms can take its place in these runs."
 
@@ -112,7 +112,7 @@ def test_a_scale_factor_that_differs_by_sense_is_not_tried_where_a_table_turns_o
     simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
     one_way, both = (simulator.simulate(f"rate 10 900, rate {rate} 900", seed=1, step_s=5.0) for rate in (30, -30))
     for run, passed_over in ((one_way, True), (both, False)):
-        found = rlg.diagnose(simulator, [run], black_box=False)
+        found = rlg.diagnose(simulator, [run])
         assert any("scale_factor_asymmetry" in said and "not tried" in said for said in found.remarks) is passed_over
 
 
@@ -164,7 +164,7 @@ def test_a_gyro_that_does_not_turn_with_its_table_is_refused(changed: dict[str, 
     made = simulator.simulate("rates", seed=1, step_s=5.0)
     table = made.table.assign(**{column: factor * made.column(column) for column, factor in changed.items()})
     with pytest.raises(rlg.InputError, match=re.escape(said)):
-        rlg.diagnose(simulator, [made.replace(table=table, truth=None)], black_box=False)
+        rlg.diagnose(simulator, [made.replace(table=table, truth=None)])
 
 
 @pytest.mark.parametrize("fast_deg_s", [40.0, 60.0])
@@ -177,11 +177,11 @@ def test_an_angle_that_turns_too_far_between_rows_is_said_to(tmp_path: Path, fas
     read = rlg.read(tmp_path / "fast.parquet", metadata={"kind": "turntable"})
     said = rf"fast: by gyro_deg_s the table turns up to {5.0 * fast_deg_s:.0f}[.\d]* deg from row to row, more than half a turn"
     with pytest.raises(rlg.InputError, match=said):
-        rlg.diagnose(simulator, [read], black_box=False)
+        rlg.diagnose(simulator, [read])
     running = wrapped.assign(table_angle_deg=np.cumsum(made.column("table_rate_deg_s") * 5.0))
     running.to_parquet(tmp_path / "fast.parquet")
     for table in (rlg.read(tmp_path / "fast.parquet", metadata={"kind": "turntable"}).table, made.table):
-        assert rlg.diagnose(simulator, [made.replace(table=table, truth=None)], black_box=False).verdict == "none"
+        assert rlg.diagnose(simulator, [made.replace(table=table, truth=None)]).verdict == "none"
 
 
 def test_a_reversed_sense_is_mapped(tmp_path: Path) -> None:
@@ -208,12 +208,12 @@ def test_a_held_out_run_without_the_column_of_a_cause_takes_no_part_in_the_proof
     few = {name: CATALOGUE[name] for name in ("magnetic_field", "supply_voltage", "thermal_lag")}
     train, (seen, blind) = [driven(1), driven(2)], [driven(3), driven(4)]
     blind = blind.replace(table=blind.table.drop(columns="magnetic_field_uT"))
-    found = rlg.diagnose(simulator, train, [seen, blind], mechanisms=few, black_box=False)
+    found = rlg.diagnose(simulator, train, [seen, blind], mechanisms=few)
     assert [cause.name for cause in found.causes] == ["magnetic_field"]
     assert "run4 lacks magnetic_field_uT, which magnetic_field reads: it takes no part in the proof." in found.remarks
     assert found.test is not None
     assert [fit.run for fit in found.test.per_run] == ["run3"]
-    assert rlg.diagnose(simulator, train, [blind], mechanisms=few, black_box=False).test is None
+    assert rlg.diagnose(simulator, train, [blind], mechanisms=few).test is None
 
 
 def test_a_run_given_twice_is_refused_by_the_library(run: rlg.Recording) -> None:

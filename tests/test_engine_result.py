@@ -228,9 +228,9 @@ def command(folder: Path, *arguments: str) -> Result:
     return CliRunner().invoke(app, ["diagnose", "--simulator", str(folder / "gyro.yaml"), *placed, "--only", *FEW])
 
 
-def test_the_command_on_one_model(folder: Path, tmp_path: Path) -> None:
+def test_the_command_writes_what_it_found(folder: Path, tmp_path: Path) -> None:
     files = ("--train", "run0.parquet", "--confirm", "run1.parquet", "--test", "run2.parquet")
-    result = command(folder, "--engine", "one-model", *files, "--json", "--out", str(tmp_path / "out"))
+    result = command(folder, *files, "--json", "--out", str(tmp_path / "out"))
     assert result.exit_code == 0
     content = json.loads(result.stdout)
     assert [one["mechanism"] for one in content["findings"]] == ["supply_voltage"]
@@ -240,14 +240,7 @@ def test_the_command_on_one_model(folder: Path, tmp_path: Path) -> None:
 
 
 def test_the_command_diagnoses_a_quantity_that_is_no_gyro(folder: Path, tmp_path: Path) -> None:
-    arguments = ("--engine", "one-model", "--train", "run0.csv", "--output", "force_N", "--json", "--out", str(tmp_path / "out"))
+    arguments = ("--train", "run0.csv", "--output", "force_N", "--json", "--out", str(tmp_path / "out"))
     content = json.loads(command(folder, *arguments).stdout)
     assert content["output"] == {"column": "force_N", "unit": "N"}
     assert content["findings"][0]["parameters"]["k_deg_h_V"]["unit"] == "N/V"
-
-
-@pytest.mark.parametrize("options", [("--output", "force_N"), ("--engine", "one-model", "--no-confirm"), ("--engine", "other")])
-def test_options_of_the_other_engine_are_refused(options: tuple[str, ...], folder: Path, tmp_path: Path) -> None:
-    result = command(folder, "--train", "run0.parquet", "--out", str(tmp_path / "out"), *options)
-    assert result.exit_code == 2
-    assert not (tmp_path / "out").exists()

@@ -1,11 +1,10 @@
-"""Challenges and detection limits by the one-model engine."""
+"""Detection limits on recordings that hold an effect already."""
 
 from __future__ import annotations
 
 import pytest
 
 from rlgcomp.challenge.sensitivity import sensitivity
-from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
@@ -26,7 +25,7 @@ def run() -> Recording:
 
 def test_an_effect_is_injected_and_found(run: Recording) -> None:
     """The effect that the recording has already is taken into the simulator first."""
-    found = sensitivity(BASELINE, [run], "supply_voltage", strengths=[0.05, 8.0], draws=1, catalogue=FEW, engine="one-model")
+    found = sensitivity(BASELINE, [run], "supply_voltage", strengths=[0.05, 8.0], draws=1, catalogue=FEW)
     weak, strong = found.trials
     assert not weak.named
     assert strong.named
@@ -35,11 +34,6 @@ def test_an_effect_is_injected_and_found(run: Recording) -> None:
 
 
 def test_an_effect_that_is_there_is_taken_out_before(run: Recording) -> None:
-    found = sensitivity(BASELINE, [run], "magnetic_field", strengths=[8.0], draws=1, catalogue=FEW, engine="one-model")
+    found = sensitivity(BASELINE, [run], "magnetic_field", strengths=[8.0], draws=1, catalogue=FEW)
     assert [trial.named for trial in found.trials] == [True]
     assert "challenge.mechanism_before_removed" in {remark.code for remark in found.remarks}
-
-
-def test_an_unknown_engine_is_refused(run: Recording) -> None:
-    with pytest.raises(InputError, match="one of catalogue, one-model"):
-        sensitivity(BASELINE, [run], "supply_voltage", catalogue=FEW, engine="other")

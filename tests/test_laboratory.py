@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.noise.whitening import NoiseShape
-from rlgcomp.diagnosis.programmes.laboratory import Laboratory
-from rlgcomp.diagnosis.programmes.next_experiment import next_experiment
-from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.engine.laboratory import Laboratory
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import Programme
 
-CATALOGUE = rlg.CATALOGUE
-POLYNOMIAL = CATALOGUE["thermal_polynomial"]
-FREE = {"thermal_polynomial": frozenset(p.name for p in POLYNOMIAL.parameters() if p.role == "amplitude")}
-BASE = rlg.Simulator((POLYNOMIAL(),), free=FREE)
 BLOCK_LAG_S = 900.0
-WHITE_DEG_H = 0.0018
 
 
 def recorded(programme: str, seed: int) -> rlg.Recording:
@@ -86,18 +76,6 @@ def test_runs_without_a_thermometer_in_common_are_refused(runs: list[rlg.Recordi
         Laboratory.of(other)
 
 
-def test_no_programme_is_promised_to_tell_what_none_can(runs: list[rlg.Recording]) -> None:
-    """Where the block is a lag of the shell, their difference is the block's rate; a rate's magnitude is another matter."""
-    problem = Problem.of(BASE, runs)
-    gradient = CATALOGUE["thermal_gradient"](k_deg_h_K=0.001)
-    rate = CATALOGUE["temperature_rate"](k_deg_h_min_K=0.001 * BLOCK_LAG_S / 60.0)
-    asymmetry = CATALOGUE["rate_asymmetry"](k_deg_h_min_K=0.001 * BLOCK_LAG_S / 60.0)
-    assert next_experiment(problem, [(rate,), (gradient,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H) is None
-    found = next_experiment(problem, [(rate,), (asymmetry,)], shape=NoiseShape(), white_deg_h=WHITE_DEG_H)
-    assert found is not None
-    assert found.expected_probability_after > 0.99
-
-
 @pytest.mark.parametrize("begins_s", [0.0, 50_000.0])
 def test_what_follows_the_clock_or_a_rate_does_so_again(runs: list[rlg.Recording], begins_s: float) -> None:
     """A pressure that is a straight line in time is no ageing's rival that a programme parts; what wanders by itself is."""
@@ -112,19 +90,14 @@ def test_what_follows_the_clock_or_a_rate_does_so_again(runs: list[rlg.Recording
         }
         return run.replace(table=run.table.assign(**followed))
 
-    problem = Problem.of(BASE, [with_pressure(first), with_pressure(second)])
-    found = Laboratory.of([windows.fine for windows in problem.windows]).foreseen(Programme.parse("paper"), ThermalPlant(), 20.0)
+    recorded = [with_pressure(first).averaged(100.0), with_pressure(second).averaged(100.0)]
+    found = Laboratory.of(recorded).foreseen(Programme.parse("paper"), ThermalPlant(), 100.0)
     np.testing.assert_allclose(found.column("pressure_hPa"), 1010.0 - 4e-4 * found.time_s, atol=0.02)
-    ageing = CATALOGUE["ageing"].grid(problem.runs)[-1]
-    ageing = dataclasses.replace(ageing, k_deg_h_day=0.1)
-    pressure = CATALOGUE["ambient_pressure"](k_deg_h_hPa=-0.1 / 86400.0 / 4e-4)
-    rate, light = CATALOGUE["temperature_rate"](k_deg_h_min_K=0.02), CATALOGUE["light_intensity"](k_deg_h_V=-1.0)
-    magnitude, supply = CATALOGUE["rate_asymmetry"](k_deg_h_min_K=0.02), CATALOGUE["supply_voltage"](k_deg_h_V=0.02)
-    field = CATALOGUE["magnetic_field"]()
-    alike = ((ageing, pressure), (rate, light), (magnitude, supply))
-    for rivals, apart in (*((pair, False) for pair in alike), ((ageing, field), True), ((rate, magnitude), True)):
-        promised = next_experiment(problem, [(one,) for one in rivals], shape=NoiseShape(), white_deg_h=WHITE_DEG_H)
-        assert (promised is not None) == apart
+    alike = (("ageing", "ambient_pressure"), ("temperature_rate", "light_intensity"), ("rate_asymmetry", "supply_voltage"))
+    for pair in (*alike, ("ageing", "magnetic_field"), ("temperature_rate", "rate_asymmetry")):
+        forms = [rlg.CATALOGUE[name].grid(recorded)[-1] if name == "ageing" else rlg.CATALOGUE[name]() for name in pair]
+        one, other = (form.basis(found)[:, 0] for form in forms)
+        assert (abs(np.corrcoef(one, other)[0, 1]) > 0.999) == (pair in alike)
 
 
 def test_what_wanders_is_foreseen_no_farther_than_it_ever_went() -> None:

@@ -26,7 +26,7 @@ def test_lock_in_is_found_with_an_honest_error_and_the_hump_is_left() -> None:
     from experiments.lock_in_in_published_data import study
 
     found = study.diagnosis()
-    (lock_in,) = [cause for cause in found.causes if cause.mechanism.name == "lock_in"]
+    (lock_in,) = [cause for cause in found.causes if cause.name == "lock_in"]
     assert lock_in.probability > 0.99
     assert found.p_value < 1e-6
     models = study.lock_in_rates()

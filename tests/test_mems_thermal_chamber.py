@@ -21,8 +21,6 @@ def test_memory_is_found_and_the_leg_held_out_improves(axis: str) -> None:
     assert found.p_value < 1e-6
     assert memories(found)
     assert fit.improvement_ci95[0] > 0.0
-    assert fit.compensation_rms is not None
-    assert fit.augmented_rms < fit.compensation_rms
 
 
 def test_the_hard_axis_gets_an_honest_answer() -> None:
@@ -40,6 +38,6 @@ def test_held_out_runs_decide_nothing_that_makes_them_worse() -> None:
     whole = cycle(DATA)
     train, test = [leg(whole, 1), leg(whole, 2)], [leg(whole, 3)]
     few = {name: rlg.CATALOGUE[name] for name in (*MEMORY, "ageing", "warm_up")}
-    found = rlg.diagnose(rlg.Simulator.from_mapping(CUBIC), train, test, gyro="gyro_z_deg_s", mechanisms=few, black_box=False)
+    found = rlg.diagnose(rlg.Simulator.from_mapping(CUBIC), train, test, gyro="gyro_z_deg_s", mechanisms=few)
     assert held_out(found).improvement_ci95[0] > 0.0
     assert memories(found)

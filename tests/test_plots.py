@@ -47,7 +47,7 @@ def evaluation(runs: list[rlg.Recording], model: rlg.Compensator) -> rlg.Evaluat
 
 @pytest.fixture(scope="module")
 def diagnosis(runs: list[rlg.Recording]) -> rlg.Diagnosis:
-    return rlg.diagnose(GYRO.without("thermal_hysteresis"), train=runs[:2], test=runs[2:], black_box=False)
+    return rlg.diagnose(GYRO.without("thermal_hysteresis"), train=runs[:2], test=runs[2:])
 
 
 @pytest.fixture(scope="module")

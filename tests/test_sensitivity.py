@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner, Result
 
 import rlgcomp as rlg
-from rlgcomp.challenge.injection import contributions, distinct_injections, sized_injection, unabsorbed
+from rlgcomp.challenge.injection import Projection, contributions, distinct_injections, sized_injection
 from rlgcomp.challenge.sensitivity import (
     Curve,
     Sensitivity,
@@ -23,7 +23,6 @@ from rlgcomp.challenge.sensitivity import (
 )
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.noise.processes import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.report.sensitivity import FoundCurve, curves_picture
@@ -110,10 +109,10 @@ class TestSensitivity:
 
     def test_equal_trials_are_made_and_counted_once(self) -> None:
         """Of a cause without nonlinear parameters there are two: it and its negative; otherwise as many as are drawn."""
-        problem = Problem.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
+        projection = Projection.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
         for name, count in (("supply_voltage", 2), ("thermal_lag", 6)):
-            plans = [sized_injection(CATALOGUE[name], problem, 0.002, stream(1, f"{name}{draw}")) for draw in range(6)]
-            assert len(distinct_injections(plans, problem)) == count
+            plans = [sized_injection(CATALOGUE[name], projection, 0.002, stream(1, f"{name}{draw}")) for draw in range(6)]
+            assert len(distinct_injections(plans, projection)) == count
 
     def test_trials_named_but_not_detected_are_counted(self) -> None:
         trial = found().trials[0]
@@ -150,12 +149,14 @@ class TestSensitivity:
         assert size == pytest.approx(np.median(ratios))
 
     def test_a_trial_is_determined_by_its_stream_and_has_its_strength(self) -> None:
-        problem = Problem.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
-        first, again, other = (sized_injection(CATALOGUE["mode_hop"], problem, 0.002, stream(1, name)) for name in ("a", "a", "b"))
+        projection = Projection.of(rlg.Simulator.from_mapping(SIMULATOR), recordings())
+        first, again, other = (
+            sized_injection(CATALOGUE["mode_hop"], projection, 0.002, stream(1, name)) for name in ("a", "a", "b")
+        )
         assert first == again
         assert first[0] != other[0]
         for mechanism, number in (first, other):
-            assert np.std(unabsorbed(problem, contributions(mechanism, recordings(), number))) == pytest.approx(0.002, rel=1e-6)
+            assert np.std(projection.unabsorbed(contributions(mechanism, recordings(), number))) == pytest.approx(0.002, rel=1e-6)
 
     @pytest.mark.parametrize(
         ("changes", "message"),

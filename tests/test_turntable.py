@@ -18,8 +18,6 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.question.contrasts import Contrasts
-from rlgcomp.diagnosis.question.windows import Windows
 from rlgcomp.noise.processes import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
@@ -281,7 +279,7 @@ class TestRotation:
         run = rlg.Simulator(kind="turntable").simulate("rate 30 600, rate -30 600", seed=1)
         assert max(order for mechanism in RotationHarmonics.grid((run,)) for order in mechanism.orders) == 6
         assert RotationHarmonics.unresolved_in((run,)) == "orders above 6 (sample faster, or turn more slowly)"
-        remarks = rlg.diagnose(rlg.Simulator(kind="turntable"), [run], black_box=False).remarks
+        remarks = rlg.diagnose(rlg.Simulator(kind="turntable"), [run]).remarks
         assert f"Of rotation_harmonics these runs do not show {RotationHarmonics.unresolved_in((run,))}." in remarks
 
     def test_whole_turns_hide_the_earth(self) -> None:
@@ -368,7 +366,7 @@ class TestWhatTheTableRecords:
             {"kind": "turntable", "mechanisms": ["scale_factor"], "noise": {"angle_random_walk_deg_sqrt_h": 1.5e-3}}
         )
         runs = [self.noisy(gyro.simulate(self.PROGRAMME, seed=seed, step_s=1.0), encoder_arcsec, seed) for seed in range(2)]
-        found = rlg.diagnose(simulator, train=runs, black_box=False)
+        found = rlg.diagnose(simulator, train=runs)
         assert found.verdict == "none"
 
     def test_a_table_that_stands_has_no_rate_and_one_that_moves_keeps_it(self) -> None:
@@ -383,28 +381,6 @@ class TestWhatTheTableRecords:
             assert found[start] == pytest.approx(rate[start : start + 300].mean(), abs=1e-9)
         for start in (300, 900, 1500):
             np.testing.assert_array_equal(found[start : start + 300], rate[start : start + 300])
-
-    @pytest.mark.parametrize(("blue", "window_s"), [(0.0, 100.0), (3.0, 100.0), (2.0, 12.0)])
-    def test_contrasts_are_white_in_noise_that_is_not(self, blue: float, window_s: float) -> None:
-        """Of many draws of white noise and rounding, each contrast has the variance of a window's mean, though a short window's own
-        length is where rounding is already the louder."""
-        n, draws = 4000, 200
-        rng = np.random.default_rng(1)
-        time_s = np.arange(float(n))
-        run = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.zeros(n)}))
-        part = Windows.of(run, window_s)
-        columns = np.column_stack([np.cos(0.4 * time_s), np.sin(0.4 * time_s), np.cos(2.9 * time_s), np.sin(0.011 * time_s)])
-
-        def noise() -> np.ndarray:
-            return rng.standard_normal(n) + blue * np.diff(rng.standard_normal(n + 1))
-
-        contrasts = Contrasts.made((part,), (columns,), (noise(),), (np.zeros((n, 0)),))
-        assert contrasts is not None
-        assert contrasts.count == 4
-        values = np.array([contrasts.of([noise()[:, None]])[:, 0] for _ in range(draws)])
-        variance = np.cov(values.T) / np.mean([part.means(noise()).var() for _ in range(draws)])
-        np.testing.assert_allclose(np.diag(variance), 1.0, atol=0.55)
-        assert np.abs(variance - np.diag(np.diag(variance))).max() < 0.4
 
 
 def test_predict_takes_the_size_of_a_pulse(tmp_path: Path) -> None:

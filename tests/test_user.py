@@ -182,7 +182,7 @@ def test_the_readmes_example_is_found_on_a_table_with_an_encoder_alone(tmp_path:
     made = rlg.Simulator.from_mapping(content, catalogue).simulate("rates", seed=1)
     run = made.replace(table=made.table.drop(columns="table_rate_deg_s"), truth=None)
     simulator = rlg.Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
-    found = rlg.diagnose(simulator, [run], mechanisms=catalogue, black_box=False)
+    found = rlg.diagnose(simulator, [run], mechanisms=catalogue)
     assert [cause.name for cause in found.causes] == ["centrifugal_stretch"]
     estimate = found.causes[0].parameters["k_deg_h"]
     assert abs(estimate.value - 0.05) < 4.0 * estimate.sd < 0.01

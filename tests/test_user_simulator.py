@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +14,12 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.question.windows import Windows
-from rlgcomp.diagnosis.result import Alignment
-from rlgcomp.diagnosis.result.wording import clock_text
-from rlgcomp.diagnosis.simulators.align import align, no_clocks
-from rlgcomp.diagnosis.simulators.resampling import on_rows, turning_evenly
-from rlgcomp.diagnosis.simulators.user_simulator import (
+from rlgcomp.diagnosis.engine.simulators.align import align, no_clocks
+from rlgcomp.diagnosis.engine.simulators.resampling import Alignment, on_rows, turning_evenly
+from rlgcomp.diagnosis.engine.simulators.user_simulator import (
     PythonSimulator,
     SimulatedRuns,
-    baseline_prediction,
-    scale_remarks,
+    scale_message,
 )
 from rlgcomp.numerics.filters import lag
 
@@ -96,7 +91,9 @@ def test_a_gap_costs_no_more_than_what_it_lacks(run: rlg.Recording, simulated: r
 
 def test_rows_without_a_simulation_are_left_out(run: rlg.Recording, simulated: rlg.Recording) -> None:
     runs = SimulatedRuns.of([run], [simulated.replace(table=simulated.table.drop(index=range(1500, 2000)), truth=None)])
-    assert runs.remarks == ("warm: 500 rows that its simulation does not show are left out.",)
+    (told,) = runs.messages
+    assert told.code == "diagnosis.rows_without_simulation"
+    assert told.data == {"run": "warm", "not_simulated": 500, "turning_unevenly": 0}
     assert len(runs.runs[0]) == len(run) - 500
     assert np.isfinite(runs.predict_deg_h(runs.runs[0])).all()
 
@@ -114,10 +111,10 @@ def test_a_wrong_time_constant_is_no_clock() -> None:
     found = SimulatedRuns.of(right, slow)
     assert not any(one.taken_out for one in found.alignment)
     assert all(one.p_value < 0.01 for one in found.alignment)
-    (said,) = found.remarks
-    assert "rather a time constant of the simulator is wrong" in said
+    assert [one.code for one in found.warnings] == ["diagnosis.no_clock"]
     late = SimulatedRuns.of(right, [moved(one, 30.0, 100.0) for one in right])
-    assert not late.remarks
+    assert not late.warnings
+    assert [one.code for one in late.messages] == ["diagnosis.clock"] * 2
     assert all(one.taken_out and abs(one.offset_s - 30.0) < 0.1 for one in late.alignment)
 
 
@@ -128,59 +125,61 @@ def test_a_drift_that_no_clock_has_is_none() -> None:
     assert no_clocks([]) is None
     assert no_clocks([drifting(300.0), drifting(-120.0)]) is None
     assert no_clocks([drifting(300.0), drifting(-700.0, taken_out=False)]) is None
-    assert "700 ± 10 ppm in run" in str(no_clocks([drifting(-700.0)]))
+    found = no_clocks([drifting(-700.0)])
+    assert found is not None
+    assert (found.code, found.data["drifts_ppm"]) == ("diagnosis.no_clock", {"run": -700.0})
 
 
-def test_a_clock_is_told_so_that_it_can_be_corrected(run: rlg.Recording, simulated: rlg.Recording) -> None:
-    """What is said is added to the time stamps, and they are right."""
+def test_a_clock_is_reported_so_that_it_can_be_corrected(run: rlg.Recording, simulated: rlg.Recording) -> None:
+    """The numbers of the message are added to the time stamps, and these are right."""
     late = moved(simulated, 30.0, 100.0)
-    _, found = align(run, late)
-    said = clock_text(found)
-    assert re.fullmatch(
-        r"(30\.0|29\.9)\S* ± \S+ s, and (100|99|101)\S* ± \S+ ppm of the time that passes, must be added to the simulation's time "
-        r"stamps\n  \(judged by temperature_\S+; p < 10⁻¹²\): done",
-        said,
-    ), said
+    (told,) = SimulatedRuns.of([run], [late]).messages
+    assert told.code == "diagnosis.clock"
+    assert told.data["run"] == "warm"
+    assert told.data["column"].startswith("temperature_")
     time_s = late.time_s
-    corrected = time_s + found.offset_s + 1e-6 * found.drift_ppm * (time_s - time_s[0])
+    corrected = time_s + told.data["offset_s"] + 1e-6 * told.data["drift_ppm"] * (time_s - time_s[0])
     assert corrected == pytest.approx(simulated.time_s, abs=0.1)
-    assert "would have to be added" in clock_text(dataclasses.replace(found, taken_out=False))
 
 
 @pytest.mark.parametrize(
-    ("scale", "said"),
+    ("scale", "ratio", "wrong"),
     [
-        (1.0, None),
-        (1.3, None),
-        (0.0, None),
-        (3600.0, "about 0.00028 times what your simulator says (correlation 0.9"),
-        (3600.0, "): is its unit right (gyro_deg_h holds deg/h)?"),
-        (1.0 / 3600.0, "about 3600 times"),
-        (-1.0, "is its sign right?"),
-        (-3600.0, "are its sign and its unit right"),
-        (1e-300, None),  # as good as a constant
+        (1.0, None, None),
+        (1.3, None, None),
+        (0.0, None, None),
+        (3600.0, 1.0 / 3600.0, (False, True)),
+        (1.0 / 3600.0, 3600.0, (False, True)),
+        (-1.0, -1.0, (True, False)),
+        (-3600.0, -1.0 / 3600.0, (True, True)),
+        (1e-300, None, None),  # as good as a constant
     ],
 )
-def test_a_wrong_unit_or_sign_is_asked_about(scale: float, said: str | None) -> None:
+def test_a_wrong_unit_or_sign_is_asked_about(scale: float, ratio: float | None, wrong: tuple[bool, bool] | None) -> None:
     run = STRONG.simulate("short", seed=2, step_s=10.0)
-    expected = STRONG.predict(run).rate_deg_h()
-    found = scale_remarks([Windows.of(run, 100.0)], lambda _: scale * expected)
-    assert found == () if said is None else said in found[0]
+    found = scale_message([run], [scale * STRONG.predict(run).rate_deg_h()])
+    if ratio is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert found.code == "diagnosis.simulation_scaled"
+        assert found.data["ratio"] == pytest.approx(ratio, rel=0.1)
+        assert (found.data["wrong_sign"], found.data["wrong_unit"]) == wrong
 
 
 def test_a_strong_missing_effect_is_no_wrong_unit() -> None:
     run = BASE.with_mechanism(CATALOGUE["magnetic_field"](k_deg_h_uT=0.05)).simulate("short", seed=2, step_s=10.0)
     expected = BASE.predict(run).rate_deg_h()
     assert np.std(run.rate_deg_h() - expected) > 2.0 * np.std(expected)
-    assert scale_remarks([Windows.of(run, 100.0)], lambda _: expected) == ()
-    assert scale_remarks([Windows.of(run, 100.0)], None) == ()
+    assert scale_message([run], [expected]) is None
 
 
 def test_a_wrong_sign_comes_first_among_the_remarks() -> None:
     runs = [STRONG.simulate("short", seed=k, step_s=10.0, name=f"run{k}") for k in range(2)]
     turned = PythonSimulator(lambda run: -STRONG.predict(run).rate_deg_h(), "my_sim.py:gyro")
-    found = rlg.diagnose(turned, runs[:1], runs[1:], black_box=False)
-    assert "is its sign right?" in found.remarks[0]
+    found = rlg.diagnose(turned, runs[:1], runs[1:], only=["supply_voltage"])
+    assert found.remarks[0].code == "diagnosis.simulation_scaled"
+    assert found.remarks[0].data["wrong_sign"]
 
 
 def test_without_monitors_a_sharp_signal_tells_the_time() -> None:
@@ -190,7 +189,7 @@ def test_without_monitors_a_sharp_signal_tells_the_time() -> None:
     simulation = rlg.Recording(pd.DataFrame({"time_s": time_s - 12.0, "gyro_deg_h": steps}), name="sim")
     run = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": 1.02 * steps + 0.1 * rng.normal(size=len(steps))}))
     rate, found = align(run, simulation)
-    assert not found.taken_out  # slow physics might do it: that is asked of all runs together
+    assert not found.taken_out  # slow physics might do it
     told = time_s <= simulation.time_s[-1]  # what it does beyond its end it does not say
     assert rate[told] == pytest.approx(np.interp(time_s, simulation.time_s, steps)[told], abs=1e-12)
     assert np.isnan(rate[~told]).all()
@@ -248,9 +247,9 @@ def test_one_simulation_a_run(run: rlg.Recording, simulated: rlg.Recording) -> N
     with pytest.raises(rlg.InputError, match="1 simulated runs for 2 recordings"):
         SimulatedRuns.of([run, run], [simulated])
     runs = SimulatedRuns.of([run], [moved(simulated, 20.0)])
-    assert baseline_prediction(runs, run) is runs.rates_deg_h[0]
+    assert runs.predict_deg_h(run) is runs.rates_deg_h[0]
     part = run.between(1000.0, 3000.0)
-    assert baseline_prediction(runs, part) == pytest.approx(runs.rates_deg_h[0][500:1500], abs=1e-12)
+    assert runs.predict_deg_h(part) == pytest.approx(runs.rates_deg_h[0][500:1500], abs=1e-12)
     with pytest.raises(rlg.InputError, match="no simulation of it was given"):
         runs.predict_deg_h(run.replace(name="another"))
 
@@ -322,7 +321,7 @@ ANSWERS = {
 @pytest.mark.parametrize("answer", ANSWERS.values(), ids=ANSWERS)
 def test_a_function_may_answer_in_many_forms(run: rlg.Recording, tmp_path: Path, answer: str) -> None:
     simulator = PythonSimulator.load(written(tmp_path, f"def gyro(r):\n    return {answer}\n"))
-    assert baseline_prediction(simulator, run) == pytest.approx(0.01 * run.column("temperature_block_degC"))
+    assert simulator.predict_deg_h(run) == pytest.approx(0.01 * run.column("temperature_block_degC"))
 
 
 def test_a_coarser_answer_is_put_on_the_rows(run: rlg.Recording, tmp_path: Path) -> None:
@@ -404,14 +403,16 @@ def test_the_clock_of_a_turning_table_is_told_by_its_gyro(offset_s: float, lock_
     theirs = [
         run.replace(table=moved(run, offset_s, 20.0).table[["time_s", "gyro_deg_s"]], truth=None, name=run.name) for run in finer
     ]
-    found = rlg.diagnose(None, runs, simulated=theirs, black_box=False)
+    found = rlg.diagnose(None, runs, simulated=theirs)
     assert [cause.name for cause in found.causes] == ["lock_in"] * bool(lock_in_deg_s)
     assert found.verdict == ("explained" if lock_in_deg_s else "none")
     for clock in found.alignment:
         assert clock.taken_out
         assert clock.drift_ppm == pytest.approx(20.0, abs=5.0 * clock.drift_ppm_sd)
         assert clock.offset_s == pytest.approx(offset_s, abs=0.5)  # a row's time is that of its end, and rows differ in length
-    assert all("speeds up" in remark for remark in found.remarks[:2])
+    uneven = [one for one in found.remarks if one.code == "diagnosis.rows_without_simulation"]
+    assert len(uneven) == 2
+    assert all(one.data["turning_unevenly"] > 0 for one in uneven)
 
 
 @pytest.mark.parametrize("offset_s", [0.3, -0.4])
@@ -433,7 +434,7 @@ def test_a_swing_on_another_clock_keeps_its_rows_and_its_period(offset_s: float)
     simulated = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": 3600.0 * means(time_s + offset_s)}), name="sim")
     _, found = align(run, simulated)
     assert found.offset_s == pytest.approx(offset_s, abs=1e-3)
-    found = dataclasses.replace(found, taken_out=True)  # which is decided for all runs together
+    found = dataclasses.replace(found, taken_out=True)
     shown = on_rows(run, simulated, found)
     even = turning_evenly(run, simulated, shown, found) & np.isfinite(shown.rate_deg_h)
     assert even.mean() > 0.98
@@ -463,6 +464,6 @@ def test_a_held_out_run_may_lack_the_thermometer_that_training_runs_have() -> No
     assert "temperature_shell_degC" in runs[2]
     runs[2] = runs[2].replace(table=runs[2].table.drop(columns="temperature_block_degC"))
     few = {name: CATALOGUE[name] for name in ("thermal_lag", "thermal_hysteresis", "supply_voltage")}
-    diagnosis = rlg.diagnose(None, runs[:2], runs[2:], simulated=simulations, mechanisms=few, black_box=False)
+    diagnosis = rlg.diagnose(None, runs[:2], runs[2:], simulated=simulations, mechanisms=few)
     assert diagnosis.test is not None
     assert diagnosis.p_value < 0.01

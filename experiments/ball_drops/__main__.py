@@ -44,7 +44,6 @@ def main() -> None:
             train=[drop(table, ball, 1)],
             test=[drop(table, ball, 2)],
             mechanisms={name: catalogue[name] for name in names},
-            black_box=False,
         )
         found = ", ".join(f"{cause.name} ({cause.probability:.2f})" for cause in diagnosis.causes) or "nothing"
         rivals = ", ".join(other for cause in diagnosis.causes for other in cause.indistinguishable_from) or "-"

@@ -15,8 +15,8 @@ import rlgcomp as rlg
 from experiments.lock_in_in_published_data.recordings import recording, table_3
 from rlgcomp.calibration.rate_dependence import fit_lock_in
 from rlgcomp.calibration.scale_factor import sd_of_mean
-from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.engine.diagnose import diagnose
+from rlgcomp.diagnosis.engine.result import Diagnosis
 from rlgcomp.noise.processes import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.mechanism import Mechanism
@@ -37,7 +37,7 @@ def diagnosis() -> Diagnosis:
     train, test = (
         recording(table_3(), runs, name) for runs, name in ((TRAINED, "power-ups 1 to 3"), (HELD_OUT, "power-ups 4 and 5"))
     )
-    return diagnose(SIMULATOR, [train], [test], black_box=False)
+    return diagnose(SIMULATOR, [train], [test])
 
 
 def contributions_ppm(simulator: rlg.Simulator) -> pd.DataFrame:
@@ -90,7 +90,7 @@ def fit_each(others: Sequence[Mechanism] = ()) -> Fit:
 def lock_in_rates() -> dict[str, tuple[float, float]]:
     """The lock-in rate and its standard deviation, deg/s, by model."""
     table = table_3()
-    named = next(cause for cause in diagnosis().causes if cause.mechanism.name == "lock_in").parameters["lock_in_deg_s"]
+    named = next(cause for cause in diagnosis().causes if cause.name == "lock_in").parameters["lock_in_deg_s"]
     fits = {
         "k0, by the scatter of the repeats in ppm": fit_lock_in(table),
         "k0, rates alike in ppm": fit_lock_in(table, weighted=False),

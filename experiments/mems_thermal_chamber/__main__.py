@@ -83,8 +83,8 @@ def diagnosis(whole: rlg.Recording) -> None:
             f"Rms of {AVERAGING_S:g} s means of leg 3, in the recording's own unit. Leg 3 takes no part in fitting, but averaging "
             "time and candidates were settled with it in view: on y, other choices gain between -34 and 60 %.\n"
         )
-        print("| axis | verdict | found (probability) | cubic | with what was found | gain, 95 % interval | LS-SVM | noise |")
-        print("|---|---|---|---|---|---|---|---|")
+        print("| axis | verdict | found (probability) | cubic | with what was found | gain, 95 % interval | noise |")
+        print("|---|---|---|---|---|---|---|")
         for axis in AXES:
             found = diagnosed(whole, axis, candidates)
             print(f"| {axis} | {found.verdict} | {named(found)} | {' | '.join(numbers(found))} |")
@@ -96,8 +96,7 @@ def diagnosis(whole: rlg.Recording) -> None:
 def named(found: rlg.Diagnosis) -> str:
     """Causes and law."""
     names = [f"{cause.name} ({cause.probability:.2f})" for cause in found.causes]
-    if found.unexplained.equation is not None:
-        names.append(f"law, {found.unexplained.memory}: {found.unexplained.equation}")
+    names += [f"law, {law.memory}: {law.equation}" for law in found.laws]
     return ", ".join(names) or "nothing"
 
 
@@ -105,11 +104,9 @@ def numbers(found: rlg.Diagnosis) -> list[str]:
     """Of the leg held out."""
     fit = held_out(found)
     low, high = fit.improvement_ci95
-    black_box = np.nan if fit.compensation_rms is None else fit.compensation_rms
-    before, after, boxed, noise = (
-        f"{size / SECONDS_PER_HOUR:.2e}" for size in (fit.baseline_rms, fit.augmented_rms, black_box, fit.noise_floor_rms)
-    )
-    return [before, after, f"{100 * fit.improvement:.0f} % ({100 * low:.0f} to {100 * high:.0f})", boxed, noise]
+    sizes = (fit.baseline_rms, fit.augmented_rms, fit.noise_floor_rms)
+    before, after, noise = (f"{size / SECONDS_PER_HOUR:.2e}" for size in sizes)
+    return [before, after, f"{100 * fit.improvement:.0f} % ({100 * low:.0f} to {100 * high:.0f})", noise]
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.result import Fit
+from rlgcomp.diagnosis.engine.scores import Score
 
 MEMORY = {
     "thermal_hysteresis": "rate-independent",
@@ -17,7 +17,7 @@ COMPLETE = 2.0  # times the noise floor: what leaves more does not describe the 
 SUPPORTED = 2  # causes that two legs can support
 
 
-def held_out(found: rlg.Diagnosis) -> Fit:
+def held_out(found: rlg.Diagnosis) -> Score:
     """The fit of the runs held out.
 
     Raises
@@ -33,9 +33,9 @@ def held_out(found: rlg.Diagnosis) -> Fit:
 def memories(found: rlg.Diagnosis) -> dict[str, str]:
     """The kinds of memory of temperature that were found, by what was found."""
     named = {cause.name: MEMORY[cause.name] for cause in found.causes if cause.name in MEMORY}
-    left = found.unexplained
-    if left.memory in ("dynamic", "rate-independent") and any("temperature" in driver for driver in left.drivers):
-        named["a law"] = left.memory
+    for law in found.laws:
+        if law.memory in ("dynamic", "rate-independent") and any("temperature" in driver for driver in law.drivers):
+            named["a law"] = law.memory
     return named
 
 
@@ -52,14 +52,9 @@ def judgement(found: rlg.Diagnosis) -> str:
     low, high = fit.improvement_ci95
     interval = f"{100 * fit.improvement:.0f} %, 95 % interval {100 * low:.0f} to {100 * high:.0f} %"
     sentences.append(f"Held out the error falls by {interval}." if low > 0.0 else f"Held out no gain can be claimed ({interval}).")
-    if fit.improvement_std is not None and fit.improvement_std_ci95 is not None:
-        shape = f"{100 * fit.improvement_std:.0f} % ({100 * fit.improvement_std_ci95[0]:.0f} to "
-        shape += f"{100 * fit.improvement_std_ci95[1]:.0f} %)"
-        proved = fit.improvement_std_ci95[0] > 0.0
-        sentences.append(f"About the leg's own mean it is {shape}" + ("." if proved else ": the shape is not predicted."))
-    if fit.compensation_rms is not None:
-        better = fit.augmented_rms < fit.compensation_rms
-        sentences.append(f"That is {'better' if better else 'worse'} than the LS-SVM on the same split.")
+    low, high = fit.improvement_std_ci95
+    shape = f"{100 * fit.improvement_std:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
+    sentences.append(f"About the leg's own mean it is {shape}" + ("." if low > 0.0 else ": the shape is not predicted."))
     left = fit.augmented_rms / fit.noise_floor_rms
     if left > COMPLETE:
         sentences.append(f"What is left is {left:.0f} times the noise: the leg is not described.")

@@ -56,7 +56,7 @@ MONITORS: Final = frozenset({"light_intensity", "discharge_imbalance", "supply_v
 
 def proposed_and_run(effect: str, known: str, strength: float, seed: int) -> dict[str, Any]:
     """One gyro: what is said before, what is promised, and what comes out."""
-    from rlgcomp.diagnosis.diagnose import diagnose
+    from rlgcomp.diagnosis.engine.diagnose import diagnose
 
     def case_of(third: str | None = None) -> Any:
         programmes = dict.fromkeys((*TRAINING, *HELD_OUT), PROGRAMMES[known]) | ({} if third is None else {HELD_OUT[0]: third})
@@ -65,7 +65,7 @@ def proposed_and_run(effect: str, known: str, strength: float, seed: int) -> dic
 
     case = case_of()
     simulator = Simulator.from_mapping(case.simulator_mapping)
-    before = diagnose(simulator, case.train, black_box=False)
+    before = diagnose(simulator, case.train)
     row = {"effect": effect, "known": known, "strength": strength, "verdict": before.verdict, "shares": _sets(before.to_mapping())}
     row["named"] = [cause.name for cause in before.causes]
     proposed = before.next_experiment
@@ -73,7 +73,7 @@ def proposed_and_run(effect: str, known: str, strength: float, seed: int) -> dic
         new, old = case_of(proposed.profile).test
         row |= {"rivals": proposed.separates, "profile": proposed.profile, "promised": proposed.expected_probability_after}
         for key, run in (("after", new), ("repeated", old)):
-            row[key] = _sets(diagnose(simulator, [*case.train, run], black_box=False).to_mapping())
+            row[key] = _sets(diagnose(simulator, [*case.train, run]).to_mapping())
     return row
 
 

@@ -9,18 +9,15 @@ from typing import Final, Literal
 import numpy as np
 
 from experiments.speed.measure import Case, Peer, Row
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.engine.result import Diagnosis
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
 CALLS: Final = 200
 _PARTS: Final = {  # of a diagnosis, by the share that it then says is done
-    0.05: "averaged",
-    0.5: "LS-SVM, sets compared",
-    0.75: "null tested, laws sought",
-    0.85: "located",
-    0.98: "proved",
-    1.0: "the rest",
+    0.05: "runs prepared",
+    0.9: "sets compared",
+    1.0: "fitted",
 }
 CENTRES, INPUTS = 430, 12
 
@@ -102,7 +99,7 @@ def _diagnosis_of_a_table(quick: bool) -> Case:
 
 
 def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
-    from rlgcomp.diagnosis.diagnose import diagnose
+    from rlgcomp.diagnosis.engine.diagnose import diagnose
 
     parts: dict[str, float] = {}
 

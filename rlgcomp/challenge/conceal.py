@@ -12,9 +12,8 @@ from typing import Any, Final, Self
 import numpy as np
 import pandas as pd
 
-from rlgcomp.challenge.injection import SHARE, Array, drawn, scaled, strongest_intervals, unabsorbed
+from rlgcomp.challenge.injection import SHARE, Array, Projection, drawn, scaled, strongest_intervals
 from rlgcomp.challenge.score import Hidden
-from rlgcomp.diagnosis.question.problem import Problem
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NOISES, stream
 from rlgcomp.physics import CATALOGUE
@@ -135,11 +134,11 @@ def conceal(
         hidden=Hidden(
             tuple(mechanism.name for mechanism in mechanisms),
             {f"{m.name}.{key}": float(value) for m in mechanisms for key, value in _estimable(m).items()},
-            strongest_intervals(bench.problem, np.sum(list(effects.values()), axis=0)) if mechanisms else {},
+            strongest_intervals(bench.projection, np.sum(list(effects.values()), axis=0)) if mechanisms else {},
         ),
         mechanisms=mechanisms,
         strengths={name: float(np.std(values)) / bench.white_deg_h for name, values in effects.items()},
-        possible_rms_deg_h=_possible_rms_deg_h(runs[TRAINING:], mechanisms, bench.problem.rows.window_s),
+        possible_rms_deg_h=_possible_rms_deg_h(runs[TRAINING:], mechanisms, bench.projection.window_s),
         seed=seed,
         remarks=tuple(remarks),
     )
@@ -181,28 +180,28 @@ class _Stand:
 
 @dataclasses.dataclass(frozen=True)
 class _Bench:
-    """The gyro, its runs, and the regression problem of its training runs for the simulator without the hidden causes."""
+    """The gyro, its runs, and what the simulator without the hidden causes absorbs in its training runs."""
 
     gyro: Simulator
     stand: _Stand
-    problem: Problem
+    projection: Projection
     rng: np.random.Generator
 
     @classmethod
     def of(cls, lacking: Simulator, gyro: Simulator, rng: np.random.Generator, step_s: float) -> Self:
         programmes = tuple(str(name) for name in rng.permutation(PROGRAMMES[gyro.kind]))
         stand = _Stand(programmes, tuple(int.from_bytes(rng.bytes(_SEED_BYTES)) for _ in RUNS), step_s)
-        return cls(gyro, stand, Problem.of(lacking, stand.record(gyro, RUNS[:TRAINING])), rng)
+        return cls(gyro, stand, Projection.of(lacking, stand.record(gyro, RUNS[:TRAINING])), rng)
 
     def unabsorbed(self, mechanism: Mechanism) -> Array:
         """Part of a mechanism's error that the simulator cannot absorb, in window means of the training runs."""
         runs = self.stand.record(self.gyro.with_mechanism(mechanism), RUNS[:TRAINING])
-        return unabsorbed(self.problem, [_acting(run, mechanism.name) for run in runs])
+        return self.projection.unabsorbed([_acting(run, mechanism.name) for run in runs])
 
     @property
     def white_deg_h(self) -> float:
         noise = self.gyro.noise or TYPICAL_NOISE
-        white = 60.0 * noise.angle_random_walk_deg_sqrt_h / math.sqrt(self.problem.rows.window_s)
+        white = 60.0 * noise.angle_random_walk_deg_sqrt_h / math.sqrt(self.projection.window_s)
         if white <= 0.0:
             raise InputError(
                 "the simulator's noise has no angle_random_walk_deg_sqrt_h, to which a strength is a ratio; give it one"
@@ -251,7 +250,7 @@ def _sized(known: Mechanism | None, form: type[Mechanism], bench: _Bench, streng
     """A mechanism of the required strength: as the simulator has it, or with random nonlinear parameters."""
     why, required_deg_h = "", strength * bench.white_deg_h
     for _ in range(1 if known else _DRAWS):
-        mechanism = known or drawn(form, bench.problem.runs, bench.rng, bench.problem.rows.window_s)
+        mechanism = known or drawn(form, bench.projection.recordings, bench.rng, bench.projection.window_s)
         try:
             for _ in range(_PASSES):
                 rms_deg_h = max(float(np.std(bench.unabsorbed(mechanism))), np.finfo(float).tiny)

@@ -12,18 +12,20 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Final, TypeVar
+from typing import Final, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import units
-from rlgcomp.diagnosis.question.problem import Problem
+from rlgcomp.diagnosis.engine.baseline import Baseline
+from rlgcomp.diagnosis.engine.data import Data, Grid, Run
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
 from rlgcomp.numerics.robust import SD_OF_MAD, segments
 from rlgcomp.physics.mechanism import Mechanism, Parameter
-from rlgcomp.recording import Recording
+from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording, rate_name
+from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 M = TypeVar("M", bound=Mechanism)
@@ -36,6 +38,84 @@ _REDRAWS: Final = 20
 _ALIKE: Final = 1e-6  # of an effect
 _ENERGY: Final = 0.8  # share of an effect's square that its intervals hold
 _EVERYWHERE: Final = 0.6  # intervals that cover more than this locate nothing
+_WINDOWS: Final = 200  # of the longest run,
+_FEWEST_WINDOWS: Final = 40  # and of the shortest, at least
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Projection:
+    """Window means of runs, projected off the columns of a simulator's free parameters.
+
+    Parameters
+    ----------
+    recordings : tuple of Recording
+    data : Data
+        Their window means; the output is the gyro less what the simulator states.
+    columns : ndarray, shape (n, p)
+        Of the simulator's free parameters, of unit length.
+    """
+
+    recordings: tuple[Recording, ...]
+    data: Data
+    columns: Array
+
+    @classmethod
+    def of(cls, simulator: Simulator, recordings: Sequence[Recording], gyro: str | None = None) -> Self:
+        """The projection for a simulator and runs.
+
+        Parameters
+        ----------
+        simulator : Simulator
+        recordings : sequence of Recording
+        gyro : str, optional
+            Gyro column, where there are several.
+
+        Raises
+        ------
+        InputError
+            A run lacks a column that the simulator reads.
+        """
+        lengths = [run.duration_s - run.metadata.lead_in_s for run in recordings]
+        window_s = min(DEFAULT_AVERAGING_S, max(lengths) / _WINDOWS, min(lengths) / _FEWEST_WINDOWS)
+        grid = Grid.of_window(recordings, window_s, every_sample=simulator.kind == "turntable")
+
+        def output(binned: Recording) -> Array:
+            column = gyro if gyro is None or gyro in binned else rate_name(gyro)  # means are in deg/h
+            return binned.rate_deg_h(column) - Baseline(simulator).stated(binned)
+
+        data = Data(tuple(Run.of(recording, grid, output) for recording in recordings))
+        columns = data.means(Baseline.calibrated(simulator, data).columns)
+        norms = np.linalg.norm(columns, axis=0)
+        return cls(tuple(recordings), data, columns / np.where(norms > 0.0, norms, 1.0))
+
+    @property
+    def window_s(self) -> float:
+        return self.data.runs[0].grid.window_s
+
+    def residual(self, means: Array) -> Array:
+        """Window means, shape (n,), less their projection on the columns."""
+        return np.asarray(means - self.columns @ np.linalg.lstsq(self.columns, means, rcond=1e-10)[0])
+
+    def unabsorbed(self, errors_deg_h: Sequence[Array]) -> Array:
+        """The part of an error that the simulator's free parameters cannot absorb, in window means, shape (n,).
+
+        Parameters
+        ----------
+        errors_deg_h : sequence of ndarray
+            The error at the full rate, one array a run.
+        """
+        parts = zip(self.data.runs, errors_deg_h, strict=True)
+        return self.residual(np.concatenate([run.window_means(run.on_bins_of_rows(error)) for run, error in parts]))
+
+    @property
+    def white_deg_h(self) -> float:
+        """Standard deviation of the white noise of a window mean, from differences of neighbours.
+
+        Slow signals and outliers cancel in these.
+        """
+        residual = self.residual(self.data.output)
+        steps = np.concatenate([np.diff(residual[rows]) for rows in self.data.slices])
+        return float(SD_OF_MAD * np.median(np.abs(steps - np.median(steps))) / math.sqrt(2.0))
 
 
 def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, window_s: float) -> M:
@@ -97,33 +177,15 @@ def scaled(mechanism: M, factor: float) -> M:
     return made.canonical()
 
 
-def unabsorbed(problem: Problem, errors_deg_h: Sequence[Array]) -> Array:
-    """Part of an error that the simulator's free parameters cannot absorb: window means over the training runs, shape (n,).
-
-    Parameters
-    ----------
-    problem : Problem
-    errors_deg_h : sequence of ndarray
-        The error at the full rate, one array a run.
-    """
-    return _residual(
-        problem, np.concatenate([part.means(error) for part, error in zip(problem.windows, errors_deg_h, strict=True)])
-    )
-
-
-def _residual(problem: Problem, means: Array) -> Array:
-    norms = np.linalg.norm(problem.baseline, axis=0)
-    columns = problem.baseline / np.where(norms > 0.0, norms, 1.0)
-    return np.asarray(means - columns @ np.linalg.lstsq(columns, means, rcond=1e-10)[0])
-
-
-def sized_injection(form: type[Mechanism], problem: Problem, size_deg_h: float, rng: np.random.Generator) -> tuple[Mechanism, int]:
+def sized_injection(
+    form: type[Mechanism], projection: Projection, size_deg_h: float, rng: np.random.Generator
+) -> tuple[Mechanism, int]:
     """A mechanism with random nonlinear parameters, scaled to the part that cannot be absorbed, and the seed of its random paths.
 
     Parameters
     ----------
     form : type of Mechanism
-    problem : Problem
+    projection : Projection
     size_deg_h : float
         Standard deviation of the part that the simulator cannot absorb.
     rng : numpy.random.Generator
@@ -133,11 +195,11 @@ def sized_injection(form: type[Mechanism], problem: Problem, size_deg_h: float, 
     InputError
         The simulator absorbs all of it, the runs never excite it, or its amplitudes would leave their bounds.
     """
-    why = f"the simulator absorbs all of it, or {', '.join(run.name for run in problem.runs)} never excite it"
+    why = f"the simulator absorbs all of it, or {', '.join(run.name for run in projection.recordings)} never excite it"
     for _ in range(_REDRAWS):
-        mechanism, number = drawn(form, problem.runs, rng, problem.rows.window_s), int(rng.integers(2**31))
-        errors = contributions(mechanism, problem.runs, number)
-        remaining, whole = float(np.std(unabsorbed(problem, errors))), float(np.std(np.concatenate(errors)))
+        mechanism, number = drawn(form, projection.recordings, rng, projection.window_s), int(rng.integers(2**31))
+        errors = contributions(mechanism, projection.recordings, number)
+        remaining, whole = float(np.std(projection.unabsorbed(errors))), float(np.std(np.concatenate(errors)))
         if remaining > 1e-3 * whole:
             try:
                 return scaled(mechanism, size_deg_h / remaining), number
@@ -146,12 +208,12 @@ def sized_injection(form: type[Mechanism], problem: Problem, size_deg_h: float, 
     raise InputError(f"{form.name} cannot be injected at {size_deg_h:.3g} deg/h: {why}")
 
 
-def distinct_injections(plans: Sequence[tuple[Mechanism, int]], problem: Problem) -> list[tuple[Mechanism, int]]:
+def distinct_injections(plans: Sequence[tuple[Mechanism, int]], projection: Projection) -> list[tuple[Mechanism, int]]:
     """Those of injections whose effects, as far as the simulator cannot absorb them, differ."""
     distinct: list[tuple[Mechanism, int]] = []
     effects: list[Array] = []
     for mechanism, number in plans:
-        effect = unabsorbed(problem, contributions(mechanism, problem.runs, number))
+        effect = projection.unabsorbed(contributions(mechanism, projection.recordings, number))
         if all(np.linalg.norm(effect - other) > _ALIKE * np.linalg.norm(other) for other in effects):
             distinct.append((mechanism, number))
             effects.append(effect)
@@ -171,33 +233,27 @@ def contributions(mechanism: Mechanism, runs: Sequence[Recording], number: int) 
     return [mechanism.contribution(run, stream(number, f"run{k}")) for k, run in enumerate(runs)]
 
 
-def white_deg_h(problem: Problem) -> float:
-    """Standard deviation of the white noise of a window mean, from neighbouring windows: slow signals and outliers drop out."""
-    residual = _residual(problem, problem.target_deg_h)
-    steps = np.concatenate([np.diff(residual[rows]) for rows in problem.rows.runs])
-    return float(SD_OF_MAD * np.median(np.abs(steps - np.median(steps))) / math.sqrt(2.0))
-
-
-def strongest_intervals(problem: Problem, effect_deg_h: Array) -> Mapping[str, tuple[tuple[float, float], ...]]:
+def strongest_intervals(projection: Projection, effect_deg_h: Array) -> Mapping[str, tuple[tuple[float, float], ...]]:
     """By run, the intervals that hold four fifths of an effect's square; none where these are most of the time.
 
     Parameters
     ----------
-    problem : Problem
+    projection : Projection
     effect_deg_h : ndarray, shape (n,)
-        As :func:`unabsorbed` gives it.
+        As :meth:`Projection.unabsorbed` gives it.
     """
-    smooth = np.concatenate([np.convolve(effect_deg_h[rows] ** 2, np.ones(5) / 5.0, mode="same") for rows in problem.rows.runs])
+    slices = projection.data.slices
+    smooth = np.concatenate([np.convolve(effect_deg_h[rows] ** 2, np.ones(5) / 5.0, mode="same") for rows in slices])
     order = np.argsort(smooth)[::-1]
     enough = int(np.searchsorted(np.cumsum(smooth[order]), _ENERGY * smooth.sum())) + 1
     inside = np.zeros(len(smooth), dtype=bool)
     inside[order[:enough]] = True
     if inside.mean() > _EVERYWHERE:
         return {}
-    half_s = 0.5 * problem.rows.window_s
+    half_s = 0.5 * projection.window_s
     spans: dict[str, tuple[tuple[float, float], ...]] = {}
-    for run, rows in zip(problem.runs, problem.rows.runs, strict=True):
-        time_s = problem.rows.time_s[rows]
+    for run, rows in zip(projection.data.runs, projection.data.slices, strict=True):
+        time_s = run.binned.time_s[0] + (run.windows + 0.5) * run.grid.window_s
         spans[run.name] = tuple((float(time_s[a] - half_s), float(time_s[b - 1] + half_s)) for a, b in segments(inside[rows]))
     return spans
 

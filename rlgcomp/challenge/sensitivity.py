@@ -23,12 +23,9 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from rlgcomp.challenge.injection import Array, contributions, distinct_injections, injected, sized_injection, white_deg_h
-from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.engine.diagnose import diagnose as diagnose_on_one_model
-from rlgcomp.diagnosis.engine.result import Diagnosis as OneModelDiagnosis
-from rlgcomp.diagnosis.question.problem import Problem
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.challenge.injection import Array, Projection, contributions, distinct_injections, injected, sized_injection
+from rlgcomp.diagnosis.engine.diagnose import diagnose
+from rlgcomp.diagnosis.engine.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
 from rlgcomp.numerics.worker_processes import end_with
@@ -43,7 +40,6 @@ from rlgcomp.simulation.simulator import Simulator
 STRENGTHS: Final = (0.1, 0.2, 0.4, 0.8, 1.6)
 DRAWS: Final = 6
 DETECTED_P: Final = 0.01
-ENGINES: Final = ("catalogue", "one-model")
 _USUAL_WIDTH: Final = 0.3
 
 
@@ -197,7 +193,6 @@ def sensitivity(
     seed: int = 0,
     gyro: str | None = None,
     catalogue: Mapping[str, type[Mechanism]] = CATALOGUE,
-    engine: str = "catalogue",
     jobs: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Sensitivity:
@@ -220,8 +215,6 @@ def sensitivity(
         Gyro column, where there are several.
     catalogue : mapping
         Candidates, the mechanism among them.
-    engine : {"catalogue", "one-model"}
-        Which diagnosis is asked.
     jobs : int
         Worker processes.
     progress : callable
@@ -238,25 +231,23 @@ def sensitivity(
     for run in runs:
         form().driver_columns(run)
     total = 1 + len(strengths) * draws
-    if engine not in ENGINES:
-        raise InputError(f"the engine is {engine!r}; it must be one of {', '.join(ENGINES)}")
-    background = _diagnosed(simulator, runs, gyro, catalogue, engine)
+    background = diagnose(simulator, runs, gyro=gyro, mechanisms=catalogue)
     progress(1, total)
     simulator, runs, remarks = _cleared(simulator, runs, mechanism, background, gyro)
-    problem = Problem.of(simulator, runs, gyro=gyro)
-    white = white_deg_h(problem)
+    projection = Projection.of(simulator, runs, gyro)
+    white = projection.white_deg_h
     drawn_plans = [
-        [sized_injection(form, problem, strength * white, stream(seed, f"sensitivity:{k}:{draw}")) for draw in range(draws)]
+        [sized_injection(form, projection, strength * white, stream(seed, f"sensitivity:{k}:{draw}")) for draw in range(draws)]
         for k, strength in enumerate(strengths)
     ]
-    distinct = [distinct_injections(equal, problem) for equal in drawn_plans]
+    distinct = [distinct_injections(equal, projection) for equal in drawn_plans]
     plans = [plan for different in distinct for plan in different]
     sizes = np.repeat(np.asarray(strengths, dtype=np.float64), [len(different) for different in distinct]).tolist()
     if len(plans) < len(strengths) * draws:
         remarks.append(message("challenge.equal_trials", made=len(plans), planned=len(strengths) * draws, mechanism=mechanism))
     files = LoadedFirst.of(catalogue.values())
     work = (
-        joblib.delayed(_trial)(os.getpid(), files, simulator, runs, made, strength, gyro, catalogue, engine)
+        joblib.delayed(_trial)(os.getpid(), files, simulator, runs, made, strength, gyro, catalogue)
         for made, strength in zip(plans, sizes, strict=True)
     )
     trials = tuple(_counted(joblib.Parallel(n_jobs=jobs, return_as="generator")(work), 1 + len(plans), progress))
@@ -267,7 +258,7 @@ def sensitivity(
     return Sensitivity(
         mechanism,
         white,
-        problem.rows.window_s,
+        projection.window_s,
         trials,
         Curve.fit(tried, detected),
         Curve.fit(tried, named),
@@ -275,20 +266,11 @@ def sensitivity(
     )
 
 
-def _diagnosed(
-    simulator: Simulator, runs: Sequence[Recording], gyro: str | None, catalogue: Mapping[str, type[Mechanism]], engine: str
-) -> Diagnosis | OneModelDiagnosis:
-    """A diagnosis of runs without a black box beside it."""
-    if engine == "one-model":
-        return diagnose_on_one_model(simulator, train=runs, gyro=gyro, mechanisms=catalogue)
-    return diagnose(simulator, train=runs, gyro=gyro, mechanisms=catalogue, black_box=False)
-
-
 def _cleared(
     simulator: Simulator,
     runs: Sequence[Recording],
     mechanism: str,
-    background: Diagnosis | OneModelDiagnosis,
+    background: Diagnosis,
     gyro: str | None,
 ) -> tuple[Simulator, Sequence[Recording], list[Message]]:
     """Simulator and recordings without the effects that these hold before the injection, and remarks on them."""
@@ -312,13 +294,11 @@ def _cleared(
     return simulator, cleared, [message("challenge.mechanism_before_removed", mechanism=mechanism), *remarks]
 
 
-def _parts(background: Diagnosis | OneModelDiagnosis, mechanism: str) -> list[Mechanism]:
+def _parts(background: Diagnosis, mechanism: str) -> list[Mechanism]:
     """What of the augmented simulator is a cause of this name; empty where there is none."""
     if mechanism not in [cause.name for cause in background.causes]:
         return []
-    if isinstance(background, OneModelDiagnosis):
-        return [one for one in background.augmented.mechanisms if mechanism in (one.name, getattr(one, "cause", ""))]
-    return [cause.mechanism for cause in background.causes if cause.name == mechanism]
+    return [one for one in background.augmented.mechanisms if mechanism in (one.name, getattr(one, "cause", ""))]
 
 
 def extrapolation_remarks(criterion: str, strengths: Array, found: Array) -> list[Message]:
@@ -363,14 +343,13 @@ def _trial(
     strength: float,
     gyro: str | None,
     catalogue: Mapping[str, type[Mechanism]],
-    engine: str,
 ) -> Trial:
     end_with(parent)
     del files  # a worker loads them on receiving this
     mechanism, number = made
     errors = contributions(mechanism, runs, number)
     changed = [injected(run, error, gyro) for run, error in zip(runs, errors, strict=True)]
-    diagnosis = _diagnosed(simulator, changed, gyro, catalogue, engine)
+    diagnosis = diagnose(simulator, changed, gyro=gyro, mechanisms=catalogue)
     found = tuple(cause.name for cause in diagnosis.causes)
     classes = {name for cause in diagnosis.causes for name in (cause.name, *cause.indistinguishable_from)}
     detected = diagnosis.p_value < DETECTED_P

@@ -12,7 +12,7 @@ from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_evaluation, show_json, show_table, show_text
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.result import Diagnosis
+    from rlgcomp.diagnosis.engine.result import Diagnosis
 
 UNIT = 1
 # Concealed, by chamber programmes: short runs show too little hysteresis to name it with certainty.
@@ -41,7 +41,7 @@ def demo(
     from rlgcomp.cli.diagnosis import FILES as DIAGNOSIS
     from rlgcomp.compensation import artefact
     from rlgcomp.compensation.compensator import Compensator
-    from rlgcomp.diagnosis.diagnose import diagnose
+    from rlgcomp.diagnosis.engine.diagnose import diagnose
     from rlgcomp.evaluation.evaluation import evaluate
     from rlgcomp.evaluation.page import write_report
     from rlgcomp.files import whole_folder
@@ -101,12 +101,12 @@ def demo(
 
 def _findings(diagnosis: Diagnosis) -> list[dict[str, str | float]]:
     """One row a parameter of each finding."""
-    from rlgcomp.diagnosis.result.phrases import sure_text
+    from rlgcomp.report.messages.wording import probability_text
 
     return [
         {
             "mechanism": cause.name,
-            "probability": sure_text(cause.probability),
+            "probability": probability_text(cause.probability),
             "rms deg/h": cause.rms_deg_h,
             "parameter": name,
             "value": str(estimate),

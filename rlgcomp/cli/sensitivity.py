@@ -56,7 +56,6 @@ def sensitivity(
     gyro: Gyro = None,
     pulse_arcsec: PulseArcsec = None,
     period_s: PeriodS = None,
-    engine: Annotated[str, typer.Option("--engine", metavar="catalogue|one-model", help="As of diagnose.")] = "catalogue",
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -90,7 +89,6 @@ def sensitivity(
             seed=seed,
             gyro=gyro,
             catalogue=candidates,
-            engine=engine,
             jobs=jobs,
             progress=advance,
         )

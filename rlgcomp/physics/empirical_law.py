@@ -103,7 +103,7 @@ class EmpiricalLaw(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Any) -> tuple[EmpiricalLaw, ...]:
-        """Empty: :mod:`rlgcomp.diagnosis.laws.discover` finds the laws."""
+        """Empty: diagnosis finds laws by other terms."""
         del recordings
         return ()
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -78,6 +79,39 @@ def share_rows(one: Recording, other: Recording) -> bool:
     apart = np.abs(values - other.column(column)[other.scored][theirs])
     allowed = min(_ROUNDED * np.ptp(values), _OF_NOISE * np.median(np.abs(np.diff(values, 5))))
     return bool(np.ptp(values) > 0.0 and apart.max() <= allowed)
+
+
+def with_distinct_names(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recording]:
+    """Recordings, those of one name renamed to the text that the user gave for them, so that results can name them.
+
+    Parameters
+    ----------
+    specs : sequence of str
+        Files, or parts of them as RUN@START:STOP, one a recording.
+    runs : sequence of Recording
+    """
+    names = [run.name for run in runs]
+    return [
+        run if names.count(run.name) == 1 else run.replace(name=spec if specs.count(spec) == 1 else f"{spec} ({k + 1})")
+        for k, (spec, run) in enumerate(zip(specs, runs, strict=True))
+    ]
+
+
+def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> None:
+    """Refuse a run, rounded or not, that is both a training and a test run, or a training run twice.
+
+    Raises
+    ------
+    InputError
+        Rows of one are rows of the other.
+    """
+    both = ((one, other, "both to train and to test") for one, other in itertools.product(test, train))
+    twice = ((one, other, "twice to train") for one, other in itertools.combinations(train, 2))
+    for one, other, where in itertools.chain(both, twice):
+        if share_rows(one, other):
+            raise InputError(
+                f"{one.name} is given {where}, at least in part; give another run, or another interval as RUN@START:STOP"
+            )
 
 
 def require_seed(argument: int) -> int:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.engine import priors
+from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.numerics.readings import Readings
 from rlgcomp.recording import TIME, Recording
@@ -50,6 +51,22 @@ class Grid:
         period = max(recording.period_s for recording in recordings)
         windows = min(float(priors.WINDOWS), priors.WINDOWS_OF_ALL * longest / total)
         samples = max(1, math.ceil(longest / period / windows - 1e-6))
+        in_bin = 1 if every_sample else max(1, samples // priors.BINS)
+        return cls(in_bin * period, math.ceil(samples / in_bin))
+
+    @classmethod
+    def of_window(cls, recordings: Sequence[Recording], window_s: float, *, every_sample: bool = False) -> Grid:
+        """The grid with windows of a given length.
+
+        Raises
+        ------
+        InputError
+            The length is not positive and finite.
+        """
+        if not 0.0 < window_s < math.inf:
+            raise InputError(f"the averaging time is {window_s:g} s; it must be positive and finite")
+        period = max(recording.period_s for recording in recordings)
+        samples = max(1, round(window_s / period))
         in_bin = 1 if every_sample else max(1, samples // priors.BINS)
         return cls(in_bin * period, math.ceil(samples / in_bin))
 

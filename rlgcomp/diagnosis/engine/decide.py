@@ -10,6 +10,7 @@ from rlgcomp.diagnosis.engine.posterior import Posterior
 from rlgcomp.diagnosis.engine.terms import MemoryClass, Region
 
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]
+VERDICTS: Final = ("none", "explained", "ambiguous", "unknown")
 
 FALSE_FINDING: Final = 1.0
 MISSED: Final = 1.0

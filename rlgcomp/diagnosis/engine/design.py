@@ -27,11 +27,11 @@ from rlgcomp.diagnosis.engine.baseline import independent
 from rlgcomp.diagnosis.engine.data import Run
 from rlgcomp.diagnosis.engine.decide import EXCHANGED
 from rlgcomp.diagnosis.engine.fit import Fit
+from rlgcomp.diagnosis.engine.laboratory import Laboratory
 from rlgcomp.diagnosis.engine.posterior import Posterior
+from rlgcomp.diagnosis.engine.programmes import ChamberRange, chamber_programmes
 from rlgcomp.diagnosis.engine.record import NextExperiment
 from rlgcomp.diagnosis.engine.search import State
-from rlgcomp.diagnosis.programmes.feasible import ChamberRange, chamber_programmes
-from rlgcomp.diagnosis.programmes.laboratory import Laboratory
 from rlgcomp.errors import InputError
 from rlgcomp.report.messages import Message, message
 

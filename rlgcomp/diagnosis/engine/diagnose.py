@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.engine import priors
 from rlgcomp.diagnosis.engine.baseline import Baseline
 from rlgcomp.diagnosis.engine.bases import Basis
 from rlgcomp.diagnosis.engine.data import Data, Grid, Run
@@ -22,6 +20,7 @@ from rlgcomp.diagnosis.engine.noise import Noise
 from rlgcomp.diagnosis.engine.nuisances import nuisances
 from rlgcomp.diagnosis.engine.posterior import Posterior
 from rlgcomp.diagnosis.engine.prepare import SIMULATED, AnySimulator, Prepared
+from rlgcomp.diagnosis.engine.programmes import ChamberRange
 from rlgcomp.diagnosis.engine.record import Request
 from rlgcomp.diagnosis.engine.regions import Setting, laws, named, own_bases
 from rlgcomp.diagnosis.engine.result import Diagnosis
@@ -29,9 +28,9 @@ from rlgcomp.diagnosis.engine.scores import score
 from rlgcomp.diagnosis.engine.search import State
 from rlgcomp.diagnosis.engine.terms import Region
 from rlgcomp.diagnosis.engine.turning import turning_regions, with_angle_rows
-from rlgcomp.diagnosis.programmes.feasible import ChamberRange
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
+from rlgcomp.numerics.compiled import one_blas_thread
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
@@ -43,6 +42,7 @@ from rlgcomp.units import column_unit
 Array = npt.NDArray[np.float64]
 
 
+@one_blas_thread
 def diagnose(
     simulator: AnySimulator | None = None,
     train: Sequence[Recording] = (),
@@ -139,7 +139,9 @@ class _Engine:
 
     @property
     def grid(self) -> Grid:
-        return _grid(self.runs.train, self.window_s, every_sample=self.turns)
+        if self.window_s is None:
+            return Grid.of(self.runs.train, every_sample=self.turns)
+        return Grid.of_window(self.runs.train, self.window_s, every_sample=self.turns)
 
     @property
     def turns(self) -> bool:
@@ -150,8 +152,8 @@ class _Engine:
         """Bin means of the output less what the simulator states."""
         gyro = self.gyro if self.gyro is None or self.gyro in binned else rate_name(self.gyro)  # means are in deg/h
         values = binned.rate_deg_h(gyro) if self.column is None else binned.column(self.column)
-        values = values - Baseline(self.runs.base).stated(binned)
-        return np.asarray(values - binned.column(SIMULATED) if self.runs.own else values)
+        known = binned.column(SIMULATED) if self.runs.own else Baseline(self.runs.base).stated(binned)
+        return np.asarray(values - known)
 
     def data(self, recordings: Sequence[Recording]) -> Data:
         """Recordings on the grid of the training runs."""
@@ -203,9 +205,11 @@ class _Engine:
             self.data(self.runs.test).runs,
             self.candidates,
             self.request,
-            self.runs.messages,
-            following,
-            promise if refused is None else refused,
+            preparation=self.runs.messages,
+            warnings=self.runs.warnings,
+            alignment=self.runs.alignment,
+            next_experiment=following,
+            next_message=promise if refused is None else refused,
         )
 
     def _refused(self, decision: Decision, before: Fit, after: Fit) -> Message | None:
@@ -252,17 +256,6 @@ def _measured(noise: NoiseModel | None, output: str | None) -> NoiseModel | None
     if noise.angle_random_walk_deg_sqrt_h == 0.0:
         raise InputError("the noise has no angle_random_walk_deg_sqrt_h; the other noises are judged beside it")
     return noise
-
-
-def _grid(train: Sequence[Recording], window_s: float | None, *, every_sample: bool) -> Grid:
-    if window_s is None:
-        return Grid.of(train, every_sample=every_sample)
-    if not 0.0 < window_s < math.inf:
-        raise InputError(f"the averaging time is {window_s:g} s; it must be positive and finite")
-    period = max(recording.period_s for recording in train)
-    samples = max(1, round(window_s / period))
-    in_bin = 1 if every_sample else max(1, samples // priors.BINS)
-    return Grid(in_bin * period, math.ceil(samples / in_bin))
 
 
 def _temperature(run: Recording) -> str | None:

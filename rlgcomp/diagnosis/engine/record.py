@@ -14,6 +14,7 @@ from rlgcomp.diagnosis.engine.fit import Estimate, Fit
 from rlgcomp.diagnosis.engine.posterior import Posterior
 from rlgcomp.diagnosis.engine.scores import Score, score
 from rlgcomp.diagnosis.engine.simulator_file import SimulatorFile, noise_of, simulator_of
+from rlgcomp.diagnosis.engine.simulators.resampling import Alignment
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.report.messages import Message
@@ -132,6 +133,10 @@ class Record:
     request : Request
     preparation : tuple of Message
         What was done to the runs beforehand.
+    warnings : tuple of Message
+        What is probably wrong with the user's own simulation.
+    alignment : tuple of Alignment
+        How the clocks of simulated runs stand.
     next_experiment : NextExperiment, optional
     next_message : Message, optional
         What the next experiment promises, or that none parts the likely sets.
@@ -148,6 +153,8 @@ class Record:
     catalogue: Mapping[str, type[Mechanism]]
     request: Request = dataclasses.field(default_factory=Request)
     preparation: tuple[Message, ...] = ()
+    warnings: tuple[Message, ...] = ()
+    alignment: tuple[Alignment, ...] = ()
     next_experiment: NextExperiment | None = None
     next_message: Message | None = None
     recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)

@@ -76,6 +76,7 @@ def _gained(score: Score) -> dict[str, Any]:
 def remarks(record: Record) -> tuple[Message, ...]:
     """Remarks beside headline and gain, the most consequential first."""
     return (
+        *record.warnings,
         *_doubts(record),
         *_baseline(record),
         *_forms(record),

@@ -118,6 +118,7 @@ class Diagnosis(Record, ShownAsTable):
             "baseline": _plain(self.calibration),
             "baseline_with_findings": _plain(self.recalibration),
             "noise": self.noise.strengths(),
+            "alignment": [one.to_mapping() for one in self.alignment],
             "citations": list(self.citations),
             "provenance": {
                 "version": rlgcomp.__version__,

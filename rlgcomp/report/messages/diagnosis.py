@@ -201,6 +201,40 @@ def _unidentified(mechanism: str, parameters: Sequence[str]) -> str:
     return f"These runs do not determine {listing(list(parameters))} of {mechanism}: the error exceeds the value."
 
 
+def _no_clock(columns: Sequence[str], drifts_ppm: Mapping[str, float], sds_ppm: Mapping[str, float], limit_ppm: float) -> str:
+    drifts = [f"{estimate_text(drift, sds_ppm[run], 'ppm')} in {run}" for run, drift in drifts_ppm.items()]
+    return (
+        f"The simulation's {listing(list(columns))} would need time stamps that are off by {listing(drifts)}. Clocks are off by "
+        f"less than {limit_ppm:g} ppm: rather a time constant of the simulator is wrong, such as its thermal model's. No time "
+        "offset was taken out; if it is the clock, correct the time stamps."
+    )
+
+
+def _clock(run: str, offset_s: float, offset_sd_s: float, drift_ppm: float, drift_sd_ppm: float, column: str) -> str:
+    return (
+        f"The clock of {run}'s simulation differs from the recording's: {estimate_text(offset_s, offset_sd_s, 's')} and "
+        f"{estimate_text(drift_ppm, drift_sd_ppm, 'ppm')} of the time that passes were added to its time stamps (from {column})."
+    )
+
+
+def _rows_without_simulation(run: str, not_simulated: int, turning_unevenly: int) -> str:
+    parts = [f"{not_simulated} rows that its simulation does not cover"] if not_simulated else []
+    if turning_unevenly:
+        parts.append(
+            f"{turning_unevenly} rows in which its table speeds up or slows down by more than its simulation's clock and rows "
+            "determine"
+        )
+    return f"{run}: {listing(parts)} are left out."
+
+
+def _simulation_scaled(ratio: float, correlation: float, wrong_sign: bool, wrong_unit: bool) -> str:
+    doubt = "is its sign right?" if wrong_sign else "is its unit right (gyro_deg_h holds deg/h)?"
+    if wrong_sign and wrong_unit:
+        doubt = "are its sign and its unit right (gyro_deg_h holds deg/h)?"
+    times = f"{float(f'{ratio:.2g}'):g} times"
+    return f"The recordings are about {times} the output of your simulator (correlation {correlation:.2f}): {doubt}"
+
+
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.nothing_missing": _nothing,
     "diagnosis.nothing_named": _nothing_named,
@@ -236,4 +270,8 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.left_out": _left_out,
     "diagnosis.only": _only,
     "diagnosis.confirmed": _confirmed,
+    "diagnosis.simulation_scaled": _simulation_scaled,
+    "diagnosis.no_clock": _no_clock,
+    "diagnosis.clock": _clock,
+    "diagnosis.rows_without_simulation": _rows_without_simulation,
 }

@@ -1,1 +1,0 @@
-"""Laws outside the catalogue: rlgcomp.diagnosis.laws beside plain sparse regression, on concealed physics."""

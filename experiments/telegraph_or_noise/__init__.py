@@ -1,1 +1,0 @@
-"""What tells a random telegraph from slow noise of the same spectrum."""

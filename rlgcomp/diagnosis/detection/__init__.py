@@ -1,1 +1,0 @@
-"""Is there anything beyond noise, and where."""

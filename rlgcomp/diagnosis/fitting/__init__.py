@@ -1,1 +1,0 @@
-"""The parameters of a chosen set of causes, with their standard deviations."""

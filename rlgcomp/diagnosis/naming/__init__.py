@@ -1,1 +1,0 @@
-"""Naming: sets of causes weighed against each other by their evidence, and asked of held-out runs."""

@@ -1,1 +1,0 @@
-"""The noise that a diagnosis reckons with: which noises there may be, and how each is made white."""

@@ -1,1 +1,0 @@
-"""Programmes that a laboratory can run, and the one that would tell most."""

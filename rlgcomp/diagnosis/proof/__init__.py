@@ -1,1 +1,0 @@
-"""Proof on runs held out, beside a black box as the yardstick."""

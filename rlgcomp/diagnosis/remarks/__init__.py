@@ -1,1 +1,0 @@
-"""What a careful reader is told beside the numbers of a diagnosis."""
