@@ -12,6 +12,7 @@ import dataclasses
 import functools
 import glob
 import hashlib
+import io
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,6 +26,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, read_text, require_apart, sha256, to_json, whole_folder, write_json, write_text
 from rlgcomp.recording.argument_checks import require_workers
 from rlgcomp.recording.formats import sidecar
+from rlgcomp.recording.provenance import provenance, recorded_command, running_command, with_digests
 from rlgcomp.workers import DIED, spread
 
 NOTE: Final = "unit.json"
@@ -96,10 +98,10 @@ def read_fleet(path: str | Path) -> list[Unit]:
     """
     path = Path(path)
     try:
-        table = pd.read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
+        table = pd.read_csv(io.StringIO(read_text(path)), dtype=str, keep_default_na=False, skipinitialspace=True)
     except FileNotFoundError:
         raise InputError(f"{path} does not exist; give a CSV table of units") from None
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, OSError) as error:
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError, OSError) as error:
         raise InputError(f"{path} is not readable as CSV: {str(error).splitlines()[0]}") from None
     missing = [column for column in (_UNIT, _TRAIN) if column not in table]
     if missing or table.empty:
@@ -174,7 +176,8 @@ def run_fleet(
             by_unit[unit.name] = earlier
     advance = progress or (lambda done, total: None)
     advance(len(by_unit), len(units))
-    finished = spread(functools.partial(_attempt, task, out), waiting, died=_died, n_jobs=n_jobs, scheduler=scheduler)
+    attempt = functools.partial(_attempt, task, out, running_command())
+    finished = spread(attempt, waiting, died=_died, n_jobs=n_jobs, scheduler=scheduler)
     for outcome in finished:
         by_unit[outcome.unit] = outcome
         advance(len(by_unit), len(units))
@@ -212,6 +215,7 @@ def train_unit(
 
     compensator = Compensator(MODELS[model].make(), features=features, averaging_s=averaging_s, keep_mean=keep_mean)
     compensator.fit([read(path) for path in unit.train])
+    compensator.provenance_ = with_digests(compensator.provenance_, unit.train)
     compensator.save(folder / "model")
     rmse = compensator.selection_.rmse
     scale = compensator.scaling_.y_scale_deg_h
@@ -258,17 +262,18 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
 # --- one unit ------------------------------------------------------------------------------------------------------------------
 
 
-def _attempt(task: Task, out: Path, unit: Unit) -> Outcome:
-    """Do one unit's task; every exception becomes a failed outcome."""
+def _attempt(task: Task, out: Path, command: tuple[str | None, int | None], unit: Unit) -> Outcome:
+    """Do one unit's task, of a command where one is running; every exception becomes a failed outcome."""
     began = time.perf_counter()
     place = out / unit.name
     try:
         require_apart(place, *unit.files)
-        with whole_folder(place, writes=_written(task, place)) as folder, _named(unit.name):
+        with whole_folder(place, writes=_written(task, place)) as folder, _named(unit.name), recorded_command(*command):
             result = dict(task(unit, folder))
             note = {
                 "made_from": _fingerprint(task, unit),
                 "task": _name_of(task),
+                "provenance": provenance(unit.files),
                 "files": {
                     path.relative_to(folder).as_posix(): sha256(path) for path in sorted(folder.rglob("*")) if path.is_file()
                 },

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +99,15 @@ def test_the_command_verifies_on_recordings_and_writes_golden_vectors(short_runs
     X = golden[list(model.pipeline_.names)].to_numpy()
     assert golden["bias_deg_h"].to_numpy() == pytest.approx(model.predict_rows(X), rel=0.0, abs=1e-12)
     assert 0 < golden["out_of_range"].sum() < len(golden)
+
+
+def test_nothing_is_left_in_the_folder_for_temporary_files(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
+    rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(short_runs[:2]).save(tmp_path / "model")
+    (tmp_path / "tmp").mkdir()
+    command = [sys.executable, "-m", "rlgcomp", "export", str(tmp_path / "model"), "--to", "onnx", "--out", str(tmp_path / "out")]
+    subprocess.run(command, check=True, env={**os.environ, "TMPDIR": str(tmp_path / "tmp")}, capture_output=True)
+    assert not list((tmp_path / "tmp").iterdir())
 
 
 def test_a_wrong_graph_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

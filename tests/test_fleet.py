@@ -9,6 +9,7 @@ import os
 import shutil
 import signal
 import time
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,9 @@ import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError
+from rlgcomp.files import sha256
 from rlgcomp.fleet import NOTE, SUMMARY, Unit, diagnose_unit, read_fleet, run_fleet, train_unit
+from rlgcomp.recording.provenance import recorded_command
 from tests.cluster import Cluster
 
 register_commands()
@@ -57,6 +60,18 @@ def test_results_are_the_same_by_one_and_by_two_processes(units: list[Unit], tmp
     assert [row["unit"] for row in written] == ["gyro-0", "gyro-1", "gyro-2"]
     loaded = rlg.load(tmp_path / "one" / "gyro-0" / "model")
     assert np.isfinite(loaded.predict(rlg.read(units[0].train[0]))["bias_deg_h"]).all()
+
+
+def test_units_state_the_command_its_date_and_the_digests_of_their_files(units: list[Unit], tmp_path: Path) -> None:
+    with recorded_command("rlgcomp fleet train units.csv", None):
+        run_fleet(TRAIN, [units[0], units[2]], tmp_path / "out", n_jobs=2)
+    made = json.loads((tmp_path / "out" / "gyro-2" / NOTE).read_text())["provenance"]
+    assert made["command"] == "rlgcomp fleet train units.csv"
+    assert datetime.fromisoformat(made["date"])
+    assert made["inputs"] == {str(path): sha256(path) for path in units[2].train}
+    manifest = json.loads((tmp_path / "out" / "gyro-2" / "model" / "manifest.json").read_text())
+    assert manifest["provenance"]["command"] == "rlgcomp fleet train units.csv"
+    assert [run["sha256"] for run in manifest["runs"]] == [sha256(path) for path in units[2].train]
 
 
 def test_what_is_said_of_a_unit_begins_with_its_name(units: list[Unit], tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -16,6 +16,7 @@ import scipy.io
 import rlgcomp as rlg
 from experiments.fuzz import cases
 from rlgcomp.files import from_json, from_yaml, read_text
+from rlgcomp.fleet import read_fleet
 from rlgcomp.recording.formats import csv, hdf5, matlab, parquet
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -51,6 +52,20 @@ def test_a_pipe_in_a_files_place_is_not_waited_for(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="no plain file") as raised:
         read_text(tmp_path / "gyro.yaml")
     assert raised.value.errno == errno.EINVAL
+
+
+def test_a_pipe_in_the_place_of_metadata_or_of_a_table_of_units_is_refused(tmp_path: Path, table: pd.DataFrame) -> None:
+    csv.save(tmp_path / "run.csv", table, {})
+    run = rlg.read(tmp_path / "run.csv")
+    os.mkfifo(tmp_path / "run.yaml")
+    with pytest.raises(rlg.InputError, match="no plain file"):
+        rlg.read(tmp_path / "run.csv")
+    with pytest.raises(rlg.InputError, match="rlgcomp did not write it"):
+        rlg.write(run, tmp_path / "run.csv")
+    with pytest.raises(rlg.InputError, match="is no recording's metadata"):
+        rlg.write(run, tmp_path / "run.csv", overwrite=True)
+    with pytest.raises(rlg.InputError, match="no plain file"):
+        read_fleet(tmp_path / "run.yaml")
 
 
 @pytest.fixture

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import glob
 import os
-import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -37,6 +35,7 @@ from rlgcomp.cli.show import show_evaluation, show_json, show_table
 
 if TYPE_CHECKING:
     from rlgcomp.compensation.compensator import Compensator
+    from rlgcomp.export.target import Exported
     from rlgcomp.recording import Recording
     from rlgcomp.report.messages import Message
 
@@ -109,6 +108,7 @@ def train(
     from rlgcomp.compensation.models import MODELS
     from rlgcomp.compensation.models.specification import sequential
     from rlgcomp.errors import InputError
+    from rlgcomp.recording.provenance import with_digests
 
     _require_folders(out, export, runs, adapt, calibration)
     if model not in MODELS:
@@ -136,18 +136,9 @@ def train(
         )
         with progress("selecting") as advance:
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
-    _state_inputs(compensator, runs)
-    if export is not None and _lies_in(export, out):
-        _require_folders(out, export)  # the work may have taken hours
-        shutil.rmtree(export, ignore_errors=True)  # code of the model that is replaced
-    compensator.save(out)
+    compensator.provenance_ = with_digests(compensator.provenance_, [interval_of(spec)[0] for spec in runs])
+    exported = _saved(compensator, out, export, recordings)
     journal.unlink(missing_ok=True)
-    exported = None
-    if export is not None:
-        from rlgcomp.export.target import Options
-        from rlgcomp.export.target import export as export_model
-
-        exported = export_model(out, export, "c", Options(runs=recordings))
     rmse = compensator.selection_.rmse
     summary = {
         "model": str(out),
@@ -182,31 +173,45 @@ def train(
         notify(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
 
 
-def _state_inputs(compensator: Compensator, runs: Sequence[str]) -> None:
-    """Record the SHA-256 of each training run's file with what else is known of the run."""
-    from rlgcomp.files import sha256
+def _saved(compensator: Compensator, out: Path, export: Path | None, recordings: list[Recording]) -> Exported | None:
+    """Write the model and its code; where the code lies in the model's folder, both replace the earlier ones together."""
+    if export is None:
+        compensator.save(out)
+        return None
+    from rlgcomp.export.target import Options
+    from rlgcomp.export.target import export as export_model
+    from rlgcomp.files import whole_folder
 
-    if len(compensator.provenance_) == len(runs):
-        pairs = zip(compensator.provenance_, runs, strict=True)
-        compensator.provenance_ = [entry | {"sha256": sha256(interval_of(spec)[0])} for entry, spec in pairs]
+    options = Options(runs=recordings)
+    if not _lies_in(export, out):
+        compensator.save(out)
+        return export_model(out, export, "c", options)
+    with whole_folder(out, writes=_written(out, export)) as folder:
+        compensator.save(folder)
+        return export_model(folder, folder / _real(export).relative_to(_real(out)), "c", options)
+
+
+def _written(out: Path, export: Path | None) -> list[str]:
+    """Names of the files in a model's folder, with its code where that lies in it."""
+    from rlgcomp.compensation.artefact import FILES
+    from rlgcomp.export.target import written
+
+    if export is None or not _lies_in(export, out):
+        return list(FILES)
+    inside = glob.escape(_real(export).relative_to(_real(out)).as_posix())
+    return [*FILES, *(f"{inside}/{name}" for name in written(out, "c"))]
 
 
 def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | None) -> None:
     """Refuse places that `train` could not write; the code may lie in the model's folder, and is replaced with it."""
-    from rlgcomp.compensation.artefact import FILES
     from rlgcomp.errors import InputError
     from rlgcomp.export.target import written
 
-    model = list(FILES)
     if export is not None:
-        code = written(out, "c")
-        require_folder(export, code, *read)
+        require_folder(export, written(out, "c"), *read)
         if _lies_in(out, export) or _real(out) == _real(export):
             raise InputError(f"--out {out} lies in --export {export}, which the code would fill; give two folders")
-        if _lies_in(export, out):
-            inside = glob.escape(_real(export).relative_to(_real(out)).as_posix())
-            model += [f"{inside}/{name}" for name in code]
-    require_folder(out, model, *read)
+    require_folder(out, _written(out, export), *read)
 
 
 def _warn_of_long_fit(device: str | None, recordings: list[Recording], averaging_s: float) -> None:

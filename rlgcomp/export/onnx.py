@@ -8,9 +8,12 @@ number of them.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -288,14 +291,32 @@ def _expected(compensator: Compensator, expansion: Expansion, X: Array) -> dict[
     }
 
 
+@contextlib.contextmanager
+def _own_temporary_folder() -> Iterator[None]:
+    """A folder for what onnxruntime writes into TMPDIR when it is imported, and leaves there: the session of its telemetry."""
+    before = os.environ.get("TMPDIR")
+    with tempfile.TemporaryDirectory(prefix="rlgcomp-onnx-", ignore_cleanup_errors=True) as folder:
+        os.environ["TMPDIR"] = folder
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ["TMPDIR"]
+            else:
+                os.environ["TMPDIR"] = before
+
+
 def _compared(
     content: bytes, compensator: Compensator, expansion: Expansion, streams: Mapping[str, Array], precision: str
 ) -> tuple[tuple[dict[str, Any], ...], tuple[Message, ...]]:
     """Largest differences from Python, in a batch and row by row."""
-    try:
-        import onnxruntime
-    except ImportError:
-        return (), (message("export.not_compared"),)
+    with _own_temporary_folder():
+        try:
+            import onnxruntime
+        except ImportError:
+            return (), (message("export.not_compared"),)
+        if hasattr(onnxruntime, "disable_telemetry_events"):
+            onnxruntime.disable_telemetry_events()
     session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
     real: Any = np.float64 if precision == "double" else np.float32
     bound = TOLERANCE_OF_SPAN[precision] * compensator.interval_.per_span_deg_h

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import contextvars
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,33 @@ _command: contextvars.ContextVar[tuple[str | None, int | None]] = contextvars.Co
 
 
 @contextlib.contextmanager
-def recorded_command(text: str, seed: int | None) -> Iterator[None]:
+def recorded_command(text: str | None, seed: int | None) -> Iterator[None]:
     """Results that are written in this context were made by a command, of a seed where it has one."""
     token = _command.set((text, seed))
     try:
         yield
     finally:
         _command.reset(token)
+
+
+def running_command() -> tuple[str | None, int | None]:
+    """The command that is recorded in this context and its seed, for :func:`recorded_command` in another process."""
+    return _command.get()
+
+
+def with_digests(entries: list[dict[str, Any]], files: Sequence[str | Path]) -> list[dict[str, Any]]:
+    """What is known of each run that was read, with the SHA-256 of its file.
+
+    Parameters
+    ----------
+    entries : list of dict
+        One a run.
+    files : sequence of path
+        In the same order. Where there are not as many, as of an adapted model, the entries stay as they are.
+    """
+    if len(entries) != len(files):
+        return entries
+    return [entry | {"sha256": sha256(file)} for entry, file in zip(entries, files, strict=True)]
 
 
 def made_at() -> str:

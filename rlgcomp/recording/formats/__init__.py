@@ -225,6 +225,8 @@ def is_written(path: Path) -> bool:
     if form is not csv:
         return bool(form.is_written(path))
     try:
+        if not sidecar(path).is_file():  # a pipe would be waited for
+            return False
         with sidecar(path).open(encoding="utf-8") as stream:
             first = stream.readline(_LONGEST_NAME).rstrip("\n")
         return first.startswith(_WRITTEN) and first.endswith(sha256(path))
@@ -381,7 +383,7 @@ def read_sidecar(path: Path) -> dict[str, Any]:
         It is not readable.
     """
     file = sidecar(path)
-    if not file.is_file():
+    if not file.is_file() and not file.exists():
         return {}
     try:
         content = from_yaml(read_text(file))
