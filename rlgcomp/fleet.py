@@ -243,7 +243,7 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
     InputError
         The unit has no simulator.
     """
-    from rlgcomp.diagnosis.engine.diagnose import diagnose
+    from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.recording.argument_checks import with_distinct_names
     from rlgcomp.recording.formats import read
     from rlgcomp.simulation.simulator import Simulator

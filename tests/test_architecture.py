@@ -193,7 +193,7 @@ def test_tests_use_public_names_and_import_no_other_test(path: Path) -> None:
         ("import rlgcomp", _HEAVY),
         ("import rlgcomp.cli.base", _HEAVY),
         (
-            "import rlgcomp.diagnosis.engine.diagnose",
+            "import rlgcomp.diagnosis.diagnose",
             ["scipy.signal", "scipy.stats", "sklearn", "torch", "matplotlib"],
         ),  # half a second
     ],

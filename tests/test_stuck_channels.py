@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.engine.diagnose import diagnose
+from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.recording.stuck_channels import interpolated_holds, readings, stuck_messages
 from rlgcomp.report.inspection import summarise

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.engine.simulators.align import align, no_clocks
-from rlgcomp.diagnosis.engine.simulators.resampling import Alignment, on_rows, turning_evenly
-from rlgcomp.diagnosis.engine.simulators.user_simulator import (
+from rlgcomp.diagnosis.simulators.align import align, no_clocks
+from rlgcomp.diagnosis.simulators.resampling import Alignment, on_rows, turning_evenly
+from rlgcomp.diagnosis.simulators.user_simulator import (
     PythonSimulator,
     SimulatedRuns,
     scale_message,

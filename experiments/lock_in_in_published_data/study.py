@@ -15,8 +15,8 @@ import rlgcomp as rlg
 from experiments.lock_in_in_published_data.recordings import recording, table_3
 from rlgcomp.calibration.rate_dependence import fit_lock_in
 from rlgcomp.calibration.scale_factor import sd_of_mean
-from rlgcomp.diagnosis.engine.diagnose import diagnose
-from rlgcomp.diagnosis.engine.result import Diagnosis
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.noise.processes import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.mechanism import Mechanism

@@ -56,7 +56,7 @@ MONITORS: Final = frozenset({"light_intensity", "discharge_imbalance", "supply_v
 
 def proposed_and_run(effect: str, known: str, strength: float, seed: int) -> dict[str, Any]:
     """One gyro: what is said before, what is promised, and what comes out."""
-    from rlgcomp.diagnosis.engine.diagnose import diagnose
+    from rlgcomp.diagnosis.diagnose import diagnose
 
     def case_of(third: str | None = None) -> Any:
         programmes = dict.fromkeys((*TRAINING, *HELD_OUT), PROGRAMMES[known]) | ({} if third is None else {HELD_OUT[0]: third})

@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 
 from experiments.speed.measure import Case, Peer, Row
-from rlgcomp.diagnosis.engine.result import Diagnosis
+from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -99,7 +99,7 @@ def _diagnosis_of_a_table(quick: bool) -> Case:
 
 
 def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
-    from rlgcomp.diagnosis.engine.diagnose import diagnose
+    from rlgcomp.diagnosis.diagnose import diagnose
 
     parts: dict[str, float] = {}
 

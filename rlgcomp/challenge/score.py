@@ -17,7 +17,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from rlgcomp.diagnosis.engine.decide import VERDICTS
+from rlgcomp.diagnosis.decide import VERDICTS
 from rlgcomp.errors import InputError
 
 Spans = Sequence[tuple[float, float]]

@@ -24,8 +24,8 @@ import pandas as pd
 from scipy import special
 
 from rlgcomp.challenge.injection import Array, Projection, contributions, distinct_injections, injected, sized_injection
-from rlgcomp.diagnosis.engine.diagnose import diagnose
-from rlgcomp.diagnosis.engine.result import Diagnosis
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
 from rlgcomp.numerics.worker_processes import end_with

@@ -12,7 +12,7 @@ from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_evaluation, show_json, show_table, show_text
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.engine.result import Diagnosis
+    from rlgcomp.diagnosis.result import Diagnosis
 
 UNIT = 1
 # Concealed, by chamber programmes: short runs show too little hysteresis to name it with certainty.
@@ -41,7 +41,7 @@ def demo(
     from rlgcomp.cli.diagnosis import FILES as DIAGNOSIS
     from rlgcomp.compensation import artefact
     from rlgcomp.compensation.compensator import Compensator
-    from rlgcomp.diagnosis.engine.diagnose import diagnose
+    from rlgcomp.diagnosis.diagnose import diagnose
     from rlgcomp.evaluation.evaluation import evaluate
     from rlgcomp.evaluation.page import write_report
     from rlgcomp.files import whole_folder

@@ -33,7 +33,7 @@ from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_text
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.engine.simulators.user_simulator import UserSimulator
+    from rlgcomp.diagnosis.simulators.user_simulator import UserSimulator
     from rlgcomp.noise.processes import NoiseModel
     from rlgcomp.physics.mechanism import Mechanism
     from rlgcomp.recording import Recording
@@ -122,7 +122,7 @@ def diagnose(
 
     Example: `rlgcomp diagnose --simulator gyro.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
     """
-    from rlgcomp.diagnosis.engine.diagnose import diagnose as diagnose_runs
+    from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
     from rlgcomp.errors import InputError
     from rlgcomp.files import from_json, read_text, whole_folder
     from rlgcomp.physics import CATALOGUE
@@ -253,7 +253,7 @@ def _simulator(
     source: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]]
 ) -> Simulator | UserSimulator | None:
     """The simulator of a file; None where its output stands for it."""
-    from rlgcomp.diagnosis.engine.simulators.user_simulator import PythonSimulator
+    from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator
     from rlgcomp.errors import InputError
     from rlgcomp.simulation.simulator import Simulator
 

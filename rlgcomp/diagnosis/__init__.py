@@ -1,1 +1,37 @@
-"""Diagnosis: what physics a simulator is missing. :mod:`rlgcomp.diagnosis.engine.diagnose` is one from beginning to end."""
+"""Diagnosis on one model: terms are driver × memory × form × selection, compared by one evidence.
+
+.. math:: y(t) = s(t; \\beta) + \\sum_k S_k(\\mathrm{run}, t)\\, f_k(h_k[u_k](t)) + n(t)
+
+Rooms, each importing only from those before it:
+    priors      every number of the prior, with its reason
+    readings    noise and rounding of what is read, and the smooth behind it
+    data        window means of runs, and their columns on a finer grid
+    hashed      hashes of frozen objects, kept
+    drivers     what acts: recorded columns, differences, time since switch-on
+    bases       forms of drivers as columns with Gaussian weights
+    memories    bases with a memory: lags, plays, relays
+    times       bases of the time in a run: laws of switch-on, waves
+    terms       forms and regions: a mechanism is the name of a region
+    regions     the regions that are searched
+    baseline    the simulator, linearised in its free numbers
+    turning     rows and regions where a table turns
+    nuisances   steps of the bias, biases of runs, stated numbers that are wrong
+    errors      errors of drivers, which join the noise
+    noise       hypotheses of the noise, whitening
+    evidence    the evidence of a set of forms in closed form
+    screen      the evidence of many forms at once
+    search      sets of regions, forms refined
+    telegraph   a two-state process beside a set
+    posterior   probabilities of sets and regions
+    fit         weights, predictions
+    mismatch    whether anything is missing, and where
+    decide      what is stated: every threshold
+    simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term
+    findings    members with their parameters and their functions as tables
+    scores      runs before and after
+    record      the data of a diagnosis; remarks, text, pictures and page read it
+    result      the diagnosis as scripts use it
+    design      the next experiment
+    prepare     runs without outliers; a user's own simulation
+    diagnose    one diagnosis from beginning to end
+"""

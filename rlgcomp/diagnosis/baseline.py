@@ -1,0 +1,168 @@
+"""The simulator s(t; β): what is stated is taken off, free amplitudes are columns, free shapes enter by their derivatives."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.bases import Basis, Own
+from rlgcomp.diagnosis.data import Data, Run
+from rlgcomp.physics.mechanism import Mechanism, Parameter
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+Array = npt.NDArray[np.float64]
+CONSTANT: Final = "constant_deg_h"
+_STEP: Final = 1e-3  # of a shape, relative, for its derivative
+_ROUNDS: Final = 12  # of halved steps
+
+
+@dataclasses.dataclass(frozen=True)
+class Baseline:
+    """The simulator and its free numbers.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Its free shapes are calibrated.
+    amplitudes : mapping of str to ndarray
+        By mechanism, at which derivatives by free shapes are taken.
+    own : mapping of str to Basis
+        Columns of mechanisms that are not computed by themselves.
+    """
+
+    simulator: Simulator
+    amplitudes: Mapping[str, Array] = dataclasses.field(default_factory=dict)
+    own: Mapping[str, Basis] = dataclasses.field(default_factory=dict)
+
+    def free(self, mechanism: Mechanism, role: str) -> tuple[Parameter, ...]:
+        """Parameters in use of a role that are to be calibrated."""
+        named = self.simulator.free.get(mechanism.name, frozenset())
+        used = mechanism.amplitude_parameters() if role == "amplitude" else mechanism.shape_parameters()
+        return tuple(parameter for parameter in used if parameter.name in named)
+
+    def known(self, mechanism: Mechanism) -> tuple[tuple[int, Parameter], ...]:
+        """Amplitudes in use that are stated, with their places among the mechanism's columns."""
+        names = {parameter.name for parameter in self.free(mechanism, "amplitude")}
+        return tuple((k, p) for k, p in enumerate(mechanism.amplitude_parameters()) if p.name not in names)
+
+    def names(self) -> tuple[tuple[str, str, str], ...]:
+        """Mechanism, parameter and unit of each column that :meth:`columns` gives; a constant where no mechanism has one."""
+        found = [] if self._has_constant() else [("", CONSTANT, "deg/h")]
+        for mechanism in self.simulator.mechanisms:
+            found += [(mechanism.name, p.name, p.unit) for p in self.free(mechanism, "amplitude")]
+            if mechanism.name in self.amplitudes:
+                found += [(mechanism.name, p.name, p.unit) for p in self.free(mechanism, "shape")]
+        return tuple(found)
+
+    def _has_constant(self) -> bool:
+        """Whether a mechanism has the constant bias among its free amplitudes."""
+        return any(p.name == one.constant for one in self.simulator.mechanisms for p in self.free(one, "amplitude"))
+
+    def stated(self, binned: Recording) -> Array:
+        """What the simulator states for certain of a recording of bin means, shape (bins,)."""
+        total = self.simulator.nominal_deg_h(binned)
+        for mechanism in self.simulator.mechanisms:
+            names = {parameter.name for parameter in self.free(mechanism, "amplitude")}
+            known = [0.0 if p.name in names else float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()]
+            if any(known):
+                total = total + mechanism.basis(binned) @ np.array(known)
+        return np.asarray(total)
+
+    def columns(self, run: Run) -> Array:
+        """Free columns on the bins of a run, shape (bins, p): a constant, amplitudes, and derivatives by shapes."""
+        found = [np.empty((run.bins, 0)) if self._has_constant() else np.ones((run.bins, 1))]
+        for mechanism in self.simulator.mechanisms:
+            table = self._table(mechanism, run)
+            used = [p.name for p in mechanism.amplitude_parameters()]
+            found.append(table[:, [used.index(p.name) for p in self.free(mechanism, "amplitude")]])
+            for shape in self.free(mechanism, "shape") if mechanism.name in self.amplitudes else ():
+                change = Own(_moved(mechanism, shape, 1.0 + _STEP)).columns(run) - table
+                found.append((change @ self.amplitudes[mechanism.name])[:, None] / _STEP)
+        return np.hstack(found)
+
+    def _table(self, mechanism: Mechanism, run: Run) -> Array:
+        basis = self.own.get(mechanism.name)
+        return Own(mechanism).columns(run) if basis is None else basis.columns(run) / basis.per_unit()
+
+    def design(self, data: Data) -> Array:
+        """Columns of all training runs, orthonormal, dependent ones left out, shape (n, p)."""
+        return independent(data.means(self.columns))
+
+    def linearised(self, data: Data) -> Self:
+        """The same with amplitudes by least squares, at which derivatives by shapes are taken."""
+        weights = np.linalg.lstsq(data.means(self.columns), data.output, rcond=1e-12)[0]
+        amplitudes, at = {}, 0 if self._has_constant() else 1
+        for mechanism in self.simulator.mechanisms:
+            names = {p.name for p in self.free(mechanism, "amplitude")}
+            values = [float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()]
+            for k, parameter in enumerate(mechanism.amplitude_parameters()):
+                if parameter.name in names:
+                    values[k], at = float(weights[at]), at + 1
+            amplitudes[mechanism.name] = np.array(values)
+        return dataclasses.replace(self, amplitudes=amplitudes)
+
+    @classmethod
+    def calibrated(cls, simulator: Simulator, data: Data) -> Self:
+        """The simulator with its free shapes at their least squares, from the best point of each mechanism's grid on.
+
+        Parameters
+        ----------
+        simulator : Simulator
+        data : Data
+        """
+        for mechanism in simulator.mechanisms:
+            own = cls(simulator)
+            shapes = own.free(mechanism, "shape")
+            if not shapes:
+                continue
+
+            def misfit(candidate: Mechanism, others: Simulator = simulator) -> float:
+                tried = cls(others.with_mechanism(candidate))
+                table = data.means(tried.columns)
+                table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+                left = data.output - table @ np.linalg.lstsq(table, data.output, rcond=1e-10)[0]
+                return float(left @ left)
+
+            names = [shape.name for shape in shapes]
+            grid = type(mechanism).grid([run.binned for run in data.runs])
+            points = [_with(mechanism, {name: getattr(point, name) for name in names}) for point in grid]
+            best = min({*points, mechanism}, key=misfit)
+            step = 0.3
+            for _ in range(_ROUNDS):
+                moved = [_moved(best, shape, 1.0 + sign * step) for shape in shapes for sign in (-1.0, 1.0)]
+                nearer = min([best, *moved], key=misfit)
+                step = step if nearer != best else 0.5 * step
+                best = nearer
+            simulator = simulator.with_mechanism(best)
+        return cls(simulator).linearised(data)
+
+
+def independent(table: Array) -> Array:
+    """Columns of unit size that are linearly independent of those before them."""
+    kept: list[Array] = []
+    for column in table.T:
+        size = np.linalg.norm(column)
+        if size == 0.0:
+            continue
+        left = column / size
+        for _ in range(2):
+            for other in kept:
+                left = left - other * (other @ left)
+        if np.linalg.norm(left) > 1e-6:
+            kept.append(left / np.linalg.norm(left))
+    return np.column_stack(kept)
+
+
+def _moved(mechanism: Mechanism, shape: Parameter, factor: float) -> Mechanism:
+    value = float(getattr(mechanism, shape.name))
+    moved = value * factor if value else factor - 1.0
+    return _with(mechanism, {shape.name: float(np.clip(moved, shape.low, shape.high))})
+
+
+def _with(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+    return type(mechanism)(**(mechanism.to_mapping() | dict(values)))

@@ -1,0 +1,209 @@
+"""Forms of drivers as columns with Gaussian weights of unit variance: functions without memory, and what is made of other bases.
+
+Each basis is a small frozen object: :meth:`Basis.columns` gives its columns on the bins of a run, :meth:`Basis.nearby` the same
+basis with its nonlinear parameters a step of the grid aside, so that they can be polished.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.drivers import Path
+from rlgcomp.diagnosis.hashed import Hashed
+
+Array = npt.NDArray[np.float64]
+_JITTER: Final = 1e-6
+_SHAPE_RATIO: Final = 1.5  # of a mechanism's own shape, from one point of the grid to the next
+
+
+class Basis(Hashed, abc.ABC):
+    """Columns of a run; hashable, so that equal ones are computed once."""
+
+    @abc.abstractmethod
+    def columns(self, run: Run) -> Array:
+        """Columns on the bins of a run, shape (bins, k)."""
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        """The same with one nonlinear parameter moved by so many steps of its grid."""
+        del step
+        return ()
+
+    def parameters(self) -> dict[str, float]:
+        """Nonlinear parameters by the beginning of their names in a mechanism."""
+        return {}
+
+    def per_unit(self) -> float:
+        """What one unit of the driver, as it is recorded, is in the column; 1 where the column has no such unit."""
+        return 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Power(Basis):
+    """Legendre polynomials P_1 to P_degree of a path, weights falling as 1 / k."""
+
+    path: Path
+    degree: int = 1
+
+    def columns(self, run: Run) -> Array:
+        u = self.path.bounded(run) if self.degree > 1 else self.path.values(run)
+        table = np.polynomial.legendre.legvander(u, self.degree)[:, 1:]
+        return np.asarray(table / np.arange(1, self.degree + 1))
+
+    def per_unit(self) -> float:
+        return 1.0 / (self.path.half * self.path.driver.half)
+
+
+@dataclasses.dataclass(frozen=True)
+class Magnitude(Basis):
+    """Absolute value of a path."""
+
+    path: Path
+
+    def columns(self, run: Run) -> Array:
+        return np.abs(self.path.values(run))[:, None]
+
+    def per_unit(self) -> float:
+        return 1.0 / (self.path.half * self.path.driver.half)
+
+
+@dataclasses.dataclass(frozen=True)
+class Smooth(Basis):
+    r"""A Gaussian process of a path, :math:`\mathrm{cov} = e^{-(u - u')^2 / 2 w^2}`, on knots over its range.
+
+    With `parity` 1 its even part, with -1 its odd part.
+    """
+
+    path: Path
+    width: float = priors.SMOOTH_WIDTH
+    knots: int = priors.SMOOTH_KNOTS
+    parity: int = 0
+
+    def columns(self, run: Run) -> Array:
+        u = self.path.bounded(run)
+        found = gaussian_process(u, self.width, self.knots)
+        return found + self.parity * gaussian_process(-u, self.width, self.knots) if self.parity else found
+
+
+@dataclasses.dataclass(frozen=True)
+class Product(Basis):
+    """Product of two paths."""
+
+    one: Path
+    other: Path
+
+    def columns(self, run: Run) -> Array:
+        return (self.one.values(run) * self.other.values(run))[:, None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Own(Basis):
+    """The columns of a mechanism, as it states them itself, or one of them."""
+
+    mechanism: Any
+    column: int | None = None
+
+    def columns(self, run: Run) -> Array:
+        table = run.on_bins(self.mechanism.basis(run.binned))
+        return table if self.column is None else table[:, self.column : self.column + 1]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        found = []
+        for shape in self.mechanism.shape_parameters():
+            value = float(getattr(self.mechanism, shape.name))
+            for factor in (_SHAPE_RATIO**step, _SHAPE_RATIO**-step):
+                moved = min(max(value * factor, shape.low), shape.high)
+                if moved != value:
+                    found.append(dataclasses.replace(self, mechanism=dataclasses.replace(self.mechanism, **{shape.name: moved})))
+        return tuple(found)
+
+    def parameters(self) -> dict[str, float]:
+        return {shape.name: float(getattr(self.mechanism, shape.name)) for shape in self.mechanism.shape_parameters()}
+
+
+@dataclasses.dataclass(frozen=True)
+class EachRun(Basis):
+    """Another basis with weights of its own in each of some runs; nothing in others."""
+
+    basis: Basis
+    runs: tuple[str, ...]
+
+    def columns(self, run: Run) -> Array:
+        own = self.basis.columns(run)
+        return np.hstack([own * (run.name == name) for name in self.runs])
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, basis=basis) for basis in self.basis.nearby(step))
+
+    def parameters(self) -> dict[str, float]:
+        return self.basis.parameters()
+
+
+@dataclasses.dataclass(frozen=True)
+class Constant(Basis):
+    """One in every bin."""
+
+    def columns(self, run: Run) -> Array:
+        return np.ones((run.bins, 1))
+
+
+@dataclasses.dataclass(frozen=True)
+class Moment(Basis):
+    """One from a moment on in one run, nothing in others: a step of the bias."""
+
+    run: str
+    at_s: float
+    window_s: float
+
+    def columns(self, run: Run) -> Array:
+        after = np.clip((run.elapsed_s - self.at_s) / run.grid.bin_s + 0.5, 0.0, 1.0)
+        return (after * (run.name == self.run))[:, None]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        moves = step * self.window_s, -step * self.window_s
+        return tuple(dataclasses.replace(self, at_s=self.at_s + move) for move in moves)
+
+
+@dataclasses.dataclass(frozen=True)
+class Shift(Basis):
+    """Derivative of another basis by time: that basis a little earlier or later, as a sensor's lag makes it."""
+
+    basis: Basis
+
+    def columns(self, run: Run) -> Array:
+        return np.gradient(self.basis.columns(run), axis=0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Glitch(Basis):
+    """Pulses where another basis changes fast: what a relay does while it switches."""
+
+    basis: Basis
+
+    def columns(self, run: Run) -> Array:
+        return np.abs(np.gradient(self.basis.columns(run), axis=0))
+
+
+def gaussian_process(u: Array, width: float, knots: int) -> Array:
+    """Columns of a squared-exponential Gaussian process on knots over -1 to 1, shape (n, knots)."""
+    places = np.linspace(-1.0, 1.0, knots)
+    cross = np.exp(-0.5 * ((u[:, None] - places) / width) ** 2)
+    root = np.linalg.cholesky(kernel(places / width) + _JITTER * np.eye(knots))
+    return np.asarray(np.linalg.solve(root, cross.T).T)
+
+
+def kernel(scaled: Array) -> Array:
+    return np.asarray(np.exp(-0.5 * np.subtract.outer(scaled, scaled) ** 2))
+
+
+def kernel_root(kernel: Array) -> Array:
+    """A matrix R of few columns with R Rᵀ close to the kernel."""
+    values, vectors = np.linalg.eigh(kernel)
+    used = values > 1e-4 * values[-1]
+    return np.asarray(vectors[:, used] * np.sqrt(values[used]))

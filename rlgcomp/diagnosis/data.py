@@ -1,0 +1,315 @@
+"""Window means of runs, and the columns of each run on a finer grid of bins.
+
+The window follows from the runs: the longest has :data:`~rlgcomp.diagnosis.priors.WINDOWS` of them. Memories and forms are
+evaluated on bins, of which a window has a few, and averaged afterwards; missing bins are interpolated for memories and do not count
+in the means of the gyro.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.errors import InputError
+from rlgcomp.noise.processes import NoiseModel
+from rlgcomp.numerics.readings import Readings
+from rlgcomp.recording import TIME, Recording
+from rlgcomp.units import arw_rate_sd_deg_h
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+_COVERAGE = 0.8  # of a window's bins that must be there
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """Bins and windows, the same for all runs.
+
+    Parameters
+    ----------
+    bin_s : float
+        Length of a bin in s.
+    bins : int
+        Bins of a window.
+    """
+
+    bin_s: float
+    bins: int
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], *, every_sample: bool = False) -> Grid:
+        """The grid that training runs ask for; bins are samples where so is said, as on a turntable."""
+        longest = max(recording.duration_s for recording in recordings)
+        total = sum(recording.duration_s for recording in recordings)
+        period = max(recording.period_s for recording in recordings)
+        windows = min(float(priors.WINDOWS), priors.WINDOWS_OF_ALL * longest / total)
+        samples = max(1, math.ceil(longest / period / windows - 1e-6))
+        in_bin = 1 if every_sample else max(1, samples // priors.BINS)
+        return cls(in_bin * period, math.ceil(samples / in_bin))
+
+    @classmethod
+    def of_window(cls, recordings: Sequence[Recording], window_s: float, *, every_sample: bool = False) -> Grid:
+        """The grid with windows of a given length.
+
+        Raises
+        ------
+        InputError
+            The length is not positive and finite.
+        """
+        if not 0.0 < window_s < math.inf:
+            raise InputError(f"the averaging time is {window_s:g} s; it must be positive and finite")
+        period = max(recording.period_s for recording in recordings)
+        samples = max(1, round(window_s / period))
+        in_bin = 1 if every_sample else max(1, samples // priors.BINS)
+        return cls(in_bin * period, math.ceil(samples / in_bin))
+
+    @property
+    def window_s(self) -> float:
+        return self.bin_s * self.bins
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Within:
+    """Rows for what varies within windows.
+
+    Parameters
+    ----------
+    waves : ndarray, shape (bins, k)
+        Orthogonal to window means and to each other, so long that white noise has in the rows the variance of a window's mean.
+    encoder : ndarray, shape (k, k)
+        Covariance in the rows of unit noise of the encoder's readings, over that of white noise of the same size.
+    """
+
+    waves: Array
+    encoder: Array
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """One run: its columns on bins, and the means of its output in windows.
+
+    Parameters
+    ----------
+    binned : Recording
+        Means over bins, all columns but the outputs smoothed; bins with gaps are missing.
+    grid : Grid
+    bins : int
+        Bins of the run, missing ones among them.
+    full : ndarray of bool, shape (windows,)
+        Windows that count.
+    output : ndarray, shape (counted windows,)
+        Means of the output less what is known of it.
+    white : ndarray, shape (counted windows,)
+        Variance of the white noise, 1 in a window without gaps.
+    readings : mapping of str to Readings
+        Of each column but the outputs.
+    recording : Recording
+        As it was recorded, its lead-in part of it.
+    """
+
+    binned: Recording
+    grid: Grid
+    bins: int
+    full: npt.NDArray[np.bool_]
+    output: Array
+    white: Array
+    readings: Mapping[str, Readings]
+    recording: Recording
+    cache: dict[object, Array] = dataclasses.field(default_factory=dict, repr=False)
+    within: Within | None = None
+
+    @classmethod
+    def of(cls, recording: Recording, grid: Grid, output: Callable[[Recording], Array], outputs: Collection[str] = ()) -> Run:
+        """A recording on the grid.
+
+        Parameters
+        ----------
+        recording : Recording
+        grid : Grid
+        output : callable
+            The output of a recording of bin means, less what is known of it, shape (bins,).
+        outputs : collection of str
+            Columns beside the gyros that are no drivers.
+        """
+        history = recording.metadata.lead_in_s
+        whole = recording.replace(metadata=dataclasses.replace(recording.metadata, lead_in_s=0.0), truth=None)
+        binned = whole if grid.bin_s <= 1.5 * whole.period_s else whole.averaged(grid.bin_s)
+        fixed = {TIME, *binned.gyro_columns, *outputs}
+        readings = {
+            column: Readings.of(whole.column(column), binned.column(column))
+            for column in binned.columns
+            if column in whole and column not in fixed
+        }
+        binned = binned.replace(table=binned.table.assign(**{column: one.values for column, one in readings.items()}))
+        place = np.rint((binned.time_s - binned.time_s[0]) / grid.bin_s).astype(np.intp)
+        windows = max(1, (int(place[-1]) + 1) // grid.bins)
+        bins = windows * grid.bins
+        inside = place < bins
+        counts = np.bincount(place[inside] // grid.bins, minlength=windows).astype(np.float64)
+        sums = np.bincount(place[inside] // grid.bins, weights=output(binned)[inside], minlength=windows)
+        begins = np.arange(windows) * grid.window_s
+        full = (counts >= _COVERAGE * grid.bins) & (begins >= history - 1e-6 * grid.bin_s)
+        return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / counts[full], readings, whole)
+
+    @property
+    def name(self) -> str:
+        return self.binned.name
+
+    @functools.cached_property
+    def elapsed_s(self) -> Array:
+        """Time since the beginning of the run at the middle of each bin, shape (bins,)."""
+        return np.asarray((np.arange(self.bins) + 0.5) * self.grid.bin_s)
+
+    @functools.cached_property
+    def windows(self) -> IntArray:
+        """Places of the counted windows among all windows."""
+        return np.flatnonzero(self.full)
+
+    def column(self, name: str) -> Array:
+        """A recorded column on all bins of the run, shape (bins,)."""
+        key = ("column", name)
+        if key not in self.cache:
+            self.cache[key] = self.on_bins(self.binned.column(name))
+        return self.cache[key]
+
+    def with_column(self, name: str, values: Array) -> Run:
+        """The same run with other values of a column on its bins."""
+        kept = np.rint((self.binned.time_s - self.binned.time_s[0]) / self.grid.bin_s).astype(np.intp)
+        column = np.where(kept < self.bins, values[np.minimum(kept, self.bins - 1)], self.binned.column(name))
+        binned = self.binned.with_column(name, column)
+        cache: dict[object, Array] = {key: one for key, one in self.cache.items() if not _follows(key, name)}
+        cache[("column", name)] = values
+        return dataclasses.replace(self, binned=binned, cache=cache)
+
+    def on_bins(self, values: Array) -> Array:
+        """Values at the recorded bins, interpolated to all bins of the run; shape (bins,) or (bins, k)."""
+        since = self.binned.time_s - self.binned.time_s[0] + 0.5 * self.grid.bin_s
+        if len(since) >= self.bins and np.allclose(since[: self.bins], self.elapsed_s, atol=0.1 * self.grid.bin_s):
+            return np.asarray(values[: self.bins])
+        if values.ndim == 1:
+            return np.interp(self.elapsed_s, since, values)
+        return np.column_stack([np.interp(self.elapsed_s, since, column) for column in values.T])
+
+    def on_bins_of_rows(self, values: Array) -> Array:
+        """Means over bins of values at the recording's rows, shape (rows,); interpolated to all bins of the run."""
+        since = self.recording.time_s - self.recording.time_s[0] + 0.5 * self.recording.period_s
+        place = np.minimum((since / self.grid.bin_s).astype(np.intp), self.bins)  # what comes after the last window goes together
+        counts, sums = (np.bincount(place, weights=w, minlength=self.bins + 1)[: self.bins] for w in (np.ones(len(since)), values))
+        held = counts > 0.0
+        return np.interp(self.elapsed_s, self.elapsed_s[held], sums[held] / counts[held])
+
+    def window_means(self, values: Array) -> Array:
+        """Means of values on bins, shape (bins,) or (bins, k), over the counted windows."""
+        shape = (len(self.full), self.grid.bins, *values.shape[1:])
+        return np.asarray(values.reshape(shape).mean(axis=1)[self.full])
+
+    def means(self, values: Array) -> Array:
+        """All rows of values on bins: window means, then what varies within windows where there are rows for it."""
+        means = self.window_means(values)
+        return means if self.within is None else np.concatenate([means, self.within.waves.T @ values])
+
+
+def _follows(key: object, column: str) -> bool:
+    """Whether what a run keeps under a key follows a column: a path, or a driver beside other things."""
+    of = key[1] if isinstance(key, tuple) and len(key) > 1 else getattr(key, "driver", None)
+    return of == column if isinstance(of, str) else column in getattr(of, "columns", ())
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """White noise that is known before the runs are seen, as if of so many windows more.
+
+    Parameters
+    ----------
+    white : float
+        Standard deviation of a window mean.
+    windows : float
+        What its error is worth; zero where nothing is known.
+    """
+
+    white: float = 0.0
+    windows: float = 0.0
+
+    @property
+    def square(self) -> float:
+        """Of all these windows."""
+        return self.windows * self.white**2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Data:
+    """The training runs together: n window means.
+
+    Parameters
+    ----------
+    runs : tuple of Run
+    other : tuple of str
+        Recorded columns that drive nothing: the output, a user's simulation of it.
+    noise : NoiseModel, optional
+        As stated.
+    """
+
+    runs: tuple[Run, ...]
+    other: tuple[str, ...] = ()
+    noise: NoiseModel | None = None
+
+    @functools.cached_property
+    def known(self) -> Known:
+        """What the stated noise says of the white one."""
+        if self.noise is None:
+            return Known()
+        strength = self.noise.angle_random_walk_deg_sqrt_h
+        error = max(self.noise.sds[0] / strength or priors.STATED_ERROR, priors.LEAST_STATED_ERROR)
+        return Known(arw_rate_sd_deg_h(strength, self.runs[0].grid.window_s), 0.5 / error**2)
+
+    @functools.cached_property
+    def output(self) -> Array:
+        return np.concatenate([run.output for run in self.runs])
+
+    @functools.cached_property
+    def white(self) -> Array:
+        return np.concatenate([run.white for run in self.runs])
+
+    @functools.cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Rows of each run."""
+        edges = np.r_[0, np.cumsum([len(run.output) for run in self.runs])]
+        return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges))
+
+    def __len__(self) -> int:
+        return len(self.output)
+
+    def means(self, of_run: Callable[[Run], Array]) -> Array:
+        """Window means of a function of a run that gives values on its bins."""
+        return np.concatenate([run.means(of_run(run)) for run in self.runs])
+
+    @property
+    def turns(self) -> bool:
+        """Whether there are rows for what varies within windows."""
+        return any(run.within is not None for run in self.runs)
+
+    @functools.cached_property
+    def of_windows(self) -> IntArray:
+        """The rows that are window means."""
+        parts = zip(self.runs, self.slices, strict=True)
+        return np.concatenate([np.arange(rows.start, rows.start + len(run.windows)) for run, rows in parts])
+
+    @property
+    def longest_s(self) -> float:
+        """Length of the longest run in s."""
+        return max(run.bins for run in self.runs) * self.runs[0].grid.bin_s
+
+    @functools.cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Recorded columns that all runs have and that vary, the outputs and the time left out."""
+        first = self.runs[0].binned
+        shared = [c for c in first.columns if c != TIME and c not in first.gyro_columns and c not in self.other]
+        shared = [c for c in shared if all(c in run.binned for run in self.runs)]
+        return tuple(c for c in shared if np.ptp(np.concatenate([run.column(c) for run in self.runs])) > 0.0)

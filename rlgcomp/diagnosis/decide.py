@@ -1,0 +1,106 @@
+"""What is stated of a posterior: every threshold of a decision, and the decision."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final, Literal
+
+from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.terms import MemoryClass, Region
+
+Verdict = Literal["none", "explained", "ambiguous", "unknown"]
+VERDICTS: Final = ("none", "explained", "ambiguous", "unknown")
+
+FALSE_FINDING: Final = 1.0
+MISSED: Final = 1.0
+"""Losses of naming a set where nothing is missing, and of naming nothing where it is: none is named while P(null) × the first
+exceeds the probability of the likeliest set × the second."""
+EXCHANGED: Final = 0.1
+"""Probability, over that of the likeliest set, of a set with one member exchanged, from which on the two cannot be told apart."""
+SURE: Final = 0.8
+"""Probability from which on a member is named without its exchanges."""
+MORE_LEFT: Final = 1.005
+"""Error of the training runs with a set, over that with none, from which on the set is not named, were it ever so probable."""
+LOUDER: Final = 1e-3
+"""Probability of noise as large as it is under what is stated, below which that does not explain the runs."""
+TELEGRAPH: Final = "random_telegraph"
+
+
+@dataclasses.dataclass(frozen=True)
+class Named:
+    """A region that is named.
+
+    Parameters
+    ----------
+    region : str
+    mechanism : str, optional
+        None: a law without a name.
+    probability : float
+    indistinguishable_from : tuple of str
+        Mechanisms or laws that may stand in its place.
+    """
+
+    region: str
+    mechanism: str | None
+    probability: float
+    indistinguishable_from: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Decision:
+    """The verdict, what is named, and what is unexplained.
+
+    Parameters
+    ----------
+    verdict : {"none", "explained", "ambiguous", "unknown"}
+    named : tuple of Named
+    drivers : tuple of str
+        Of laws without a name.
+    memory : {"static", "dynamic", "rate-independent", "none"}
+        Of the first of them.
+    wander : bool
+        Something unrecorded wanders.
+    louder : bool
+        The runs are noisier than stated.
+    """
+
+    verdict: Verdict
+    named: tuple[Named, ...]
+    drivers: tuple[str, ...] = ()
+    memory: MemoryClass = "none"
+    wander: bool = False
+    louder: bool = False
+
+
+def decided(posterior: Posterior) -> Decision:
+    """The decision of least loss."""
+    best = posterior.best
+    regions, latent = posterior.effects(best.key), best.key[1]
+    own = posterior.probabilities[best.key]
+    if (not regions and not latent) or posterior.null * FALSE_FINDING > own * MISSED:
+        return Decision("none", ())
+    named = []
+    for key in sorted(regions, key=posterior.of_region, reverse=True):
+        probability = posterior.of_region(key)
+        partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
+        partners = {other: p for other, p in partners.items() if not posterior.regions[other].nuisance}
+        partners = partners if probability < SURE else {}
+        region = posterior.regions[key]
+        if _owned(region, [posterior.regions[other] for other in regions]):
+            continue
+        alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
+        named.append(Named(key, region.mechanism, min(probability, 1.0), alike))
+    if latent == "telegraph":
+        named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), ()))
+    laws = [posterior.regions[one.region] for one in named if one.mechanism is None]
+    if laws or latent == "wander":
+        drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
+        return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", latent == "wander")
+    return Decision("ambiguous" if any(one.indistinguishable_from for one in named) else "explained", tuple(named))
+
+
+def _owned(law: Region, regions: Sequence[Region]) -> bool:
+    """Whether a law lies within the region of a named mechanism of the set, columns and memory: a richer form of that."""
+    owners = (set(region.drivers) for region in regions if region.mechanism is not None and region.memory == law.memory)
+    return law.mechanism is None and any(set(law.drivers) <= drivers for drivers in owners)

@@ -1,0 +1,314 @@
+"""One diagnosis from beginning to end."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
+from rlgcomp.diagnosis.design import likely, next_experiment
+from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.evidence import Bank
+from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.nuisances import nuisances
+from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.prepare import SIMULATED, AnySimulator, Prepared
+from rlgcomp.diagnosis.programmes import ChamberRange
+from rlgcomp.diagnosis.record import Request
+from rlgcomp.diagnosis.regions import Setting, laws, named, own_bases
+from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.scores import score
+from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.terms import Region
+from rlgcomp.diagnosis.turning import turning_regions, with_angle_rows
+from rlgcomp.errors import InputError
+from rlgcomp.noise.processes import NoiseModel
+from rlgcomp.numerics.compiled import one_blas_thread
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.user import require_computable
+from rlgcomp.recording import Recording, rate_name
+from rlgcomp.recording.argument_checks import require_recordings, require_seed
+from rlgcomp.report.messages import Message, message
+from rlgcomp.units import column_unit
+
+Array = npt.NDArray[np.float64]
+
+
+@one_blas_thread
+def diagnose(
+    simulator: AnySimulator | None = None,
+    train: Sequence[Recording] = (),
+    test: Sequence[Recording] = (),
+    *,
+    confirm: Sequence[Recording] = (),
+    simulated: Sequence[Recording] | None = None,
+    mechanisms: Mapping[str, type[Mechanism]] = CATALOGUE,
+    without: Sequence[str] = (),
+    only: Sequence[str] = (),
+    gyro: str | None = None,
+    output: str | None = None,
+    unit: str | None = None,
+    window_s: float | None = None,
+    noise: NoiseModel | None = None,
+    chamber: Sequence[float] | None = None,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Diagnosis:
+    """Diagnose what physics a simulator is missing.
+
+    Parameters
+    ----------
+    simulator : Simulator, UserSimulator or callable, optional
+        Its free numbers are calibrated; or the user's own: anything with `predict_deg_h(recording)`, or a
+        function of a recording.
+    train : sequence of Recording
+        Runs that name and fit.
+    test : sequence of Recording
+        Runs that decide nothing and prove.
+    confirm : sequence of Recording
+        Runs that take part in the choice of the set, and not in the fit.
+    simulated : sequence of Recording, optional
+        Instead of a simulator, its output: one recording a run, those of `train` first, then `confirm`, then `test`.
+    mechanisms : mapping of str to type of Mechanism
+        Candidates by name.
+    without : sequence of str
+        Candidates to leave out.
+    only : sequence of str
+        The only candidates, beside laws without a name.
+    gyro : str, optional
+        Gyro column, where there are several.
+    output : str, optional
+        Another column than a gyro's whose simulation is at fault; the simulator's numbers are in its unit.
+    unit : str, optional
+        Unit of the output, by default that of its column's name; "deg/h" of a gyro.
+    window_s : float, optional
+        Averaging time; by default such that the longest run has 400 windows.
+    noise : NoiseModel, optional
+        Of this gyro at rest, measured: the runs are held against it. By default it is estimated from the runs.
+    chamber : (float, float, float), optional
+        Lowest and highest temperature in degC and fastest ramp in degC/min for the next experiment; by default as recorded.
+    seed : int
+        Kept in the provenance.
+    progress : callable, optional
+        Is given the fraction done.
+
+    Raises
+    ------
+    InputError
+        No training run is given, or one is a test run as well; a run lacks a monitor of the simulator; a name of a candidate is
+        unknown; the output is no column; the noise has no angle random walk, or the output is no gyro's.
+    """
+    train, test = require_recordings(train, "train"), require_recordings(test, "test") if test else []
+    confirm, seed = require_recordings(confirm, "confirm") if confirm else [], require_seed(seed)
+    tell = progress or (lambda fraction: None)
+    candidates = _candidates(mechanisms, without, only)
+    runs = Prepared.of(simulator, simulated, train, confirm, test, gyro=gyro, output=output)
+    require_computable(candidates, [*runs.train, *runs.confirm, *runs.test])
+    request = _request(runs, candidates, gyro, output, unit)
+    request = dataclasses.replace(request, without=tuple(without), only=tuple(only), seed=seed)
+    tell(0.05)
+    limits = None if chamber is None else ChamberRange.of(chamber)
+    engine = _Engine(runs, candidates, request, gyro, output, window_s, _measured(noise, output), limits)
+    chosen = engine.posterior([*runs.train, *runs.confirm])
+    tell(0.9)
+    found = engine.fitted(chosen)
+    tell(1.0)
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class _Engine:
+    """The steps of a diagnosis with what they share."""
+
+    runs: Prepared
+    candidates: Mapping[str, type[Mechanism]]
+    request: Request
+    gyro: str | None
+    column: str | None
+    window_s: float | None
+    noise: NoiseModel | None
+    chamber: ChamberRange | None
+
+    @property
+    def grid(self) -> Grid:
+        if self.window_s is None:
+            return Grid.of(self.runs.train, every_sample=self.turns)
+        return Grid.of_window(self.runs.train, self.window_s, every_sample=self.turns)
+
+    @property
+    def turns(self) -> bool:
+        """Whether a table turns."""
+        return self.runs.base.kind == "turntable"
+
+    def output(self, binned: Recording) -> Array:
+        """Bin means of the output less what the simulator states."""
+        gyro = self.gyro if self.gyro is None or self.gyro in binned else rate_name(self.gyro)  # means are in deg/h
+        values = binned.rate_deg_h(gyro) if self.column is None else binned.column(self.column)
+        known = binned.column(SIMULATED) if self.runs.own else Baseline(self.runs.base).stated(binned)
+        return np.asarray(values - known)
+
+    def data(self, recordings: Sequence[Recording]) -> Data:
+        """Recordings on the grid of the training runs."""
+        other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
+        return Data(tuple(Run.of(recording, self.grid, self.output, other) for recording in recordings), other, self.noise)
+
+    def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline]:
+        """The posterior of all sets, and the simulator with its free shapes calibrated."""
+        data, simulator = self.data(recordings), self.runs.base
+        baseline = Baseline.calibrated(simulator, data)
+        if self.turns:
+            regions = list(turning_regions(data, self.candidates, baseline, _temperature(self.runs.train[0])))
+            data = with_angle_rows(data, _bases(regions), self.output)
+        else:
+            setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
+            present = [mechanism.name for mechanism in simulator.mechanisms]
+            baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
+            regions = list(named(setting, self.candidates, present))
+            regions += laws(setting, regions)
+        bank = Bank(data, baseline.design(data), None if self.turns else baseline)
+        return Posterior.of(bank, [*regions, *nuisances(data, baseline)]), baseline
+
+    def fitted(self, chosen: tuple[Posterior, Baseline]) -> Diagnosis:
+        """The decision, fitted to the training runs alone."""
+        posterior, baseline = chosen
+        decision = decided(posterior)
+        data, best = self.data(self.runs.train), _best(posterior, decision)
+        baseline = baseline.linearised(data)
+        if self.turns:
+            own = (basis for member in best.members for basis in member.form.bases)
+            data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
+        bank = Bank(data, baseline.design(data), None if self.turns else baseline)
+        before, after = (self._in_training(state, bank) for state in (_null(posterior), best))
+        refused = self._refused(decision, Fit(data, baseline, bank, before), Fit(data, baseline, bank, after))
+        if refused is not None:
+            decision = Decision("none", ())
+            after = self._in_training(_best(posterior, decision), bank)
+        if decision.verdict == "none" and Fit(data, baseline, bank, after).excess[1] < LOUDER:
+            decision = Decision("unknown", (), louder=True)
+        states = likely(posterior) if decision.verdict == "ambiguous" and not self.turns else []
+        rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
+        following, promise = next_experiment(posterior, rivals, states, self.chamber)
+        return Diagnosis(
+            decision,
+            posterior,
+            Fit(data, baseline, bank, before),
+            Fit(data, baseline, bank, after),
+            self.data(self.runs.confirm).runs,
+            self.data(self.runs.test).runs,
+            self.candidates,
+            self.request,
+            preparation=self.runs.messages,
+            warnings=self.runs.warnings,
+            alignment=self.runs.alignment,
+            next_experiment=following,
+            next_message=promise if refused is None else refused,
+        )
+
+    def _refused(self, decision: Decision, before: Fit, after: Fit) -> Message | None:
+        """That a set is not named because it leaves more of the training runs than none does; None where it leaves less."""
+        if not decision.named or after.state.key[1]:
+            return None
+        found = score(before, after, before.data.runs, self.request.unit)
+        if found is None or found.augmented_rms <= MORE_LEFT * found.baseline_rms:
+            return None
+        names = [one.mechanism or one.region for one in decision.named]
+        sizes = {"before": found.baseline_rms, "after": found.augmented_rms, "unit": found.unit}
+        return message("diagnosis.worse_in_training", mechanisms=names, **sizes)
+
+    def _in_training(self, state: State, bank: Bank) -> State:
+        """A state of all runs that choose, as one of the training runs."""
+        members = tuple(member for member in state.members if bank.scaled(member.form) is not None)
+        seen = state.telegraph
+        if seen is not None:
+            seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
+        return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), telegraph=seen)
+
+
+def _null(posterior: Posterior) -> State:
+    """The likeliest state with nothing missing and nothing beside it."""
+    key = State((), Noise(), 0.0).key
+    return next((state for state in posterior.states if state.key == key), State((), Noise(), 0.0))
+
+
+def _best(posterior: Posterior, decision: Decision) -> State:
+    """The likeliest state; where nothing is named, the likeliest without an effect."""
+    best = posterior.best
+    if decision.verdict == "none" and (posterior.effects(best.key) or best.key[1]):
+        return next(
+            (state for state in posterior.states if not posterior.effects(state.key) and not state.key[1]), _null(posterior)
+        )
+    return best
+
+
+def _measured(noise: NoiseModel | None, output: str | None) -> NoiseModel | None:
+    if noise is None:
+        return None
+    if output is not None:
+        raise InputError(f"the noise given is that of a gyro, and the output is {output!r}; leave the noise out")
+    if noise.angle_random_walk_deg_sqrt_h == 0.0:
+        raise InputError("the noise has no angle_random_walk_deg_sqrt_h; the other noises are judged beside it")
+    return noise
+
+
+def _temperature(run: Recording) -> str | None:
+    """The column that the catalogue means by temperature, where a table has a thermometer."""
+    return run.temperature_column if any(column.startswith("temperature_") for column in run.columns) else None
+
+
+def _bases(regions: Iterable[Region]) -> list[Basis]:
+    return [basis for region in regions for form in region.forms for basis in form.bases]
+
+
+def _thermometer(data: Data, recording: Recording) -> str:
+    """The column that the catalogue means by temperature; where there is none, the first that varies."""
+    try:
+        return recording.temperature_column
+    except InputError:
+        if not data.columns:
+            raise InputError(f"{recording.name} has no column beside the output that varies; give one that may drive it") from None
+        return data.columns[0]
+
+
+def _candidates(
+    mechanisms: Mapping[str, type[Mechanism]], without: Sequence[str], only: Sequence[str]
+) -> dict[str, type[Mechanism]]:
+    """Candidates by name, some left out or some alone.
+
+    Raises
+    ------
+    InputError
+        A name is not among them.
+    """
+    unknown = [name for name in (*without, *only) if name not in mechanisms]
+    if unknown:
+        raise InputError(f"{', '.join(map(repr, unknown))} is no candidate; candidates are {', '.join(mechanisms)}")
+    chosen = {name: mechanism for name, mechanism in mechanisms.items() if name in only} if only else dict(mechanisms)
+    return {name: mechanism for name, mechanism in chosen.items() if name not in without}
+
+
+def _request(
+    runs: Prepared, candidates: Mapping[str, type[Mechanism]], gyro: str | None, output: str | None, unit: str | None
+) -> Request:
+    """What was asked for, and which candidates the runs cannot show."""
+    first = runs.train[0]
+    if output is None:
+        channel, unit = first.gyro_column(gyro), unit or "deg/h"
+    else:
+        lacking = [run.name for run in (*runs.train, *runs.confirm, *runs.test) if output not in run]
+        if lacking:
+            raise InputError(f"output is {output!r}, which {lacking[0]} lacks; it has {', '.join(first.columns)}")
+        channel, unit = output, unit or column_unit(output) or output.rpartition("_")[2]
+    kind = runs.base.kind
+    present = [mechanism.name for mechanism in runs.base.mechanisms]
+    tried = [one for name, one in candidates.items() if one.is_candidate(kind) and name not in present]
+    not_tried = tuple(one.name for one in tried if not all(one().readable_in(run) for run in runs.train))
+    own = runs.own
+    return Request("your simulator" if own else "the simulator", unit, channel, not_tried=not_tried, own_simulator=own)

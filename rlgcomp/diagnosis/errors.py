@@ -1,0 +1,212 @@
+r"""Errors of the drivers: a reading has noise and is rounded, so a term f(h[u]) has an error that joins the noise of the output.
+
+With g = ∂f/∂u, σ_u² the variance of what the smooth of width w leaves, and σ_q that of what rounding to steps of q leaves,
+
+.. math:: E_{tt'} = g_t g_{t'} \left(\sigma_u^2 e^{-(t - t')^2 / 4 w^2} + \sigma_q^2 e^{-6 |P_t - P_{t'}| / q}\right)
+
+where P is the way that the driver has gone: the error of rounding is white while the driver moves by many steps in a window, and
+constant while it rests. A rate of change has the error of its slope.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.data import Data, Run
+from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
+
+Array = npt.NDArray[np.float64]
+_CORRELATED: Final = 1.0 / 6.0  # of a step: the way after which errors of rounding are independent
+_SHOWN: Final = 0.05  # of the white noise of a window mean, in variance, from which on errors count
+_MOVED: Final = 0.05  # of a rate's range, for the slope of what follows it
+_MOST_OUTLIERS: Final = 0.02  # of all windows
+_SAME: Final = 0.1  # of logarithms of variances, on average, is no difference
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Errors:
+    """Covariance of the errors of drivers, run by run, over the variance of the white noise of a window mean.
+
+    Parameters
+    ----------
+    blocks : tuple of ndarray
+    outliers : tuple of int
+        Windows that are outliers, which have a variance of their own.
+    """
+
+    blocks: tuple[Array, ...] = dataclasses.field(repr=False)
+    outliers: tuple[int, ...] = ()
+
+    def with_outliers(self, residual: Array, spread: Array, known: tuple[int, ...]) -> Errors:
+        """The same with windows as outliers where that is likelier.
+
+        Parameters
+        ----------
+        residual, spread : ndarray, shape (n,)
+            Of each window given all others, and its standard deviation over the white noise.
+        known : tuple of int
+            Windows that the spread has as outliers.
+        """
+        usual = spread**2
+        usual[list(known)] = np.maximum(usual[list(known)] - priors.OUTLIER_SIZE**2, 1.0)
+        clear = 2.0 * (math.log(1.0 / priors.OUTLIER_ODDS) + math.log(priors.OUTLIER_SIZE))
+        found = np.flatnonzero(residual**2 > clear * usual).tolist()
+        if len(found) > _MOST_OUTLIERS * len(residual):
+            return self
+        blocks, first = [], 0
+        for block in self.blocks:
+            more = np.zeros(len(block))
+            more[[k - first for k in found if first <= k < first + len(block)]] = priors.OUTLIER_SIZE**2
+            blocks.append(block + np.diag(more))
+            first += len(block)
+        return Errors(tuple(blocks), tuple(found))
+
+    def of_runs(self, count: int) -> Errors:
+        """The same for the first runs of so many."""
+        windows = sum(len(block) for block in self.blocks[:count])
+        return Errors(self.blocks[:count], tuple(k for k in self.outliers if k < windows))
+
+    @functools.cached_property
+    def without_outliers(self) -> Errors:
+        """The same with no outliers."""
+        blocks, first = [], 0
+        for block in self.blocks:
+            more = np.zeros(len(block))
+            more[[k - first for k in self.outliers if first <= k < first + len(block)]] = priors.OUTLIER_SIZE**2
+            blocks.append(block - np.diag(more))
+            first += len(block)
+        return Errors(tuple(blocks))
+
+    @property
+    def log_prior(self) -> float:
+        """Of the windows that are outliers."""
+        return len(self.outliers) * math.log(priors.OUTLIER_ODDS)
+
+    @property
+    def variances(self) -> Array:
+        """Of all windows, shape (n,)."""
+        return np.concatenate([np.diag(block) for block in self.blocks])
+
+    @property
+    def count(self) -> bool:
+        """Whether they are more than nothing."""
+        return bool(self.variances.mean() > _SHOWN) or bool(self.outliers)
+
+    def like(self, other: Errors) -> bool:
+        """Whether another is next to the same."""
+        apart = np.mean(np.abs(np.log1p(self.variances) - np.log1p(other.variances)))
+        return bool(apart < _SAME) and self.outliers == other.outliers
+
+
+def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[object], variance: float) -> Errors:
+    """Errors that drivers bring into a prediction.
+
+    Parameters
+    ----------
+    data : Data
+    predicted : callable
+        Of a run, the output on its bins, shape (bins,).
+    parts : iterable of object
+        What the prediction is made of, in which columns and rates of change are looked for.
+    variance : float
+        Of the white noise of a window mean, in the unit of the output.
+    """
+    found = list(_within(list(parts)))
+    columns = dict.fromkeys(column for one in found for column in _columns(one, data.runs[0].binned) if column in data.columns)
+    rates = dict.fromkeys(one for one in found if isinstance(one, Path) and one.memory == "rate")
+    blocks = []
+    for run in data.runs:
+        block = np.zeros((len(run.output), len(run.output)))
+        for column in columns:
+            block += _of_column(run, predicted, column)
+        for rate in rates:
+            block += _of_rate(run, predicted, rate)
+        blocks.append(block / variance)
+    return Errors(tuple(blocks))
+
+
+def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Array:
+    """Covariance of what errors of a column bring."""
+    readings, values = run.readings[column], run.column(column)
+    variance, width = run.on_bins(readings.variance), run.means(run.on_bins(readings.widths))
+    size = math.sqrt(float(variance.mean()) + readings.step**2 / 12.0)
+    if size == 0.0:
+        return np.zeros((len(width), len(width)))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], run.bins)  # what other bins bring cancels
+    up, down = (predicted(run.with_column(column, values + side * size * signs)) for side in (1.0, -1.0))
+    slope = (up - down) * signs / (2.0 * size)
+    together = np.minimum(1.0, np.maximum(1.0, 2.0 * math.sqrt(math.pi) * width) / run.grid.bins)
+    scale = np.sqrt(run.means(slope**2 * variance) * together) * np.where(run.means(slope) < 0.0, -1.0, 1.0)
+    averaged = readings.noise / np.maximum(2.0 * math.sqrt(math.pi) * width, 1.0)  # the rest is what the smooth is wrong by
+    share = np.minimum(averaged / np.maximum(run.means(variance), 1e-300), 1.0)
+    width = np.maximum(width / run.grid.bins, 1e-3)
+    squares = np.add.outer(width**2, width**2)
+    apart = np.subtract.outer(run.windows, run.windows)
+    alike = np.sqrt(2.0 * np.outer(width, width) / squares) * np.exp(-0.5 * apart**2 / squares)
+    alike = np.sqrt(np.outer(share, share)) * alike + np.diag(1.0 - share)
+    rounding = run.means(slope) * readings.step / math.sqrt(12.0)
+    return np.asarray(np.outer(scale, scale) * alike + np.outer(rounding, rounding) * _alike(run, readings.step, values))
+
+
+def _alike(run: Run, step: float, values: Array) -> Array:
+    """Correlation of errors of rounding in window means, times what is left of each in a window."""
+    if step == 0.0:
+        return np.zeros((len(run.output), len(run.output)))
+    at = run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(values)))]) / (_CORRELATED * step)
+    within = np.maximum(np.gradient(at), 1e-3)
+    share = 2.0 / within**2 * (within + np.expm1(-within))
+    return np.asarray(np.sqrt(np.outer(share, share)) * np.exp(-np.abs(np.subtract.outer(at, at))))
+
+
+def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
+    """Covariance of what errors of a slope bring."""
+    from scipy.ndimage import gaussian_filter1d
+
+    values = rate.values(run)
+    up, down = (predicted(dataclasses.replace(run, cache=run.cache | {rate: values + side})) for side in (_MOVED, -_MOVED))
+    slope = run.means((up - down) / (2.0 * _MOVED))
+    bins = max(3, round(rate.time_s / run.grid.bin_s) | 1)
+    all_readings = [run.readings[column] for column in rate.driver.columns]
+    width = max(float(np.median(readings.widths)) for readings in all_readings)
+    line = np.arange(bins) - 0.5 * (bins - 1)
+    kernel = np.pad(line / np.sum(line**2) / (run.grid.bin_s / 60.0), math.ceil(4.0 * width))
+    kernel = gaussian_filter1d(kernel, width) if width else kernel
+    kernel = np.convolve(kernel, np.ones(run.grid.bins) / run.grid.bins)
+    by_lag = np.zeros(len(run.full))
+    for lag in range(min(len(by_lag), len(kernel) // run.grid.bins + 1)):
+        shift = lag * run.grid.bins
+        by_lag[lag] = float(kernel[shift:] @ kernel[: len(kernel) - shift])
+    variance = np.zeros(len(slope))
+    for readings, column in zip(all_readings, rate.driver.columns, strict=True):
+        way = np.gradient(run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(run.column(column))))]))
+        moving = 1.0 - np.exp(-way / (_CORRELATED * readings.step)) if readings.step else 0.0
+        variance += (readings.noise + readings.step**2 / 12.0 * moving) / (rate.driver.half * rate.half) ** 2
+    scale = slope * np.sqrt(variance)
+    return np.asarray(np.outer(scale, scale) * by_lag[np.abs(np.subtract.outer(run.windows, run.windows))])
+
+
+def _within(one: object) -> Iterator[Any]:
+    """An object and all that its fields hold."""
+    yield one
+    if isinstance(one, (list, tuple)):
+        for part in one:
+            yield from _within(part)
+    elif dataclasses.is_dataclass(one) and not isinstance(one, Mechanism):
+        for field in dataclasses.fields(one):
+            yield from _within(getattr(one, field.name))
+
+
+def _columns(one: object, recording: Recording) -> tuple[str, ...]:
+    if isinstance(one, Driver):
+        return one.columns
+    return tuple(one.driver_columns(recording)) if isinstance(one, Mechanism) else ()

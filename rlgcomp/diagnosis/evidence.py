@@ -1,0 +1,274 @@
+r"""The evidence of a set of forms, in closed form.
+
+With data y and columns A = [s_1 B_1 … s_K B_K] whitened and projected off the baseline, and :math:`M = I + A^T A`,
+
+.. math:: \log p = c_N - \tfrac12 \log|M| - \tfrac12 (n - p) \log\left(y^T y - y^T A M^{-1} A^T y\right)
+
+since the variance of the noise is integrated with the prior 1 / σ². For a further form with Gram matrix G and b = Bᵀy, both reduced
+by the set, one eigenproblem G = U Λ Uᵀ gives every size s: log|M| grows by Σ log(1 + s² λ), the square falls by
+Σ s² (Uᵀb)² / (1 + s² λ).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.data import Data, Run
+from rlgcomp.diagnosis.errors import Errors, errors_of
+from rlgcomp.diagnosis.noise import Noise, Whitened
+from rlgcomp.diagnosis.terms import Form
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+_ABSORBED: Final = 1e-7  # share of a column's square below which the baseline has all of it
+_KEPT: Final = 150  # projected bases of one noise
+_WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
+_UNSEEN: Final = 1e-11  # of its variance, in a direction that no size brings above the noise
+LOG_SIZE: Final = -math.log(len(priors.SIZES))
+
+
+@dataclasses.dataclass(frozen=True)
+class Member:
+    """A form of a certain strength."""
+
+    form: Form
+    size: float
+
+
+Set = tuple[Member, ...]
+
+
+class Bank:
+    """Window means of bases, each computed once, and the scales of forms.
+
+    Parameters
+    ----------
+    data : Data
+    design : ndarray, shape (n, p)
+        The baseline.
+    baseline : Baseline, optional
+        What it is made of, without which drivers have no errors.
+    """
+
+    def __init__(self, data: Data, design: Array, baseline: Baseline | None = None) -> None:
+        self.data, self.design, self.baseline = data, design, baseline
+        self.white = Whitened(data, design, Noise())
+        self._columns: dict[Basis, Array] = {}
+        self._reduced: dict[Basis, Array] = {}
+        self._squares: dict[Basis, tuple[float, float]] = {}
+        self._scaled: dict[Form, tuple[tuple[Basis, float], ...] | None] = {}
+
+    def columns(self, basis: Basis) -> Array:
+        """Window means of a basis, shape (n, k)."""
+        if basis not in self._columns:
+            self._columns[basis] = self.data.means(basis.columns)
+        return self._columns[basis]
+
+    def scaled(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
+        """The bases of a form and their scales: what the baseline cannot absorb has a mean square of one; None where it has all."""
+        if form not in self._scaled:
+            self._scaled[form] = self._scale(form)
+        return self._scaled[form]
+
+    def reduced(self, basis: Basis) -> Array:
+        """Window means of a basis less what the baseline absorbs under white noise, in fewer columns of the same covariance."""
+        if basis not in self._reduced:
+            self._reduced[basis] = _reduced(self.white.project(self.columns(basis)) * np.sqrt(self.data.white)[:, None])
+        return self._reduced[basis]
+
+    def prepare(self, forms: Iterable[Form]) -> None:
+        """Compute the squares of all bases of some forms at once."""
+        bases = dict.fromkeys(basis for form in forms for basis in (*form.lead, *form.departures) if basis not in self._squares)
+        if not bases:
+            return
+        tables = [self.columns(basis) for basis in bases]
+        projected = self.white.project(np.hstack(tables))
+        squares = np.sum(projected**2, axis=0) / len(self.data)
+        root = np.sqrt(self.data.white)[:, None]
+        edges = np.r_[0, np.cumsum([table.shape[1] for table in tables])]
+        for basis, table, a, b in zip(bases, tables, edges[:-1], edges[1:], strict=True):
+            whole = float(np.sum(np.mean(table**2 / self.data.white[:, None], axis=0)))
+            self._squares[basis] = float(squares[a:b].sum()), whole
+            self._reduced[basis] = _reduced(root * projected[:, a:b])
+
+    def _scale(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
+        self.prepare([form])
+        found = []
+        for group, size in ((form.lead, 1.0), (form.departures, priors.DISCREPANCY)):
+            shown = [basis for basis in group if self._squares[basis][0] > _ABSORBED * self._squares[basis][1]]
+            if size == 1.0 and len(shown) < len(group):
+                return None
+            found += [(basis, size / math.sqrt(len(shown) * self._squares[basis][0])) for basis in shown]
+        return tuple(found)
+
+
+class Evidence:
+    """Evidence under one hypothesis of the noise.
+
+    Parameters
+    ----------
+    bank : Bank
+    noise : Noise
+    log_prior : float
+        Of the noise.
+    """
+
+    def __init__(self, bank: Bank, noise: Noise, log_prior: float) -> None:
+        self.bank, self.noise, self.log_prior = bank, noise, log_prior
+        self.whitened = bank.white if noise == Noise() else Whitened(bank.data, bank.design, noise)
+        self._projected: dict[Basis, Array] = {}
+
+    @property
+    def output(self) -> Array:
+        return self.whitened.output
+
+    @functools.cached_property
+    def adjoint_output(self) -> Array:
+        """What has with columns of window means the products that the whitened data have with projected ones."""
+        return self.whitened.adjoint(self.output[:, None])[:, 0]
+
+    def projected(self, basis: Basis) -> Array:
+        """Columns of a basis, whitened and projected off the baseline."""
+        if basis not in self._projected:
+            if len(self._projected) >= _KEPT:
+                self._projected.clear()
+            self._projected[basis] = self.whitened.project(self.bank.reduced(basis))
+        return self._projected[basis]
+
+    def errors(self, members: Set) -> Errors | None:
+        """Errors that drivers bring into the baseline and a set, fitted under this noise; None where they are next to nothing."""
+        bank = self.bank
+        if (baseline := bank.baseline) is None:
+            return None
+        given = Conditional(self, self.all_columns(members))
+        parts = [(basis, member.size * scale) for member in members for basis, scale in bank.scaled(member.form) or ()]
+        edges = np.cumsum([0, *(bank.columns(basis).shape[1] for basis, _ in parts)])
+        weights = [scale * given.weights[a:b] for (_, scale), a, b in zip(parts, edges[:-1], edges[1:], strict=True)]
+        terms = sum((bank.columns(basis) @ w for (basis, _), w in zip(parts, weights, strict=True)), np.zeros(len(bank.data)))
+        design = self.whitened.whiten(bank.data.means(baseline.columns))
+        size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        left = self.whitened.whiten((bank.data.output - terms)[:, None])[:, 0]
+        numbers = np.linalg.lstsq(design / size, left, rcond=1e-9)[0] / size
+
+        def predicted(run: Run) -> Array:
+            total = run.on_bins(baseline.stated(run.binned)) + baseline.columns(run) @ numbers
+            return np.asarray(sum((basis.columns(run) @ w for (basis, _), w in zip(parts, weights, strict=True)), total))
+
+        made_of = (baseline.simulator.mechanisms, baseline.own, [basis for basis, _ in parts])
+        variance = given.square / self.whitened.freedom
+        found = errors_of(bank.data, predicted, made_of, variance)
+        known = () if self.noise.errors is None else self.noise.errors.outliers
+        found = found.with_outliers(*self.whitened.given_others(given.residual() / math.sqrt(variance)), known)
+        return found if found.count else None
+
+    def block(self, member: Member) -> Array:
+        """Columns of a member with weights of unit variance, shape (n, m)."""
+        scaled = self.bank.scaled(member.form)
+        assert scaled is not None  # noqa: S101  (only forms with a scale become members)
+        return np.hstack([member.size * scale * self.projected(basis) for basis, scale in scaled])
+
+    def all_columns(self, members: Set) -> Array:
+        """Columns of a set as its bases have them, shape (n, r)."""
+        parts = [(m.size * scale, basis) for m in members for basis, scale in self.bank.scaled(m.form) or ()]
+        tables = [factor * self.whitened.project(self.bank.columns(basis)) for factor, basis in parts]
+        return np.hstack([np.empty((len(self.output), 0)), *tables])
+
+    def table(self, members: Set) -> Array:
+        """Columns of a set, shape (n, r)."""
+        return np.hstack([np.empty((len(self.output), 0)), *(self.block(member) for member in members)])
+
+    def log_evidence(self, members: Set) -> float:
+        """Of a set under this noise; priors of the set and of the noise are not in it."""
+        return self.given(members).log_evidence
+
+    def given(self, members: Set) -> Conditional:
+        """The evidence with a set in the model."""
+        return Conditional(self, self.table(members))
+
+
+class Conditional:
+    """The evidence with a set in the model: M = L Lᵀ, and what the set leaves of data and columns."""
+
+    def __init__(self, evidence: Evidence, table: Array) -> None:
+        self.evidence, self.table = evidence, table
+        output = evidence.output
+        self.root = np.linalg.cholesky(np.eye(table.shape[1]) + table.T @ table)
+        self._half = np.linalg.inv(self.root) if table.shape[1] else np.empty((0, 0))
+        self.weights_half = self._half @ (table.T @ output)
+        self.log_det = 2.0 * float(np.sum(np.log(np.diag(self.root))))
+        self.square = max(evidence.whitened.square - float(self.weights_half @ self.weights_half), 1e-300)
+
+    @property
+    def log_evidence(self) -> float:
+        return float(self.of(self.log_det, self.square))
+
+    def of(self, log_det: Array | float, square: Array | float) -> Array | float:
+        """Log evidence of a determinant and a square."""
+        white = self.evidence.whitened
+        return white.log_normaliser - 0.5 * log_det - 0.5 * white.freedom * np.log(square)
+
+    @property
+    def weights(self) -> Array:
+        """Posterior mean of the weights, shape (r,)."""
+        return np.asarray(self._half.T @ self.weights_half)
+
+    @functools.cached_property
+    def _adjoint(self) -> Array:
+        return self.evidence.whitened.adjoint(self.table)
+
+    def cross(self, columns: Array) -> Array:
+        """L⁻¹ AᵀB with columns B of window means, shape (r, k)."""
+        return np.asarray(self._half @ (self._adjoint.T @ columns))
+
+    def residual(self) -> Array:
+        """Whitened data less the posterior mean of the set."""
+        return np.asarray(self.evidence.output - self.table @ self.weights)
+
+    def gain(self, form: Form) -> Array:
+        """Log evidence with a further form of each size, shape (sizes,)."""
+        block = self.evidence.block(Member(form, 1.0))
+        cross = self._half @ (self.table.T @ block)
+        gram = block.T @ block - cross.T @ cross
+        vector = block.T @ self.evidence.output - cross.T @ self.weights_half
+        return self.of_sizes(gram[None], vector[None])[0]
+
+    def of_sizes(self, gram: Array, vector: Array) -> Array:
+        """Log evidence with further forms of each size, shape (forms, sizes).
+
+        Parameters
+        ----------
+        gram : ndarray, shape (forms, m, m)
+            Beside the set.
+        vector : ndarray, shape (forms, m)
+            Products with the data beside the set.
+        """
+        values, vectors = np.linalg.eigh(gram)
+        values = np.maximum(values, 0.0)
+        along = np.einsum("fij,fi->fj", vectors, vector) ** 2
+        squared = priors.SIZES**2
+        grown = 1.0 + squared[:, None] * values[:, None, :]  # (forms, sizes, m)
+        fallen = np.sum(squared[:, None] * along[:, None, :] / grown, axis=2)
+        return self.of_changes(np.sum(np.log(grown), axis=2), fallen)
+
+    def of_changes(self, log_det: Array, fallen: Array) -> Array:
+        """Log evidence where a determinant has grown and the square has fallen by so much."""
+        return np.asarray(self.of(self.log_det + log_det, np.maximum(self.square - fallen, 1e-12 * self.square)))
+
+
+def _reduced(columns: Array) -> Array:
+    """Columns, or fewer of the same covariance: directions that no size could bring above the noise are left out."""
+    if columns.shape[1] < _WIDE:
+        return np.ascontiguousarray(columns)
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    used = values > _UNSEEN * max(float(values.sum()), 1e-300)
+    return np.ascontiguousarray(columns @ vectors[:, used])

@@ -1,0 +1,289 @@
+"""Findings: each member of the likeliest set with its parameters, its function and what may stand in its place."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.decide import Named
+from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.fit import Estimate, Fit
+from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
+from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.times import Since, SmoothSince
+from rlgcomp.diagnosis.turning import TimesRate
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.units import column_unit
+
+Array = npt.NDArray[np.float64]
+DEG_H: Final = "deg/h"
+_PLACES: Final = 41  # of a function's table
+_LOOP: Final = 120  # of a loop's
+
+
+def in_unit(text: str, unit: str) -> str:
+    """A unit of a gyro's parameter as that of another output: "deg/h/K" in N is "N/K"."""
+    return text.replace(DEG_H, unit)
+
+
+@dataclasses.dataclass(frozen=True)
+class Function:
+    """A term as a table.
+
+    Parameters
+    ----------
+    kind : {"static", "time", "response", "loop"}
+        Over a driver, over the time since the run's start, over the time since a unit step of the driver, or the path of one run.
+    of, of_unit : str
+        What the table is over.
+    at, value, sd : tuple of float
+        The band is one standard deviation.
+    run : str
+        Of a loop.
+    """
+
+    kind: str
+    of: str
+    of_unit: str
+    at: tuple[float, ...]
+    value: tuple[float, ...]
+    sd: tuple[float, ...]
+    run: str = ""
+
+    def to_mapping(self, unit: str) -> dict[str, Any]:
+        """Columns with their units."""
+        columns = {"driver": list(self.at), "value": list(self.value), "sd": list(self.sd)}
+        run = {"run": self.run} if self.run else {}
+        return {"kind": self.kind, "of": self.of, "of_unit": self.of_unit, "unit": unit, **run, **columns}
+
+
+@dataclasses.dataclass(frozen=True)
+class Cause:
+    """A member of the likeliest set.
+
+    Parameters
+    ----------
+    name : str
+        Of the mechanism; of a law without a name, its region.
+    named : bool
+        Whether a mechanism has this name.
+    probability : float
+    parameters : mapping of str to Estimate
+        What the runs determine of them.
+    undetermined : tuple of str
+        Parameters whose error exceeds their value.
+    equation : str
+    own_form : bool
+        The equation is not the catalogue's.
+    drivers : tuple of str
+    memory : str
+    function : Function, optional
+    rms : float
+        Of its contribution to window means of the training runs, about its mean.
+    unit : str
+        Of the output.
+    indistinguishable_from : tuple of str
+    rival_probabilities : tuple of float
+    """
+
+    name: str
+    named: bool
+    probability: float
+    parameters: Mapping[str, Estimate]
+    undetermined: tuple[str, ...]
+    equation: str
+    own_form: bool
+    drivers: tuple[str, ...]
+    memory: str
+    function: Function | None
+    rms: float
+    unit: str = DEG_H
+    indistinguishable_from: tuple[str, ...] = ()
+    rival_probabilities: tuple[float, ...] = ()
+
+    @property
+    def rms_deg_h(self) -> float:
+        """The same number, for a gyro."""
+        return self.rms
+
+    def to_mapping(self) -> dict[str, Any]:
+        """An entry of `findings`; of a law, of `unexplained.laws`."""
+        return {
+            "mechanism": self.name if self.named else None,
+            "probability": self.probability,
+            "parameters": {name: one.to_mapping() for name, one in self.parameters.items()},
+            "undetermined": list(self.undetermined),
+            "equation": self.equation,
+            "function": {} if self.function is None else self.function.to_mapping(self.unit),
+            "drivers": list(self.drivers),
+            "memory": self.memory,
+            "rms": {"value": self.rms, "unit": self.unit},
+            "indistinguishable_from": list(self.indistinguishable_from),
+            "rival_probabilities": list(self.rival_probabilities),
+        }
+
+
+def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str, type[Mechanism]], unit: str) -> Cause:
+    """What is stated of a named region.
+
+    Parameters
+    ----------
+    one : Named
+    fit : Fit
+        Of the likeliest set.
+    posterior : Posterior
+    catalogue : mapping of str to type of Mechanism
+    unit : str
+        Of the output.
+    """
+    members = [member.form.region for member in fit.state.members]
+    rivals = posterior.instead_of(one.region)
+    common: dict[str, Any] = {
+        "name": one.mechanism or one.region,
+        "named": one.mechanism is not None,
+        "probability": one.probability,
+        "unit": unit,
+        "indistinguishable_from": one.indistinguishable_from,
+        "rival_probabilities": tuple(min(rivals.get(name, 0.0), 1.0) for name in one.indistinguishable_from),
+    }
+    if one.region not in members:
+        return _telegraph(fit, common)
+    k, region = members.index(one.region), posterior.regions[one.region]
+    form = fit.state.members[k].form
+    mechanism = None if one.mechanism is None else catalogue.get(one.mechanism)
+    estimates = fit.parameters(k, mechanism)
+    estimates = {name: dataclasses.replace(each, unit=in_unit(each.unit, unit)) for name, each in estimates.items()}
+    contribution = fit.data.means(functools.partial(fit.term, k))[fit.data.of_windows]
+    return Cause(
+        parameters={name: each for name, each in estimates.items() if each.sd <= abs(each.value)},
+        undetermined=tuple(name for name, each in estimates.items() if each.sd > abs(each.value)),
+        equation=form.equation,
+        own_form=mechanism is not None and not estimates,
+        drivers=region.drivers,
+        memory=region.memory,
+        function=function_of(fit, k),
+        rms=float(np.std(contribution)),
+        **common,
+    )
+
+
+def _telegraph(fit: Fit, common: Mapping[str, Any]) -> Cause:
+    seen = fit.state.telegraph
+    assert seen is not None  # noqa: S101
+    window_s = fit.data.runs[0].grid.window_s
+    step_sd, dwell_s = seen.sigma / np.sqrt(len(fit.data)), seen.dwell * window_s
+    parameters = {
+        "half_step_deg_h": Estimate(seen.half_step, float(step_sd), common["unit"]),
+        "dwell_s": Estimate(dwell_s, float(dwell_s / np.sqrt(seen.jumps)), "s"),
+    }
+    return Cause(
+        parameters=parameters,
+        undetermined=(),
+        equation="b = half_step_deg_h * (+1 or -1)",
+        own_form=False,
+        drivers=(),
+        memory="none",
+        function=None,
+        rms=seen.half_step,
+        **common,
+    )
+
+
+# --- functions as tables -------------------------------------------------------------------------------------------------------
+
+
+def function_of(fit: Fit, k: int) -> Function | None:
+    """The k-th member as a table, where it is a function of one quantity or the path of a driver."""
+    _, bases = fit.parts[k]
+    if not bases:
+        return None
+    lead = bases[0][0]
+    inner = getattr(lead, "basis", lead)
+    path = getattr(inner, "path", None)
+    if isinstance(path, Path):
+        return _static(fit, k, path)
+    if isinstance(inner, Since | SmoothSince):
+        return _of_time(fit, k)
+    if isinstance(inner, Lag | Conduction | Spectrum):
+        return _response(fit, k, inner.driver)
+    if isinstance(inner, Relays | Plays | Preisach):
+        return _loop(fit, k, inner.driver)
+    return None
+
+
+def _tabulated(fit: Fit, k: int, columns: Mapping[int, Array], about: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
+    """Mean and standard deviation of a table of some of the bases of a member, by their numbers."""
+    _, bases = fit.parts[k]
+    inside = fit.inside(k)
+    edges = np.cumsum([0, *(fit.bank.columns(basis).shape[1] for basis, _ in bases)])
+    places = np.concatenate([np.arange(edges[j], edges[j + 1]) for j in columns])
+    table = np.hstack([columns[j] * bases[j][1] for j in columns])
+    if about is not None:
+        table = table - np.hstack([about[j] * bases[j][1] for j in columns])
+    weights, covariance = fit.solution.weights[inside][places], fit.solution.covariance[inside, inside][np.ix_(places, places)]
+    return np.asarray(table @ weights), np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table, covariance, table), 0.0))
+
+
+def _static(fit: Fit, k: int, path: Path) -> Function:
+    """Bases of one path over the range of the training runs, about their mean there; of a scale factor, at the highest rate."""
+    _, bases = fit.parts[k]
+    values = np.concatenate([path.values(run)[np.repeat(run.full, run.grid.bins)] for run in fit.data.runs])
+    low, high = np.quantile(values, [0.005, 0.995])
+    at = np.asarray(np.linspace(float(low), float(high), _PLACES))
+    run: Any = SimpleNamespace(cache={path: at}, bins=len(at))
+    plain = [basis.basis if isinstance(basis, TimesRate) else basis for basis, _ in bases]
+    same = {j: basis for j, basis in enumerate(plain) if getattr(basis, "path", None) == path}
+    columns = {j: basis.columns(run) for j, basis in same.items()}
+    means = {j: fit.data.means(basis.columns)[fit.data.of_windows].mean(axis=0) for j, basis in same.items()}
+    value, sd = _tabulated(fit, k, columns, means)
+    driver = path.driver
+    raw = driver.half * (path.centre + path.half * at) + (0.0 if path.memory == "rate" else driver.centre)
+    unit = "" if driver.combination == "contrast" else column_unit(driver.columns[0]) or ""
+    of = {"rate": f"d({driver.symbol})/dt", "lag": f"lag({driver.symbol}, {path.time_s:.4g} s)"}.get(path.memory, driver.symbol)
+    return _made("static", of, f"{unit}/min" if path.memory == "rate" else unit, raw, value, sd)
+
+
+def _of_time(fit: Fit, k: int) -> Function:
+    _, bases = fit.parts[k]
+    at = np.geomspace(0.5 * fit.data.runs[0].grid.window_s, fit.data.longest_s, _PLACES)
+    run: Any = SimpleNamespace(cache={}, elapsed_s=at, bins=len(at))
+    columns = {j: basis.columns(run) for j, (basis, _) in enumerate(bases) if isinstance(basis, Since | SmoothSince)}
+    return _made("time", "time since the run's start", "s", at, *_tabulated(fit, k, columns))
+
+
+def _response(fit: Fit, k: int, driver: Driver) -> Function:
+    """Response to a step of the driver of one unit: what is behind it dies away."""
+    _, bases = fit.parts[k]
+    at = np.geomspace(0.5 * fit.data.runs[0].grid.window_s, fit.data.longest_s, _PLACES)
+    columns: dict[int, Array] = {}
+    for j, (basis, _) in enumerate(bases):
+        if isinstance(basis, Lag) and basis.driver == driver:
+            columns[j] = -np.exp(-at / basis.time_constant_s)[:, None] / driver.half
+        elif isinstance(basis, Conduction | Spectrum) and basis.driver == driver:
+            times, weights = basis.mixture()
+            columns[j] = -np.exp(-np.divide.outer(at, times)) @ weights / driver.half
+    unit = column_unit(driver.columns[0]) or "unit"
+    return _made("response", f"time since a step of {driver.symbol} by 1 {unit}", "s", at, *_tabulated(fit, k, columns))
+
+
+def _loop(fit: Fit, k: int, driver: Driver) -> Function:
+    """The path of the run in which the driver moves most."""
+    _, bases = fit.parts[k]
+    widest = max(range(len(fit.data.runs)), key=lambda j: float(np.ptp(driver.values(fit.data.runs[j]))))
+    run, rows = fit.data.runs[widest], fit.data.slices[widest]
+    places = np.unique(np.linspace(0, rows.stop - rows.start - 1, _LOOP).astype(np.intp))
+    columns = {j: fit.bank.columns(basis)[rows][places] for j, (basis, _) in enumerate(bases)}
+    means = {j: fit.bank.columns(basis)[rows].mean(axis=0) for j, (basis, _) in enumerate(bases)}
+    value, sd = _tabulated(fit, k, columns, means)
+    u = run.window_means(driver.raw(run))[places]
+    return dataclasses.replace(_made("loop", driver.symbol, column_unit(driver.columns[0]) or "", u, value, sd), run=run.name)
+
+
+def _made(kind: str, of: str, of_unit: str, at: Array, value: Array, sd: Array) -> Function:
+    return Function(kind, of, of_unit, tuple(at.tolist()), tuple(value.tolist()), tuple(sd.tolist()))

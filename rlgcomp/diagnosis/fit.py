@@ -1,0 +1,269 @@
+"""The likeliest set fitted: posterior means of all weights, predictions of any run, parameters with their standard deviations."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.bases import Basis, Constant, EachRun, Moment, Own
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.search import State
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
+
+Array = npt.NDArray[np.float64]
+_SIDE: Final = 1.0 / 32.0  # step of the grid at which the curvature of the evidence is taken
+_PLACES: Final = 25  # of a function's table
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """A parameter with its standard deviation and unit."""
+
+    value: float
+    sd: float
+    unit: str
+
+    def to_mapping(self) -> dict[str, object]:
+        """`value`, `sd` and `unit`, as JSON has them."""
+        return {"value": self.value, "sd": self.sd, "unit": self.unit}
+
+
+class Solution(NamedTuple):
+    """Numbers of the baseline, weights of all members, covariance of the weights, standard deviation of the white noise."""
+
+    numbers: Array
+    weights: Array
+    covariance: Array
+    white: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fit:
+    """A set with its weights.
+
+    Parameters
+    ----------
+    data : Data
+    baseline : Baseline
+    bank : Bank
+    state : State
+        The set; with no members, the simulator calibrated.
+    """
+
+    data: Data
+    baseline: Baseline
+    bank: Bank
+    state: State
+
+    @functools.cached_property
+    def _evidence(self) -> Evidence:
+        return Evidence(self.bank, self.state.noise, 0.0)
+
+    @functools.cached_property
+    def parts(self) -> tuple[tuple[Member, tuple[tuple[Basis, float], ...]], ...]:
+        """Members, their bases and the scale of each."""
+        return tuple(
+            (member, tuple((basis, member.size * scale) for basis, scale in self.bank.scaled(member.form) or ()))
+            for member in self.state.members
+        )
+
+    @functools.cached_property
+    def _path(self) -> Array:
+        """What jumps between two values, shape (n,)."""
+        seen = self.state.telegraph
+        return np.zeros(len(self.data)) if seen is None else seen.half_step * seen.path
+
+    @functools.cached_property
+    def solution(self) -> Solution:
+        """The fitted numbers."""
+        whitened = self._evidence.whitened
+        output = whitened.project((self.data.output - self._path)[:, None])[:, 0]
+        table = self._evidence.all_columns(self.state.members)
+        inverse = np.linalg.inv(np.eye(table.shape[1]) + table.T @ table)
+        weights = inverse @ (table.T @ output)
+        square = max(float(output @ output - output @ table @ weights), 0.0) + self.data.known.square
+        variance = square / whitened.freedom
+        plain = [scale * self.bank.columns(basis) for _, bases in self.parts for basis, scale in bases]
+        terms = np.hstack([np.empty((len(self.data), 0)), *plain]) @ weights
+        design = whitened.whiten(self.data.means(self.baseline.columns))
+        left = whitened.whiten((self.data.output - self._path - terms)[:, None])[:, 0]
+        size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        numbers = np.linalg.lstsq(design / size, left, rcond=1e-9)[0] / size
+        return Solution(numbers, weights, variance * inverse, math.sqrt(variance))
+
+    @property
+    def white(self) -> float:
+        """Standard deviation of the white noise of a window mean."""
+        return self.solution.white
+
+    @functools.cached_property
+    def excess(self) -> tuple[float, float]:
+        """White noise that these runs alone show, over what is stated, and the probability of as much; (1, 1) of none stated."""
+        from scipy.stats import f
+
+        known = self.data.known
+        if not known.windows:
+            return 1.0, 1.0
+        freedom = self._evidence.whitened.freedom - known.windows
+        ratio = (self.white**2 * (freedom + known.windows) - known.square) / (freedom * known.white**2)
+        return math.sqrt(ratio), float(f.sf(ratio, freedom, known.windows))
+
+    @property
+    def noise_rms(self) -> float:
+        """Root mean square of all noise of window means about the mean of their run."""
+        total, count = 0.0, 0
+        for run, all_rows in zip(self.data.runs, self.state.noise.covariances(self.data), strict=True):
+            covariance = all_rows[: len(run.windows), : len(run.windows)]
+            total += float(np.trace(covariance) - covariance.mean() * len(covariance))
+            count += len(covariance)
+        return self.white * math.sqrt(total / count)
+
+    @functools.cached_property
+    def numbers(self) -> dict[str, dict[str, Estimate]]:
+        """Numbers of the baseline by mechanism; stated ones that were found wrong and biases of runs among them."""
+        whitened = self._evidence.whitened
+        design = whitened.whiten(self.data.means(self.baseline.columns))
+        size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        spread = self.white * np.sqrt(np.diag(np.linalg.pinv((design / size).T @ (design / size), rcond=1e-12))) / size
+        found: dict[str, dict[str, Estimate]] = {}
+        mechanisms = {mechanism.name: mechanism for mechanism in self.baseline.simulator.mechanisms}
+        for (name, parameter, unit), value, sd in zip(self.baseline.names(), self.solution.numbers, spread, strict=True):
+            at = getattr(mechanisms[name], parameter) if name and parameter in _shapes(mechanisms[name]) else None
+            estimate = (
+                Estimate(float(value), float(sd), unit) if at is None else Estimate(at * (1.0 + value), abs(at) * float(sd), unit)
+            )
+            found.setdefault(name, {})[parameter] = estimate
+        for k, (member, bases) in enumerate(self.parts):
+            at = sum(self._width(j) for j in range(k))
+            (lead, scale), *_ = bases
+            if isinstance(lead, Own) and lead.column is not None:
+                parameter = lead.mechanism.amplitude_parameters()[lead.column]
+                change, sd = (float(v) * scale for v in (self.solution.weights[at], math.sqrt(self.solution.covariance[at, at])))
+                value = getattr(lead.mechanism, parameter.name) + change
+                found.setdefault(lead.mechanism.name, {})[parameter.name] = Estimate(value, sd, parameter.unit)
+            elif isinstance(lead, EachRun) and isinstance(lead.basis, Constant):
+                for j, run in enumerate(lead.runs):
+                    value, sd = self.solution.weights[at + j] * scale, math.sqrt(self.solution.covariance[at + j, at + j]) * scale
+                    found.setdefault(member.form.region, {})[run] = Estimate(float(value), float(sd), "deg/h")
+        return found
+
+    @property
+    def steps(self) -> list[dict[str, object]]:
+        """Steps of the bias: run, time and size."""
+        found: list[dict[str, object]] = []
+        for k, (_, bases) in enumerate(self.parts):
+            at = sum(self._width(j) for j in range(k))
+            for j, (basis, scale) in enumerate(bases):
+                if isinstance(basis, Moment):
+                    start = next(float(run.binned.time_s[0]) for run in self.data.runs if run.name == basis.run)
+                    sd = math.sqrt(self.solution.covariance[at + j, at + j]) * scale
+                    size = Estimate(float(self.solution.weights[at + j] * scale), sd, "deg/h")
+                    found.append({"run": basis.run, "at_s": start + basis.at_s, "size": size.to_mapping()})
+        return found
+
+    # --- predictions -----------------------------------------------------------------------------------------------------------
+
+    def term(self, k: int, run: Run) -> Array:
+        """What the k-th member does in a run, shape (bins,)."""
+        at = sum(self._width(j) for j in range(k))
+        weights = self.solution.weights[at : at + self._width(k)]
+        table = np.hstack([scale * basis.columns(run) for basis, scale in self.parts[k][1]])
+        return np.asarray(table @ weights)
+
+    def inside(self, k: int) -> slice:
+        """Places of the k-th member's weights among all."""
+        at = sum(self._width(j) for j in range(k))
+        return slice(at, at + self._width(k))
+
+    def weights(self, k: int) -> Array:
+        """Weights of the k-th member's bases, shape (m,)."""
+        return self.solution.weights[self.inside(k)]
+
+    def _width(self, k: int) -> int:
+        return sum(self.bank.columns(basis).shape[1] for basis, _ in self.parts[k][1])
+
+    def predicted(self, run: Run) -> Array:
+        """The output less what is stated, of a run on its bins, shape (bins,)."""
+        total = self.baseline.columns(run) @ self.solution.numbers
+        for k in range(len(self.parts)):
+            total = total + self.term(k, run)
+        return np.asarray(total)
+
+    def residual(self, run: Run) -> Array:
+        """What a run's window means hold beyond the fit; a two-state path is not predicted."""
+        return np.asarray(run.output[: len(run.windows)] - run.window_means(self.predicted(run)))
+
+    def rate_deg_h(self, recording: Recording, grid: Grid) -> Array:
+        """The output predicted at each sample of a recording, in deg/h, shape (n,)."""
+        run = Run.of(recording, grid, lambda binned: np.zeros(len(binned)))
+        since = recording.time_s - recording.time_s[0] + 0.5 * recording.period_s
+        return np.interp(since, run.elapsed_s, self.predicted(run)) + self.baseline.stated(recording)
+
+    # --- parameters ------------------------------------------------------------------------------------------------------------
+
+    def parameters(self, k: int, mechanism: type[Mechanism] | None) -> dict[str, Estimate]:
+        """Amplitude and nonlinear parameters of the k-th member in the mechanism's own names, where its lead is one basis."""
+        member, bases = self.parts[k]
+        if mechanism is None or len(member.form.lead) != 1:
+            return {}
+        (lead,) = member.form.lead
+        declared = mechanism.parameters()
+        amplitudes = [parameter for parameter in declared if parameter.role == "amplitude"]
+        columns = self.bank.columns(lead).shape[1]
+        found = {}
+        at = sum(self._width(j) for j in range(k))
+        scale = bases[0][1] * lead.per_unit()
+        if columns <= len(amplitudes):
+            for j, parameter in enumerate(amplitudes[:columns]):
+                sd = math.sqrt(self.solution.covariance[at + j, at + j]) * scale
+                found[parameter.name] = Estimate(float(self.solution.weights[at + j] * scale), sd, parameter.unit)
+        for name, value in lead.parameters().items():
+            same = next((parameter for parameter in declared if parameter.name.startswith(name)), None)
+            if same is not None and columns <= len(amplitudes):
+                found[same.name] = Estimate(value, self._spread(k, name, value), same.unit)
+        return found
+
+    def _spread(self, k: int, name: str, value: float) -> float:
+        """Standard deviation of a nonlinear parameter, of the fall of the evidence to both sides."""
+        members = self.state.members
+        given = self._evidence.given((*members[:k], *members[k + 1 :]))
+        at = int(np.argmin(np.abs(priors.SIZES - members[k].size)))
+        here = float(given.gain(members[k].form)[at])
+        spreads = []
+        for form in members[k].form.nearby(_SIDE):
+            moved = form.lead[0].parameters()[name] - value
+            if abs(moved) > 0.0 and self.bank.scaled(form) is not None:
+                fall = max(here - float(given.gain(form)[at]), 1e-3)
+                spreads.append(abs(moved) / math.sqrt(2.0 * fall))
+        return float(np.median(spreads)) if spreads else 0.0
+
+    def function(self, k: int) -> dict[str, list[float]]:
+        """The k-th member as a table of its driver: value, mean and standard deviation of the contribution, about its mean."""
+        _, bases = self.parts[k]
+        path = next((getattr(basis, "path", None) for basis, _ in bases), None)
+        if path is None or path.memory != "none":
+            return {}
+        rows = self.data.of_windows
+        u = self.data.means(path.driver.raw)[rows]
+        table = np.hstack([scale * self.bank.columns(basis) for basis, scale in bases])[rows]
+        table = table - table.mean(axis=0)
+        at = sum(self._width(j) for j in range(k))
+        inside = slice(at, at + self._width(k))
+        places = np.unique(np.argsort(u)[np.linspace(0, len(u) - 1, _PLACES).astype(np.intp)])
+        places = places[np.argsort(u[places])]
+        spread = np.sqrt(np.einsum("ij,jk,ik->i", table[places], self.solution.covariance[inside, inside], table[places]))
+        mean = table[places] @ self.solution.weights[inside]
+        return {"driver": u[places].tolist(), "value": mean.tolist(), "sd": spread.tolist()}
+
+
+def _shapes(mechanism: Mechanism) -> frozenset[str]:
+    return frozenset(parameter.name for parameter in mechanism.shape_parameters())

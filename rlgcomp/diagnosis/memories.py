@@ -1,0 +1,255 @@
+"""Bases with a memory: lags of the first order and their spectra, plays and relays, and the history before a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Final, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bases import Basis, kernel, kernel_root
+from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.drivers import Driver, lagged
+from rlgcomp.numerics.hysteresis import play_paths
+from rlgcomp.numerics.relays import relay_states
+
+Array = npt.NDArray[np.float64]
+Start = Literal["rested", "below", "above"]
+STARTS: Final[dict[Start, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0}
+PLANE: Final = 1.6  # ranges of the driver over which relays are laid: other runs go beyond
+_SMALL: Final = 1e-3  # of the largest square of a column of densities
+_SPREAD: Final = 10  # radii of a mean over plays
+
+
+@dataclasses.dataclass(frozen=True)
+class Lag(Basis):
+    """What a first-order lag is behind its driver."""
+
+    driver: Driver
+    time_constant_s: float
+    ratio: float  # of the grid
+    behind: bool = True  # less the driver itself
+
+    def columns(self, run: Run) -> Array:
+        values = self.driver.values(run)
+        late = lagged(values, run.grid.bin_s, self.time_constant_s)
+        return (late - values if self.behind else late)[:, None]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        factors = self.ratio**step, self.ratio**-step
+        return tuple(dataclasses.replace(self, time_constant_s=self.time_constant_s * f) for f in factors)
+
+    def parameters(self) -> dict[str, float]:
+        return {"time_constant_s": self.time_constant_s}
+
+    def per_unit(self) -> float:
+        return 1.0 / (self.driver.half)
+
+
+@dataclasses.dataclass(frozen=True)
+class Conduction(Basis):
+    r"""What a slab is behind its heated front: lags :math:`\tau / (2 n + 1)^2` with weights of its mean or of its back.
+
+    H. S. Carslaw, J. C. Jaeger, Conduction of Heat in Solids, 2nd ed., 1959, section 3.4.
+    """
+
+    driver: Driver
+    slowest_s: float
+    back: bool
+    ratio: float
+
+    def columns(self, run: Run) -> Array:
+        values, (times, weights) = self.driver.values(run), self.mixture()
+        late = [lagged(values, run.grid.bin_s, float(time)) for time in times]
+        return np.column_stack(late) @ weights - values[:, None]
+
+    def mixture(self) -> tuple[Array, Array]:
+        """Time constants, shape (k,), and weights of their lags, shape (k, 1)."""
+        odd = 2.0 * np.arange(5) + 1.0
+        weights = 4.0 / math.pi * (-1.0) ** np.arange(5) / odd if self.back else 8.0 / math.pi**2 / odd**2
+        return np.asarray(self.slowest_s / odd**2), (weights / weights.sum())[:, None]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, slowest_s=self.slowest_s * f) for f in (self.ratio**step, self.ratio**-step))
+
+    def parameters(self) -> dict[str, float]:
+        return {"time_constant_s": self.slowest_s}
+
+    def per_unit(self) -> float:
+        return 1.0 / (self.driver.half)
+
+
+@dataclasses.dataclass(frozen=True)
+class Spectrum(Basis):
+    """A continuous spectrum of lags, its density a Gaussian process of the logarithm of the time constant."""
+
+    driver: Driver
+    time_constants_s: tuple[float, ...]
+    width: float = 1.0  # correlation length in e-folds
+
+    def columns(self, run: Run) -> Array:
+        values = self.driver.values(run)
+        late = np.column_stack([lagged(values, run.grid.bin_s, tau) - values for tau in self.time_constants_s])
+        return np.asarray(late @ self.mixture()[1])
+
+    def mixture(self) -> tuple[Array, Array]:
+        """Time constants, shape (k,), and weights of their lags, shape (k, columns)."""
+        return np.array(self.time_constants_s, dtype=np.float64), kernel_root(kernel(np.log(self.time_constants_s) / self.width))
+
+
+@dataclasses.dataclass(frozen=True)
+class Relays(Basis):
+    """Relays, 0 or 1, each on from where the driver has come up to `up` until it has gone down to `down`.
+
+    Parameters
+    ----------
+    driver : Driver
+    up, down : tuple of float
+        In units of the driver's range.
+    start : {"rested", "below", "above"}
+        What was before the run: from where the driver came to its first value; rested, the nearer level decides.
+    widest : float
+        Dead band that is still the same cause.
+    """
+
+    driver: Driver
+    up: tuple[float, ...]
+    down: tuple[float, ...]
+    start: Start = "rested"
+    widest: float = math.inf
+
+    def columns(self, run: Run) -> Array:
+        return relays(self.driver.values(run), np.array(self.up), np.array(self.down), self.start)
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        found = []
+        for move in (2.0 * step / priors.THRESHOLDS, -2.0 * step / priors.THRESHOLDS):
+            up = tuple(level + move for level in self.up)
+            found.append(dataclasses.replace(self, up=up, down=tuple(level + move for level in self.down)))
+            if self.down[0] <= up[0] <= self.down[0] + self.widest:
+                found.append(dataclasses.replace(self, up=up))
+        return tuple(found)
+
+    def parameters(self) -> dict[str, float]:
+        centre, half = self.driver.centre, self.driver.half
+        return {"threshold": centre + half * self.up[0], "dead_band": half * (self.up[0] - self.down[0])}
+
+
+@dataclasses.dataclass(frozen=True)
+class Plays(Basis):
+    """The mean over plays of exponentially spread radii, or one play, less the driver."""
+
+    driver: Driver
+    radius: float
+    spread: bool
+    start: Start = "rested"
+
+    def columns(self, run: Run) -> Array:
+        key = ("plays", self.driver, self.start)
+        if key not in run.cache:
+            run.cache[key] = self._states(run, np.concatenate([self._radii(radius) for radius in priors.RADII]))
+        values, radii = self.driver.values(run), self._radii(self.radius)
+        if self.radius in priors.RADII:
+            at = len(radii) * priors.RADII.index(self.radius)
+            states = run.cache[key][:, at : at + len(radii)]
+        else:
+            states = self._states(run, radii)
+        chosen = states[:, :-1].mean(axis=1) if self.spread else states[:, -1]
+        return np.asarray((chosen - values)[:, None])
+
+    def radii(self) -> Array:
+        """Radii of its plays in units of the driver's range, spread exponentially, and last the one radius."""
+        return self._radii(self.radius)
+
+    def _radii(self, radius: float) -> Array:
+        """Radii spread exponentially about one, and that one."""
+        return radius * np.r_[-np.log((np.arange(_SPREAD) + 0.5) / _SPREAD), 1.0]
+
+    def _states(self, run: Run, radii: Array) -> Array:
+        values = self.driver.values(run)
+        return play_paths(values[:, None], radii, values[0] - STARTS[self.start] * radii)
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        ratio = priors.RADII[1] / priors.RADII[0]
+        return tuple(dataclasses.replace(self, radius=self.radius * f) for f in (ratio**step, ratio**-step))
+
+    def parameters(self) -> dict[str, float]:
+        return {"radius": self.driver.half * self.radius}
+
+    def per_unit(self) -> float:
+        return 1.0 / (self.driver.half)
+
+
+@dataclasses.dataclass(frozen=True)
+class Preisach(Basis):
+    r"""Relays over the Preisach plane. With `free` their density is a Gaussian process about zero, else it is the one column of
+    :math:`e^{-(\alpha - \beta) / r}`.
+
+    I. D. Mayergoyz, Mathematical Models of Hysteresis, Springer, 1991.
+    """
+
+    driver: Driver
+    radius: float
+    free: bool
+    width: float = 0.5
+    levels: int = priors.PREISACH_LEVELS
+
+    def columns(self, run: Run) -> Array:
+        up, down = plane(self.levels)
+        key = ("plane", self.driver, self.levels)
+        if key not in run.cache:
+            run.cache[key] = relays(self.driver.values(run), up, down, "rested") - 0.5
+        return np.asarray(run.cache[key] @ self.densities())
+
+    def densities(self) -> Array:
+        """Weights of the relays, shape (relays, k)."""
+        return _densities(self.radius, self.free, self.width, self.levels)
+
+
+@dataclasses.dataclass(frozen=True)
+class Undecided(Basis):
+    """What is left of the history before a run: relays that the run has not switched yet, coming from above less from below."""
+
+    driver: Driver
+    radius: float
+    levels: int
+
+    def columns(self, run: Run) -> Array:
+        up, down = plane(self.levels)
+        values = self.driver.values(run)
+        left = relays(values, up, down, "above") - relays(values, up, down, "below")
+        return (left @ np.exp(-(up - down) / self.radius))[:, None]
+
+
+@functools.lru_cache(maxsize=64)
+def _densities(radius: float, free: bool, width: float, levels: int) -> Array:
+    up, down = plane(levels)
+    weights = np.exp(-(up - down) / radius)[:, None]
+    if not free:
+        return weights
+    middles, widths = 0.5 * (up + down), up - down
+    one = kernel_root(kernel(np.linspace(-PLANE, PLANE, 12) / width))
+    other = kernel_root(kernel(np.linspace(0.0, 2.0 * PLANE, 12) / width))
+    of_middle = np.column_stack([np.interp(middles, np.linspace(-PLANE, PLANE, 12), column) for column in one.T])
+    of_width = np.column_stack([np.interp(widths, np.linspace(0.0, 2.0 * PLANE, 12), column) for column in other.T])
+    both = (of_middle[:, :, None] * of_width[:, None, :]).reshape(len(up), -1)
+    sizes = np.sum(both**2, axis=0)
+    return np.asarray(weights * both[:, sizes > _SMALL * sizes.max()])
+
+
+def plane(count: int, reach: float = PLANE) -> tuple[Array, Array]:
+    """Thresholds (up, down) of the relays of the Preisach plane of so many levels over so many ranges, up > down."""
+    levels = np.linspace(-reach, reach, count)
+    up, down = np.meshgrid(levels, levels, indexing="ij")
+    above = up > down
+    return up[above], down[above]
+
+
+def relays(values: Array, up: Array, down: Array, start: Start) -> Array:
+    """States of relays, 0 or 1, after a history before the run; shape (bins, relays)."""
+    level = {"rested": 0.5 * (up + down), "below": up, "above": down}[start]
+    return relay_states(values, up, down, (values[0] >= level).astype(np.float64))

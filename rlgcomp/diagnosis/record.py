@@ -1,0 +1,309 @@
+"""The data of a diagnosis, which its messages, its text and its page read."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.decide import Decision
+from rlgcomp.diagnosis.findings import DEG_H, Cause, cause_of, in_unit
+from rlgcomp.diagnosis.fit import Estimate, Fit
+from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.scores import Score, score
+from rlgcomp.diagnosis.simulator_file import SimulatorFile, noise_of, simulator_of
+from rlgcomp.diagnosis.simulators.resampling import Alignment
+from rlgcomp.noise.processes import NoiseModel
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.report.messages import Message
+from rlgcomp.simulation.simulator import Simulator
+
+EVIDENCE: Final = "R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90, 773 (1995) (comparison of sets by their evidence)."
+BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
+_ALTERNATIVES: Final = 5
+_LEAST_ALTERNATIVE: Final = 1e-3
+_LATENT: Final = {"telegraph": ["random_telegraph"], "wander": ["unrecorded"]}
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """A place of the mismatch: a run and interval, a regime of the monitors, or a frequency.
+
+    Parameters
+    ----------
+    run, channel : str
+    start_s, end_s : float, optional
+        In the run's own time.
+    regime : str, optional
+    frequency_hz, angle_harmonic : float, optional
+    share : float
+        Of the sum of squares that the baseline leaves.
+    p_value : float
+    """
+
+    run: str
+    channel: str
+    start_s: float | None = None
+    end_s: float | None = None
+    regime: str | None = None
+    frequency_hz: float | None = None
+    angle_harmonic: float | None = None
+    share: float = 0.0
+    p_value: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Alternative:
+    """Another set of mechanisms and laws, the empty one included, and its probability."""
+
+    mechanisms: tuple[str, ...]
+    probability: float
+
+
+@dataclasses.dataclass(frozen=True)
+class NextExperiment:
+    """A programme whose run would part the likely sets.
+
+    Parameters
+    ----------
+    separates : tuple of str
+        Sets.
+    profile : str
+        A programme that `rlgcomp simulate --profile` takes.
+    expected_probability_after : float
+        Of whichever of them is true, averaged over them.
+    separation : float
+        Root mean square difference of the predictions of the two likeliest, in standard deviations of all of the run's windows.
+    duration_s : float
+    """
+
+    separates: tuple[str, ...]
+    profile: str
+    expected_probability_after: float
+    separation: float
+    duration_s: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What was asked for beside the runs.
+
+    Parameters
+    ----------
+    simulator : str
+        What the baseline is called.
+    unit : str
+        Of the output.
+    channel : str
+        The output's column.
+    without, only : tuple of str
+        Candidates left out; the only ones, where they were named.
+    not_tried : tuple of str
+        Candidates whose columns the runs lack.
+    own_simulator : bool
+        The baseline is the user's own, so that the simulators of the result hold only what is added to it.
+    seed : int
+    """
+
+    simulator: str = "the simulator"
+    unit: str = DEG_H
+    channel: str = "gyro_deg_h"
+    without: tuple[str, ...] = ()
+    only: tuple[str, ...] = ()
+    not_tried: tuple[str, ...] = ()
+    own_simulator: bool = False
+    seed: int = 0
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Record:
+    """What is missing, how probable it is, and what it leaves of the runs.
+
+    Parameters
+    ----------
+    decision : Decision
+    posterior : Posterior
+    before, after : Fit
+        The simulator calibrated, and with the findings, fitted to the training runs.
+    confirm_runs, test_runs : tuple of Run
+        Runs that take part in the choice alone, and runs that decide nothing.
+    catalogue : mapping of str to type of Mechanism
+    request : Request
+    preparation : tuple of Message
+        What was done to the runs beforehand.
+    warnings : tuple of Message
+        What is probably wrong with the user's own simulation.
+    alignment : tuple of Alignment
+        How the clocks of simulated runs stand.
+    next_experiment : NextExperiment, optional
+    next_message : Message, optional
+        What the next experiment promises, or that none parts the likely sets.
+    recordings : mapping of str to mapping of str to str
+        SHA-256 of files by name under "train", "confirm", "test" and "simulator".
+    """
+
+    decision: Decision
+    posterior: Posterior
+    before: Fit
+    after: Fit
+    confirm_runs: tuple[Run, ...]
+    test_runs: tuple[Run, ...]
+    catalogue: Mapping[str, type[Mechanism]]
+    request: Request = dataclasses.field(default_factory=Request)
+    preparation: tuple[Message, ...] = ()
+    warnings: tuple[Message, ...] = ()
+    alignment: tuple[Alignment, ...] = ()
+    next_experiment: NextExperiment | None = None
+    next_message: Message | None = None
+    recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
+
+    # --- the verdict -----------------------------------------------------------------------------------------------------------
+
+    @property
+    def verdict(self) -> str:
+        return self.decision.verdict
+
+    @property
+    def unit(self) -> str:
+        """Of the output."""
+        return self.request.unit
+
+    @property
+    def probability(self) -> float:
+        """Of the set that is named."""
+        return min(self.posterior.probabilities[self.posterior.best.key], 1.0)
+
+    @property
+    def healthy(self) -> float:
+        """Probability that nothing is missing."""
+        return min(self.posterior.null, 1.0)
+
+    @property
+    def p_value(self) -> float:
+        return self.healthy
+
+    @functools.cached_property
+    def members(self) -> tuple[Cause, ...]:
+        """All that is named, laws without a name included, the most probable first."""
+        return tuple(cause_of(one, self.after, self.posterior, self.catalogue, self.unit) for one in self.decision.named)
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """The mechanisms that are named."""
+        return tuple(one for one in self.members if one.named)
+
+    @property
+    def laws(self) -> tuple[Cause, ...]:
+        """The laws without a name."""
+        return tuple(one for one in self.members if not one.named)
+
+    @functools.cached_property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """The next most probable sets."""
+        ordered = sorted(self.posterior.probabilities.items(), key=lambda item: item[1], reverse=True)
+        return tuple(
+            Alternative(tuple(sorted([*regions, *_LATENT.get(latent, [])])), p)
+            for (regions, latent), p in ordered[1 : 1 + _ALTERNATIVES]
+            if p > _LEAST_ALTERNATIVE
+        )
+
+    @functools.cached_property
+    def where(self) -> tuple[Place, ...]:
+        """Share of the mismatch by run."""
+        if self.verdict == "none":
+            return ()
+        runs = self.after.data.runs
+        left = [self.before.residual(run) for run in runs]
+        total = sum(float(one @ one) for one in left)
+        return tuple(
+            Place(
+                run.name,
+                self.request.channel,
+                float(run.binned.time_s[0]),
+                float(run.binned.time_s[-1]),
+                share=float(one @ one) / total,
+                p_value=self.p_value,
+            )
+            for run, one in zip(runs, left, strict=True)
+        )
+
+    # --- the runs --------------------------------------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def train(self) -> Score:
+        """The training runs before and after."""
+        found = score(self.before, self.after, self.after.data.runs, self.unit)
+        assert found is not None  # noqa: S101
+        return found
+
+    @functools.cached_property
+    def confirm(self) -> Score | None:
+        """The runs that took part in the choice alone."""
+        return score(self.before, self.after, self.confirm_runs, self.unit)
+
+    @functools.cached_property
+    def test(self) -> Score | None:
+        """The test runs: the proof."""
+        return score(self.before, self.after, self.test_runs, self.unit)
+
+    # --- simulators ------------------------------------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def calibrated_file(self) -> SimulatorFile:
+        return simulator_of(self.before, self.catalogue)
+
+    @functools.cached_property
+    def augmented_file(self) -> SimulatorFile:
+        return simulator_of(self.after, self.catalogue)
+
+    @property
+    def calibrated(self) -> Simulator:
+        """The simulator with its free numbers fitted as if nothing were missing."""
+        return self.calibrated_file.simulator
+
+    @property
+    def augmented(self) -> Simulator:
+        """The simulator with the findings."""
+        return self.augmented_file.simulator
+
+    @property
+    def noise(self) -> NoiseModel:
+        return noise_of(self.after)
+
+    @property
+    def steps(self) -> list[dict[str, Any]]:
+        """Steps of the bias in single training runs, each with its run, time and size."""
+        found: list[dict[str, Any]] = []
+        for step in self.after.steps:
+            size: Any = step["size"]
+            found.append({**step, "size": {**size, "unit": in_unit(size["unit"], self.unit)}})
+        return found
+
+    @property
+    def calibration(self) -> dict[str, dict[str, Estimate]]:
+        """Numbers of the baseline as if nothing were missing, by mechanism and name."""
+        return self._numbers(self.before)
+
+    @property
+    def recalibration(self) -> dict[str, dict[str, Estimate]]:
+        """The same, fitted together with the findings."""
+        return self._numbers(self.after)
+
+    def _numbers(self, fit: Fit) -> dict[str, dict[str, Estimate]]:
+        return {
+            name: {key: dataclasses.replace(one, unit=in_unit(one.unit, self.unit)) for key, one in numbers.items()}
+            for name, numbers in fit.numbers.items()
+        }
+
+    @property
+    def citations(self) -> tuple[str, ...]:
+        """Sources of the mechanisms and methods that were used, each once."""
+        named = [self.catalogue[cause.name].reference for cause in self.causes if cause.name in self.catalogue]
+        physics = [mechanism.reference for mechanism in self.augmented.mechanisms]
+        return tuple(dict.fromkeys([*named, *physics, EVIDENCE, *([] if self.test is None else [BOOTSTRAP])]))
+
+    def names(self, runs: Sequence[Run]) -> list[str]:
+        """Of runs."""
+        return [run.name for run in runs]

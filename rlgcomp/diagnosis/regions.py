@@ -1,0 +1,441 @@
+"""The regions that are searched in chamber runs: those that mechanisms of the catalogue name, and laws beside them.
+
+A mechanism that is one linear function of its own drivers is found from its declaration alone; the others say here which memory and
+which forms they stand for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Magnitude, Own, Power, Product, Shift, Smooth
+from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.drivers import Combination, Driver, Path
+from rlgcomp.diagnosis.memories import STARTS, Conduction, Lag, Plays, Preisach, Relays, Spectrum, Undecided, plane
+from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
+from rlgcomp.diagnosis.times import Modulated, Since, SmoothSince, Wave
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.physics.mechanism import Mechanism
+
+_DENSITIES: Final = ((0.15, 0.3), (0.15, 0.6), (0.4, 0.3), (0.4, 0.6), (1.5, 0.6))  # radius and smoothness
+_NAMED: Final = math.log(priors.NAMED_ODDS)
+_LAW: Final = math.log(priors.LAW_ODDS)
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """What the builders of regions read: the training runs and the thermometer that the catalogue means by temperature."""
+
+    data: Data
+    temperature: Driver
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the runs."""
+        return tuple(run.name for run in self.data.runs)
+
+    @property
+    def other_thermometers(self) -> tuple[Driver, ...]:
+        """Of other places than the one that the catalogue means by temperature."""
+        columns = [c for c in self.data.columns if c.startswith("temperature_") and c != self.temperature.columns[0]]
+        return tuple(Driver.of(self.data, column) for column in columns)
+
+    @property
+    def has_thermometer(self) -> bool:
+        """Whether what stands for the temperature is one."""
+        return self.temperature.columns[0].startswith("temperature_")
+
+    @property
+    def thermal(self) -> Path:
+        return Path(self.temperature)
+
+    def time_constants_s(self, shortest: float = 1.0, longest: float = 1.0) -> tuple[float, ...]:
+        """From so many windows to so many run lengths, in equal ratios."""
+        first = shortest * self.data.runs[0].grid.window_s
+        return tuple(float(t) for t in np.geomspace(first, longest * self.data.longest_s, priors.TIME_CONSTANTS))
+
+
+def departures(path: Path, data: Data | None = None) -> tuple[Basis, ...]:
+    """Smooth functions of a path; with the data, each of two columns by itself as well, for their sensors err each by its own."""
+    each = path.driver.columns if data is not None and len(path.driver.columns) > 1 else ()
+    return (Smooth(path, knots=8, width=0.5), *(Power(Path(Driver.of(data, column))) for column in each if data is not None))
+
+
+# --- thermal regions -----------------------------------------------------------------------------------------------------------
+
+
+def _static(setting: Setting) -> list[Family]:
+    path = setting.thermal
+    return [
+        Family("b = polynomial(T)", [(Power(path, degree),) for degree in (1, 2, 3)], departures(path), 2.0),
+        Family("b = f(T)", [(Smooth(path),), (Smooth(path, 0.7, 8),)], departures(path)),
+        Family("b = f(T), finely", [(Smooth(path, 0.15, 20),)]),
+    ]
+
+
+def _rate(setting: Setting) -> list[Family]:
+    rate = Path.rate(setting.data, setting.temperature)
+    leads: list[tuple[Basis, ...]] = [(Power(one),) for one in Path.rates(setting.data, setting.temperature)]
+    return [
+        Family("b = k dT/dt", leads, departures(rate), 2.0, (Shift,)),
+        Family("b = odd function of dT/dt", [(Power(rate), Smooth(rate, parity=-1))], departures(rate), 1.0, (Shift,)),
+    ]
+
+
+def _rate_magnitude(setting: Setting) -> list[Family]:
+    rate = Path.rate(setting.data, setting.temperature)
+    leads: list[tuple[Basis, ...]] = [(Magnitude(one),) for one in Path.rates(setting.data, setting.temperature)]
+    return [
+        Family("b = k |dT/dt|", leads, departures(rate), 2.0, (Shift,)),
+        Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], departures(rate), 1.0, (Shift,)),
+    ]
+
+
+def _lags(setting: Setting) -> list[Family]:
+    """Of the block, or of another place that has a thermometer."""
+    families = []
+    for driver in (setting.temperature, *setting.other_thermometers):
+        times, name = setting.time_constants_s(1.5), "T" if driver == setting.temperature else driver.symbol
+        ratio, weight = times[1] / times[0], 1.0 if driver == setting.temperature else 0.5
+        freely = (Spectrum(driver, times[::2], 1.5), Smooth(Path(driver), 0.5, 8))
+        families += [
+            Family(
+                f"b = k (lag({name}, time_constant_s) - {name})", [(Lag(driver, t, ratio),) for t in times], freely, 2.0 * weight
+            ),
+            Family(f"b = k (mean of a slab - {name})", [(Conduction(driver, t, False, ratio),) for t in times[3:]], freely, weight),
+            Family(f"b = k (back of a slab - {name})", [(Conduction(driver, t, True, ratio),) for t in times[3:]], freely, weight),
+            Family(f"b = integral of k(tau) (lag({name}, tau) - {name})", [(Spectrum(driver, times),)], freely, weight),
+        ]
+    return families
+
+
+def _more_lags(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+    times = setting.time_constants_s(1.5)
+
+    def grow(form: Form) -> Iterator[Form]:
+        if len(form.lead) < 3 and all(isinstance(basis, Lag) for basis in form.lead):
+            for time_s in times:
+                first = form.lead[0]
+                assert isinstance(first, Lag)  # noqa: S101
+                more = Lag(first.driver, time_s, times[1] / times[0])
+                share = form.log_share + math.log(priors.MORE_STEPS / len(times))
+                yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
+
+    return grow
+
+
+def _gradients(setting: Setting) -> list[Family]:
+    thermometers = [c for c in setting.data.columns if c.startswith("temperature_")]
+    own = setting.temperature.columns[0]
+    pairs = [(own, c) for c in thermometers if c != own] + list(itertools.combinations([c for c in thermometers if c != own], 2))
+    families = []
+    for pair in pairs:
+        path = Path(Driver.of(setting.data, *pair, combination="difference"))
+        symbol = path.driver.symbol
+        families.append(Family(f"b = k ({symbol})", [(Power(path),)], departures(path, setting.data), 2.0, (Shift,)))
+        families.append(Family(f"b = f({symbol})", [(Power(path), Smooth(path))], departures(path, setting.data), 1.0, (Shift,)))
+    return families
+
+
+def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[Family]:
+    up, down = plane(priors.RELAY_LEVELS, 1.0)
+    every = Relays(driver, tuple(up.tolist()), tuple(down.tolist()))
+    kin = Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.5, 8)
+    shapes: list[tuple[str, list[Basis]]] = [
+        ("b = mean over exponential radii of play(u; r) - u", [Plays(driver, r, True) for r in priors.RADII]),
+        ("b = play(u; radius) - u", [Plays(driver, r, False) for r in priors.RADII]),
+        ("b = relays of exponential density", [Preisach(driver, r, False, levels=levels) for r in (0.1, 0.25, 0.6, 1.5)]),
+        ("b = relays of smooth density", [Preisach(driver, r, True, w, levels) for r, w in _DENSITIES]),
+        ("b = relays, each with a level of its own", [every]),
+    ]
+    history = EachRun(Undecided(driver, 0.7, levels), runs)
+    families = [Family(equation, [(basis,) for basis in bases], kin) for equation, bases in shapes]
+    before = [
+        Family(f"{equation}, each run after a history of its own", [(b, history) for b in bases], kin) for equation, bases in shapes
+    ]
+    return [*families, *before]
+
+
+def _hysteresis(setting: Setting) -> list[Family]:
+    driver, kin = setting.temperature, (Smooth(setting.thermal, 0.5, 8),)
+    up, down = plane(priors.RELAY_LEVELS, 1.0)
+    single = [(Relays(driver, (float(a),), (float(b),)),) for a, b in zip(up, down, strict=True)]
+    families = _hysteresis_of(driver, setting.names, priors.PREISACH_LEVELS)
+    return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
+
+
+def _more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+    up, down = plane(priors.RELAY_LEVELS, 1.0)
+
+    def grow(form: Form) -> Iterator[Form]:
+        if len(form.lead) < priors.MOST_STEPS and all(isinstance(basis, Relays) and len(basis.up) == 1 for basis in form.lead):
+            share = form.log_share + math.log(priors.MORE_STEPS / len(up))
+            for a, b in zip(up, down, strict=True):
+                more = Relays(setting.temperature, (float(a),), (float(b),))
+                if more not in form.lead:
+                    yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
+
+    return grow
+
+
+def _hops(setting: Setting) -> list[Family]:
+    driver = setting.temperature
+    levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
+    kin = (Smooth(setting.thermal, 0.5, 8),)
+    families = []
+    for band in priors.DEAD_BANDS:
+        for start in tuple(STARTS) if band else ("rested",):
+            single = [
+                (Relays(driver, (float(level),), (float(level - band),), start, priors.WIDEST_DEAD_BAND),)
+                for level in levels
+                if start == "rested" or _begins_within(setting, level - band, level)
+            ]
+            families.append(
+                Family("b = step * relay(T; up at threshold, down at dead_band below)", single, kin, own=(Shift, Glitch))
+            )
+        ladders = [(Relays(driver, tuple(levels.tolist()), tuple((levels - band).tolist())),)]
+        families.append(Family("b = ladder of relays of T, each with a level of its own", ladders, kin))
+    return families
+
+
+def _begins_within(setting: Setting, low: float, high: float) -> bool:
+    return any(low < setting.temperature.values(run)[0] < high for run in setting.data.runs)
+
+
+def _more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
+    levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
+
+    def grow(form: Form) -> Iterator[Form]:
+        first = form.lead[0]
+        if len(form.lead) >= priors.MOST_STEPS or not isinstance(first, Relays) or len(first.up) > 1:
+            return
+        band = first.up[0] - first.down[0]
+        share = form.log_share + math.log(priors.MORE_STEPS / len(levels))
+        for level in levels:
+            if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in form.lead if isinstance(relay, Relays)):
+                more = dataclasses.replace(first, up=(float(level),), down=(float(level - band),))
+                yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
+
+    return grow
+
+
+# --- time since switch-on --------------------------------------------------------------------------------------------------------
+
+
+def _kin_of_time(setting: Setting) -> tuple[Basis, ...]:
+    return (SmoothSince(setting.data.runs[0].grid.window_s, setting.data.longest_s, 0.5, 8),)
+
+
+def _warm_up(setting: Setting) -> list[Family]:
+    times = setting.time_constants_s(1.0, 0.6)
+    ratio, kin, longest = times[1] / times[0], _kin_of_time(setting), setting.data.longest_s
+    single = [(Since("exponential", t, setting.data.longest_s, ratio),) for t in times]
+    pairs = [(*single[k], *single[k + apart]) for apart in (3, 5) for k in range(len(times) - apart)]
+    return [
+        Family("b = initial * exp(-t / time_constant_s)", single, kin, 2.0),
+        Family(
+            "b = initial * exp(-(t / time_constant_s)^q)",
+            [(Since("exponential", t, longest, ratio, q),) for t in times for q in (0.5, 0.75)],
+            kin,
+        ),
+        Family(
+            "b = initial * (1 + t / time_constant_s)^-q",
+            [(Since("hyperbola", t, longest, ratio, q),) for t in times for q in (1.0, 1.7, 2.5)],
+            kin,
+        ),
+        Family("b = a exp(-t / time_constant_s) + c exp(-t / slower_time_constant_s)", pairs, kin),
+    ]
+
+
+def _ageing(setting: Setting) -> list[Family]:
+    times, longest, kin = setting.time_constants_s(0.3, 0.3), setting.data.longest_s, _kin_of_time(setting)
+    ratio = times[1] / times[0]
+    return [
+        Family("b = k t", [(Since("power", 1.0, longest),)], kin, 2.0),
+        Family("b = k ln(1 + t / time_constant_s)", [(Since("logarithm", t, longest, ratio),) for t in times[::2]], kin),
+        Family("b = k t^exponent", [(Since("power", p, longest),) for p in (0.3, 0.5, 0.7, 1.5, 2.0)], kin),
+    ]
+
+
+# --- monitors --------------------------------------------------------------------------------------------------------------------
+
+
+def _monitor(path: Path, data: Data) -> list[Family]:
+    """Linear, then smooth: saturation, square, dead zone are still that monitor."""
+    symbol = path.driver.symbol
+    return [
+        Family(f"b = k ({symbol})", [(Power(path),)], departures(path, data), 2.0, (Shift,)),
+        Family(
+            f"b = f({path.driver.symbol})",
+            [(Power(path), Smooth(path)), (Power(path, 2),), (Power(path, 3),)],
+            departures(path, data),
+        ),
+        Family(f"b = f({symbol}), finely", [(Smooth(path, 0.15, 20),)], (), 0.5),
+    ]
+
+
+_THERMAL: Final[Mapping[str, tuple[Callable[[Setting], list[Family]], str]]] = {
+    "thermal_polynomial": (_static, "static"),
+    "temperature_rate": (_rate, "dynamic"),
+    "rate_asymmetry": (_rate_magnitude, "dynamic"),
+    "thermal_lag": (_lags, "dynamic"),
+    "thermal_gradient": (_gradients, "static"),
+    "thermal_hysteresis": (_hysteresis, "rate-independent"),
+    "mode_hop": (_hops, "rate-independent"),
+    "warm_up": (_warm_up, "none"),
+    "ageing": (_ageing, "none"),
+}
+
+# --- lines -----------------------------------------------------------------------------------------------------------------------
+
+_CYCLES: Final = 3  # in the longest run, at least: fewer are a drift
+_OVERSAMPLING: Final = 3  # frequencies in each resolution cell
+_PEAKS: Final = 2
+_HARMONICS: Final = 3
+_MODULATIONS: Final = (6, 16)  # knots of a run, of a wave whose frequency wanders
+
+
+def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
+    """Proposals of a line: peaks of the periodogram, with one phase in all runs or with one in each."""
+    data, grid = setting.data, setting.data.runs[0].grid
+    longest = max(len(run.full) for run in data.runs)
+    cells = _OVERSAMPLING * longest
+    step_hz = 1.0 / (cells * grid.window_s)
+    places = np.arange(_CYCLES * _OVERSAMPLING, cells // 2)
+    names = tuple(run.name for run in data.runs)
+    log_share = -math.log(2.0 * max(1, len(places)))
+
+    def forms(frequency_hz: float, each: bool, knots: int = 0) -> Form:
+        def wave(times: float) -> Basis:
+            one = Wave(times * frequency_hz, step_hz)
+            return EachRun(one, names) if each else one
+
+        def harmonics_of() -> tuple[Basis, ...]:
+            return tuple(wave(float(k)) for k in range(2, _HARMONICS + 1))
+
+        sides = () if each else (Wave(frequency_hz, step_hz, True),)
+        phase = "of a phase in each run" if each else "of one phase"
+        if knots:
+            wandering = EachRun(Modulated(Wave(frequency_hz, step_hz), knots), names)
+            return Form(key, "b = wave of a frequency that wanders about frequency_hz", (wandering,), harmonics_of(), (), log_share)
+        return Form(key, f"b = wave of frequency_hz, {phase}", (wave(1.0),), (*harmonics_of(), *sides), (), log_share)
+
+    def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
+        transforms = []
+        for run, rows in zip(data.runs, data.slices, strict=True):
+            even = np.zeros(cells)
+            even[run.windows] = residual[rows]
+            transforms.append(np.fft.rfft(even)[places])
+        found = []
+        for each, power in (
+            (False, np.abs(np.sum(transforms, axis=0)) ** 2),
+            (True, np.sum(np.abs(transforms) ** 2, axis=0)),
+        ):
+            for _ in range(_PEAKS if len(places) else 0):
+                k = int(np.argmax(power))
+                found += [forms(float(places[k] + shift) * step_hz, each) for shift in (-0.5, 0.0, 0.5)]
+                found += [forms(float(places[k]) * step_hz, True, knots) for knots in _MODULATIONS if each]
+                power[max(0, k - 3 * _OVERSAMPLING) : k + 3 * _OVERSAMPLING + 1] = 0.0
+        return tuple(found)
+
+    return propose
+
+
+_GROW: Final = {"thermal_hysteresis": _more_relays, "thermal_lag": _more_lags, "mode_hop": _more_hops}
+_PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
+
+
+def own_bases(setting: Setting, present: Sequence[str]) -> dict[str, Basis]:
+    """Columns of mechanisms that the engine computes itself, for a rate of change has a window that follows from the data."""
+    path = Path.rate(setting.data, setting.temperature)
+    found: dict[str, Basis] = {"temperature_rate": Power(path), "rate_asymmetry": Magnitude(path)}
+    return {name: basis for name, basis in found.items() if name in present}
+
+
+def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: Sequence[str]) -> Iterator[Region]:
+    """Regions that mechanisms name, those that the simulator has already left out.
+
+    Parameters
+    ----------
+    setting : Setting
+    catalogue : mapping of str to type of Mechanism
+    present : sequence of str
+        Mechanisms of the simulator.
+    """
+    for name, mechanism in catalogue.items():
+        if name in present or not mechanism.is_candidate("chamber"):
+            continue
+        if "frequency_hz" in {parameter.name for parameter in mechanism.parameters()}:
+            yield Region(name, name, _NAMED, (), (), "none", None, _lines(setting, name))
+        elif name in _THERMAL:
+            builder, memory = _THERMAL[name]
+            if memory != "none" and not setting.has_thermometer:
+                continue
+            forms = forms_of(name, builder(setting))
+            drivers = () if memory == "none" else setting.temperature.columns
+            if name == "thermal_gradient":
+                drivers = mechanism.drivers
+            if forms:
+                grow = _GROW[name](setting) if name in _GROW else None
+                yield Region(name, name, _NAMED, forms, drivers, memory, grow)  # type: ignore[arg-type]
+        elif mechanism.drivers and all(column in setting.data.columns for column in mechanism.drivers):
+            yield _of_monitors(setting, name, mechanism)
+
+
+def _of_monitors(setting: Setting, name: str, mechanism: type[Mechanism]) -> Region:
+    columns = mechanism.drivers
+    one = len(columns) == 1 and len([p for p in mechanism.parameters() if p.role == "amplitude"]) == 1
+    one = one and CATALOGUE.get(name) is mechanism  # a mechanism of the user's may be of any form
+    if one or name in _PAIRS:
+        path = Path(Driver.of(setting.data, *columns, combination=_PAIRS.get(name, "column")))
+        return Region(name, name, _NAMED, forms_of(name, _monitor(path, setting.data)), columns)
+    leads: list[tuple[Basis, ...]] = [(Own(point),) for point in mechanism.grid([run.binned for run in setting.data.runs])]
+    smooth = tuple(Power(Path(Driver.of(setting.data, column))) for column in columns)
+    return Region(name, name, _NAMED, forms_of(name, [Family(mechanism.equation, leads, smooth)]), columns)
+
+
+def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
+    """Laws of recorded columns that no region has a name for.
+
+    Parameters
+    ----------
+    setting : Setting
+    taken : sequence of Region
+        The named regions.
+    """
+    held = {region.drivers for region in taken if region.memory == "static"}
+    drivers = [Driver.of(setting.data, column) for column in setting.data.columns]
+    own = setting.temperature if setting.has_thermometer else None
+    for driver in drivers:
+        (column,), path = driver.columns, Path(driver)
+        kin = departures(path)
+        if (column,) not in held:
+            leads: list[tuple[Basis, ...]] = [(Smooth(path),), (Smooth(path, 0.15, 20),), (Smooth(path, 0.06, 40),)]
+            families = [Family(f"b = f({column})", leads, kin)]
+            if driver != own:
+                families.insert(0, Family(f"b = k {column}", [(Power(path),)], kin))
+            yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,))
+        if driver != own and driver not in setting.other_thermometers:
+            times = setting.time_constants_s(1.0, 0.5)
+            late: list[tuple[Basis, ...]] = [(Lag(driver, t, times[1] / times[0], behind=False),) for t in times[1::2]]
+            families = [Family(f"b = k lag({column}, time_constant_s)", late, kin)]
+            yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
+            families = _hysteresis_of(driver, setting.names, priors.LAW_LEVELS)
+            yield Region(f"loop:{column}", None, _LAW, forms_of(f"loop:{column}", families), (column,), "rate-independent")
+            rate = Path.rate(setting.data, driver)
+            families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]
+            yield Region(f"rate:{column}", None, _LAW, forms_of(f"rate:{column}", families), (column,), "dynamic")
+    pairs = list(itertools.combinations(drivers, 2))
+    for one, other in pairs:
+        both = (*one.columns, *other.columns)
+        key = f"product:{both[0]}:{both[1]}"
+        product = Product(Path(one), Path(other))
+        families = [Family(f"b = k ({both[0]} - a) ({both[1]} - c)", [(product,)], (Power(Path(one), 2), Power(Path(other), 2)))]
+        yield Region(key, None, _LAW + math.log(len(drivers) / len(pairs)), forms_of(key, families), both)

@@ -1,0 +1,226 @@
+"""What a diagnosis tells beside its numbers: the headline, the gain, and remarks, the most consequential first."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from rlgcomp.diagnosis.nuisances import RUN_BIAS
+from rlgcomp.diagnosis.record import Record
+from rlgcomp.diagnosis.scores import Score
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.report.messages import Message, message
+from rlgcomp.units import column_unit
+
+_POSSIBLE: Final = 0.05  # probability that nothing is missing from which that is told beside a finding
+_AS_LIKELY: Final = 0.5  # probability that nothing is missing, below which something probably is
+_UNCERTAIN: Final = 0.8  # of the set, below which the next one is told
+_BEYOND: Final = 0.2  # of a driver's range
+_CANCEL: Final = -0.97  # correlation of two terms,
+_LARGE: Final = 4.0  # each so many times as large as their sum
+_FILE_ERROR: Final = 0.2  # of the noise of a window mean
+_OTHER_NOISE: Final = 1.5
+
+
+def headline(record: Record) -> Message:
+    """The verdict with what is named."""
+    causes = [_cause(one) for one in record.causes]
+    simulator = record.request.simulator
+    if record.verdict == "none" and record.healthy < _AS_LIKELY:
+        return message("diagnosis.nothing_named", simulator=simulator, probability=record.healthy)
+    if record.verdict == "none":
+        return message("diagnosis.nothing_missing", simulator=simulator, probability=record.healthy, p_value=record.p_value)
+    if record.decision.louder:
+        ratio, p_value = record.after.excess
+        return message("diagnosis.louder", simulator=simulator, ratio=ratio, p_value=p_value)
+    if record.laws:
+        laws = [{"drivers": one.drivers, "memory": one.memory, "probability": one.probability} for one in record.laws]
+        return message("diagnosis.law", simulator=simulator, causes=causes, laws=laws)
+    if record.decision.wander:
+        return message("diagnosis.wander", simulator=simulator, causes=causes, probability=record.posterior.of_latent("wander"))
+    return message("diagnosis.causes", simulator=simulator, causes=causes)
+
+
+def _cause(one: Any) -> dict[str, Any]:
+    return {"mechanism": one.name, "probability": one.probability, "instead": one.indistinguishable_from}
+
+
+def gain(record: Record) -> Message | None:
+    """What the findings gain on the test runs; None where nothing is named."""
+    if record.verdict == "none":
+        return None
+    if record.test is None:
+        return message("diagnosis.no_test_runs")
+    low, high = record.test.improvement_ci95
+    data = _gained(record.test)
+    if low > 0.0:
+        return message("diagnosis.gain", **data)
+    return message("diagnosis.loss", **data) if high < 0.0 else message("diagnosis.no_gain", **data)
+
+
+def _gained(score: Score) -> dict[str, Any]:
+    return {
+        "before": score.baseline_rms,
+        "after": score.augmented_rms,
+        "floor": score.noise_floor_rms,
+        "unit": score.unit,
+        "improvement": score.improvement,
+        "interval": score.improvement_ci95,
+        "averaging_s": score.averaging_s,
+    }
+
+
+def remarks(record: Record) -> tuple[Message, ...]:
+    """Remarks beside headline and gain, the most consequential first."""
+    return (
+        *record.warnings,
+        *_doubts(record),
+        *_baseline(record),
+        *_forms(record),
+        *_extrapolations(record),
+        *(() if record.next_message is None else (record.next_message,)),
+        *_file(record),
+        *_choices(record),
+        *record.preparation,
+    )
+
+
+def _doubts(record: Record) -> Iterator[Message]:
+    if record.verdict == "none":
+        return
+    if record.healthy > _POSSIBLE:
+        yield message("diagnosis.null_possible", probability=record.healthy)
+    for cause in record.members:
+        if cause.indistinguishable_from:
+            yield message(
+                "diagnosis.indistinguishable",
+                mechanism=cause.name,
+                others=cause.indistinguishable_from,
+                probabilities=cause.rival_probabilities,
+            )
+    if record.probability < _UNCERTAIN and record.alternatives:
+        other = record.alternatives[0]
+        yield message(
+            "diagnosis.set_uncertain",
+            probability=record.probability,
+            other=" + ".join(other.mechanisms) or "nothing",
+            of_other=other.probability,
+        )
+
+
+def _baseline(record: Record) -> Iterator[Message]:
+    """Steps, biases of runs, stated numbers that do not fit."""
+    for step in record.steps:
+        size: Mapping[str, Any] = step["size"]
+        yield message(
+            "diagnosis.bias_step", run=step["run"], at_s=step["at_s"], size=size["value"], sd=size["sd"], unit=size["unit"]
+        )
+    found = record.recalibration
+    biases = found.get(RUN_BIAS, {})
+    if biases:
+        values = {run: one.value for run, one in biases.items()}
+        yield message("diagnosis.run_biases", biases=values, sds={run: one.sd for run, one in biases.items()}, unit=record.unit)
+    simulator = record.after.baseline.simulator
+    for mechanism in simulator.mechanisms:
+        free = simulator.free.get(mechanism.name, frozenset())
+        for name, one in found.get(mechanism.name, {}).items():
+            if name not in free:
+                stated = getattr(mechanism, name)
+                yield message(
+                    "diagnosis.wrong_number",
+                    mechanism=mechanism.name,
+                    parameter=name,
+                    stated=stated,
+                    found=one.value,
+                    sd=one.sd,
+                    unit=one.unit,
+                )
+
+
+def _forms(record: Record) -> Iterator[Message]:
+    for cause in record.causes:
+        if cause.undetermined:
+            yield message("diagnosis.unidentified", mechanism=cause.name, parameters=cause.undetermined)
+        if cause.own_form and cause.function is not None:
+            yield message("diagnosis.other_form", mechanism=cause.name, equation=cause.equation)
+    yield from _cancelling(record)
+
+
+def _cancelling(record: Record) -> Iterator[Message]:
+    """Terms of the augmented simulator of which only the sum is known."""
+    if record.verdict == "none":
+        return
+    parts: dict[str, Any] = {}
+    for mechanism in record.augmented.mechanisms:
+        if mechanism.repeats():
+            label = getattr(mechanism, "cause", "") or mechanism.name
+            parts[label] = parts.get(label, 0.0) + _means(record, mechanism)
+    for (one, a), (other, b) in itertools.combinations(parts.items(), 2):
+        together = float(np.std(a + b))
+        least = min(float(np.std(a)), float(np.std(b)))
+        if least > _LARGE * together and together > 0.0:
+            correlation = float(np.corrcoef(a, b)[0, 1])
+            if correlation < _CANCEL:
+                yield message("diagnosis.cancelling", one=one, other=other, correlation=correlation, ratio=least / together)
+
+
+def _means(record: Record, mechanism: Mechanism) -> Any:
+    weights = np.array([float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()])
+    return record.after.data.means(lambda run: run.on_bins(mechanism.basis(run.binned) @ weights))
+
+
+def _extrapolations(record: Record) -> Iterator[Message]:
+    """Test runs that go beyond the training runs in a driver of a finding."""
+    columns = dict.fromkeys(column for cause in record.members for column in cause.drivers)
+    for run, column in itertools.product(record.test_runs, columns):
+        if column not in run.binned:
+            continue
+        trained = [one.binned.column(column) for one in record.after.data.runs]
+        low, high = min(float(v.min()) for v in trained), max(float(v.max()) for v in trained)
+        values = run.binned.column(column)
+        if max(low - values.min(), values.max() - high) > _BEYOND * (high - low):
+            yield message(
+                "diagnosis.extrapolated",
+                run=run.name,
+                column=column,
+                recorded=[values.min(), values.max()],
+                learnt=[low, high],
+                unit=column_unit(column) or "",
+            )
+
+
+def _file(record: Record) -> Iterator[Message]:
+    if record.request.own_simulator:
+        yield message("diagnosis.beside_own_simulator", simulator=record.request.simulator)
+    if record.verdict == "none":
+        return
+    file = record.augmented_file
+    if file.left_out:
+        yield message("diagnosis.not_in_file", parts=file.left_out)
+    if file.error > _FILE_ERROR:
+        yield message("diagnosis.file_differs", error=file.error, averaging_s=record.train.averaging_s)
+
+
+def _choices(record: Record) -> Iterator[Message]:
+    """Which runs and candidates took part, and whether the noise is the stated one."""
+    stated = record.after.data.noise or record.after.baseline.simulator.noise
+    if stated is not None and stated.angle_random_walk_deg_sqrt_h > 0.0:
+        ratio = record.noise.angle_random_walk_deg_sqrt_h / stated.angle_random_walk_deg_sqrt_h
+        if not 1.0 / _OTHER_NOISE < ratio < _OTHER_NOISE:
+            yield message(
+                "diagnosis.noise_not_as_stated",
+                stated=stated.angle_random_walk_deg_sqrt_h,
+                found=record.noise.angle_random_walk_deg_sqrt_h,
+            )
+    if record.confirm_runs:
+        yield message("diagnosis.confirmed", runs=record.names(record.confirm_runs))
+    request = record.request
+    if request.only:
+        yield message("diagnosis.only", mechanisms=request.only)
+    if request.without:
+        yield message("diagnosis.left_out", mechanisms=request.without)
+    if request.not_tried:
+        yield message("diagnosis.not_tried", mechanisms=request.not_tried)

@@ -1,0 +1,179 @@
+"""The diagnosis as scripts use it: attributes, plain data, tables, files and a page.
+
+Its JSON form is a contract (schema rlgcomp.diagnosis/1): scripts and challenges read it, so keys are added and never changed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import functools
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Self
+
+import pandas as pd
+
+import rlgcomp
+from rlgcomp.diagnosis.fit import Estimate
+from rlgcomp.diagnosis.page import write_page
+from rlgcomp.diagnosis.record import Record
+from rlgcomp.diagnosis.remarks import gain, headline, remarks
+from rlgcomp.diagnosis.text import as_text
+from rlgcomp.files import sha256, to_json, write_json
+from rlgcomp.report.messages import Message
+from rlgcomp.report.notebook import ShownAsTable
+
+SCHEMA: Final = "rlgcomp.diagnosis/1"
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Record, ShownAsTable):
+    """What a simulator is missing: the data of :class:`~rlgcomp.diagnosis.record.Record`, shown and kept."""
+
+    def of_files(
+        self, train: Sequence[Path], test: Sequence[Path] = (), simulator: Path | None = None, confirm: Sequence[Path] = ()
+    ) -> Self:
+        """The same, with the SHA-256 of the files that the runs were read from, and of the simulator's.
+
+        Parameters
+        ----------
+        train, test, confirm : sequence of Path
+        simulator : Path, optional
+        """
+        files = {"train": train, "test": test} | ({"confirm": confirm} if confirm else {})
+        files |= {} if simulator is None else {"simulator": [simulator]}
+        return dataclasses.replace(
+            self, recordings={part: {str(path): sha256(path) for path in paths} for part, paths in files.items()}
+        )
+
+    # --- what it tells ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def findings(self) -> list[dict[str, Any]]:
+        """The mechanisms that are named, as plain data."""
+        return [cause.to_mapping() for cause in self.causes]
+
+    @property
+    def messages(self) -> tuple[Message, ...]:
+        """The headline and what it gains on the test runs."""
+        gained = gain(self)
+        return (headline(self),) if gained is None else (headline(self), gained)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict, and what it gains on the test runs."""
+        return " ".join(one.text for one in self.messages)
+
+    @functools.cached_property
+    def remarks(self) -> tuple[Message, ...]:
+        """Remarks, the most consequential first."""
+        return remarks(self)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain data as in `diagnosis.json`: what is not a finite number is None."""
+        plain: dict[str, Any] = json.loads(to_json(self._content()))
+        return plain
+
+    def _content(self) -> dict[str, Any]:
+        laws = self.laws
+        next_up = self.next_experiment
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "mismatch": {"p_value": self.p_value, "where": [dataclasses.asdict(place) for place in self.where]},
+            "findings": self.findings,
+            "probability": self.probability,
+            "nothing_missing": self.healthy,
+            "alternatives": [dataclasses.asdict(one) for one in self.alternatives],
+            "unexplained": {
+                "p_value": self.p_value,
+                "drivers": list(self.decision.drivers),
+                "memory": self.decision.memory,
+                "equation": "; ".join(one.equation for one in laws) or None,
+                "probability": max((one.probability for one in laws), default=self._of_wander()),
+                "laws": [one.to_mapping() for one in laws],
+            },
+            "steps": self.steps,
+            "fit": {
+                "train": dataclasses.asdict(self.train),
+                "confirm": None if self.confirm is None else dataclasses.asdict(self.confirm),
+                "test": None if self.test is None else dataclasses.asdict(self.test),
+            },
+            "next_experiment": None if next_up is None else dataclasses.asdict(next_up),
+            "sentence": self.sentence,
+            "messages": [one.to_mapping() for one in self.messages],
+            "remarks": [one.to_mapping() for one in self.remarks],
+            "simulator": self.request.simulator,
+            "output": {"column": self.request.channel, "unit": self.unit},
+            "runs": {
+                "train": self._runs("train", self.names(self.after.data.runs)),
+                "confirm": self._runs("confirm", self.names(self.confirm_runs)),
+                "test": self._runs("test", self.names(self.test_runs)),
+            },
+            "recordings": {part: dict(files) for part, files in self.recordings.items()},
+            "baseline": _plain(self.calibration),
+            "baseline_with_findings": _plain(self.recalibration),
+            "noise": self.noise.strengths(),
+            "alignment": [one.to_mapping() for one in self.alignment],
+            "citations": list(self.citations),
+            "provenance": {
+                "version": rlgcomp.__version__,
+                "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+                "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]) if self.recordings else None,
+                "seed": self.request.seed,
+            },
+        }
+
+    def _of_wander(self) -> float | None:
+        return min(self.posterior.of_latent("wander"), 1.0) if self.decision.wander else None
+
+    def _runs(self, part: str, names: Sequence[str]) -> list[dict[str, str | None]]:
+        """Runs with their files and the SHA-256 of these, where they were read from files."""
+        files = list(self.recordings.get(part, {}).items())
+        known = files if len(files) == len(names) else [(None, None)] * len(names)
+        return [{"run": name, "file": file, "sha256": digest} for name, (file, digest) in zip(names, known, strict=True)]
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a fitted parameter of each finding."""
+        rows = [
+            {
+                "mechanism": cause.name,
+                "probability": cause.probability,
+                "rms": cause.rms,
+                "parameter": name,
+                "value": estimate.value,
+                "sd": estimate.sd,
+                "unit": estimate.unit,
+                "indistinguishable_from": ", ".join(cause.indistinguishable_from),
+            }
+            for cause in self.members
+            for name, estimate in (cause.parameters or {"": Estimate(math.nan, math.nan, "")}).items()
+        ]
+        columns = ["mechanism", "probability", "rms", "parameter", "value", "sd", "unit", "indistinguishable_from"]
+        return pd.DataFrame(rows, columns=columns)
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def heading(self) -> str:
+        return self.sentence
+
+    # --- files -----------------------------------------------------------------------------------------------------------------
+
+    def save(self, folder: str | Path) -> None:
+        """Write `diagnosis.json` and `augmented.yaml` into a folder, which must exist."""
+        write_json(Path(folder) / "diagnosis.json", self.to_mapping())
+        self.augmented.to_yaml(Path(folder) / "augmented.yaml")
+
+    def report(self, path: str | Path, executor: object = None) -> None:
+        """Write the page that shows it: one self-contained HTML file. An executor is accepted and not needed."""
+        del executor
+        write_page(path, self)
+
+
+def _plain(numbers: Mapping[str, Mapping[str, Estimate]]) -> dict[str, dict[str, Any]]:
+    return {name: {key: one.to_mapping() for key, one in of.items()} for name, of in numbers.items()}

@@ -1,0 +1,119 @@
+"""Runs before and after: what the calibrated simulator leaves of them, and what the one with the findings does."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.numerics.bootstrap import drawn_squares
+
+Array = npt.NDArray[np.float64]
+_BLOCKS: Final = 8  # of a run, of the bootstrap
+_INTERVAL: Final = (0.025, 0.975)
+
+
+@dataclasses.dataclass(frozen=True)
+class RunScore:
+    """One run before and after.
+
+    Parameters
+    ----------
+    run : str
+    baseline_rms, augmented_rms, noise_floor_rms : float
+        Of window means, a constant offset of the run included.
+    baseline_std, augmented_std : float
+        About the run's own mean.
+    improvement : float
+        1 - augmented / baseline, of the rms.
+    improvement_ci95 : tuple of float
+        By circular block bootstrap.
+    """
+
+    run: str
+    baseline_rms: float
+    augmented_rms: float
+    noise_floor_rms: float
+    baseline_std: float
+    augmented_std: float
+    improvement: float
+    improvement_ci95: tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """A group of runs before and after; numbers as of :class:`RunScore`, over all of them.
+
+    Parameters
+    ----------
+    unit : str
+        Of the output.
+    averaging_s : float
+    per_run : tuple of RunScore
+    """
+
+    baseline_rms: float
+    augmented_rms: float
+    noise_floor_rms: float
+    unit: str
+    averaging_s: float
+    improvement: float
+    improvement_ci95: tuple[float, float]
+    baseline_std: float
+    augmented_std: float
+    improvement_std: float
+    improvement_std_ci95: tuple[float, float]
+    per_run: tuple[RunScore, ...]
+
+
+def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str) -> Score | None:
+    """Root mean squares of runs before and after, and the improvement with its interval; None of no runs.
+
+    Parameters
+    ----------
+    before, after : Fit
+    runs : sequence of Run
+    unit : str
+        Of the output.
+    """
+    pairs = [(before.residual(run), after.residual(run)) for run in runs]
+    if not pairs:
+        return None
+    centred = [(left - left.mean(), right - right.mean()) for left, right in pairs]
+    per_run = []
+    for run, pair, about in zip(runs, pairs, centred, strict=True):
+        one, other = _rms([pair[0]]), _rms([pair[1]])
+        stds = _rms([about[0]]), _rms([about[1]])
+        per_run.append(RunScore(run.name, one, other, after.noise_rms, *stds, 1.0 - other / one, _interval([pair])))
+    sizes = [[_rms([pair[k] for pair in group]) for k in (0, 1)] for group in (pairs, centred)]
+    (one, other), (one_std, other_std) = sizes
+    return Score(
+        one,
+        other,
+        after.noise_rms,
+        unit,
+        after.data.runs[0].grid.window_s,
+        1.0 - other / one,
+        _interval(pairs),
+        one_std,
+        other_std,
+        1.0 - other_std / one_std,
+        _interval(centred),
+        tuple(per_run),
+    )
+
+
+def _interval(pairs: Sequence[tuple[Array, Array]]) -> tuple[float, float]:
+    rng = np.random.default_rng(0)
+    drawn = [drawn_squares(pair, block=max(1, len(pair[0]) // _BLOCKS), rng=rng)[0] for pair in pairs]
+    low, high = np.quantile(1.0 - np.sqrt(sum(b[1] for b in drawn) / sum(b[0] for b in drawn)), _INTERVAL)
+    return float(low), float(high)
+
+
+def _rms(parts: Sequence[Array]) -> float:
+    return max(float(np.sqrt(np.mean(np.concatenate(parts) ** 2))), 1e-300)

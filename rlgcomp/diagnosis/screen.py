@@ -1,0 +1,294 @@
+r"""The evidence of many forms at once beside a set.
+
+Columns lie side by side, in the unit of the output, and stay as they are: a noise needs only the Gram matrices of forms, and a set
+with columns A is met by :math:`A^T B` alone. Forms of the same departures K, each with a few columns L of its own, share one
+eigenproblem :math:`K^T K = U \Lambda U^T`; of size s, the rest of
+
+.. math:: M = I + s^2 \begin{pmatrix} K^T K & K^T L \\ L^T K & L^T L \end{pmatrix}
+
+is the small matrix :math:`S = I + s^2 L^T L - W^T \mathrm{diag}(s^4 / (1 + s^2 \lambda)) W` with :math:`W = U^T K^T L`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.evidence import Bank, Conditional, Evidence
+from rlgcomp.diagnosis.terms import Form
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+Scaled = tuple[tuple[Basis, float], ...]
+_OWN: Final = 8  # columns of a form beside those that it shares
+_SHARED: Final = 4  # columns that are shared, at least
+_ALIKE: Final = 4  # forms that share them, at least
+
+
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """Forms of equally many columns that share some: numbers of the forms, places among a section's columns, and scales.
+
+    Parameters
+    ----------
+    forms : ndarray of int, shape (f,)
+    own : ndarray of int, shape (f, l)
+    own_scale : ndarray, shape (f, l)
+    shared : ndarray of int, shape (k,)
+    shared_scale : ndarray, shape (k,)
+    """
+
+    forms: IntArray
+    own: IntArray
+    own_scale: Array
+    shared: IntArray
+    shared_scale: Array
+
+    def only(self, kept: npt.NDArray[np.bool_]) -> Self:
+        """Some of its forms."""
+        return dataclasses.replace(self, forms=self.forms[kept], own=self.own[kept], own_scale=self.own_scale[kept])
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """Columns side by side, shape (n, C), and the forms that are made of them."""
+
+    table: Array
+    panels: tuple[Panel, ...]
+    forms: IntArray
+
+    @classmethod
+    def of(cls, bank: Bank, forms: Sequence[Form], numbers: Sequence[int]) -> Self:
+        """The section of some forms of those numbers; each has a scale."""
+        scaled = [bank.scaled(form) or () for form in forms]
+        bases = dict.fromkeys(basis for one in scaled for basis, _ in one)
+        tables = [bank.reduced(basis) for basis in bases]
+        edges = np.r_[0, np.cumsum([table.shape[1] for table in tables])]
+        place = {basis: np.arange(a, b) for basis, a, b in zip(bases, edges[:-1], edges[1:], strict=True)}
+
+        def places(parts: Scaled) -> tuple[IntArray, Array]:
+            index = np.concatenate([np.empty(0, np.intp), *(place[basis] for basis, _ in parts)])
+            return index, np.concatenate([np.empty(0), *(np.full(len(place[basis]), scale) for basis, scale in parts)])
+
+        widths = {basis: len(index) for basis, index in place.items()}
+        panels = []
+        for (shared, _), alike in _families(forms, scaled, widths).items():
+            rows = [places(own) for _, own in alike]
+            index, scale = (np.array(part) for part in zip(*rows, strict=True))
+            panels.append(Panel(np.array([numbers[k] for k, _ in alike]), index, scale, *places(shared)))
+        return cls(np.hstack(tables), tuple(panels), np.array(numbers))
+
+
+def _families(
+    forms: Sequence[Form], scaled: Sequence[Scaled], widths: Mapping[Basis, int]
+) -> dict[tuple[Scaled, int], list[tuple[int, Scaled]]]:
+    """Forms by what they share and the number of their own columns: number of each form, and its own bases."""
+
+    def width(parts: Scaled) -> int:
+        return sum([widths[basis] for basis, _ in parts])
+
+    split = []
+    for form, parts in zip(forms, scaled, strict=True):
+        shared = tuple(part for part in parts if part[0] in form.smooth and part[0] not in form.lead)
+        own = tuple(part for part in parts if part not in shared)
+        split.append((shared, own) if width(own) <= _OWN and width(shared) >= _SHARED else ((), parts))
+    found: dict[tuple[Scaled, int], list[tuple[int, Scaled]]] = defaultdict(list)
+    for k, (shared, own) in enumerate(split):
+        found[shared, width(own)].append((k, own))
+    for key, alike in list(found.items()):
+        if key[0] and len(alike) < _ALIKE:
+            del found[key]
+            for k, _ in alike:
+                found[(), width(scaled[k])].append((k, scaled[k]))
+    return found
+
+
+class Layout:
+    """Forms in sections, the same under all noises.
+
+    Parameters
+    ----------
+    bank : Bank
+    forms : sequence of Form
+        Each with a scale.
+    labels : sequence, optional
+        A section each; without them there is one.
+    """
+
+    def __init__(self, bank: Bank, forms: Sequence[Form], labels: Sequence[Hashable] | None = None) -> None:
+        self.forms = tuple(forms)
+        by_label: dict[Hashable, list[int]] = defaultdict(list)
+        for k in range(len(forms)):
+            by_label[labels[k] if labels else None].append(k)
+        self.sections = tuple(Section.of(bank, [forms[k] for k in numbers], numbers) for numbers in by_label.values())
+
+
+@dataclasses.dataclass(frozen=True)
+class Products:
+    """Products of a panel's columns under a noise.
+
+    Parameters
+    ----------
+    own : ndarray, shape (f, l, l)
+        Of the own columns of each form.
+    both : ndarray, shape (k, f, l)
+        Of shared columns with own ones.
+    shared : ndarray, shape (k, k)
+        Of the shared columns.
+    """
+
+    own: Array
+    both: Array
+    shared: Array
+
+    def only(self, kept: npt.NDArray[np.bool_]) -> Self:
+        """Of some of the forms."""
+        return dataclasses.replace(self, own=self.own[kept], both=self.both[:, kept])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Grams:
+    """Products of a section's columns under a noise: with the data, and those of each panel."""
+
+    vector: Array
+    panels: tuple[Products, ...]
+
+
+class Screen:
+    """The forms of a layout under one noise; Gram matrices of a section are made when one of its forms is first wanted.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    layout : Layout
+    """
+
+    def __init__(self, evidence: Evidence, layout: Layout) -> None:
+        self.evidence, self.layout = evidence, layout
+        self._grams: dict[int, _Grams] = {}
+
+    def gains(self, given: Conditional, wanted: npt.NDArray[np.bool_] | None = None) -> Array:
+        """Log evidence with each form and of each size, shape (forms, sizes); -inf for forms that are not wanted.
+
+        Parameters
+        ----------
+        given : Conditional
+            Under the same noise.
+        wanted : ndarray of bool, shape (forms,), optional
+        """
+        found = np.full((len(self.layout.forms), len(priors.SIZES)), -np.inf)
+        for k, section in enumerate(self.layout.sections):
+            if wanted is None or wanted[section.forms].any():
+                self._fill(found, given, k, wanted)
+        return found
+
+    def _fill(self, found: Array, given: Conditional, number: int, wanted: npt.NDArray[np.bool_] | None) -> None:
+        section, grams = self.layout.sections[number], self.products(number)
+        cross = given.cross(section.table)
+        vector = grams.vector - cross.T @ given.weights_half
+        for panel, products in zip(section.panels, grams.panels, strict=True):
+            kept = np.ones(len(panel.forms), np.bool_) if wanted is None else wanted[panel.forms]
+            if kept.all():
+                found[panel.forms] = _panel_gains(given, panel, products, cross, vector)
+            elif kept.any():
+                found[panel.forms[kept]] = _panel_gains(given, panel.only(kept), products.only(kept), cross, vector)
+
+    def products(self, number: int) -> _Grams:
+        """Of the section of a number."""
+        if number not in self._grams:
+            self._grams[number] = self._made(self.layout.sections[number])
+        return self._grams[number]
+
+    def _made(self, section: Section) -> _Grams:
+        whitened = self.evidence.whitened
+        white = whitened.whiten(section.table)
+        absorbed = whitened.basis.T @ white
+        panels = []
+        for panel in section.panels:
+            of_own = np.swapaxes(absorbed[:, panel.own] * panel.own_scale, 0, 1)  # (f, p, l)
+            own = np.ascontiguousarray(np.moveaxis(white[:, panel.own] * panel.own_scale, 0, 1))  # (f, n, l)
+            gram = np.matmul(np.swapaxes(own, 1, 2), own) - np.matmul(np.swapaxes(of_own, 1, 2), of_own)
+            shared, of_shared = white[:, panel.shared] * panel.shared_scale, absorbed[:, panel.shared] * panel.shared_scale
+            both = np.moveaxis(shared.T @ own - of_shared.T @ of_own, 1, 0)  # (k, f, l)
+            panels.append(Products(gram, both, shared.T @ shared - of_shared.T @ of_shared))
+        return _Grams(section.table.T @ self.evidence.adjoint_output, tuple(panels))
+
+
+def _panel_gains(given: Conditional, panel: Panel, products: Products, cross: Array, vector: Array) -> Array:
+    """Log evidence with each form of a panel and of each size, shape (forms, sizes).
+
+    Parameters
+    ----------
+    given : Conditional
+    panel : Panel
+    products : Products
+    cross : ndarray, shape (r, C)
+        L⁻¹ AᵀB of the section's columns.
+    vector : ndarray, shape (C,)
+        Products of the section's columns with the data beside the set.
+    """
+    of_own, of_shared = np.swapaxes(cross[:, panel.own] * panel.own_scale, 0, 1), cross[:, panel.shared] * panel.shared_scale
+    v_own, v_shared = vector[panel.own] * panel.own_scale, vector[panel.shared] * panel.shared_scale
+    own = products.own - np.matmul(np.swapaxes(of_own, 1, 2), of_own)
+    if not len(panel.shared):
+        return given.of_sizes(own, v_own)
+    both = products.both - np.tensordot(of_shared, of_own, (0, 1))
+    return _of_sizes(given, products.shared - of_shared.T @ of_shared, both, own, v_shared, v_own)
+
+
+def _of_sizes(given: Conditional, shared: Array, both: Array, own: Array, v_shared: Array, v_own: Array) -> Array:
+    """Log evidence with forms that share columns, of each size, shape (forms, sizes); all products are beside the set.
+
+    Parameters
+    ----------
+    given : Conditional
+    shared, both, own : ndarray, shapes (k, k), (k, f, l), (f, l, l)
+    v_shared, v_own : ndarray, shapes (k,), (f, l)
+        Products with the data.
+    """
+    values, vectors = np.linalg.eigh(shared)
+    values = np.maximum(values, 0.0)
+    k, f, width = both.shape
+    turned = (vectors.T @ both.reshape(k, -1)).reshape(k, f, width)
+    along = vectors.T @ v_shared
+    squares = priors.SIZES**2
+    grown = 1.0 + squares[:, None] * values  # (sizes, k)
+    share = squares[:, None] / grown
+    products = (turned[:, :, :, None] * turned[:, :, None, :]).reshape(k, -1)
+    schur = np.eye(width) + squares[:, None, None, None] * (own - (share @ products).reshape(-1, f, width, width))
+    left = v_own - ((share * along) @ turned.reshape(k, -1)).reshape(-1, f, width)
+    roots = _roots(schur)
+    half = np.linalg.solve(roots, (priors.SIZES[:, None, None] * left)[..., None])[..., 0]
+    log_dets = np.sum(np.log(grown), axis=1)[:, None] + 2.0 * np.sum(np.log(np.diagonal(roots, axis1=2, axis2=3)), axis=2)
+    falls = (share @ along**2)[:, None] + np.sum(half**2, axis=2)
+    return given.of_changes(log_dets.T, falls.T)
+
+
+def _roots(schur: Array) -> Array:
+    """Cholesky factors of matrices that are at least one, of which rounding may have taken a little."""
+    if schur.shape[-1] == 1:
+        return np.asarray(np.sqrt(np.maximum(schur, 1.0)))
+    try:
+        return np.asarray(np.linalg.cholesky(schur))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(schur)
+        safe = np.matmul(vectors * np.maximum(values, 1.0)[..., None, :], np.swapaxes(vectors, -1, -2))
+        return np.asarray(np.linalg.cholesky(safe))
+
+
+def gains(given: Conditional, forms: Iterable[Form]) -> tuple[tuple[Form, ...], Array]:
+    """Those of some forms that have a scale, and the log evidence with each of each size, shape (forms, sizes)."""
+    bank = given.evidence.bank
+    listed = list(forms)
+    bank.prepare(listed)
+    possible = tuple(form for form in listed if bank.scaled(form) is not None)
+    if not possible:
+        return (), np.empty((0, len(priors.SIZES)))
+    return possible, Screen(given.evidence, Layout(bank, possible)).gains(given)

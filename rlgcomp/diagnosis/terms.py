@@ -1,0 +1,132 @@
+"""Terms of the model: forms in regions. A mechanism is the name of a region of driver × memory × form."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.hashed import Hashed
+
+Array = npt.NDArray[np.float64]
+
+MemoryClass = Literal["static", "dynamic", "rate-independent", "none"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Form(Hashed):
+    """One family of functions, s (B₀ w₀ + δ B₁ w₁) with Gaussian weights.
+
+    Parameters
+    ----------
+    region : str
+        Key of the region that it lies in.
+    equation : str
+        In words of the drivers, for people.
+    lead : tuple of Basis
+        B₀; each has weights of its own.
+    smooth : tuple of Basis
+        Part of B₁: smooth functions of the same driver and memory.
+    own : tuple of type of Basis
+        The rest of B₁: what is made of each leading basis, as its shift in time.
+    log_share : float
+        Of the region's prior.
+    """
+
+    region: str
+    equation: str
+    lead: tuple[Basis, ...]
+    smooth: tuple[Basis, ...] = ()
+    own: tuple[Callable[[Basis], Basis], ...] = ()
+    log_share: float = 0.0
+
+    @property
+    def bases(self) -> tuple[Basis, ...]:
+        """All of them."""
+        return *self.lead, *self.departures
+
+    @property
+    def departures(self) -> tuple[Basis, ...]:
+        """B₁."""
+        return (*self.smooth, *(make(basis) for make in self.own for basis in self.lead))
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        """The same with one nonlinear parameter of a leading basis moved by so many steps of its grid."""
+        return tuple(
+            dataclasses.replace(self, lead=(*self.lead[:k], moved, *self.lead[k + 1 :]))
+            for k, basis in enumerate(self.lead)
+            for moved in basis.nearby(step)
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Region:
+    """A class of driver × memory with the forms that are tried in it.
+
+    Parameters
+    ----------
+    key : str
+        The name of the mechanism, or what the law is one of.
+    mechanism : str, optional
+        None: a law without a name.
+    log_odds : float
+        That a term of it is missing.
+    forms : tuple of Form
+    drivers : tuple of str
+        Recorded columns.
+    memory : str
+    grow : callable, optional
+        Richer forms of the same region about a form that was found.
+    propose : callable, optional
+        Forms that a residual suggests, where there are too many to try all; it is whitened window means of all runs.
+    nuisance : bool
+        No missing physics: a step of the bias, a bias a run, a stated number that is wrong.
+    """
+
+    key: str
+    mechanism: str | None
+    log_odds: float
+    forms: tuple[Form, ...]
+    drivers: tuple[str, ...] = ()
+    memory: MemoryClass = "static"
+    grow: Callable[[Form], Iterable[Form]] | None = None
+    propose: Callable[[Array], tuple[Form, ...]] | None = None
+    nuisance: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Family:
+    """Forms of a kind within a region, which share its prior equally.
+
+    Parameters
+    ----------
+    equation : str
+    leads : sequence of tuple of Basis
+        One a form.
+    smooth, own :
+        As of :class:`Form`.
+    weight : float
+        Of this family against the others of its region.
+    """
+
+    equation: str
+    leads: Sequence[tuple[Basis, ...]]
+    smooth: tuple[Basis, ...] = ()
+    weight: float = 1.0
+    own: tuple[Callable[[Basis], Basis], ...] = ()
+
+
+def forms_of(region: str, families: Iterable[Family]) -> tuple[Form, ...]:
+    """The forms of families; each family has its weight of the prior, its forms equal parts of that."""
+    used = [family for family in families if family.leads]
+    total = sum(family.weight for family in used)
+    return tuple(
+        Form(region, family.equation, lead, family.smooth, family.own, math.log(family.weight / total / len(family.leads)))
+        for family in used
+        for lead in family.leads
+    )

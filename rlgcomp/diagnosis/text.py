@@ -1,0 +1,118 @@
+"""A diagnosis as text for a terminal, and the cells of the tables of its page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from rlgcomp.diagnosis.record import Place, Record
+from rlgcomp.diagnosis.remarks import gain, headline, remarks
+from rlgcomp.diagnosis.scores import RunScore, Score
+from rlgcomp.report.messages.diagnosis import MEMORIES
+from rlgcomp.report.messages.wording import (
+    estimate_text,
+    interval_text,
+    listing,
+    percent_text,
+    probability_text,
+    rms_text,
+    time_text,
+)
+
+GROUPS: Final = {
+    "train": "train: name and fit",
+    "confirm": "confirm: take part in the choice",
+    "test": "test: decide nothing, prove",
+}
+SCORE_COLUMNS: Final = ("runs", "before", "after", "noise", "improvement", "95 % interval")
+MEMBER_COLUMNS: Final = ("what", "probability", "rms", "follows", "parameters", "perhaps instead")
+_SHOWN: Final = 6
+
+
+def as_text(record: Record) -> str:
+    """The whole diagnosis, the verdict first."""
+    gained = gain(record)
+    parts = ["\n".join([headline(record).text, *([] if gained is None else [gained.text])])]
+    if record.members:
+        parts.append(_table("What is missing", MEMBER_COLUMNS, member_rows(record)))
+    if record.alternatives:
+        parts.append(_table("Other sets", ("set", "probability"), alternative_rows(record)))
+    if record.where:
+        title = f"Where (probability that nothing is missing: {probability_text(record.healthy)})"
+        parts.append(_table(title, ("place", "share"), place_rows(record)[:_SHOWN]))
+    title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {record.unit}"
+    parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
+    told = remarks(record)
+    if told:
+        parts.append("\n".join(f"- {one}" for one in told))
+    return "\n\n".join(parts)
+
+
+def scores_of(record: Record) -> dict[str, Score]:
+    """The groups of runs that there are."""
+    groups = {"train": record.train, "confirm": record.confirm, "test": record.test}
+    return {name: one for name, one in groups.items() if one is not None}
+
+
+def score_rows(record: Record) -> list[list[str]]:
+    """Before and after: each group and its runs, the proof first."""
+    rows: list[list[str]] = []
+    for name, whole in reversed(scores_of(record).items()):
+        rows.append(_score_row(GROUPS[name], whole))
+        rows += [_score_row(f"  {one.run}", one) for one in whole.per_run if len(whole.per_run) > 1]
+    return rows
+
+
+def _score_row(name: str, one: Score | RunScore) -> list[str]:
+    floor = one.noise_floor_rms
+    sizes = [rms_text(value, floor) for value in (one.baseline_rms, one.augmented_rms, floor)]
+    return [name, *sizes, percent_text(one.improvement, 1), interval_text(one.improvement_ci95, 1)]
+
+
+def member_rows(record: Record) -> list[list[str]]:
+    """What is named: probability, size, drivers, parameters, what may stand in its place."""
+    return [
+        [
+            one.name if one.named else f"a law ({MEMORIES[one.memory]})",
+            probability_text(one.probability),
+            f"{one.rms:.3g} {record.unit}",
+            ", ".join(one.drivers) or ("time since the run's start" if one.memory == "none" and one.function else "no column"),
+            "; ".join(f"{name} = {estimate_text(e.value, e.sd, e.unit)}" for name, e in one.parameters.items()) or one.equation,
+            listing(list(one.indistinguishable_from), "or"),
+        ]
+        for one in record.members
+    ]
+
+
+def alternative_rows(record: Record) -> list[list[str]]:
+    """Sets with their probabilities, the named one first."""
+    best = record.posterior.best.key
+    named = [*sorted(best[0]), *([best[1]] if best[1] else [])]
+    others = [[" + ".join(one.mechanisms) or "nothing missing", probability_text(one.probability)] for one in record.alternatives]
+    return [[" + ".join(named) or "nothing missing", probability_text(record.probability)], *others]
+
+
+def place_text(place: Place) -> str:
+    """A place of the mismatch."""
+    parts = [f"{place.run} {place.channel}"]
+    if place.start_s is not None and place.end_s is not None:
+        parts.append(f"{time_text(place.start_s)} to {time_text(place.end_s)}")
+    if place.regime:
+        parts.append(place.regime)
+    if place.frequency_hz is not None:
+        parts.append(f"at {place.frequency_hz:.4g} Hz")
+    if place.angle_harmonic is not None:
+        parts.append(f"harmonic {place.angle_harmonic:g} of the angle")
+    return ", ".join(parts)
+
+
+def place_rows(record: Record) -> list[list[str]]:
+    """Places of the mismatch with their shares."""
+    return [[place_text(one), percent_text(one.share)] for one in record.where]
+
+
+def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    used = [k for k in range(len(header)) if any(row[k] for row in rows)]
+    lines = [[row[k] for k in used] for row in (header, *rows)]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(used))]
+    return "\n".join([title, *("  " + "  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in lines)])

@@ -1,0 +1,105 @@
+"""Bases of the time in a run: laws of the time since switch-on, and waves."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.bases import Basis, gaussian_process
+from rlgcomp.diagnosis.data import Run
+from rlgcomp.units import SECONDS_PER_DAY
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Since(Basis):
+    r"""A function of the time since switch-on.
+
+    :math:`e^{-(t/\tau)^q}`, :math:`(1 + t/\tau)^{-q}`, :math:`\ln(1 + t/\tau)`, or :math:`t^p` of the run's length.
+    """
+
+    law: Literal["exponential", "hyperbola", "logarithm", "power"]
+    value: float
+    unit_s: float
+    ratio: float = 1.4
+    exponent: float = 1.0
+
+    def columns(self, run: Run) -> Array:
+        if self.law == "power":
+            return ((run.elapsed_s / self.unit_s) ** self.value)[:, None]
+        scaled = run.elapsed_s / self.value
+        if self.law == "hyperbola":
+            return ((1.0 + scaled) ** -self.exponent)[:, None]
+        return (np.exp(-(scaled**self.exponent)) if self.law == "exponential" else np.log1p(scaled))[:, None]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        if self.law == "power" and self.value == 1.0:
+            return ()
+        return tuple(dataclasses.replace(self, value=self.value * f) for f in (self.ratio**step, self.ratio**-step))
+
+    def parameters(self) -> dict[str, float]:
+        if self.law == "power":
+            return {} if self.value == 1.0 else {"exponent": self.value}
+        return {"time_constant_s": self.value}
+
+    def per_unit(self) -> float:
+        return SECONDS_PER_DAY / self.unit_s if self.law == "power" and self.value == 1.0 else 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class SmoothSince(Basis):
+    """A Gaussian process of the logarithm of the time since switch-on."""
+
+    shortest_s: float
+    longest_s: float
+    width: float = 0.4
+    knots: int = 10
+
+    def columns(self, run: Run) -> Array:
+        scaled = 2.0 * np.log1p(run.elapsed_s / self.shortest_s) / math.log1p(self.longest_s / self.shortest_s) - 1.0
+        return gaussian_process(np.minimum(scaled, 1.1), self.width, self.knots)
+
+
+@dataclasses.dataclass(frozen=True)
+class Wave(Basis):
+    """Cosine and sine of one frequency, their phase counted from the beginning of the run; `growing`, times the time."""
+
+    frequency_hz: float
+    resolution_hz: float
+    growing: bool = False
+
+    def columns(self, run: Run) -> Array:
+        turn = 2.0 * math.pi * self.frequency_hz * run.elapsed_s
+        waves = np.column_stack([np.cos(turn), np.sin(turn)])
+        return waves * (2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0)[:, None] if self.growing else waves
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        moves = step * self.resolution_hz, -step * self.resolution_hz
+        return tuple(dataclasses.replace(self, frequency_hz=self.frequency_hz + move) for move in moves)
+
+    def parameters(self) -> dict[str, float]:
+        return {"frequency_hz": self.frequency_hz}
+
+
+@dataclasses.dataclass(frozen=True)
+class Modulated(Basis):
+    """A wave whose amplitude and phase change slowly, as of a frequency that wanders: Gaussian processes of the time in a run."""
+
+    wave: Wave
+    knots: int
+
+    def columns(self, run: Run) -> Array:
+        time = 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0
+        slow = gaussian_process(time, 2.0 / self.knots, self.knots)
+        return (self.wave.columns(run)[:, :, None] * slow[:, None, :]).reshape(run.bins, -1)
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, wave=wave) for wave in self.wave.nearby(step))
+
+    def parameters(self) -> dict[str, float]:
+        return self.wave.parameters()

@@ -1,0 +1,120 @@
+"""The fitted model of a diagnosis as a simulator file."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.bases import Glitch, Magnitude, Power, Product, Shift, Smooth
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.evidence import Bank, Member
+from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
+from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.simulator_file import simulator_of
+from rlgcomp.diagnosis.terms import Form
+from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
+from rlgcomp.errors import InputError
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.physics.tabulated_law import TabulatedLaw
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+PROGRAMMES = (
+    "start 20, hold 40, ramp -30 1, hold 60, ramp 50 1.2, hold 40, ramp 10 0.8, hold 40, ramp 35 1, hold 30",
+    "start 25, hold 30, ramp 55 0.9, hold 60, ramp -20 1.1, hold 50, ramp 30 0.7, hold 30, ramp 0 1, hold 30",
+)
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Recording]:
+    real = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    return [real.simulate(p, seed=k, step_s=10.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+
+
+def fit_with(runs: list[Recording], *forms: Form) -> Fit:
+    """A fit of an output that follows a temperature's square root, so that all weights of the forms are used."""
+    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["temperature_rate"]})
+    grid = Grid.of(runs)
+    data = Data(tuple(Run.of(run, grid, lambda binned: np.sqrt(60.0 + binned.column("temperature_block_degC"))) for run in runs))
+    baseline = Baseline(simulator).linearised(data)
+    bank = Bank(data, baseline.design(data))
+    return Fit(data, baseline, bank, State(tuple(Member(form, 30.0) for form in forms), Noise(), 0.0))
+
+
+def forms_of(runs: list[Recording]) -> dict[str, tuple[Any, ...]]:
+    grid = Grid.of(runs)
+    data = Data(tuple(Run.of(run, grid, lambda binned: np.zeros(len(binned))) for run in runs))
+    block = Driver.of(data, "temperature_block_degC")
+    gradient = Path(Driver.of(data, "temperature_block_degC", "temperature_shell_degC", combination="difference"))
+    contrast = Path(Driver.of(data, "readout_a_V", "readout_b_V", combination="contrast"))
+    hop = Relays(block, (0.3, -0.4), (0.25, -0.45), "below")
+    times = (100.0, 700.0, 3000.0)
+    return {
+        "polynomial and smooth": (Power(Path(block), 3), Smooth(Path(block))),
+        "difference": (Power(gradient), Smooth(gradient), Shift(Power(gradient))),
+        "contrast": (Power(contrast), Smooth(contrast)),
+        "rate": (Power(Path.rate(data, block)), Magnitude(Path.rate(data, block))),
+        "late": (Power(Path(block, "lag", 900.0)), Lag(block, 500.0, 1.4, behind=False)),
+        "lags": (Lag(block, 900.0, 1.4), Conduction(block, 4000.0, True, 1.4), Spectrum(block, times)),
+        "plays": (Plays(block, 0.2, True), Plays(block, 0.3, False, "above")),
+        "relays": (hop, Shift(hop), Glitch(hop)),
+        "density": (Preisach(block, 0.6, True, 0.5, 20),),
+        "product": (Product(Path(block), Path(Driver.of(data, "supply_voltage_V"))),),
+        "time": (Since("exponential", 1500.0, 20000.0), Since("power", 0.5, 20000.0), SmoothSince(70.0, 20000.0)),
+        "waves": (Wave(1e-3, 1e-5), Wave(1e-3, 1e-5, True)),
+    }
+
+
+@pytest.mark.parametrize("name", [
+    "polynomial and smooth", "difference", "contrast", "rate", "late", "lags", "plays", "relays", "density", "product", "time",
+    "waves",
+])  # fmt: skip
+def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recording], tmp_path: File) -> None:
+    bases = forms_of(runs)[name]
+    fit = fit_with(runs, Form("term", "b = f", bases[:1], bases[1:]))
+    written = simulator_of(fit, CATALOGUE)
+    assert not written.left_out
+    assert written.error < 0.02
+    written.simulator.to_yaml(tmp_path / "augmented.yaml")
+    again = Simulator.from_yaml(tmp_path / "augmented.yaml")
+    assert again == dataclasses.replace(written.simulator, free=again.free)
+    for run in runs:
+        one, other = (simulator.predict(run).rate_deg_h() for simulator in (written.simulator, again))
+        np.testing.assert_array_equal(one, other)
+        fitted = fit.rate_deg_h(run, Grid.of(runs))  # constant after the last whole window
+        assert np.std((one - fitted)[:-10]) < 0.05 * np.std(one)
+
+
+def test_a_table_is_straight_beyond_its_knots_and_monotone_between() -> None:
+    law = TabulatedLaw(driver="x_V", memory="none", knots=(0.0, 1.0, 3.0), weights=(0.0, 2.0, 2.0), slope_below=5.0, step_s=1.0)
+    x = np.array([-1.0, 0.0, 0.5, 1.0, 2.0, 3.0, 9.0])
+    table = pd.DataFrame({"time_s": np.arange(7.0), "gyro_deg_h": 0.0, "x_V": x})
+    values = law.basis(Recording(table))[:, 0]
+    assert values[[0, 1, 3, 4, 5, 6]] == pytest.approx([-5.0, 0.0, 2.0, 2.0, 2.0, 2.0])
+    assert 0.0 < values[2] < 2.0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"memory": "none"},
+        {"driver": "x_V", "memory": "none", "knots": [0.0, 1.0], "weights": [1.0]},
+        {"driver": "x_V", "memory": "none", "knots": [1.0, 0.0], "weights": [1.0, 2.0]},
+        {"driver": "x_V", "memory": "relays", "knots": [1.0], "weights": [1.0]},
+        {"driver": "x_V", "memory": "product", "knots": [1.0, 2.0], "weights": [1.0]},
+        {"knots": "many"},
+        {"knots": [float("nan")]},
+    ],
+)
+def test_a_table_that_is_none_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="tabulated_law"):
+        TabulatedLaw.from_mapping(wrong)

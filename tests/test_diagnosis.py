@@ -1,0 +1,262 @@
+"""Diagnosis on one model: what it names, and that the answer does not depend on units or habits."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bases import Power, Smooth
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+from rlgcomp.diagnosis.drivers import Driver, Path, lagged
+from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.memories import Plays, Preisach, Relays, relays
+from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation
+from rlgcomp.diagnosis.regions import Setting
+from rlgcomp.diagnosis.screen import Layout, Screen
+from rlgcomp.diagnosis.telegraph import two_state
+from rlgcomp.diagnosis.terms import Form
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+PROGRAMMES = (
+    "start 20, hold 40, ramp -30 1, hold 60, ramp 50 1.2, hold 40, ramp 10 0.8, hold 40, ramp 35 1, hold 30",
+    "start 25, hold 30, ramp 55 0.9, hold 60, ramp -20 1.1, hold 50, ramp 30 0.7, hold 30, ramp 0 1, hold 30",
+)
+BASELINE: dict[str, Any] = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
+NOISE = {"angle_random_walk_deg_sqrt_h": 0.0005}
+
+
+def made(*missing: str | dict[str, Any], seed: int = 3) -> list[Recording]:
+    """Runs of a gyro with what the simulator of the tests lacks."""
+    real = {"kind": "chamber", "mechanisms": ["thermal_polynomial", *missing], "noise": NOISE}
+    simulator = Simulator.from_mapping(real)
+    return [simulator.simulate(p, seed=seed + k, step_s=10.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+
+
+def asked(runs: Sequence[Recording]) -> Diagnosis:
+    return diagnose(Simulator.from_mapping(BASELINE), runs)
+
+
+def mechanisms(diagnosis: Diagnosis) -> list[str]:
+    return sorted(finding["mechanism"] for finding in diagnosis.to_mapping()["findings"])
+
+
+HYSTERESIS = {"thermal_hysteresis": {"law": "plays", "k1_deg_h_K": 2e-3, "radius_K": 8.0}}
+CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
+    ((), []),
+    (({"supply_voltage": {"k_deg_h_V": 0.5}},), ["supply_voltage"]),
+    (({"mode_hop": {"step_deg_h": 0.01, "threshold_degC": 22.0}},), ["mode_hop"]),
+    (({"thermal_lag": {"k_deg_h_K": 2e-3, "time_constant_s": 1500.0}},), ["thermal_lag"]),
+    (({"warm_up": {"initial_deg_h": 0.02, "time_constant_s": 2000.0}},), ["warm_up"]),
+    (({"random_telegraph": {"half_step_deg_h": 0.01, "dwell_s": 2500.0}},), ["random_telegraph"]),
+    (({"periodic_interference": {"frequency_hz": 1.0 / 1300.0}},), ["periodic_interference"]),
+    (({"magnetic_field": {"k_deg_h_uT": 0.002}}, {"discharge_imbalance": {}}), ["discharge_imbalance", "magnetic_field"]),
+]
+
+
+@pytest.mark.parametrize(("missing", "expected"), CASES, ids=lambda value: "+".join(map(str, value))[:40] or "none")
+def test_names_what_is_missing(missing: tuple[str | dict[str, Any], ...], expected: list[str]) -> None:
+    found = asked(made(*missing))
+    assert mechanisms(found) == expected
+    assert found.verdict in (("explained", "ambiguous") if expected else ("none",))
+
+
+def test_mapping_has_the_keys_of_the_contract() -> None:
+    runs = made({"supply_voltage": {"k_deg_h_V": 0.5}})
+    content = diagnose(Simulator.from_mapping(BASELINE), runs[:1], runs[1:]).to_mapping()
+    assert {"schema", "verdict", "mismatch", "findings", "alternatives", "unexplained", "fit", "next_experiment"} <= set(content)
+    (finding,) = content["findings"]
+    estimate = finding["parameters"]["k_deg_h_V"]
+    assert estimate["unit"] == "deg/h/V"
+    assert abs(estimate["value"] - 0.5) < 4.0 * estimate["sd"]
+    test = content["fit"]["test"]
+    assert test["augmented_rms"] < 0.7 * test["baseline_rms"]
+    assert test["improvement_ci95"][0] < test["improvement"] < test["improvement_ci95"][1]
+
+
+# --- invariance ----------------------------------------------------------------------------------------------------------------
+
+
+def with_table(runs: Sequence[Recording], change: Callable[[pd.DataFrame], pd.DataFrame]) -> list[Recording]:
+    return [run.replace(table=change(run.table), truth=None) for run in runs]
+
+
+def irrelevant(table: pd.DataFrame) -> pd.DataFrame:
+    rng = np.random.default_rng(len(table))
+    return table.assign(humidity_percent=40.0 + 0.01 * np.cumsum(rng.standard_normal(len(table))))
+
+
+CHANGES: dict[str, Callable[[list[Recording]], list[Recording]]] = {
+    "time stretched": lambda runs: with_table(runs, lambda t: t.assign(time_s=1000.0 * t["time_s"])),
+    "output 1e5 times as loud": lambda runs: with_table(runs, lambda t: t.assign(gyro_deg_h=1e5 * t["gyro_deg_h"])),
+    "columns in another order": lambda runs: with_table(runs, lambda t: t[["time_s", *sorted(set(t.columns) - {"time_s"})]]),
+    "runs in another order": lambda runs: runs[::-1],
+    "a constant added to a monitor": lambda runs: with_table(
+        runs, lambda t: t.assign(supply_voltage_V=t["supply_voltage_V"] + 7.0)
+    ),
+    "an irrelevant column more": lambda runs: with_table(runs, irrelevant),
+}
+
+
+@pytest.fixture(scope="module")
+def hysteretic() -> list[Recording]:
+    return made(HYSTERESIS)
+
+
+@pytest.fixture(scope="module")
+def plain(hysteretic: list[Recording]) -> Diagnosis:
+    return asked(hysteretic)
+
+
+def test_names_hysteresis(plain: Diagnosis) -> None:
+    assert mechanisms(plain) == ["thermal_hysteresis"]
+    assert plain.verdict in ("explained", "ambiguous")
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_answer_does_not_depend_on_habits(name: str, hysteretic: list[Recording], plain: Diagnosis) -> None:
+    changed = asked(CHANGES[name](hysteretic))
+    assert (changed.verdict, mechanisms(changed)) == (plain.verdict, mechanisms(plain))
+    one, other = (found.posterior.of_region("thermal_hysteresis") for found in (plain, changed))
+    assert other == pytest.approx(one, abs=0.05)
+
+
+# --- parts ---------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def data() -> Data:
+    runs = made()
+    grid = Grid.of(runs)
+    return Data(tuple(Run.of(run, grid, lambda binned: binned.rate_deg_h()) for run in runs))
+
+
+def test_windows_follow_from_the_runs(data: Data) -> None:
+    assert 200 < max(len(run.output) for run in data.runs) <= 400
+    for run in data.runs:
+        assert np.allclose(
+            run.means(run.column("temperature_block_degC"))[5],
+            run.column("temperature_block_degC")[5 * run.grid.bins :][: run.grid.bins].mean(),
+        )
+
+
+def test_a_relay_switches_between_the_middles_of_bins() -> None:
+    states = relays(np.array([0.0, 1.0, 2.0, 1.0, 0.0]), np.array([1.25]), np.array([0.75]), "rested")
+    assert states[:, 0] == pytest.approx([0.0, 0.25, 1.0, 0.75, 0.0])
+
+
+def test_a_lag_approaches_a_step() -> None:
+    values = np.r_[0.0, np.ones(50)]
+    assert lagged(values, 1.0, 5.0)[-1] == pytest.approx(1.0, abs=1e-3)
+    ramp = np.arange(200.0)
+    assert (ramp - lagged(ramp, 1.0, 5.0))[-1] == pytest.approx(5.0)
+
+
+def test_relaxation_is_averaged_over_windows() -> None:
+    windows, fine = 3.0, 200
+    lags = np.arange(4 * fine) / fine
+    exact = np.exp(-np.abs(lags[:, None] - lags) / windows)
+    means = exact.reshape(4, fine, 4, fine).mean(axis=(1, 3))
+    assert relaxation(4, windows) == pytest.approx(means[0], rel=1e-3)
+
+
+def test_evidence_is_the_density_of_the_data(data: Data) -> None:
+    """Ratios of closed-form evidences are those of the densities, the variance integrated by quadrature."""
+    rng = np.random.default_rng(5)
+    short = Data(
+        tuple(
+            dataclasses.replace(
+                run, full=run.full & (np.arange(len(run.full)) < 12), output=rng.standard_normal(12), white=np.ones(12)
+            )
+            for run in data.runs
+        )
+    )
+    path = Path(Driver.of(short, "supply_voltage_V"))
+    form = Form("x", "b = k u", (Power(path),), (Smooth(path, 0.5, 4),))
+    bank = Bank(short, np.ones((len(short), 1)))
+    evidence = Evidence(bank, Noise(flicker=0.35), 0.0)
+
+    def log_density(members: tuple[Member, ...]) -> float:
+        length = max(len(run.full) for run in short.runs)
+        blocks = [Noise(flicker=0.35).covariance(run.windows, run.white, length) for run in short.runs]
+        covariance = np.zeros((len(short), len(short)))
+        for rows, block in zip(short.slices, blocks, strict=True):
+            covariance[rows, rows] = block
+        for member in members:
+            for basis, scale in bank.scaled(member.form) or ():
+                table = member.size * scale * bank.columns(basis)
+                covariance += table @ table.T
+        flat = covariance + 1e7 * np.ones_like(covariance)  # a constant of any size
+        sigma = np.geomspace(0.05, 50.0, 4000)
+        _, log_det = np.linalg.slogdet(flat)
+        square = short.output @ np.linalg.solve(flat, short.output)
+        # the constant is flat in its own unit: one power of σ belongs to it
+        log_terms = -0.5 * log_det - len(short) * np.log(sigma) - 0.5 * square / sigma**2 + np.log(sigma)
+        return float(np.log(np.trapezoid(np.exp(log_terms), np.log(sigma))))
+
+    members = (Member(form, 1.8),)
+    assert evidence.log_evidence(members) - evidence.log_evidence(()) == pytest.approx(
+        log_density(members) - log_density(()), abs=1e-3
+    )
+    assert evidence.given(()).gain(form)[2] == pytest.approx(evidence.log_evidence(members))
+    assert evidence.given(members).log_evidence == pytest.approx(evidence.log_evidence(members))
+
+
+def test_forms_together_have_the_evidence_that_each_has_alone(data: Data) -> None:
+    """Forms that share their departures, and others; beside a set and beside none; a wide basis is held in fewer columns."""
+    setting = Setting(data, Driver.of(data, "temperature_block_degC"))
+    path = Path(Driver.of(data, "supply_voltage_V"))
+    plays = [
+        Form("loop", "play", (Plays(path.driver, r, spread=False),), (Smooth(path, 0.5, 8),)) for r in (0.1, 0.2, 0.3, 0.4, 0.6)
+    ]
+    wide = Form("wide", "relays of smooth density", (Preisach(setting.temperature, 0.4, True, 0.3, 22),), (Smooth(path, 0.5, 8),))
+    forms = [*plays, wide, Form("line", "b = k u", (Power(path),))]
+    bank = Bank(data, np.ones((len(data), 1)))
+    bank.prepare(forms)
+    assert bank.reduced(wide.lead[0]).shape[1] < bank.columns(wide.lead[0]).shape[1]
+    evidence = Evidence(bank, Noise(flicker=0.35, walk=1.0), 0.0)
+    for members in ((), (Member(plays[2], 5.4),)):
+        given = evidence.given(members)
+        table = Screen(evidence, Layout(bank, forms)).gains(given)
+        for form, row in zip(forms, table, strict=True):
+            alone = [evidence.log_evidence((*members, Member(form, size))) for size in priors.SIZES]
+            assert row == pytest.approx(alone, abs=1e-3)
+
+
+def test_whitened_noise_is_white(data: Data) -> None:
+    noise, rng = Noise(flicker=0.35, walk=1.0), np.random.default_rng(1)
+    length = max(len(run.full) for run in data.runs)
+    roots = [np.linalg.cholesky(noise.covariance(run.windows, run.white, length)) for run in data.runs]
+    drawn = np.concatenate([root @ rng.standard_normal((len(root), 40)) for root in roots])
+    white = Whitened(data, np.ones((len(data), 1)), noise).whiten(drawn)
+    assert np.std(white) == pytest.approx(1.0, abs=0.02)
+    assert abs(np.mean(white[1:] * white[:-1])) < 0.02
+
+
+def test_two_state_recursions_sum_over_all_paths() -> None:
+    ratio, flip = np.array([0.7, -1.2, 0.4, 2.0]), 0.2
+    total, mean = 0.0, np.zeros(4)
+    for number in range(16):
+        path = np.array([1.0 if number >> k & 1 else -1.0 for k in range(4)])
+        weight = 0.5 * np.prod(np.where(path[1:] == path[:-1], 1.0 - flip, flip)) * np.exp(0.5 * path @ ratio)
+        total, mean = total + weight, mean + weight * path
+    log_likelihood, found, _ = two_state(ratio, flip)
+    assert log_likelihood == pytest.approx(np.log(total))
+    assert found == pytest.approx(mean / total)
+
+
+def test_bases_have_the_memory_that_they_name(data: Data) -> None:
+    driver = Driver.of(data, "temperature_block_degC")
+    run = data.runs[0]
+    play = Plays(driver, 0.3, spread=False).columns(run)[:, 0] + driver.values(run)
+    assert np.abs(play - driver.values(run)).max() <= 0.3 + 1e-9
+    states = Relays(driver, (0.1,), (0.0,)).columns(run)
+    assert states.min() == 0.0
+    assert states.max() == 1.0

@@ -1,0 +1,246 @@
+"""The diagnosis of the one-model engine as scripts use it: attributes, plain data, messages, files and its page."""
+
+from __future__ import annotations
+
+import html
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner, Result
+
+import rlgcomp as rlg
+from rlgcomp.challenge.score import Hidden, Score
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.errors import InputError
+from rlgcomp.physics.user import user_catalogue
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+from tests.own_mechanism import write_bellows
+
+PROGRAMMES = (
+    "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
+    "start 25, hold 20, ramp 45 2, hold 30, ramp -10 2, hold 20, ramp 30 2, hold 10",
+    "start 10, hold 20, ramp 35 2, hold 30, ramp -15 2, hold 20, ramp 20 2, hold 10",
+)
+FEW = ("supply_voltage", "magnetic_field", "temperature_rate")
+BASELINE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+REAL = Simulator.from_mapping(
+    {
+        "kind": "chamber",
+        "mechanisms": [{"thermal_polynomial": {"degree": 2}}, {"supply_voltage": {"k_deg_h_V": 0.5}}],
+        "noise": {"angle_random_walk_deg_sqrt_h": 0.0005},
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Recording]:
+    return [REAL.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+
+
+@pytest.fixture(scope="module")
+def found(runs: list[Recording]) -> Diagnosis:
+    return diagnose(BASELINE, runs[:1], runs[2:], confirm=runs[1:2], only=FEW)
+
+
+def test_its_attributes_are_those_that_scripts_use(found: Diagnosis) -> None:
+    assert found.verdict == "explained"
+    (cause,) = found.causes
+    assert cause.name == "supply_voltage"
+    assert cause.probability > 0.99
+    estimate = cause.parameters["k_deg_h_V"]
+    assert abs(estimate.value - 0.5) < 4.0 * estimate.sd
+    assert estimate.unit == "deg/h/V"
+    assert cause.drivers == ("supply_voltage_V",)
+    assert found.healthy < 0.01 < found.probability
+    assert found.test is not None
+    assert found.test.improvement_ci95[0] > 0.3
+    assert found.train.baseline_rms > found.train.augmented_rms
+    assert isinstance(found.to_frame(), pd.DataFrame)
+    assert "supply_voltage" in str(found)
+    assert "supply_voltage" in found._repr_html_()
+    assert found.noise.angle_random_walk_deg_sqrt_h == pytest.approx(0.0005, rel=0.15)
+
+
+def test_the_function_found_is_a_table_with_units(found: Diagnosis) -> None:
+    table = found.findings[0]["function"]
+    assert (table["kind"], table["of"], table["of_unit"], table["unit"]) == ("static", "supply_voltage_V", "V", "deg/h")
+    slope = np.polyfit(table["driver"], table["value"], 1)[0]
+    assert slope == pytest.approx(0.5, rel=0.2)
+    assert all(sd > 0.0 for sd in table["sd"])
+
+
+def test_its_json_has_the_keys_of_the_contract(found: Diagnosis, tmp_path: Path) -> None:
+    found.save(tmp_path)
+    content = json.loads((tmp_path / "diagnosis.json").read_text())
+    keys = {"schema", "verdict", "mismatch", "findings", "alternatives", "unexplained", "fit", "next_experiment", "remarks", "runs"}
+    assert keys | {"provenance", "probability", "nothing_missing", "steps"} <= set(content)
+    assert [one["run"] for one in content["runs"]["train"]] == ["run0"]
+    assert [one["run"] for one in content["runs"]["confirm"]] == ["run1"]
+    assert [one["run"] for one in content["runs"]["test"]] == ["run2"]
+    assert content["fit"]["confirm"]["per_run"][0]["run"] == "run1"
+    assert set(content["baseline"]) == {"thermal_polynomial"}
+    assert all(set(one) == {"code", "data", "text"} for one in content["remarks"] + content["messages"])
+    scored = Score.of(Hidden(("supply_voltage",), {"supply_voltage.k_deg_h_V": 0.5}), content)
+    assert scored.exact
+    assert scored.verdict_right
+    assert abs(scored.errors_sd["supply_voltage.k_deg_h_V"]) < 4.0
+
+
+def test_messages_are_codes_and_data(found: Diagnosis) -> None:
+    headline, gain = found.messages
+    assert headline.code == "diagnosis.causes"
+    assert headline.data["causes"][0]["mechanism"] == "supply_voltage"
+    assert gain.code == "diagnosis.gain"
+    assert gain.data["improvement"] == found.test.improvement
+    codes = {one.code: one.data for one in found.remarks}
+    assert codes["diagnosis.confirmed"] == {"runs": ["run1"]}
+    assert codes["diagnosis.only"] == {"mechanisms": list(FEW)}
+
+
+def test_the_file_predicts_as_the_augmented_simulator(found: Diagnosis, runs: list[Recording], tmp_path: Path) -> None:
+    found.save(tmp_path)
+    again = Simulator.from_yaml(tmp_path / "augmented.yaml")
+    one, other = (simulator.predict(runs[2]).rate_deg_h() for simulator in (found.augmented, again))
+    np.testing.assert_array_equal(one, other)
+    (run,) = found.test_runs
+    fitted = run.means(found.after.predicted(run))
+    assert np.std(run.means(run.on_bins_of_rows(one)) - fitted) < 0.1 * found.after.white
+    assert found.augmented_file.error < 0.1
+    assert {"thermal_polynomial", "supply_voltage"} <= {mechanism.name for mechanism in again.mechanisms}
+
+
+def test_the_augmented_simulator_lacks_nothing(found: Diagnosis, runs: list[Recording]) -> None:
+    again = diagnose(found.augmented, runs[1:], only=FEW)
+    assert again.verdict == "none"
+    assert again.messages[0].code == "diagnosis.nothing_missing"
+
+
+def test_the_page_holds_what_was_found(found: Diagnosis, tmp_path: Path) -> None:
+    found.report(tmp_path / "report.html")
+    page = html.unescape((tmp_path / "report.html").read_text())
+    assert page.count("<svg") >= 3
+    for part in (*(one.text for one in found.messages), "supply_voltage_V", "run1", "run2", "deg/h"):
+        assert part in page
+
+
+def test_candidates_can_be_left_out(runs: list[Recording]) -> None:
+    found = diagnose(BASELINE, runs[:2], only=FEW, without=["supply_voltage"])
+    assert found.verdict == "unknown"
+    assert found.decision.drivers == ("supply_voltage_V",)
+    content = found.to_mapping()
+    assert content["unexplained"]["laws"][0]["function"]["of"] == "supply_voltage_V"
+    assert [one.code for one in found.messages] == ["diagnosis.law", "diagnosis.no_test_runs"]
+    assert {one.code: one.data for one in found.remarks}["diagnosis.left_out"] == {"mechanisms": ["supply_voltage"]}
+    with pytest.raises(InputError, match="'no_such' is no candidate"):
+        diagnose(BASELINE, runs[:1], without=["no_such"])
+
+
+def test_an_output_of_another_unit_is_told_in_it(runs: list[Recording], tmp_path: Path) -> None:
+    with_force = [run.replace(table=run.table.assign(force_N=1e3 * run.column("gyro_deg_h")), truth=None) for run in runs]
+    found = diagnose(BASELINE, with_force[:1], with_force[2:], output="force_N", only=FEW)
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    content = found.to_mapping()
+    assert content["output"] == {"column": "force_N", "unit": "N"}
+    assert content["findings"][0]["parameters"]["k_deg_h_V"]["unit"] == "N/V"
+    assert content["findings"][0]["parameters"]["k_deg_h_V"]["value"] == pytest.approx(500.0, rel=0.2)
+    assert content["fit"]["test"]["unit"] == "N"
+    found.report(tmp_path / "report.html")
+    assert "deg/h" not in str(found) + found.sentence
+    with pytest.raises(InputError, match="output is 'torque_N_m'"):
+        diagnose(BASELINE, runs[:1], output="torque_N_m")
+
+
+def test_a_users_own_simulator_is_a_column(runs: list[Recording]) -> None:
+    def simulated(run: Recording) -> np.ndarray:
+        return BASELINE.predict(run).rate_deg_h()
+
+    found = diagnose(simulated, runs[:1], runs[2:], only=FEW)
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    assert "diagnosis.beside_own_simulator" in {one.code for one in found.remarks}
+    assert "thermal_polynomial" not in {mechanism.name for mechanism in found.augmented.mechanisms}
+    predicted = [BASELINE.predict(run) for run in runs]
+    same = diagnose(None, runs[:1], runs[2:], simulated=[predicted[0], predicted[2]], only=FEW)
+    assert [cause.name for cause in same.causes] == ["supply_voltage"]
+
+
+def test_one_of_several_gyros(runs: list[Recording]) -> None:
+    two = []
+    for run in runs[:1]:
+        table = run.table.drop(columns="gyro_deg_h")
+        table = table.assign(gyro_x_deg_s=run.column("gyro_deg_h") / 3600.0, gyro_y_deg_s=0.001 * np.arange(len(run)))
+        two.append(run.replace(table=table, truth=None))
+    found = diagnose(BASELINE, two[:1], gyro="gyro_x_deg_s", only=FEW)
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    assert found.to_mapping()["output"]["column"] == "gyro_x_deg_s"
+
+
+def test_a_mechanism_of_the_users_is_a_candidate(runs: list[Recording], tmp_path: Path) -> None:
+    own = user_catalogue([write_bellows(tmp_path / "bellows.py")])
+    pressure = [run.column("pressure_hPa") for run in runs]
+    scale = 0.02 / np.std((np.concatenate(pressure) - 1010.0) ** 2)
+    bent = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + scale * (p - 1010.0) ** 2), truth=None)
+        for run, p in zip(runs, pressure, strict=True)
+    ]
+    found = diagnose(REAL, bent[:2], bent[2:], mechanisms=own, only=["bellows", "ambient_pressure"])
+    (cause,) = found.causes
+    assert cause.name == "bellows"
+    found.save(tmp_path)
+    again = Simulator.from_yaml(tmp_path / "augmented.yaml", own)
+    (written,) = [mechanism for mechanism in again.mechanisms if mechanism.name == "bellows"]
+    assert written.to_mapping()["k_deg_h_hPa2"] == pytest.approx(scale, rel=0.3)
+
+
+def test_a_set_that_leaves_more_of_the_training_runs_is_not_named(runs: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here every set counts as one that does."""
+    monkeypatch.setattr("rlgcomp.diagnosis.diagnose.MORE_LEFT", 0.0)
+    found = diagnose(BASELINE, runs[:1], only=FEW)
+    assert found.verdict == "none"
+    assert found.messages[0].code == "diagnosis.nothing_named"
+    (told,) = [one for one in found.remarks if one.code == "diagnosis.worse_in_training"]
+    assert told.data["mechanisms"] == ["supply_voltage"]
+    assert found.train.improvement == 0.0
+
+
+# --- the command ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(runs: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    for run in runs:
+        rlg.write(run, folder / f"{run.name}.parquet")
+        run.table.rename(columns={"gyro_deg_h": "force_N"}).to_csv(folder / f"{run.name}.csv", index=False)
+    BASELINE.to_yaml(folder / "gyro.yaml")
+    return folder
+
+
+def command(folder: Path, *arguments: str) -> Result:
+    register_commands()
+    placed = [str(folder / one) if one.endswith((".parquet", ".csv", ".yaml")) else one for one in arguments]
+    return CliRunner().invoke(app, ["diagnose", "--simulator", str(folder / "gyro.yaml"), *placed, "--only", *FEW])
+
+
+def test_the_command_writes_what_it_found(folder: Path, tmp_path: Path) -> None:
+    files = ("--train", "run0.parquet", "--confirm", "run1.parquet", "--test", "run2.parquet")
+    result = command(folder, *files, "--json", "--out", str(tmp_path / "out"))
+    assert result.exit_code == 0
+    content = json.loads(result.stdout)
+    assert [one["mechanism"] for one in content["findings"]] == ["supply_voltage"]
+    assert [Path(one["file"]).name for one in content["runs"]["confirm"]] == ["run1.parquet"]
+    assert all(len(one["sha256"]) == 64 for part in content["runs"].values() for one in part)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"diagnosis.json", "augmented.yaml", "report.html"}
+
+
+def test_the_command_diagnoses_a_quantity_that_is_no_gyro(folder: Path, tmp_path: Path) -> None:
+    arguments = ("--train", "run0.csv", "--output", "force_N", "--json", "--out", str(tmp_path / "out"))
+    content = json.loads(command(folder, *arguments).stdout)
+    assert content["output"] == {"column": "force_N", "unit": "N"}
+    assert content["findings"][0]["parameters"]["k_deg_h_V"]["unit"] == "N/V"

@@ -1,0 +1,197 @@
+"""Errors of the drivers: how they are estimated, that they join the noise, and that they are not taken for physics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.decide import decided
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.errors import Errors, errors_of
+from rlgcomp.diagnosis.evidence import Member
+from rlgcomp.diagnosis.memories import Relays
+from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.numerics.readings import noise_variance, rounding_step, smoothed
+from rlgcomp.recording import Metadata, Recording
+from rlgcomp.simulation.simulator import Simulator
+
+STATIC: dict[str, Any] = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
+
+
+def wandering(samples: int, correlation: float, rng: np.random.Generator) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """An Ornstein–Uhlenbeck process of unit size."""
+    from scipy.signal import lfilter
+
+    keep = np.exp(-1.0 / correlation)
+    kicks = rng.standard_normal(samples) * np.r_[1.0, np.full(samples - 1, np.sqrt(1.0 - keep**2))]
+    return np.asarray(lfilter([1.0], [1.0, -keep], kicks))
+
+
+def made(seed: int, *, slope: float, read_noise: float, step_K: float = 0.0) -> list[Recording]:
+    """Runs whose gyro follows the square of the light; of monitors that are read with noise, and a thermometer that rounds."""
+    runs = []
+    for k in range(2):
+        rng = np.random.default_rng([seed, k])
+        time_s = 10.0 * np.arange(3000)
+        corners = [-1.0, -1.0, 1.2, 1.2, -0.5, -0.5, 0.5][:: 1 - 2 * k]
+        block = 20.0 + 30.0 * np.interp(time_s, [0.0, 3e3, 9e3, 12e3, 19e3, 23e3, 3e4], corners)
+        light, beam, supply = (wandering(3000, 200.0, rng) for _ in range(3))
+        gyro = 0.02 * (block - 20.0) + slope * light**2 + np.sqrt(10.0) * rng.standard_normal(3000)
+        read = block + 0.003 * rng.standard_normal(3000)
+        table = {
+            "time_s": time_s,
+            "gyro_deg_h": gyro,
+            "temperature_block_degC": np.round(read / step_K) * step_K if step_K else read,
+            "light_intensity_V": 1.0 + 0.01 * (light + read_noise * rng.standard_normal(3000)),
+            "readout_a_V": 1.0 + 0.01 * (light + beam + read_noise * rng.standard_normal(3000)),
+            "supply_voltage_V": 15.0 + supply,
+        }
+        runs.append(Recording(pd.DataFrame(table), Metadata(kind="chamber"), name=f"run{k}"))
+    return runs
+
+
+def test_noise_of_readings_is_not_wander() -> None:
+    rng = np.random.default_rng(1)
+    course = wandering(20_000, 300.0, rng)
+    assert noise_variance(course) < 2e-4
+    assert noise_variance(course + 0.2 * rng.standard_normal(20_000)) == pytest.approx(0.04, rel=0.1)
+
+
+def test_a_rounded_column_tells_its_step() -> None:
+    values = np.linspace(0.0, 20.0, 5000)
+    assert rounding_step(values) == 0.0
+    assert rounding_step(np.round(values / 0.25) * 0.25) == pytest.approx(0.25)
+
+
+def test_smooth_is_nearer_the_driver_and_keeps_jumps() -> None:
+    rng = np.random.default_rng(2)
+    truth = wandering(3000, 300.0, rng) + 5.0 * (np.arange(3000) > 1500)
+    found, variance, widths = smoothed(truth + 0.3 * rng.standard_normal(3000), 0.09)
+    assert np.mean((found - truth) ** 2) < 0.4 * 0.09
+    assert variance.mean() == pytest.approx(np.mean((found - truth) ** 2), rel=0.4)
+    assert np.abs(found - truth)[1480:1520].max() < 1.5
+    assert widths.max() > 1.0
+
+
+def test_errors_of_a_driver_are_what_they_bring_into_the_output() -> None:
+    runs = made(5, slope=0.0, read_noise=0.0)
+    rng = np.random.default_rng(3)
+    noisy = [
+        run.replace(table=run.table.assign(supply_voltage_V=run.column("supply_voltage_V") + 0.5 * rng.standard_normal(len(run))))
+        for run in runs
+    ]
+    grid = Grid.of(runs)
+    exact, read = (
+        Data(tuple(Run.of(run, grid, lambda binned: binned.rate_deg_h()) for run in recordings)) for recordings in (runs, noisy)
+    )
+
+    def predicted(run: Run) -> np.ndarray[Any, np.dtype[np.float64]]:
+        return np.asarray((run.column("supply_voltage_V") - 15.0) ** 2)
+
+    variance = 0.01
+    errors = errors_of(read, predicted, [Driver(("supply_voltage_V",))], variance)
+    seen = (read.means(predicted) - exact.means(predicted)) / np.sqrt(variance)
+    roots = [np.linalg.cholesky(block + 1e-9 * np.eye(len(block))) for block in errors.blocks]
+    white = np.concatenate([np.linalg.solve(root, seen[rows]) for root, rows in zip(roots, read.slices, strict=True)])
+    assert np.mean(seen**2) == pytest.approx(errors.variances.mean(), rel=0.5)
+    assert np.mean(white**2) == pytest.approx(1.0, abs=0.6)
+
+
+def test_a_strong_monitor_with_noise_has_no_second_law() -> None:
+    content = diagnose(Simulator.from_mapping(STATIC), made(6, slope=12.0, read_noise=0.3)).to_mapping()
+    assert [finding["mechanism"] for finding in content["findings"]] == ["light_intensity"]
+    assert content["verdict"] == "explained"
+
+
+@pytest.mark.parametrize("step_K", [0.25, 1.0])
+def test_a_thermometer_that_rounds_is_no_physics(step_K: float) -> None:
+    runs = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + 4.0 * run.column("temperature_block_degC")))
+        for run in made(7, slope=0.0, read_noise=0.0)
+    ]
+    rounded = [
+        run.replace(table=run.table.assign(temperature_block_degC=other.column("temperature_block_degC")))
+        for run, other in zip(runs, made(7, slope=0.0, read_noise=0.0, step_K=step_K), strict=True)
+    ]
+    assert diagnose(Simulator.from_mapping(STATIC), rounded).verdict == "none"
+
+
+def test_a_wild_window_is_an_outlier_and_no_physics() -> None:
+    runs = made(8, slope=0.0, read_noise=0.0)
+    wild = runs[0].column("gyro_deg_h").copy()
+    wild[1200:1215] += 60.0
+    wild[2210:2222] -= 80.0
+    runs[0] = runs[0].replace(table=runs[0].table.assign(gyro_deg_h=wild))
+    found = diagnose(Simulator.from_mapping(STATIC), runs)
+    assert found.verdict == "none"
+    assert found.posterior.null > 0.9
+
+
+def test_outliers_are_windows_that_no_other_foretells() -> None:
+    none = Errors((np.zeros((50, 50)), np.zeros((50, 50))))
+    residual, usual = np.random.default_rng(4).standard_normal(100).clip(-3.0, 3.0), np.ones(100)
+    assert none.with_outliers(residual, usual, ()).outliers == ()
+    residual[60] = 9.0
+    found = none.with_outliers(residual, usual, ())
+    assert found.outliers == (60,)
+    assert found.variances[60] > 20.0
+    spread = np.sqrt(1.0 + found.variances)
+    assert none.with_outliers(residual, spread, found.outliers).outliers == (60,)
+    residual[60] = 1.0  # a set that explains the window
+    assert none.with_outliers(residual, spread, found.outliers).outliers == ()
+    assert found.without_outliers.variances == pytest.approx(0.0)
+
+
+def test_a_law_within_the_region_of_a_named_mechanism_belongs_to_it() -> None:
+    """A region is drivers and memory: a monitor with a rate that washes out beside it has that law missing."""
+    regions = {
+        "readout_incoherence": Region("readout_incoherence", "readout_incoherence", 0.0, (), ("readout_a_V", "readout_b_V")),
+        "law:readout_a_V": Region("law:readout_a_V", None, 0.0, (), ("readout_a_V",), "static"),
+        "rate:readout_a_V": Region("rate:readout_a_V", None, 0.0, (), ("readout_a_V",), "dynamic"),
+        "loop:pressure_hPa": Region("loop:pressure_hPa", None, 0.0, (), ("pressure_hPa",), "rate-independent"),
+    }
+
+    def verdict(*keys: str) -> tuple[str, list[str]]:
+        state = State(tuple(Member(Form(key, key, ()), 1.0) for key in keys), Noise(), 0.0)
+        found = decided(Posterior((state,), regions))
+        return found.verdict, [one.region for one in found.named]
+
+    assert verdict("readout_incoherence", "law:readout_a_V") == ("explained", ["readout_incoherence"])
+    assert verdict("readout_incoherence", "rate:readout_a_V")[0] == "unknown"
+    assert verdict("readout_incoherence", "loop:pressure_hPa")[0] == "unknown"
+    assert verdict("law:readout_a_V")[0] == "unknown"
+
+
+def test_a_relay_of_a_hop_stays_narrow() -> None:
+    relay = Relays(Driver(("temperature_block_degC",)), (0.1,), (0.0,), widest=0.17)
+    for _ in range(20):
+        moved = relay.nearby(0.5)
+        assert all(one.up[0] - one.down[0] <= 0.17 for one in moved)
+        relay = max(moved, key=lambda one: one.up[0] - one.down[0])
+
+
+def test_without_a_thermometer_nothing_is_thermal() -> None:
+    runs = [
+        run.replace(
+            table=run.table[["time_s", "gyro_deg_h"]].assign(
+                angle_rad=run.column("supply_voltage_V") - 15.0, gyro_deg_h=3.0 * (run.column("supply_voltage_V") - 15.0) ** 3
+            )
+        )
+        for run in made(9, slope=0.0, read_noise=0.0)
+    ]
+    rng = np.random.default_rng(9)
+    noisy = [
+        run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + rng.standard_normal(len(run)))) for run in runs
+    ]
+    content = diagnose(lambda run: 0.5 * run.column("angle_rad"), noisy).to_mapping()
+    assert content["findings"] == []
+    assert content["verdict"] == "unknown"
+    assert content["unexplained"]["drivers"] == ["angle_rad"]

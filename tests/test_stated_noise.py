@@ -1,0 +1,94 @@
+"""Stated noise: the runs are held against it, and a null that it cannot explain is not `none`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rlgcomp.cli.diagnosis import measured_noise
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.hypotheses import Hypotheses
+from rlgcomp.errors import InputError
+from rlgcomp.noise.processes import NoiseModel
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+PROGRAMMES = (
+    "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
+    "start 25, hold 20, ramp 45 2, hold 30, ramp -10 2, hold 20, ramp 30 2, hold 10",
+)
+FEW = ("supply_voltage", "magnetic_field")
+BASELINE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+WALKING = NoiseModel(angle_random_walk_deg_sqrt_h=0.0005, rate_random_walk_deg_h_sqrt_h=0.008)
+CALM = NoiseModel(angle_random_walk_deg_sqrt_h=0.0005, white=True)
+HALF = NoiseModel(angle_random_walk_deg_sqrt_h=0.00025, white=True)
+
+
+def recorded(noise: NoiseModel) -> list[Recording]:
+    simulator = dataclasses.replace(BASELINE, noise=noise)
+    return [simulator.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+
+
+@pytest.fixture(scope="module")
+def walking() -> list[Recording]:
+    return recorded(WALKING)
+
+
+def test_a_walk_is_noise_unless_a_calmer_gyro_is_stated(walking: list[Recording]) -> None:
+    assert diagnose(BASELINE, walking, only=FEW).verdict == "none"
+    assert diagnose(BASELINE, walking, only=FEW, noise=WALKING).verdict == "none"
+    assert diagnose(BASELINE, walking, only=FEW, noise=dataclasses.replace(CALM, white=False)).verdict == "none"
+    found = diagnose(BASELINE, walking, only=FEW, noise=CALM)
+    assert found.verdict == "unknown"
+    assert found.messages[0].code == "diagnosis.wander"
+    assert found.healthy < 1e-3
+
+
+def test_louder_white_noise_than_stated_is_not_none() -> None:
+    runs = recorded(CALM)
+    assert diagnose(BASELINE, runs, only=FEW, noise=CALM).verdict == "none"
+    found = diagnose(BASELINE, runs, only=FEW, noise=HALF)
+    assert found.verdict == "unknown"
+    assert found.messages[0].code == "diagnosis.louder"
+    assert found.messages[0].data["ratio"] == pytest.approx(2.0, rel=0.1)
+    assert found.to_mapping()["unexplained"]["drivers"] == []
+
+
+def test_an_error_of_what_is_stated_lets_it_be_wrong() -> None:
+    runs = recorded(CALM)
+    unsure = dataclasses.replace(HALF, sds=(0.0002, 0.0, 0.0))
+    found = diagnose(BASELINE, runs, only=FEW, noise=unsure)
+    assert found.verdict == "none"
+    assert found.noise.angle_random_walk_deg_sqrt_h == pytest.approx(0.0005, rel=0.15)
+
+
+def test_limits_bound_slow_noise_from_above(walking: list[Recording]) -> None:
+    grid = Grid.of(walking)
+    limited = dataclasses.replace(CALM, at_most=(0.001, np.inf))
+    data = Data(tuple(Run.of(run, grid, Recording.rate_deg_h) for run in walking), noise=limited)
+    found = Hypotheses.of(data)
+    assert max(found.flickers) == pytest.approx(0.001 / data.known.white)
+    assert {0.0, 30.0} <= set(found.walks)
+    assert sum(np.exp(list(found.log_prior().values()))) == pytest.approx(1.0)
+
+
+def test_noise_without_white_noise_or_of_no_gyro_is_refused(walking: list[Recording]) -> None:
+    with pytest.raises(InputError, match="angle_random_walk_deg_sqrt_h"):
+        diagnose(BASELINE, walking, noise=NoiseModel(bias_instability_deg_h=0.001))
+    with pytest.raises(InputError, match="'supply_voltage_V'"):
+        diagnose(BASELINE, walking, output="supply_voltage_V", noise=CALM)
+
+
+def test_errors_of_allan_coefficients_are_read(tmp_path: Path) -> None:
+    coefficients = {"angle_random_walk_deg_sqrt_h": 5e-4, "angle_random_walk_deg_sqrt_h_sd": 1e-5}
+    coefficients |= {"bias_instability_deg_h": 0.01, "bias_instability_deg_h_sd": 0.001, "quantization_arcsec": 0.1}
+    (tmp_path / "coefficients.json").write_text(json.dumps([{"gyro": "gyro_deg_h", "coefficients": coefficients}]))
+    noise = measured_noise(tmp_path / "coefficients.json", None)
+    assert noise.sds == (1e-5, 0.001, 0.0)
+    (tmp_path / "noise.yaml").write_text("angle_random_walk_deg_sqrt_h: 0.0005\n")
+    assert measured_noise(tmp_path / "noise.yaml", None).sds == (0.0, 0.0, 0.0)
