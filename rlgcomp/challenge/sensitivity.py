@@ -231,7 +231,7 @@ def sensitivity(
     for run in runs:
         form().driver_columns(run)
     total = 1 + len(strengths) * draws
-    background = diagnose(simulator, runs, gyro=gyro, mechanisms=catalogue)
+    background = diagnose(simulator, runs, gyro=gyro, mechanisms=catalogue, black_box=False)
     progress(1, total)
     simulator, runs, remarks = _cleared(simulator, runs, mechanism, background, gyro)
     projection = Projection.of(simulator, runs, gyro)
@@ -349,7 +349,7 @@ def _trial(
     mechanism, number = made
     errors = contributions(mechanism, runs, number)
     changed = [injected(run, error, gyro) for run, error in zip(runs, errors, strict=True)]
-    diagnosis = diagnose(simulator, changed, gyro=gyro, mechanisms=catalogue)
+    diagnosis = diagnose(simulator, changed, gyro=gyro, mechanisms=catalogue, black_box=False)
     found = tuple(cause.name for cause in diagnosis.causes)
     classes = {name for cause in diagnosis.causes for name in (cause.name, *cause.indistinguishable_from)}
     detected = diagnosis.p_value < DETECTED_P

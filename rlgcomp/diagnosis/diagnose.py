@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.black_box import BlackBox
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.design import likely, next_experiment
@@ -59,6 +60,7 @@ def diagnose(
     window_s: float | None = None,
     noise: NoiseModel | None = None,
     chamber: Sequence[float] | None = None,
+    black_box: bool = True,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Diagnosis:
@@ -95,6 +97,8 @@ def diagnose(
         Of this gyro at rest, measured: the runs are held against it. By default it is estimated from the runs.
     chamber : (float, float, float), optional
         Lowest and highest temperature in degC and fastest ramp in degC/min for the next experiment; by default as recorded.
+    black_box : bool
+        Train an LS-SVM on the same runs, for comparison.
     seed : int
         Kept in the provenance.
     progress : callable, optional
@@ -120,6 +124,8 @@ def diagnose(
     chosen = engine.posterior([*runs.train, *runs.confirm])
     tell(0.9)
     found = engine.fitted(chosen)
+    if black_box:
+        found = dataclasses.replace(found, black_box=engine.black_box(found))
     tell(1.0)
     return found
 
@@ -148,12 +154,15 @@ class _Engine:
         """Whether a table turns."""
         return self.runs.base.kind == "turntable"
 
+    def recorded(self, binned: Recording) -> Array:
+        """Bin means of the output."""
+        gyro = self.gyro if self.gyro is None or self.gyro in binned else rate_name(self.gyro)  # means are in deg/h
+        return binned.rate_deg_h(gyro) if self.column is None else binned.column(self.column)
+
     def output(self, binned: Recording) -> Array:
         """Bin means of the output less what the simulator states."""
-        gyro = self.gyro if self.gyro is None or self.gyro in binned else rate_name(self.gyro)  # means are in deg/h
-        values = binned.rate_deg_h(gyro) if self.column is None else binned.column(self.column)
         known = binned.column(SIMULATED) if self.runs.own else Baseline(self.runs.base).stated(binned)
-        return np.asarray(values - known)
+        return np.asarray(self.recorded(binned) - known)
 
     def data(self, recordings: Sequence[Recording]) -> Data:
         """Recordings on the grid of the training runs."""
@@ -211,6 +220,10 @@ class _Engine:
             next_experiment=following,
             next_message=promise if refused is None else refused,
         )
+
+    def black_box(self, found: Diagnosis) -> BlackBox | None:
+        """The compensation at its best on the same split."""
+        return BlackBox.of(found.before, self.recorded, self.output, [*found.confirm_runs, *found.test_runs])
 
     def _refused(self, decision: Decision, before: Fit, after: Fit) -> Message | None:
         """That a set is not named because it leaves more of the training runs than none does; None where it leaves less."""

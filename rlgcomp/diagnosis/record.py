@@ -7,6 +7,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from rlgcomp.diagnosis.black_box import REFERENCE, BlackBox
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.decide import Decision
 from rlgcomp.diagnosis.findings import DEG_H, Cause, cause_of, in_unit
@@ -140,6 +141,8 @@ class Record:
     next_experiment : NextExperiment, optional
     next_message : Message, optional
         What the next experiment promises, or that none parts the likely sets.
+    black_box : BlackBox, optional
+        The compensation at its best on the same split.
     recordings : mapping of str to mapping of str to str
         SHA-256 of files by name under "train", "confirm", "test" and "simulator".
     """
@@ -157,6 +160,7 @@ class Record:
     alignment: tuple[Alignment, ...] = ()
     next_experiment: NextExperiment | None = None
     next_message: Message | None = None
+    black_box: BlackBox | None = None
     recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
 
     # --- the verdict -----------------------------------------------------------------------------------------------------------
@@ -241,12 +245,32 @@ class Record:
     @functools.cached_property
     def confirm(self) -> Score | None:
         """The runs that took part in the choice alone."""
-        return score(self.before, self.after, self.confirm_runs, self.unit)
+        return score(self.before, self.after, self.confirm_runs, self.unit, self.black_box)
 
     @functools.cached_property
     def test(self) -> Score | None:
         """The test runs: the proof."""
-        return score(self.before, self.after, self.test_runs, self.unit)
+        return score(self.before, self.after, self.test_runs, self.unit, self.black_box)
+
+    @property
+    def latent(self) -> tuple[str, ...]:
+        """Named causes that follow no recorded column."""
+        named = [one.name for one in self.members if not one.drivers and one.function is None]
+        return (*named, *(["wander"] if self.decision.wander else []))
+
+    @property
+    def learnt(self) -> float | None:
+        """Share of the mismatch's square, beyond white noise, that the LS-SVM has of runs that it was not trained on."""
+        if self.black_box is None:
+            return None
+        window_s = self.train.averaging_s
+        if self.test is None or self.test.compensation_rms is None:
+            before, left, averaging_s = self.train.baseline_rms, self.black_box.left_out_rms, self.black_box.averaging_s
+        else:
+            before, left, averaging_s = self.test.baseline_rms, self.test.compensation_rms, window_s
+        mismatch = before**2 - self.after.white**2
+        left_of_it = left**2 - self.after.white**2 * window_s / averaging_s
+        return 1.0 - max(left_of_it, 0.0) / mismatch if mismatch > 0.0 else None
 
     # --- simulators ------------------------------------------------------------------------------------------------------------
 
@@ -302,7 +326,17 @@ class Record:
         """Sources of the mechanisms and methods that were used, each once."""
         named = [self.catalogue[cause.name].reference for cause in self.causes if cause.name in self.catalogue]
         physics = [mechanism.reference for mechanism in self.augmented.mechanisms]
-        return tuple(dict.fromkeys([*named, *physics, EVIDENCE, *([] if self.test is None else [BOOTSTRAP])]))
+        return tuple(
+            dict.fromkeys(
+                [
+                    *named,
+                    *physics,
+                    EVIDENCE,
+                    *([] if self.test is None else [BOOTSTRAP]),
+                    *([] if self.black_box is None else [REFERENCE]),
+                ]
+            )
+        )
 
     def names(self, runs: Sequence[Run]) -> list[str]:
         """Of runs."""

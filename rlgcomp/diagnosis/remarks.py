@@ -23,6 +23,7 @@ _CANCEL: Final = -0.97  # correlation of two terms,
 _LARGE: Final = 4.0  # each so many times as large as their sum
 _FILE_ERROR: Final = 0.2  # of the noise of a window mean
 _OTHER_NOISE: Final = 1.5
+_LEARNT: Final = 0.5  # of the mismatch, that recorded columns together tell where a cause follows none
 
 
 def headline(record: Record) -> Message:
@@ -78,6 +79,7 @@ def remarks(record: Record) -> tuple[Message, ...]:
     return (
         *record.warnings,
         *_doubts(record),
+        *_black_box(record),
         *_baseline(record),
         *_forms(record),
         *_extrapolations(record),
@@ -109,6 +111,27 @@ def _doubts(record: Record) -> Iterator[Message]:
             other=" + ".join(other.mechanisms) or "nothing",
             of_other=other.probability,
         )
+
+
+def _black_box(record: Record) -> Iterator[Message]:
+    """Where an LS-SVM of recorded columns learns more than is named."""
+    box, learnt = record.black_box, record.learnt
+    if box is None:
+        return
+    if record.latent and learnt is not None and learnt > _LEARNT:
+        yield message("diagnosis.learnt_from_columns", causes=record.latent, share=learnt)
+    for runs, one in (("test", record.test), ("confirm", record.confirm)):
+        if one is not None and one.over_compensation_ci95 is not None and one.over_compensation_ci95[1] < 0.0:
+            yield message(
+                "diagnosis.compensation_better",
+                runs=runs,
+                compensation=one.compensation_rms,
+                after=one.augmented_rms,
+                floor=one.noise_floor_rms,
+                unit=one.unit,
+                target=box.target,
+            )
+            return
 
 
 def _baseline(record: Record) -> Iterator[Message]:

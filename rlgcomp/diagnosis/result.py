@@ -103,6 +103,7 @@ class Diagnosis(Record, ShownAsTable):
                 "confirm": None if self.confirm is None else dataclasses.asdict(self.confirm),
                 "test": None if self.test is None else dataclasses.asdict(self.test),
             },
+            "black_box": None if self.black_box is None else self.black_box.to_mapping(self.unit),
             "next_experiment": None if next_up is None else dataclasses.asdict(next_up),
             "sentence": self.sentence,
             "messages": [one.to_mapping() for one in self.messages],

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.black_box import BlackBox
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.numerics.bootstrap import drawn_squares
@@ -33,6 +34,8 @@ class RunScore:
         1 - augmented / baseline, of the rms.
     improvement_ci95 : tuple of float
         By circular block bootstrap.
+    compensation_rms : float, optional
+        Of an LS-SVM that was trained on the training runs, of other runs.
     """
 
     run: str
@@ -43,6 +46,7 @@ class RunScore:
     augmented_std: float
     improvement: float
     improvement_ci95: tuple[float, float]
+    compensation_rms: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +58,8 @@ class Score:
     unit : str
         Of the output.
     averaging_s : float
+    over_compensation_ci95 : tuple of float, optional
+        Of 1 - augmented / compensation: where it is below zero, the LS-SVM beats the findings.
     per_run : tuple of RunScore
     """
 
@@ -69,9 +75,11 @@ class Score:
     improvement_std: float
     improvement_std_ci95: tuple[float, float]
     per_run: tuple[RunScore, ...]
+    compensation_rms: float | None = None
+    over_compensation_ci95: tuple[float, float] | None = None
 
 
-def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str) -> Score | None:
+def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, box: BlackBox | None = None) -> Score | None:
     """Root mean squares of runs before and after, and the improvement with its interval; None of no runs.
 
     Parameters
@@ -80,16 +88,23 @@ def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str) -> Score | No
     runs : sequence of Run
     unit : str
         Of the output.
+    box : BlackBox, optional
+        Evaluated as well, on runs that it was not trained on.
     """
     pairs = [(before.residual(run), after.residual(run)) for run in runs]
     if not pairs:
         return None
     centred = [(left - left.mean(), right - right.mean()) for left, right in pairs]
     per_run = []
-    for run, pair, about in zip(runs, pairs, centred, strict=True):
+    learnt = [None if box is None else box.residual(run) for run in runs]
+    compensated = [(left, pair[1]) for left, pair in zip(learnt, pairs, strict=True) if left is not None]
+    for run, pair, about, left in zip(runs, pairs, centred, learnt, strict=True):
         one, other = _rms([pair[0]]), _rms([pair[1]])
         stds = _rms([about[0]]), _rms([about[1]])
-        per_run.append(RunScore(run.name, one, other, after.noise_rms, *stds, 1.0 - other / one, _interval([pair])))
+        whole = RunScore(run.name, one, other, after.noise_rms, *stds, 1.0 - other / one, _interval([pair]))
+        if left is not None:
+            whole = dataclasses.replace(whole, compensation_rms=_rms([left]))
+        per_run.append(whole)
     sizes = [[_rms([pair[k] for pair in group]) for k in (0, 1)] for group in (pairs, centred)]
     (one, other), (one_std, other_std) = sizes
     return Score(
@@ -105,6 +120,8 @@ def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str) -> Score | No
         1.0 - other_std / one_std,
         _interval(centred),
         tuple(per_run),
+        _rms([left for left, _ in compensated]) if compensated else None,
+        _interval(compensated) if compensated else None,
     )
 
 

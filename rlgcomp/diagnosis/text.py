@@ -24,7 +24,7 @@ GROUPS: Final = {
     "confirm": "confirm: take part in the choice",
     "test": "test: decide nothing, prove",
 }
-SCORE_COLUMNS: Final = ("runs", "before", "after", "noise", "improvement", "95 % interval")
+SCORE_COLUMNS: Final = ("runs", "before", "after", "LS-SVM", "noise", "improvement", "95 % interval")
 MEMBER_COLUMNS: Final = ("what", "probability", "rms", "follows", "parameters", "perhaps instead")
 _SHOWN: Final = 6
 
@@ -65,7 +65,10 @@ def score_rows(record: Record) -> list[list[str]]:
 
 def _score_row(name: str, one: Score | RunScore) -> list[str]:
     floor = one.noise_floor_rms
-    sizes = [rms_text(value, floor) for value in (one.baseline_rms, one.augmented_rms, floor)]
+    sizes = [
+        "" if value is None else rms_text(value, floor)
+        for value in (one.baseline_rms, one.augmented_rms, one.compensation_rms, floor)
+    ]
     return [name, *sizes, percent_text(one.improvement, 1), interval_text(one.improvement_ci95, 1)]
 
 

@@ -89,6 +89,22 @@ def _loss(
     )
 
 
+def _compensation_better(runs: str, compensation: float, after: float, floor: float, unit: str, target: str) -> str:
+    learns = "the output itself" if target == "output" else "what the calibrated simulator leaves"
+    return (
+        f"An LS-SVM that learns {learns} from the recorded columns of the training runs leaves less of the {runs} runs, "
+        f"{rms_text(compensation, floor)} {unit}, than the simulator with the findings, {rms_text(after, floor)} {unit}: recorded "
+        "columns hold more than is named."
+    )
+
+
+def _learnt(causes: Sequence[str], share: float) -> str:
+    return (
+        f"{listing(list(causes))} follows no recorded column, but an LS-SVM learns {percent_text(share)} of the mismatch from "
+        "recorded columns: a law of three or more of them together is likelier than a cause that was not recorded."
+    )
+
+
 def _step(run: str, at_s: float, size: float, sd: float, unit: str) -> str:
     return f"The bias of {run} steps by {estimate_text(size, sd, unit)} at {time_text(at_s)}; no law can be learnt of one event."
 
@@ -250,6 +266,8 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.null_possible": _possible_null,
     "diagnosis.set_uncertain": ("The set named has the probability {probability:.2f}; the next, {other}, {of_other:.2f}."),
     "diagnosis.indistinguishable": _alike,
+    "diagnosis.compensation_better": _compensation_better,
+    "diagnosis.learnt_from_columns": _learnt,
     "diagnosis.wrong_number": _wrong_number,
     "diagnosis.bias_step": _step,
     "diagnosis.run_biases": _run_biases,

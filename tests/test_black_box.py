@@ -1,0 +1,88 @@
+"""The compensation beside the diagnosis: at its best, on the same split, and told where it beats the physics."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.decide import Decision
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+PROGRAMMES = (
+    "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
+    "start 25, hold 20, ramp 45 2, hold 30, ramp -10 2, hold 20, ramp 30 2, hold 10",
+    "start 10, hold 20, ramp 35 2, hold 30, ramp -15 2, hold 20, ramp 20 2, hold 10",
+)
+FEW = ("supply_voltage", "magnetic_field")
+BASELINE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+REAL = Simulator.from_mapping(
+    {
+        "kind": "chamber",
+        "mechanisms": [{"thermal_polynomial": {"degree": 2}}, {"supply_voltage": {"k_deg_h_V": 0.5}}],
+        "noise": {"angle_random_walk_deg_sqrt_h": 0.0005},
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Recording]:
+    return [REAL.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+
+
+@pytest.fixture(scope="module")
+def found(runs: list[Recording]) -> Diagnosis:
+    return diagnose(BASELINE, runs[:2], runs[2:], only=FEW)
+
+
+def test_it_leaves_no_more_than_the_package_s_own_compensation(found: Diagnosis, runs: list[Recording]) -> None:
+    """Fault 15: a straw man beside the physics."""
+    assert found.test is not None
+    own = rlg.Compensator(rlg.LSSVMRegressor(), averaging_s=found.train.averaging_s).fit(runs[:2])
+    left = runs[2].rate_deg_h() - own.predict(runs[2])["bias_deg_h"].to_numpy()
+    (run,) = found.test_runs
+    of_package = np.sqrt(np.mean(run.window_means(run.on_bins_of_rows(left)) ** 2))
+    assert found.test.compensation_rms < 1.05 * of_package
+    assert found.train.compensation_rms is None
+    content = found.to_mapping()
+    assert content["fit"]["test"]["compensation_rms"] == content["fit"]["test"]["per_run"][0]["compensation_rms"]
+    assert content["black_box"]["target"] in ("output", "residual")
+    assert content["black_box"]["left_out_rms"]["value"] < found.train.baseline_rms
+
+
+def test_one_run_has_one_noise_floor(found: Diagnosis) -> None:
+    """Fault 16."""
+    assert found.test is not None
+    floors = {found.train.noise_floor_rms, found.test.noise_floor_rms}
+    floors |= {one.noise_floor_rms for one in (*found.train.per_run, *found.test.per_run)}
+    assert len(floors) == 1
+    assert found.train.augmented_rms > 0.9 * floors.pop()
+
+
+def test_where_it_beats_the_physics_the_report_tells_it(found: Diagnosis, tmp_path: Path) -> None:
+    """Fault 5: a latent cause is named, and recorded columns have the mismatch."""
+    wandering = dataclasses.replace(found, after=found.before, decision=Decision("unknown", (), wander=True))
+    codes = {one.code: one.data for one in wandering.remarks}
+    assert codes["diagnosis.compensation_better"]["compensation"] < wandering.test.augmented_rms
+    assert codes["diagnosis.compensation_better"]["runs"] == "test"
+    assert codes["diagnosis.learnt_from_columns"]["causes"] == ["wander"]
+    assert codes["diagnosis.learnt_from_columns"]["share"] > 0.5
+    wandering.report(tmp_path / "report.html")
+    page = html.unescape((tmp_path / "report.html").read_text())
+    assert next(one.text for one in wandering.remarks if one.code == "diagnosis.compensation_better") in page
+    assert not {"diagnosis.compensation_better", "diagnosis.learnt_from_columns"} & {one.code for one in found.remarks}
+
+
+def test_it_can_be_left_out(found: Diagnosis) -> None:
+    alone = dataclasses.replace(found, black_box=None)
+    assert alone.to_mapping()["black_box"] is None
+    assert alone.test.compensation_rms is None
+    assert "LS-SVM" in str(found)
+    assert "LS-SVM" not in str(alone)
