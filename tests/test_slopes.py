@@ -54,7 +54,7 @@ def test_a_segment_ends_where_the_curve_departs_from_its_line() -> None:
 
 
 def test_gaps_that_end_the_curve_early_are_reported() -> None:
-    present = np.arange(HOURS_5) % 61 != 57
+    present = np.arange(HOURS_5) % 120 < 60
     curve = rlg.allan_deviation(record(WHITE, 2)[present], np.flatnonzero(present).astype(float))
     (early,) = [finding.data for finding in findings(curve) if finding.code == "noise.curve_ends_early"]
     assert (early["gaps"], early["longest_part_s"], early["averaging_s"]) == (len(curve.parts) - 1, 60.0, 10.0)

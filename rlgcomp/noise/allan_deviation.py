@@ -7,8 +7,8 @@ With the angle :math:`\theta_k = \tau_0 \sum_{i<k} \Omega_i` and :math:`\tau = m
     \sigma^2(\tau) = \frac{1}{2 \tau^2 M} \sum_k (\theta_{k+2m} - 2\theta_{k+m} + \theta_k)^2, \qquad
     \sigma_H^2(\tau) = \frac{1}{6 \tau^2 M} \sum_k (\theta_{k+3m} - 3\theta_{k+2m} + 3\theta_{k+m} - \theta_k)^2
 
-over the M differences without a missing sample: at every k (overlapping), or at every m-th (plain). The Hadamard variance does
-not depend on a linear drift. :math:`\nu \hat\sigma^2 / \sigma^2` is taken to be chi-square with :math:`\nu` equivalent degrees
+over the M differences without a missing sample: at every k (overlapping), or at every m-th (plain). Windows of which 80 % of the
+samples are there count as well (:mod:`rlgcomp.noise.lost_samples`). The Hadamard variance does not depend on a linear drift. :math:`\nu \hat\sigma^2 / \sigma^2` is taken to be chi-square with :math:`\nu` equivalent degrees
 of freedom, those of the power-law noise identified at that tau.
 
 References
@@ -30,6 +30,7 @@ from scipy import stats
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_sums import angle_of, plain_sum_of_squares, starts_of_spans, sums_of_squares
 from rlgcomp.noise.coefficients import NoiseCoefficients, fit_noises, white_noise_floor
+from rlgcomp.noise.lost_samples import Gaps
 from rlgcomp.noise.power_law import NAMES, degrees_of_freedom_with_gaps, identify
 from rlgcomp.recording import Recording
 from rlgcomp.recording.sampling import Sampling
@@ -66,7 +67,9 @@ class AllanDeviation(ShownAsTable):
     period_s : float
         Sample period.
     parts : ndarray of int
-        Numbers of samples between gaps.
+        Numbers of samples between gaps that no window spans, with the samples that are lost within.
+    lost : int
+        Those lost samples.
     """
 
     tau_s: Array
@@ -80,6 +83,7 @@ class AllanDeviation(ShownAsTable):
     confidence: float
     period_s: float
     parts: Whole
+    lost: int = 0
 
     def __repr__(self) -> str:
         count = len(self.tau_s)
@@ -87,8 +91,8 @@ class AllanDeviation(ShownAsTable):
         table = self.to_frame().iloc[rows].drop(columns="differences")
         gaps = len(self.parts) - 1
         heading = (
-            f"{'Hadamard' if self.order == 3 else 'Allan'} deviation ({self.estimator}): {int(self.parts.sum())} samples every "
-            f"{self.period_s:.6g} s, {gaps} gap{'' if gaps == 1 else 's'}, {100 * self.confidence:g} % intervals"
+            f"{'Hadamard' if self.order == 3 else 'Allan'} deviation ({self.estimator}): {self.samples} samples every "
+            f"{self.period_s:.6g} s, {f'{self.lost} lost, ' if self.lost else ''}{gaps} gap{'' if gaps == 1 else 's'}, {100 * self.confidence:g} % intervals"
         )
         rest = [] if len(rows) == count else [f"{len(rows)} of {count} averaging times; .to_frame() has all"]
         return "\n".join([heading, table.to_string(index=False, float_format="{:.4g}".format), *rest])
@@ -105,7 +109,8 @@ class AllanDeviation(ShownAsTable):
             "estimator": self.estimator,
             "confidence": self.confidence,
             "period_s": self.period_s,
-            "samples": int(self.parts.sum()),
+            "samples": self.samples,
+            "lost": self.lost,
             "parts": len(self.parts),
             "table": self.to_frame().to_dict("records"),
         }
@@ -127,6 +132,11 @@ class AllanDeviation(ShownAsTable):
         kind = "Hadamard deviation" if self.order == 3 else "Allan deviation"
         interval = self.lower_deg_h, self.upper_deg_h
         return draw_deviation(ax, self.tau_s, self.deviation_deg_h, interval, kind=kind, confidence=self.confidence)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.parts.sum()) - self.lost
 
     @property
     def order(self) -> int:
@@ -221,7 +231,7 @@ def allan_deviation(
     Parameters
     ----------
     rate_deg_h : Recording or array_like, shape (n,)
-        The lead-in of a recording is left out. Gaps are allowed; no difference spans one.
+        The lead-in of a recording is left out. Gaps are allowed; a mean counts where 80 % of its samples are there.
     time_s : array_like, shape (n,)
         Times of rates in an array; a recording has its own.
     tau_s : array_like, optional
@@ -261,15 +271,15 @@ def allan_deviation(
         )
     if not np.isfinite(rate).all():
         raise InputError("some rates are not finite; leave those samples out: gaps are allowed")
-    period_s, ends = _parts(time)
+    period_s, gaps = gaps_of(time)
     return deviation_of_angle(
-        angle_of(rate), ends, period_s, tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade
+        angle_of(rate), gaps, period_s, tau_s, estimator=estimator, confidence=confidence, per_decade=per_decade
     )
 
 
 def deviation_of_angle(
     angle: Array,
-    ends: Whole,
+    gaps: Gaps,
     period_s: float,
     tau_s: npt.ArrayLike | None = None,
     *,
@@ -283,8 +293,8 @@ def deviation_of_angle(
     ----------
     angle : ndarray, shape (n + 1,)
         Cumulative sums of the rate in deg/h, in periods, from zero; parts between gaps in one row, without their gaps.
-    ends : ndarray of int, shape (parts,)
-        Index after the last sample of each part, at last n.
+    gaps : Gaps
+        Of the record of n samples.
     period_s : float
     tau_s, estimator, confidence, per_decade
         As in :func:`allan_deviation`.
@@ -298,24 +308,40 @@ def deviation_of_angle(
         raise InputError(f"estimator {estimator!r} is unknown; known are {', '.join(get_args(Estimator))}")
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence is {confidence}; it must lie between 0 and 1, as 0.683 for one sigma")
-    parts = np.diff(np.r_[0, ends])
+    whole = gaps.places()
+    parts = whole.parts
     order, overlapping = _ORDER[estimator], not estimator.startswith("plain")
     if not 0.0 < per_decade < math.inf:
         raise InputError(f"per_decade is {per_decade}; it must be a positive number of averaging times, as 10")
     counts = _counts(tau_s, period_s, int(parts.max()), per_decade)
     counts = counts[order * counts <= int(parts.max())]
+    between = np.diff(gaps.ends, prepend=0)
+    complete = counts[(counts < gaps.shortest) & (order * counts <= int(between.max()))]
     if overlapping:
-        sums, numbers = sums_of_squares(angle, ends, counts, order)
+        sums, numbers = sums_of_squares(angle, gaps.ends, complete, order)
     rows: list[tuple[float, float, int, float, int]] = []
     alpha = 0
-    for k, m in enumerate(counts.tolist()):
-        total, taken = (float(sums[k]), int(numbers[k])) if overlapping else plain_sum_of_squares(angle, parts, m, order)
+    for m in counts.tolist():
+        if m < gaps.shortest:  # no window of this length may lack a sample
+            here = between
+            if order * m > int(here.max()):
+                continue
+            k = int(np.searchsorted(complete, m))
+            total, taken = (float(sums[k]), int(numbers[k])) if overlapping else plain_sum_of_squares(angle, here, m, order)
+            means = _means(angle, here, m)
+        else:
+            places = gaps.places(m)
+            here = places.parts
+            total, taken = places.sum_of_squares(angle, m, order, overlapping=overlapping)
+            if not taken:
+                continue
+            means = places.means(angle, m, MEANS_FOR_IDENTIFICATION)
         deviation = float(np.sqrt(total / taken / (2.0 if order == 2 else 6.0))) / m
-        identified = identify(*_means(angle, parts, m), lowest=-2 if order == 2 else -4)
+        identified = identify(*means, lowest=-2 if order == 2 else -4)
         alpha = alpha if identified is None else identified
         if alpha > 0 and not _steep(rows, m * period_s, deviation):
             alpha = 0
-        edf_of_m = degrees_of_freedom_with_gaps(parts, m, alpha, order, overlapping=overlapping)
+        edf_of_m = degrees_of_freedom_with_gaps(here, m, alpha, order, overlapping=overlapping)
         rows.append((m * period_s, deviation, taken, edf_of_m, alpha))
     if not rows:
         raise InputError(f"no averaging time fits into a record of {len(angle) - 1} samples every {period_s:g} s")
@@ -323,7 +349,18 @@ def deviation_of_angle(
     tails = stats.chi2.ppf([[0.5 + 0.5 * confidence], [0.5 - 0.5 * confidence]], edf)
     lower, upper = deviations * np.sqrt(edf / tails)
     return AllanDeviation(
-        taus, deviations, differences, edf, lower, upper, alphas, estimator, confidence, period_s, parts.astype(np.int64)
+        taus,
+        deviations,
+        differences,
+        edf,
+        lower,
+        upper,
+        alphas,
+        estimator,
+        confidence,
+        period_s,
+        parts.astype(np.int64),
+        lost=len(whole.lost),
     )
 
 
@@ -343,9 +380,9 @@ def angle_rate_deg_h(angle_arcsec: npt.ArrayLike, time_s: npt.ArrayLike) -> tupl
     time = np.asarray(time_s, dtype=np.float64)
     if angle.ndim != 1 or angle.shape != time.shape or len(angle) <= FEWEST_SAMPLES:
         raise InputError(f"angles of shape {angle.shape} at times of shape {time.shape}; give one of each, six samples or more")
-    period_s, ends = _parts(time)
+    period_s, gaps = gaps_of(time)
     inside = np.ones(len(angle) - 1, dtype=np.bool_)
-    inside[ends[:-1] - 1] = False
+    inside[gaps.ends[:-1] - 1] = False
     return np.diff(angle)[inside] / period_s, time[1:][inside]
 
 
@@ -357,14 +394,21 @@ def _steep(rows: list[tuple[float, float, int, float, int]], tau_s: float, devia
     return float(np.log(deviation / before[-1][1]) / np.log(tau_s / before[-1][0])) < -0.75
 
 
-def _parts(time: Array) -> tuple[float, Whole]:
-    """Sample period, and the index after the last sample of each part without gaps."""
+def gaps_of(time: Array) -> tuple[float, Gaps]:
+    """Sample period, and gaps, of times that increase.
+
+    Raises
+    ------
+    InputError
+        They do not, or are not finite.
+    """
     steps = np.diff(time)
     if not (np.isfinite(time).all() and float(steps.min()) > 0.0):
         raise InputError("the times do not increase, or are not finite; sort the samples and leave repeated ones out")
     gaps = Sampling.of(time).gaps
     inside = float(steps.sum() - steps[gaps].sum()) / (len(steps) - len(gaps))
-    return float(f"{inside:.9g}"), np.r_[gaps + 1, len(time)]
+    period_s = float(f"{inside:.9g}")
+    return period_s, Gaps.of_steps(np.r_[gaps + 1, len(time)], steps[gaps], period_s)
 
 
 def _counts(tau_s: npt.ArrayLike | None, period_s: float, longest: int, per_decade: float) -> Whole:

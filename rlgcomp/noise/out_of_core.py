@@ -20,6 +20,7 @@ import numpy.typing as npt
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_deviation import FEWEST_SAMPLES, Estimator, deviation_of_angle
 from rlgcomp.noise.analysis import NoiseAnalysis, deviation_and_coefficients
+from rlgcomp.noise.lost_samples import Gaps
 from rlgcomp.noise.slopes import curve_findings
 from rlgcomp.recording import Recording
 from rlgcomp.recording.sampling import GAP_PERIODS
@@ -70,7 +71,7 @@ def analyse_pieces(
         for first in range(0, len(angle), SAMPLES_AT_ONCE):  # the mean is known only after the last piece
             stop = min(first + SAMPLES_AT_ONCE, len(angle))
             angle[first:stop] -= record.mean_above_reference_deg_h * np.arange(first, stop)
-        measure = functools.partial(deviation_of_angle, np.asarray(angle), np.array(record.ends), record.period_s)
+        measure = functools.partial(deviation_of_angle, np.asarray(angle), record.gaps, record.period_s)
         deviation, fitted, coefficients = deviation_and_coefficients(measure, tau_s, estimator, confidence, per_decade)
         del measure, angle  # unmapped before the folder goes
     findings = (*curve_findings(fitted, coefficients), message("noise.read_in_pieces"))
@@ -80,7 +81,7 @@ def analyse_pieces(
 @dataclasses.dataclass(frozen=True)
 class _Record:
     samples: int
-    ends: list[int]
+    gaps: Gaps
     period_s: float
     mean_deg_h: float
     mean_above_reference_deg_h: float
@@ -88,8 +89,9 @@ class _Record:
 
 def _write_angle(pieces: Iterable[Recording], gyro: str, file: BinaryIO) -> _Record:
     """Write cumulative sums of the rate less the first piece's mean, and find the parts between gaps of the whole record."""
-    samples, gaps_s, last_angle = 0, 0.0, 0.0
+    samples, last_angle = 0, 0.0
     ends: list[int] = []
+    across_s: list[float] = []
     begin_s = last_s = usual_s = reference = np.nan
     for piece in pieces:
         begin_s = piece.time_s[0] if np.isnan(begin_s) else begin_s
@@ -103,12 +105,13 @@ def _write_angle(pieces: Iterable[Recording], gyro: str, file: BinaryIO) -> _Rec
         steps = np.diff(time_s, prepend=last_s) if samples else np.diff(time_s)
         breaks = np.flatnonzero(steps > GAP_PERIODS * usual_s)
         ends += (breaks + (samples if samples else 1)).tolist()
-        gaps_s += float(steps[breaks].sum())
+        across_s += steps[breaks].tolist()
         angle = last_angle + np.cumsum(rate - reference)
         file.write(angle.tobytes())
         samples, last_angle, last_s = samples + len(rate), float(angle[-1]), time_s[-1]
     if samples < FEWEST_SAMPLES:
         raise InputError(f"{samples} samples after the lead-in; an Allan deviation needs at least {FEWEST_SAMPLES}")
-    period_s = (last_s - first_s - gaps_s) / (samples - 1 - len(ends))
-    mean = last_angle / samples
-    return _Record(samples, [*ends, samples], float(f"{period_s:.9g}"), reference + mean, mean)
+    inside_s = (last_s - first_s - sum(across_s)) / (samples - 1 - len(ends))
+    period_s, mean = float(f"{inside_s:.9g}"), last_angle / samples
+    gaps = Gaps.of_steps(np.array([*ends, samples]), np.array(across_s), period_s)
+    return _Record(samples, gaps, period_s, reference + mean, mean)

@@ -30,8 +30,9 @@ import pandas as pd
 from scipy import stats
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation
+from rlgcomp.noise.allan_deviation import allan_deviation, gaps_of
 from rlgcomp.noise.base_motion import SIGNIFICANT, Lines, Motion, compare, find_lines
+from rlgcomp.noise.lost_samples import Gaps
 from rlgcomp.noise.power_law import degrees_of_freedom
 from rlgcomp.report.messages import Message, message
 
@@ -171,11 +172,11 @@ def check_stationarity(
     whole = allan_deviation(rate, time, per_decade=3.0)
     edges = np.searchsorted(time, np.linspace(time[0], time[-1] + whole.period_s, segments + 1))
     angle = np.r_[0.0, np.cumsum(rate - rate.mean())]
-    part = np.repeat(np.arange(len(whole.parts)), whole.parts)
+    _, gaps = gaps_of(time)
     best: tuple[float, float, Array, Array, float, float] | None = None
     tested = 0
     for tau_s, alpha in zip(whole.tau_s, whole.alpha, strict=True):
-        compared = _compare(angle, part, edges, round(tau_s / whole.period_s), min(int(alpha), 0))
+        compared = _compare(angle, gaps, edges, round(tau_s / whole.period_s), min(int(alpha), 0))
         if compared is None:
             continue
         tested += 1
@@ -186,7 +187,7 @@ def check_stationarity(
     if best is None:
         raise InputError(f"{len(rate)} samples are too few to compare {segments} segments; give a longer record, or fewer segments")
     log_p, tau_s, start_s, deviations, kurtosis, furthest_s = best
-    longest = _longest_part(whole)
+    longest = _longest_part(gaps)
     lines = find_lines(rate[longest], whole.period_s)
     motions = tuple(
         compare(name, rate[longest], np.asarray(values, dtype=np.float64)[longest], whole.period_s, tau_s)
@@ -198,15 +199,22 @@ def check_stationarity(
 
 
 def _compare(
-    angle: Array, part: npt.NDArray[np.int64], edges: npt.NDArray[np.intp], m: int, alpha: int
+    angle: Array, gaps: Gaps, edges: npt.NDArray[np.intp], m: int, alpha: int
 ) -> tuple[float, npt.NDArray[np.intp], Array, float, int] | None:
     """Bartlett's test of the segments at one averaging time.
 
     Returns the logarithm of the p-value, the compared segments, their rms differences, the excess kurtosis, and the row of the
     largest difference; None where the segments are too short.
     """
-    difference = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
-    whole = part[2 * m - 1 :] == part[: len(difference)]
+    places = gaps.places(m)
+    if len(places.lost):
+        difference, whole = places.differences(angle, np.arange(int(places.ends[-1]) - 2 * m + 1), m, 2)
+        edges = places.of_samples(edges)
+    else:
+        difference = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
+        whole = np.ones(len(difference), dtype=np.bool_)
+    part = np.repeat(np.arange(len(places.ends)), places.parts)
+    whole &= part[2 * m - 1 :] == part[: len(difference)]
     segments, squares, fourths, counts = [], [], [], []
     for k, (start, stop) in enumerate(itertools.pairwise(edges)):
         inside = slice(start, max(start, stop - 2 * m + 1))
@@ -228,10 +236,11 @@ def _compare(
     statistic = float(nu.sum() * math.log(pooled) - nu @ np.log(s2))
     statistic /= 1.0 + (float((1.0 / nu).sum()) - 1.0 / float(nu.sum())) / (3.0 * (len(nu) - 1))
     furthest = m + int(np.argmax(np.where(whole, np.abs(difference), 0.0)))
-    return float(stats.chi2.logsf(statistic, len(nu) - 1)), np.array(segments), np.sqrt(s2), kurtosis, furthest
+    row = min(int(places.samples_before(np.array([furthest]))[0]), len(angle) - 2)
+    return float(stats.chi2.logsf(statistic, len(nu) - 1)), np.array(segments), np.sqrt(s2), kurtosis, row
 
 
-def _longest_part(whole: AllanDeviation) -> slice:
-    ends = np.cumsum(whole.parts)
-    k = int(np.argmax(whole.parts))
-    return slice(int(ends[k] - whole.parts[k]), int(ends[k]))
+def _longest_part(gaps: Gaps) -> slice:
+    parts = np.diff(gaps.ends, prepend=0)
+    k = int(np.argmax(parts))
+    return slice(int(gaps.ends[k] - parts[k]), int(gaps.ends[k]))
