@@ -1,4 +1,4 @@
-"""Lost samples: a mean counts where 80 % of its samples are there, for curves in memory and in pieces and for stationarity alike."""
+"""Lost samples: a mean counts where 80 % of its samples are there, in memory, in pieces and for stationarity alike."""
 
 from __future__ import annotations
 
@@ -48,9 +48,8 @@ def by_definition(rate: Array, at: Array, m: int, order: int, *, every: int) -> 
     total, taken = 0.0, 0
     starts, stops = [0, *broken], [*broken, len(grid)]
     weights = np.array({2: (-1.0, 1.0), 3: (1.0, -2.0, 1.0)}[order])
-    for start, stop in zip(starts, stops, strict=True):
-        while start < stop and np.isnan(grid[start]):  # a gap that ends a part has no place
-            start += 1
+    for begin, stop in zip(starts, stops, strict=True):
+        start = begin + int(np.isfinite(grid[begin:stop]).argmax())  # a gap that ends a part has no place
         if stop - start < order * m:
             continue
         windows = np.lib.stride_tricks.sliding_window_view(grid[start:stop], m)
@@ -81,7 +80,7 @@ def test_the_curve_is_that_of_the_definition(kind: str, estimator: str, many: in
         assert taken == number
         assert deviation == pytest.approx(np.sqrt(total / number / (2.0 if order == 2 else 6.0)), rel=1e-10)
     assert curve.tau_s.astype(int).tolist() == counts
-    assert curve.samples == len(at)
+    assert curve.parts.sum() == len(at)
 
 
 @pytest.mark.parametrize("lost", [[5000], [2000, 2001, 2002, 9000], [100, 5000, 5003, 15000]])
@@ -94,7 +93,7 @@ def test_few_lost_samples_do_not_cut_an_allan_curve(lost: list[int]) -> None:
     assert curve.tau_s == pytest.approx(whole.tau_s)
     assert curve.deviation_deg_h == pytest.approx(whole.deviation_deg_h, rel=0.03)
     assert curve.edf == pytest.approx(whole.edf, rel=0.01)
-    assert (curve.parts.tolist(), curve.lost, len(kept)) == ([20_000], len(lost), curve.samples)
+    assert (curve.spans.tolist(), int(curve.parts.sum())) == ([20_000], len(kept))
     given = rlg.allan_deviation(rate[kept], time_s[kept], [1.0, 100.0, 3000.0])
     assert given.tau_s == pytest.approx([1.0, 100.0, 3000.0])
 
@@ -104,7 +103,7 @@ def test_a_long_gap_ends_the_curve() -> None:
     kept = np.r_[0:9000, 14000:20000]
     curve = rlg.allan_deviation(rate[kept], kept.astype(float))
     assert curve.tau_s[-1] <= 9000 / 2
-    assert (curve.parts.tolist(), curve.lost) == ([9000, 6000], 0)
+    assert curve.parts.tolist() == curve.spans.tolist() == [9000, 6000]
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1])
@@ -128,7 +127,7 @@ def test_pieces_give_the_curve_of_the_whole(tmp_path: Path, kind: str, estimator
     path = written(rate_table(9000).iloc[with_losses(kind, n=9000)].reset_index(drop=True), tmp_path / "run.parquet")
     whole = analyse_noise(rlg.read(path), estimator=estimator, per_decade=5.0)
     found = analyse_pieces(read_pieces(path, "gyro_z_deg_h", rows=1700), "gyro_z_deg_h", estimator=estimator, per_decade=5.0)
-    for name in ("tau_s", "differences", "alpha", "parts", "lost"):
+    for name in ("tau_s", "differences", "alpha", "parts", "spans"):
         assert np.array_equal(getattr(found.deviation, name), getattr(whole.deviation, name))
     np.testing.assert_allclose(found.deviation.deviation_deg_h, whole.deviation.deviation_deg_h, rtol=1e-9)
     np.testing.assert_allclose(found.deviation.edf, whole.deviation.edf, rtol=1e-9)
@@ -155,7 +154,8 @@ def test_without_lost_samples_nothing_changes_by_a_bit() -> None:
         rate = np.random.default_rng(4).standard_normal(len(at))
         period_s, gaps = gaps_of(at.astype(float))
         curve = rlg.allan_deviation(rate, at.astype(float))
-        assert (period_s, curve.lost, gaps.bridged.any()) == (1.0, 0, False)
+        assert (period_s, gaps.bridged.any()) == (1.0, False)
+        assert (curve.spans == curve.parts).all()
         total, taken = sums.sums_of_squares(sums.angle_of(rate), gaps.ends, np.rint(curve.tau_s).astype(np.int64), 2)
         assert (curve.deviation_deg_h == np.sqrt(total / taken / 2.0) / curve.tau_s).all()
 

@@ -8,8 +8,9 @@ With the angle :math:`\theta_k = \tau_0 \sum_{i<k} \Omega_i` and :math:`\tau = m
     \sigma_H^2(\tau) = \frac{1}{6 \tau^2 M} \sum_k (\theta_{k+3m} - 3\theta_{k+2m} + 3\theta_{k+m} - \theta_k)^2
 
 over the M differences without a missing sample: at every k (overlapping), or at every m-th (plain). Windows of which 80 % of the
-samples are there count as well (:mod:`rlgcomp.noise.lost_samples`). The Hadamard variance does not depend on a linear drift. :math:`\nu \hat\sigma^2 / \sigma^2` is taken to be chi-square with :math:`\nu` equivalent degrees
-of freedom, those of the power-law noise identified at that tau.
+samples are there count as well (:mod:`rlgcomp.noise.lost_samples`). The Hadamard variance does not depend on a linear drift.
+:math:`\nu \hat\sigma^2 / \sigma^2` is taken to be chi-square with :math:`\nu` equivalent degrees of freedom, those of the
+power-law noise identified at that tau.
 
 References
 ----------
@@ -67,9 +68,9 @@ class AllanDeviation(ShownAsTable):
     period_s : float
         Sample period.
     parts : ndarray of int
-        Numbers of samples between gaps that no window spans, with the samples that are lost within.
-    lost : int
-        Those lost samples.
+        Numbers of samples between gaps.
+    spans : ndarray of int
+        Numbers of samples, with those that are lost in between, between gaps that no window spans.
     """
 
     tau_s: Array
@@ -83,7 +84,7 @@ class AllanDeviation(ShownAsTable):
     confidence: float
     period_s: float
     parts: Whole
-    lost: int = 0
+    spans: Whole
 
     def __repr__(self) -> str:
         count = len(self.tau_s)
@@ -91,8 +92,8 @@ class AllanDeviation(ShownAsTable):
         table = self.to_frame().iloc[rows].drop(columns="differences")
         gaps = len(self.parts) - 1
         heading = (
-            f"{'Hadamard' if self.order == 3 else 'Allan'} deviation ({self.estimator}): {self.samples} samples every "
-            f"{self.period_s:.6g} s, {f'{self.lost} lost, ' if self.lost else ''}{gaps} gap{'' if gaps == 1 else 's'}, {100 * self.confidence:g} % intervals"
+            f"{'Hadamard' if self.order == 3 else 'Allan'} deviation ({self.estimator}): {int(self.parts.sum())} samples every "
+            f"{self.period_s:.6g} s, {gaps} gap{'' if gaps == 1 else 's'}, {100 * self.confidence:g} % intervals"
         )
         rest = [] if len(rows) == count else [f"{len(rows)} of {count} averaging times; .to_frame() has all"]
         return "\n".join([heading, table.to_string(index=False, float_format="{:.4g}".format), *rest])
@@ -109,8 +110,7 @@ class AllanDeviation(ShownAsTable):
             "estimator": self.estimator,
             "confidence": self.confidence,
             "period_s": self.period_s,
-            "samples": self.samples,
-            "lost": self.lost,
+            "samples": int(self.parts.sum()),
             "parts": len(self.parts),
             "table": self.to_frame().to_dict("records"),
         }
@@ -134,11 +134,6 @@ class AllanDeviation(ShownAsTable):
         return draw_deviation(ax, self.tau_s, self.deviation_deg_h, interval, kind=kind, confidence=self.confidence)
 
     @property
-    def samples(self) -> int:
-        """Number of samples."""
-        return int(self.parts.sum()) - self.lost
-
-    @property
     def order(self) -> int:
         """Order of the differences: 2 for Allan, 3 for Hadamard."""
         return _ORDER[self.estimator]
@@ -157,7 +152,7 @@ class AllanDeviation(ShownAsTable):
         """
         if not self.overlapping:
             raise InputError(f"coefficients are fitted to the estimators overlapping and hadamard, not to {self.estimator}")
-        return fit_noises(self.tau_s, self.deviation_deg_h, self.edf, order=self.order, period_s=self.period_s, parts=self.parts)
+        return fit_noises(self.tau_s, self.deviation_deg_h, self.edf, order=self.order, period_s=self.period_s, parts=self.spans)
 
     def at(self, tau_s: float) -> float:
         """Deviation at tau in deg/h, interpolated on the logarithmic plot.
@@ -308,22 +303,20 @@ def deviation_of_angle(
         raise InputError(f"estimator {estimator!r} is unknown; known are {', '.join(get_args(Estimator))}")
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence is {confidence}; it must lie between 0 and 1, as 0.683 for one sigma")
-    whole = gaps.places()
-    parts = whole.parts
+    parts, spans = np.diff(gaps.ends, prepend=0), gaps.places().parts
     order, overlapping = _ORDER[estimator], not estimator.startswith("plain")
     if not 0.0 < per_decade < math.inf:
         raise InputError(f"per_decade is {per_decade}; it must be a positive number of averaging times, as 10")
-    counts = _counts(tau_s, period_s, int(parts.max()), per_decade)
-    counts = counts[order * counts <= int(parts.max())]
-    between = np.diff(gaps.ends, prepend=0)
-    complete = counts[(counts < gaps.shortest) & (order * counts <= int(between.max()))]
+    counts = _counts(tau_s, period_s, int(spans.max()), per_decade)
+    counts = counts[order * counts <= int(spans.max())]
+    complete = counts[(counts < gaps.shortest) & (order * counts <= int(parts.max()))]
     if overlapping:
         sums, numbers = sums_of_squares(angle, gaps.ends, complete, order)
     rows: list[tuple[float, float, int, float, int]] = []
     alpha = 0
     for m in counts.tolist():
         if m < gaps.shortest:  # no window of this length may lack a sample
-            here = between
+            here = parts
             if order * m > int(here.max()):
                 continue
             k = int(np.searchsorted(complete, m))
@@ -360,7 +353,7 @@ def deviation_of_angle(
         confidence,
         period_s,
         parts.astype(np.int64),
-        lost=len(whole.lost),
+        spans.astype(np.int64),
     )
 
 

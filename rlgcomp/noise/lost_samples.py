@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from typing import Final, Self
 
@@ -75,7 +76,7 @@ class Places:
             2 for Allan, 3 for Hadamard.
         """
         before = [self.samples_before(first + k * m) for k in range(order + 1)]
-        counts = [after - at for at, after in zip(before, before[1:], strict=False)]
+        counts = [after - at for at, after in itertools.pairwise(before)]
         counted = np.minimum.reduce(counts) >= m - most_lost(m)
         total, variance = np.zeros(len(first)), np.zeros(len(first))
         for k, weight in enumerate(_WEIGHTS[order]):
@@ -225,49 +226,36 @@ def _squares(
 
     From one place to the next the samples of the windows change only where an edge of theirs passes a lost sample.
     """
-    usual = (2.0 if order == 2 else 6.0) / m
+    at, edge = np.empty(order + 1, np.int64), np.empty(order + 1, np.int64)
     for p in range(len(ends)):
         k, last = max(low, begins[p]), min(high, ends[p] - order * m + 1)
-        at_0, at_1 = np.searchsorted(lost, k), np.searchsorted(lost, k + m)
-        at_2, at_3 = np.searchsorted(lost, k + 2 * m), np.searchsorted(lost, k + 3 * m)
+        for j in range(order + 1):
+            at[j] = np.searchsorted(lost, k + j * m)
         while k < last:
-            while at_0 < len(lost) and lost[at_0] < k:
-                at_0 += 1
-            while at_1 < len(lost) and lost[at_1] < k + m:
-                at_1 += 1
-            while at_2 < len(lost) and lost[at_2] < k + 2 * m:
-                at_2 += 1
-            while at_3 < len(lost) and lost[at_3] < k + 3 * m:
-                at_3 += 1
-            stop = last
-            if at_0 < len(lost):
-                stop = min(stop, lost[at_0] + 1)
-            if at_1 < len(lost):
-                stop = min(stop, lost[at_1] - m + 1)
-            if at_2 < len(lost):
-                stop = min(stop, lost[at_2] - 2 * m + 1)
-            if order == 3 and at_3 < len(lost):
-                stop = min(stop, lost[at_3] - 3 * m + 1)
+            stop, least = last, m
+            for j in range(order + 1):
+                while at[j] < len(lost) and lost[at[j]] < k + j * m:
+                    at[j] += 1
+                edge[j] = k + j * m - at[j]
+                least = min(least, edge[j] - edge[j - 1]) if j > 0 else least
+                stop = min(stop, lost[at[j]] - j * m + 1) if at[j] < len(lost) else stop
             many = stop - k
-            s_0, s_1, s_2 = k - at_0, k + m - at_1, k + 2 * m - at_2
-            n_1, n_2 = s_1 - s_0, s_2 - s_1
-            n_3 = k + 3 * m - at_3 - s_2 if order == 3 else m
             k = stop
-            if n_1 < fewest or n_2 < fewest or n_3 < fewest:
+            if least < fewest:
                 continue
-            near, one, two = angle[s_0 : s_0 + many], angle[s_1 : s_1 + many], angle[s_2 : s_2 + many]
-            by_1, by_2, by_3 = 1.0 / n_1, 1.0 / n_2, 1.0 / n_3
+            near, one, two = angle[edge[0] : edge[0] + many], angle[edge[1] : edge[1] + many], angle[edge[2] : edge[2] + many]
+            by_1, by_2 = 1.0 / (edge[1] - edge[0]), 1.0 / (edge[2] - edge[1])
             total = 0.0
             if order == 2:
+                usual, variance = 2.0 / m, by_1 + by_2
                 for i in range(many):
                     difference = by_2 * (two[i] - one[i]) - by_1 * (one[i] - near[i])
                     total += difference * difference
-                variance = by_1 + by_2
             else:
-                three = angle[s_2 + n_3 : s_2 + n_3 + many]
+                three, by_3 = angle[edge[3] : edge[3] + many], 1.0 / (edge[3] - edge[2])
+                usual, variance = 6.0 / m, by_1 + 4.0 * by_2 + by_3
                 for i in range(many):
                     difference = by_3 * (three[i] - two[i]) - 2.0 * by_2 * (two[i] - one[i]) + by_1 * (one[i] - near[i])
                     total += difference * difference
-                variance = by_1 + 4.0 * by_2 + by_3
             out[0] += total * m * m * (usual / variance)
             out[1] += many

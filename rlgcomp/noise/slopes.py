@@ -113,13 +113,13 @@ def curve_findings(deviation: AllanDeviation, coefficients: NoiseCoefficients, *
         findings.append(message("noise.maximum", tau_s=peak_s, frequency_hz=_SINE / peak_s))
     if coefficients.misfit:
         findings.append(message("noise.misfit", misfit=coefficients.misfit, p_value=coefficients.p_value))
-    longest_s, all_s = (float(samples) * deviation.period_s for samples in (deviation.parts.max(), deviation.parts.sum()))
+    longest_s, all_s = (float(samples) * deviation.period_s for samples in (deviation.spans.max(), deviation.spans.sum()))
     if longest_s < _LEAST_LONGEST_PART * all_s:
         findings.append(
             message(
                 "noise.curve_ends_early",
                 last_tau_s=deviation.tau_s[-1],
-                gaps=len(deviation.parts) - 1,
+                gaps=len(deviation.spans) - 1,
                 recorded_s=all_s,
                 longest_part_s=longest_s,
                 averaging_s=_AVERAGED * deviation.period_s,
