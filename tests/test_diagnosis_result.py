@@ -58,7 +58,15 @@ def test_its_attributes_are_those_that_scripts_use(found: Diagnosis) -> None:
     assert abs(estimate.value - 0.5) < 4.0 * estimate.sd
     assert estimate.unit == "deg/h/V"
     assert cause.drivers == ("supply_voltage_V",)
-    assert found.healthy < 0.01 < found.probability
+    assert found.p_value <= found.healthy < 1e-6
+    assert found.probability > 0.01
+    assert found.unexplained_p_value > 0.01
+    intervals = [place for place in found.where if place.regime is None]
+    assert sorted({place.run for place in intervals}) == ["run0"]
+    assert 0.75 < sum(place.share for place in intervals) < 1.0
+    regimes = {place.regime: place.share for place in found.where if place.regime is not None}
+    assert set(regimes) == {f"supply_voltage_V {way}" for way in ("rising", "falling", "steady")}
+    assert sum(regimes.values()) == pytest.approx(1.0)
     assert found.test is not None
     assert found.test.improvement_ci95[0] > 0.3
     assert found.train.baseline_rms > found.train.augmented_rms
@@ -119,6 +127,8 @@ def test_the_file_predicts_as_the_augmented_simulator(found: Diagnosis, runs: li
 def test_the_augmented_simulator_lacks_nothing(found: Diagnosis, runs: list[Recording]) -> None:
     again = diagnose(found.augmented, runs[1:], only=FEW)
     assert again.verdict == "none"
+    assert again.p_value > 0.01
+    assert again.where == ()
     assert again.messages[0].code == "diagnosis.nothing_missing"
 
 
@@ -206,7 +216,7 @@ def test_a_set_that_leaves_more_of_the_training_runs_is_not_named(runs: list[Rec
     assert found.messages[0].code == "diagnosis.nothing_named"
     (told,) = [one for one in found.remarks if one.code == "diagnosis.worse_in_training"]
     assert told.data["mechanisms"] == ["supply_voltage"]
-    assert found.train.improvement == 0.0
+    assert found.train.improvement == pytest.approx(0.0, abs=1e-9)
 
 
 # --- the command ---------------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Whether anything is missing, as a p-value, and where: run, regime and interval."""
+"""Whether anything is missing, as a p-value, and where: run, regime of a driver and interval."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.evidence import Bank, Evidence
+from rlgcomp.diagnosis.evidence import Bank, Evidence, Set
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout, Panel, Products, Screen
 from rlgcomp.diagnosis.terms import Region
 
 Array = npt.NDArray[np.float64]
-Regime = Literal["warming", "cooling", "steady"]
+Regime = Literal["rising", "falling", "steady"]
 DRAWS: Final = 200
 _TAIL: Final = 0.1  # of the draws, beyond which exceedances are exponential: the statistic is a maximum of log likelihood ratios
 _STEADY: Final = 0.1  # of the 95 % quantile of the rate's magnitude, below which a temperature is steady
@@ -48,13 +48,35 @@ def p_value(bank: Bank, regions: Iterable[Region], noise: Noise, *, draws: int =
     forms = [(form, region.log_odds) for region in listed for form in region.forms]
     bank.prepare(form for form, _ in forms)
     possible = [(form, odds) for form, odds in forms if bank.scaled(form) is not None]
-    if not possible:
+    screen = Screen(Evidence(bank, noise, 0.0), Layout(bank, [form for form, _ in possible]))
+    return screened(screen, np.array([form.log_share + odds for form, odds in possible]), draws=draws, seed=seed)
+
+
+def screened(screen: Screen, offsets: Array, members: Set = (), *, draws: int = DRAWS, seed: int = 0) -> float:
+    """The same with a screen of all forms under the noise of the null.
+
+    Parameters
+    ----------
+    screen : Screen
+    offsets : ndarray, shape (forms,)
+        Log prior odds of each form; -inf of what is no missing physics.
+    members : tuple of Member
+        Beside which a further one is sought: what they take is taken of data and draws.
+    draws : int
+    seed : int
+    """
+    if not np.any(np.isfinite(offsets)):
         return 1.0
-    evidence = Evidence(bank, noise, 0.0)
-    screen = Screen(evidence, Layout(bank, [form for form, _ in possible]))
-    offsets = np.array([form.log_share + odds for form, odds in possible])
-    drawn = evidence.whitened.off(np.random.default_rng(seed).standard_normal((len(bank.data), draws)))
-    found = statistics(screen, offsets, np.column_stack([evidence.output, drawn]))
+    evidence, rng = screen.evidence, np.random.default_rng(seed)
+    drawn = rng.standard_normal((len(evidence.output), draws))
+    known = evidence.bank.data.known
+    if known.windows:
+        drawn *= known.white * np.sqrt(known.windows / rng.chisquare(known.windows, draws))
+    outputs = np.column_stack([evidence.output, evidence.whitened.off(drawn)])
+    if members:
+        table = evidence.table(members)
+        outputs -= table @ np.linalg.solve(np.eye(table.shape[1]) + table.T @ table, table.T @ outputs)
+    found = statistics(screen, offsets, outputs)
     return tail_probability(float(found[0]), found[1:])
 
 
@@ -70,7 +92,7 @@ def statistics(screen: Screen, offsets: Array, outputs: Array) -> Array:
         Whitened and projected off the baseline.
     """
     whitened = screen.evidence.whitened
-    adjoint, squares = whitened.adjoint(outputs), np.sum(outputs**2, axis=0)
+    adjoint, squares = whitened.adjoint(outputs), np.sum(outputs**2, axis=0) + screen.evidence.bank.data.known.square
     found = np.full(outputs.shape[1], -np.inf)
     for number, section in enumerate(screen.layout.sections):
         vectors = section.table.T @ adjoint
@@ -126,7 +148,8 @@ class Part:
     run : str
     start_s, end_s : float
         In the run's own time.
-    regime : {"warming", "cooling", "steady"}, optional
+    regime : {"rising", "falling", "steady"}, optional
+        Of a driver.
         None: the shortest interval that holds most of what the run has.
     share : float
         Of the sum of squares of what is missing, over all runs.
@@ -139,22 +162,24 @@ class Part:
     share: float
 
 
-def parts(before: Fit, after: Fit, temperature: Driver | None = None) -> tuple[Part, ...]:
-    """Where what is missing acts: by run its interval, and by run and regime of a temperature, the largest shares first.
+def parts(before: Fit, after: Fit, driver: Driver | None = None) -> tuple[Part, ...]:
+    """Where what is missing acts: by run its interval, and by run and regime of a driver, the largest shares first.
 
-    What is missing is the posterior mean of the set less what the simulator alone would take of it.
+    What is missing is the posterior mean of the set less what the simulator alone would take of it; of a cause that is known by
+    its path alone, or by nothing, it is what the simulator leaves.
 
     Parameters
     ----------
     before, after : Fit
         The simulator calibrated, and with the set.
-    temperature : Driver, optional
+    driver : Driver, optional
         Without one there are no regimes.
     """
     runs = after.data.runs
-    missing = [run.window_means(after.predicted(run) - before.predicted(run)) for run in runs]
+    latent = bool(after.state.key[1]) or not after.state.members
+    missing = [before.residual(run) if latent else run.window_means(after.predicted(run) - before.predicted(run)) for run in runs]
     total = max(sum(float(one @ one) for one in missing), 1e-300)
-    rate = None if temperature is None else Path.rate(after.data, temperature)
+    rate = None if driver is None else Path.rate(after.data, driver)
     found = []
     for run, one in zip(runs, missing, strict=True):
         square = one**2 / total
@@ -168,8 +193,8 @@ def parts(before: Fit, after: Fit, temperature: Driver | None = None) -> tuple[P
 def _regimes(run: Run, square: Array, rate: Array) -> list[Part]:
     least = _STEADY * float(np.quantile(np.abs(rate), 0.95))
     inside: dict[Regime, npt.NDArray[np.bool_]] = {
-        "warming": rate > least,
-        "cooling": rate < -least,
+        "rising": rate > least,
+        "falling": rate < -least,
         "steady": np.abs(rate) <= least,
     }
     span = _span(run, 0, len(square) - 1)

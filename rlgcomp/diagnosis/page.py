@@ -59,6 +59,7 @@ def render(record: Record) -> str:
         members=_frame(text.MEMBER_COLUMNS, text.member_rows(record)),
         findings=[_finding(one, pictures.function(one)) for one in record.members],
         null=probability_text(record.healthy),
+        p_value=f"{record.p_value:.2g}",
         places=_frame(("place", "share"), text.place_rows(record)),
         sets=pictures.sets(record),
         alike=[

@@ -11,6 +11,7 @@ from typing import Final, Self
 import numpy as np
 
 from rlgcomp.diagnosis.evidence import Bank
+from rlgcomp.diagnosis.mismatch import screened
 from rlgcomp.diagnosis.search import Key, Search, State
 from rlgcomp.diagnosis.terms import Region
 
@@ -25,10 +26,14 @@ class Posterior:
     ----------
     states : tuple of State
     regions : mapping of str to Region
+    in_noise, left_in_noise : float
+        Probability that noise alone would gain as much by its best form, and the same beside the likeliest set.
     """
 
     states: tuple[State, ...]
     regions: Mapping[str, Region]
+    in_noise: float = 1.0
+    left_in_noise: float = 1.0
 
     @classmethod
     def of(cls, bank: Bank, regions: Sequence[Region]) -> Self:
@@ -36,7 +41,7 @@ class Posterior:
         search = Search(bank, regions)
         states = search.run()
         if bank.data.turns:
-            return cls(tuple(states), search.regions)
+            return cls(tuple(states), search.regions, *_in_noise(search, states))
         jumping = search.with_telegraph([*states[:_PROVED], *(state for state in states if not state.members)])
         best = max(jumping, key=lambda state: state.log_posterior, default=None)
         if best is not None and best.log_posterior > states[0].log_posterior:
@@ -48,7 +53,7 @@ class Posterior:
                 possible = tuple(member for member in state.members if search.bank.scaled(member.form) is not None)
                 search.with_telegraph([dataclasses.replace(state, members=possible)])
         ordered = sorted(search.visited.values(), key=lambda state: state.log_posterior, reverse=True)
-        return cls(tuple(ordered), search.regions)
+        return cls(tuple(ordered), search.regions, *_in_noise(search, ordered))
 
     @functools.cached_property
     def probabilities(self) -> dict[Key, float]:
@@ -71,6 +76,16 @@ class Posterior:
         """Probability that nothing is missing and nothing unrecorded acts, whatever steps or wrong numbers there are."""
         return sum(p for key, p in self.probabilities.items() if not self.effects(key) and not key[1])
 
+    @property
+    def p_value(self) -> float:
+        """Of nothing missing: the less of that in noise, and of the bound by the evidence, which holds for whatever was sought.
+
+        The odds against the null, over their prior (even: see :mod:`~rlgcomp.diagnosis.priors`), exceed b under the null with a
+        probability of at most 1 / b.
+        """
+        by_evidence = self.null / max(1.0 - self.null, 1e-300)
+        return min(self.in_noise, by_evidence, 1.0)
+
     def of_region(self, key: str) -> float:
         """Probability that a region is missing."""
         return sum(p for (regions, _), p in self.probabilities.items() if key in regions)
@@ -90,3 +105,19 @@ class Posterior:
                 (other,) = more
                 found[other] = found.get(other, 0.0) + p
         return found
+
+
+def _in_noise(search: Search, states: Sequence[State]) -> tuple[float, float]:
+    """Of the likeliest state without an effect, and of the likeliest, each under its noise; a two-state path is not taken off."""
+    nuisances = frozenset(key for key, region in search.regions.items() if region.nuisance)
+    null = next(state for state in states if state.key[0] <= nuisances and not state.key[1])
+
+    def beside(state: State) -> float:
+        taken = nuisances | state.key[0]
+        odds = [
+            -math.inf if form.region in taken else form.log_share + search.regions[form.region].log_odds for form in search.forms
+        ]
+        return screened(search.screen(state.noise), np.array(odds), state.members)
+
+    in_noise, best = beside(null), states[0]
+    return in_noise, in_noise if best is null or best.telegraph is not None else beside(best)

@@ -10,8 +10,10 @@ from typing import Any, Final
 from rlgcomp.diagnosis.black_box import REFERENCE, BlackBox
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.decide import Decision
+from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.diagnosis.findings import DEG_H, Cause, cause_of, in_unit
 from rlgcomp.diagnosis.fit import Estimate, Fit
+from rlgcomp.diagnosis.mismatch import parts
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.scores import Score, score
 from rlgcomp.diagnosis.simulator_file import SimulatorFile, noise_of, simulator_of
@@ -40,7 +42,7 @@ class Place:
     regime : str, optional
     frequency_hz, angle_harmonic : float, optional
     share : float
-        Of the sum of squares that the baseline leaves.
+        Of the sum of squares of what is missing, over all training runs; shares of regimes are of the same sum.
     p_value : float
     """
 
@@ -186,7 +188,13 @@ class Record:
 
     @property
     def p_value(self) -> float:
-        return self.healthy
+        """Of nothing missing; of as much noise as there is, where that was stated."""
+        return min(self.posterior.p_value, self.after.excess[1])
+
+    @property
+    def unexplained_p_value(self) -> float:
+        """Of nothing missing beside the mechanisms that are named."""
+        return self.posterior.left_in_noise if self.verdict in ("explained", "ambiguous") else self.p_value
 
     @functools.cached_property
     def members(self) -> tuple[Cause, ...]:
@@ -215,22 +223,23 @@ class Record:
 
     @functools.cached_property
     def where(self) -> tuple[Place, ...]:
-        """Share of the mismatch by run."""
+        """Runs with the interval that holds most of the mismatch, and regimes of the driver that most of it follows."""
         if self.verdict == "none":
             return ()
-        runs = self.after.data.runs
-        left = [self.before.residual(run) for run in runs]
-        total = sum(float(one @ one) for one in left)
+        leading = max((one for one in self.members if one.drivers), key=lambda one: one.rms, default=None)
+        data, column = self.after.data, None if leading is None else leading.drivers[0]
+        driver = Driver.of(data, column) if column in data.columns else None
         return tuple(
             Place(
-                run.name,
+                part.run,
                 self.request.channel,
-                float(run.binned.time_s[0]),
-                float(run.binned.time_s[-1]),
-                share=float(one @ one) / total,
+                part.start_s,
+                part.end_s,
+                regime=None if part.regime is None else f"{column} {part.regime}",
+                share=part.share,
                 p_value=self.p_value,
             )
-            for run, one in zip(runs, left, strict=True)
+            for part in parts(self.before, self.after, driver)
         )
 
     # --- the runs --------------------------------------------------------------------------------------------------------------

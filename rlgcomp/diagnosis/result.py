@@ -90,7 +90,7 @@ class Diagnosis(Record, ShownAsTable):
             "nothing_missing": self.healthy,
             "alternatives": [dataclasses.asdict(one) for one in self.alternatives],
             "unexplained": {
-                "p_value": self.p_value,
+                "p_value": self.unexplained_p_value,
                 "drivers": list(self.decision.drivers),
                 "memory": self.decision.memory,
                 "equation": "; ".join(one.equation for one in laws) or None,

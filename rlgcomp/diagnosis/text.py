@@ -13,6 +13,7 @@ from rlgcomp.report.messages.wording import (
     estimate_text,
     interval_text,
     listing,
+    p_text,
     percent_text,
     probability_text,
     rms_text,
@@ -38,7 +39,7 @@ def as_text(record: Record) -> str:
     if record.alternatives:
         parts.append(_table("Other sets", ("set", "probability"), alternative_rows(record)))
     if record.where:
-        title = f"Where (probability that nothing is missing: {probability_text(record.healthy)})"
+        title = f"Where ({p_text(record.p_value)} of nothing missing)"
         parts.append(_table(title, ("place", "share"), place_rows(record)[:_SHOWN]))
     title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {record.unit}"
     parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
